@@ -1,1 +1,91 @@
-//! Work in progress.
+//! Predictors: one step ahead of the pen, rolled out by feeding predictions back.
+//!
+//! Contract: `observe` takes a real displacement and changes memory; `preview` takes `&self`, so a rollout cannot
+//! change what the predictor remembers (paper, section 3: the state after it is the state after the last real input).
+//! Every displacement is per grid step Δ and normalised (see [`crate::pen::SpeedScale`]), never SI.
+//! [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
+
+mod hold;
+mod constant_velocity;
+mod oracle;
+pub mod dybm;
+mod previewer;
+
+pub use constant_velocity::ConstantVelocity;
+pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser, WeightsError};
+pub use hold::Hold;
+pub use oracle::Oracle;
+pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
+
+/// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
+pub const MAX_PREVIEW: usize = 64;
+
+/// A model of the pen that predicts its next displacements.
+pub trait Predictor {
+    /// Remembers one real normalised displacement.
+    fn observe(&mut self, x: [f64; 2]);
+
+    /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed one.
+    fn preview(&self, out: &mut [[f64; 2]]) {
+        self.preview_within(f64::INFINITY, out);
+    }
+
+    /// As `preview`, with no predicted displacement longer than `limit` (normalised): where predictions are fed back,
+    /// the limited one is, so that a model that diverges on its own output saturates instead.
+    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]);
+
+    /// Forgets the history; parameters stay.
+    fn reset(&mut self);
+}
+
+/// The predictors one can choose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PredictorKind {
+    /// Last position, at rest (the paper's conservative model).
+    Hold,
+    /// Last displacement repeated (the baseline of the paper's Table 1).
+    ConstantVelocity,
+    /// Linear dynamic Boltzmann machine, learning online.
+    #[default]
+    Dybm,
+    /// The recorded future; experiments only.
+    Oracle,
+}
+
+impl PredictorKind {
+    /// Every predictor, in the order of their numbers on the wire.
+    pub const ALL: [Self; 4] = [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Oracle];
+
+    /// Name in settings, requests and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "hold",
+            Self::ConstantVelocity => "constant-velocity",
+            Self::Dybm => "dybm",
+            Self::Oracle => "oracle",
+        }
+    }
+
+    /// The predictor of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// `x` shortened to `limit` if it is longer; what is not finite becomes NaN, so that it stays visible.
+#[must_use]
+#[inline]
+pub(crate) fn shortened(x: [f64; 2], limit: f64) -> [f64; 2] {
+    let [a, b] = x;
+    let squared = a * a + b * b;
+    if squared <= limit * limit {
+        return x;
+    }
+    // Through the largest component first: the square of a huge one overflows.
+    let largest = a.abs().max(b.abs());
+    let (a, b) = (a / largest, b / largest);
+    let factor = limit / a.hypot(b);
+    [a * factor, b * factor]
+}

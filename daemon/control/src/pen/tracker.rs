@@ -1,0 +1,246 @@
+//! `PenTracker`: judges readings and closes grid steps.
+//!
+//! Jumps and glitches: a reading that is too far for the jump gate is refused as `Outlier` and remembered as a suspect.
+//! If the next reading is back where the pen was, the suspect was a glitch and nothing else happens. If the next one is
+//! near the suspect, the pen really is there: it is accepted and the steps it closes are `Jump`. So one wild sample
+//! costs nothing, a real jump is followed one sample late, and an ordinary sample is never held back.
+
+use super::queue::StepQueue;
+use super::{GridStep, Motion, PenError, PenReading, PenRejection, PenSettings, Receipt};
+use crate::units::Stamp;
+
+/// What happened to all readings so far: `received` = `accepted` + sum of the rejections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PenCounters {
+    /// Readings given to `ingest`.
+    pub received: u64,
+    /// Taken into the grid.
+    pub accepted: u64,
+    /// Refused: NaN or infinite.
+    pub non_finite: u64,
+    /// Refused: outside the position bounds.
+    pub out_of_range: u64,
+    /// Refused: stamped in the future.
+    pub from_future: u64,
+    /// Refused: same stamp again.
+    pub repeats: u64,
+    /// Refused: stamp before the newest.
+    pub time_backwards: u64,
+    /// Refused: glitches, and the first sample of each jump.
+    pub outliers: u64,
+    /// Accepted jumps.
+    pub jumps: u64,
+    /// Restarts of the grid (the first sample ever, and every gap).
+    pub restarts: u64,
+    /// Closed grid steps lost because nobody pulled them.
+    pub overwritten: u64,
+}
+
+impl PenCounters {
+    /// All refused readings.
+    #[must_use]
+    pub fn rejected(&self) -> u64 {
+        self.non_finite
+            + self.out_of_range
+            + self.from_future
+            + self.repeats
+            + self.time_backwards
+            + self.outliers
+    }
+
+    fn count(&mut self, receipt: Receipt) {
+        self.received += 1;
+        let counter = match receipt {
+            Receipt::Accepted => &mut self.accepted,
+            Receipt::Rejected(PenRejection::NonFinite) => &mut self.non_finite,
+            Receipt::Rejected(PenRejection::OutOfRange) => &mut self.out_of_range,
+            Receipt::Rejected(PenRejection::FromFuture) => &mut self.from_future,
+            Receipt::Rejected(PenRejection::Repeat) => &mut self.repeats,
+            Receipt::Rejected(PenRejection::TimeBackwards) => &mut self.time_backwards,
+            Receipt::Rejected(PenRejection::Outlier) => &mut self.outliers,
+        };
+        *counter += 1;
+    }
+}
+
+/// The pen's state: newest accepted reading, newest closed grid point, steps not yet pulled.
+#[derive(Debug, Clone, Copy)]
+pub struct PenTracker {
+    settings: PenSettings,
+    newest: Option<PenReading>,
+    suspect: Option<PenReading>,
+    /// Position of the newest closed grid point since the last restart.
+    closed: Option<[f64; 2]>,
+    /// A jump happened since the newest closed grid point.
+    jumped: bool,
+    queue: StepQueue,
+    counters: PenCounters,
+}
+
+impl PenTracker {
+    /// A tracker that has seen nothing.
+    ///
+    /// *Errors*: see [`PenSettings::validate`].
+    pub fn new(settings: PenSettings) -> Result<Self, PenError> {
+        settings.validate()?;
+        Ok(Self {
+            settings,
+            newest: None,
+            suspect: None,
+            closed: None,
+            jumped: false,
+            queue: StepQueue::new(),
+            counters: PenCounters::default(),
+        })
+    }
+
+    /// Judges one reading at time `now` and closes the grid points it reaches (at most `max_gap/Δ + 1`).
+    pub fn ingest(&mut self, now: Stamp, reading: &PenReading) -> Receipt {
+        let receipt = self.judge(now, reading);
+        self.counters.count(receipt);
+        receipt
+    }
+
+    /// The oldest closed step that was not pulled yet.
+    pub fn next_step(&mut self) -> Option<GridStep> {
+        self.queue.pop()
+    }
+
+    /// Closed steps that wait to be pulled.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.queue.len()
+    }
+
+    /// The newest accepted reading.
+    #[must_use]
+    pub fn newest(&self) -> Option<PenReading> {
+        self.newest
+    }
+
+    /// Age of the newest accepted reading [ns], 0 if it is stamped after `now`; `None` before the first one.
+    #[must_use]
+    pub fn age_ns(&self, now: Stamp) -> Option<u64> {
+        self.newest.map(|newest| now.0.saturating_sub(newest.stamp.0))
+    }
+
+    /// What happened to all readings so far.
+    #[must_use]
+    pub fn counters(&self) -> PenCounters {
+        self.counters
+    }
+
+    /// The settings in force.
+    #[must_use]
+    pub fn settings(&self) -> &PenSettings {
+        &self.settings
+    }
+
+    fn judge(&mut self, now: Stamp, reading: &PenReading) -> Receipt {
+        use PenRejection::{FromFuture, NonFinite, OutOfRange, Outlier, Repeat, TimeBackwards};
+        if !reading.position.iter().all(|p| p.is_finite()) {
+            return Receipt::Rejected(NonFinite);
+        }
+        let limits = self.settings.position_min_m.iter().zip(&self.settings.position_max_m);
+        if !reading.position.iter().zip(limits).all(|(p, (min, max))| min <= p && p <= max) {
+            return Receipt::Rejected(OutOfRange);
+        }
+        if reading.stamp.0.saturating_sub(now.0) > self.settings.max_future_ns {
+            return Receipt::Rejected(FromFuture);
+        }
+        let Some(newest) = self.newest else {
+            self.restart(reading);
+            return Receipt::Accepted;
+        };
+        let ahead_of = self.suspect.map_or(newest.stamp, |suspect| suspect.stamp.max(newest.stamp));
+        if reading.stamp == ahead_of || reading.stamp == newest.stamp {
+            return Receipt::Rejected(Repeat);
+        }
+        if reading.stamp < ahead_of {
+            return Receipt::Rejected(TimeBackwards);
+        }
+        if reading.stamp.0 - newest.stamp.0 > self.settings.max_gap_ns {
+            self.restart(reading);
+            return Receipt::Accepted;
+        }
+        if self.reachable(&newest, reading) {
+            self.close_until(&newest, reading, Motion::Continues);
+            return Receipt::Accepted;
+        }
+        match self.suspect {
+            Some(suspect) if self.reachable(&suspect, reading) => {
+                self.counters.jumps += 1;
+                self.close_until(&newest, reading, Motion::Jump);
+                Receipt::Accepted
+            }
+            _ => {
+                self.suspect = Some(*reading);
+                Receipt::Rejected(Outlier)
+            }
+        }
+    }
+
+    /// The jump gate: can a hand be at `to` after `from`?
+    fn reachable(&self, from: &PenReading, to: &PenReading) -> bool {
+        let elapsed_ns = to.stamp.0.saturating_sub(from.stamp.0).max(self.settings.min_interval_ns);
+        let reach = self.settings.max_speed_mps * elapsed_ns as f64 * 1e-9;
+        let [x, y] = difference(to.position, from.position);
+        x.hypot(y) <= reach
+    }
+
+    fn restart(&mut self, reading: &PenReading) {
+        self.counters.restarts += 1;
+        self.closed = None;
+        self.jumped = false;
+        self.suspect = None;
+        self.newest = Some(*reading);
+        if reading.stamp.0.is_multiple_of(self.settings.step_ns) {
+            self.close(reading.stamp.0 / self.settings.step_ns, reading.position, reading.contact);
+        }
+    }
+
+    fn close_until(&mut self, from: &PenReading, to: &PenReading, motion: Motion) {
+        let step_ns = self.settings.step_ns;
+        let (first, last) = (from.stamp.0 / step_ns + 1, to.stamp.0 / step_ns);
+        let span_ns = (to.stamp.0 - from.stamp.0) as f64;
+        for index in first..=last {
+            self.jumped |= motion == Motion::Jump;
+            // index <= to.stamp / step_ns, so the product cannot overflow.
+            let into_ns = index * step_ns - from.stamp.0;
+            let position = match motion {
+                // Where a jumping pen was in between is unknown: it stays until the sample that shows it elsewhere.
+                Motion::Jump if index * step_ns < to.stamp.0 => from.position,
+                Motion::Jump => to.position,
+                _ => interpolate(from.position, to.position, into_ns as f64 / span_ns),
+            };
+            let contact = if index * step_ns == to.stamp.0 { to.contact } else { from.contact && to.contact };
+            self.close(index, position, contact);
+        }
+        // The part of the jump after the last closed point belongs to the next one.
+        self.jumped |= motion == Motion::Jump && !to.stamp.0.is_multiple_of(step_ns);
+        self.suspect = None;
+        self.newest = Some(*to);
+    }
+
+    fn close(&mut self, index: u64, position: [f64; 2], contact: bool) {
+        let (motion, displacement) = match self.closed {
+            None => (Motion::Start, [0.0; 2]),
+            Some(before) if self.jumped => (Motion::Jump, difference(position, before)),
+            Some(before) => (Motion::Continues, difference(position, before)),
+        };
+        self.closed = Some(position);
+        self.jumped = false;
+        self.counters.overwritten +=
+            self.queue.push(GridStep { index, position, displacement, motion, contact });
+    }
+}
+
+fn difference(to: [f64; 2], from: [f64; 2]) -> [f64; 2] {
+    let ([to_x, to_y], [from_x, from_y]) = (to, from);
+    [to_x - from_x, to_y - from_y]
+}
+
+fn interpolate(from: [f64; 2], to: [f64; 2], fraction: f64) -> [f64; 2] {
+    let ([from_x, from_y], [dx, dy]) = (from, difference(to, from));
+    [from_x + fraction * dx, from_y + fraction * dy]
+}

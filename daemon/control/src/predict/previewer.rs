@@ -1,0 +1,279 @@
+//! `Previewer`: what the follower uses. Grid steps in metres go in, predicted positions in metres come out.
+//!
+//! Contract: every predictor observes every step, so switching needs no new history. A start, a jump or lost steps
+//! empty all memories. A preview that is not finite is replaced by Hold and says so.
+//!
+//! Bound on the rollout: a linear model fed with its own output may diverge within 16 steps (learned matrices with an
+//! eigenvalue above 1 are common while it learns). A hand does not suddenly move much faster than it recently did, so no
+//! predicted displacement may exceed `limit_factor` times the recent peak; the bounded value is what is fed back.
+//! The models themselves stay exact, the bound exists only here.
+
+use thiserror::Error;
+
+use super::{ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, Oracle, Predictor, PredictorKind};
+use super::{WeightsError, dybm};
+use crate::learn::LearnStep;
+use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
+
+/// What a previewer needs to start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PreviewSettings {
+    /// Δ [ns].
+    pub step_ns: u64,
+    /// The predictor that answers first.
+    pub kind: PredictorKind,
+    /// Longest predicted displacement in units of the recent peak, at least 1.
+    pub limit_factor: f64,
+    /// Factor per step by which the recent peak fades, in (0, 1); 0.98 is half in a third of a second at 10 ms.
+    pub peak_fade: f64,
+    /// Normaliser.
+    pub scale: SpeedScaleSettings,
+}
+
+impl Default for PreviewSettings {
+    fn default() -> Self {
+        Self {
+            step_ns: 10_000_000,
+            kind: PredictorKind::Dybm,
+            limit_factor: 1.25,
+            peak_fade: 0.98,
+            scale: SpeedScaleSettings::default(),
+        }
+    }
+}
+
+/// Settings, weights or requests a previewer cannot work with.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum PreviewError {
+    /// The normaliser's bounds.
+    #[error(transparent)]
+    Scale(#[from] PenError),
+    /// The DyBM's weights.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+    /// The bound on the rollout.
+    #[error(
+        "preview limit factor is {limit_factor}, legal are 1 to 10; peak fade is {peak_fade}, legal are 0.5 to 0.999"
+    )]
+    Limit {
+        /// As given.
+        limit_factor: f64,
+        /// As given.
+        peak_fade: f64,
+    },
+    /// No recording was loaded.
+    #[error(
+        "predictor oracle needs a recording: it is for experiments, choose hold, constant-velocity or dybm"
+    )]
+    NoRecording,
+}
+
+/// What one preview is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PreviewReport {
+    /// Grid index of the newest closed step; entry i of the preview is the instant (base_index + i + 1)·Δ.
+    pub base_index: u64,
+    /// Position at `base_index` [m].
+    pub base_position: [f64; 2],
+    /// The predictor's numbers were finite; if not, the preview is Hold.
+    pub finite: bool,
+    /// How many predicted displacements the bound on the rollout shortened.
+    pub limited: u32,
+}
+
+/// All predictors behind one history, and the normaliser.
+#[derive(Debug, Clone)]
+pub struct Previewer {
+    settings: PreviewSettings,
+    active: PredictorKind,
+    scale: SpeedScale,
+    hold: Hold,
+    constant_velocity: ConstantVelocity,
+    dybm: Dybm,
+    oracle: Option<Oracle>,
+    newest: Option<GridStep>,
+    history: u32,
+    /// Recent peak of |x|, normalised.
+    peak: f64,
+}
+
+impl Previewer {
+    /// Starts with empty memories.
+    ///
+    /// *Errors*: settings outside their bounds, or weights that are invalid or made for another loop.
+    pub fn new(settings: PreviewSettings, weights: DybmWeights) -> Result<Self, PreviewError> {
+        let PreviewSettings { limit_factor, peak_fade, .. } = settings;
+        if !((1.0..=10.0).contains(&limit_factor) && (0.5..=0.999).contains(&peak_fade)) {
+            return Err(PreviewError::Limit { limit_factor, peak_fade });
+        }
+        if settings.kind == PredictorKind::Oracle {
+            return Err(PreviewError::NoRecording);
+        }
+        weights.fits(settings.step_ns)?;
+        Ok(Self {
+            settings,
+            active: settings.kind,
+            scale: SpeedScale::new(settings.scale)?,
+            hold: Hold,
+            constant_velocity: ConstantVelocity::default(),
+            dybm: Dybm::new(weights)?,
+            oracle: None,
+            newest: None,
+            history: 0,
+            peak: 0.0,
+        })
+    }
+
+    /// Gives the recorded future to the oracle (start-up only: the recording it replaces is freed).
+    pub fn load_recording(&mut self, oracle: Oracle) {
+        self.oracle = Some(oracle);
+    }
+
+    /// Takes in one closed step, in order; returns what the learner learns from it.
+    pub fn observe(&mut self, step: &GridStep) -> LearnStep {
+        let follows = self.newest.is_some_and(|newest| newest.index.checked_add(1) == Some(step.index));
+        let motion = match step.motion {
+            Motion::Continues if !follows || !step.displacement.iter().all(|d| d.is_finite()) => {
+                Motion::Start
+            }
+            given => given,
+        };
+        self.newest = Some(*step);
+        let x = if motion == Motion::Continues {
+            self.scale.observe(step);
+            let x = self.scale.normalise(step.displacement);
+            self.remember(x);
+            x
+        } else {
+            self.forget();
+            [0.0; 2]
+        };
+        let scale_m = self.scale.metres_per_unit();
+        if let Some(oracle) = &mut self.oracle {
+            oracle.place(step.index, scale_m);
+        }
+        LearnStep { index: step.index, x, motion, contact: step.contact, scale_m }
+    }
+
+    /// Predicts positions [m] at the grid points after the newest closed step with the active predictor;
+    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`] entries are filled with predictions,
+    /// the rest repeats the last.
+    pub fn preview(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        self.preview_of(self.active, out)
+    }
+
+    /// As `preview`, with any of the predictors.
+    pub fn preview_of(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let newest = self.newest?;
+        let limit = match kind {
+            // What is known is not bounded.
+            PredictorKind::Oracle => f64::INFINITY,
+            _ => self.settings.limit_factor * self.peak.max(TARGET_RMS),
+        };
+        let mut scratch = [[0.0; 2]; MAX_PREVIEW];
+        let steps = scratch.get_mut(..out.len().min(MAX_PREVIEW))?;
+        match (kind, &self.oracle) {
+            (PredictorKind::Hold, _) | (PredictorKind::Oracle, None) => {
+                self.hold.preview_within(limit, steps)
+            }
+            (PredictorKind::ConstantVelocity, _) => self.constant_velocity.preview_within(limit, steps),
+            (PredictorKind::Dybm, _) => self.dybm.preview_within(limit, steps),
+            (PredictorKind::Oracle, Some(oracle)) => oracle.preview_within(limit, steps),
+        }
+        let mut report = PreviewReport {
+            base_index: newest.index,
+            base_position: newest.position,
+            finite: true,
+            limited: 0,
+        };
+        let almost = limit * (1.0 - 1e-9);
+        let scale_m = self.scale.metres_per_unit();
+        let [mut x, mut y] = newest.position;
+        let mut steps = steps.iter();
+        for position in out.iter_mut() {
+            if let Some([dx, dy]) = steps.next() {
+                report.limited += u32::from(dx * dx + dy * dy >= almost * almost);
+                x += scale_m * dx;
+                y += scale_m * dy;
+            }
+            *position = [x, y];
+        }
+        // One NaN anywhere is in every later sum.
+        if !(x.is_finite() && y.is_finite()) {
+            report.finite = false;
+            out.fill(newest.position);
+        }
+        Some(report)
+    }
+
+    /// Makes another predictor answer from the next preview on.
+    ///
+    /// *Errors*: the oracle without a recording; the old predictor stays.
+    pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
+        if kind == PredictorKind::Oracle && self.oracle.is_none() {
+            return Err(PreviewError::NoRecording);
+        }
+        self.active = kind;
+        Ok(())
+    }
+
+    /// The predictor that answers.
+    #[must_use]
+    pub fn active(&self) -> PredictorKind {
+        self.active
+    }
+
+    /// Exchanges the DyBM's weights between two steps; its memory stays.
+    ///
+    /// *Errors*: weights that are invalid or do not fit; the old ones stay.
+    pub fn set_weights(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
+        self.dybm.set_weights(weights)
+    }
+
+    /// The DyBM's weights in use.
+    #[must_use]
+    pub fn weights(&self) -> &DybmWeights {
+        self.dybm.weights()
+    }
+
+    /// The DyBM's memory.
+    #[must_use]
+    pub fn dybm_state(&self) -> &dybm::DybmState {
+        self.dybm.state()
+    }
+
+    /// Steps of ordinary motion since the memories were last emptied.
+    #[must_use]
+    pub fn history(&self) -> u32 {
+        self.history
+    }
+
+    /// The newest closed step.
+    #[must_use]
+    pub fn newest(&self) -> Option<GridStep> {
+        self.newest
+    }
+
+    /// Metres per normalised unit.
+    #[must_use]
+    pub fn scale_m(&self) -> f64 {
+        self.scale.metres_per_unit()
+    }
+
+    /// Empties all memories, e.g. when the pen is gone for good; the scale stays.
+    pub fn forget(&mut self) {
+        self.history = 0;
+        self.hold.reset();
+        self.constant_velocity.reset();
+        self.dybm.reset();
+    }
+
+    fn remember(&mut self, x: [f64; 2]) {
+        self.history = self.history.saturating_add(1);
+        let [dx, dy] = x;
+        self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
+        self.hold.observe(x);
+        self.constant_velocity.observe(x);
+        self.dybm.observe(x);
+    }
+}
