@@ -1,1 +1,42 @@
-//! Work in progress.
+//! Everything of foretrace that crosses a process border: plain-old-data messages, the names and quality of
+//! service under which they travel, and where an instance keeps its files.
+//!
+//! Contract: every wire type is `#[repr(C)]`, `Copy`, made of fixed-width integers, floats and arrays of them, has
+//! no implicit padding, and carries its layout version in its type name and its layout hash in a service attribute.
+//! A receiver copies a message once and validates the copy; what is refused is counted by reason.
+//! No domain mathematics, no threads, no policy lives here.
+//!
+//! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
+
+pub mod layout;
+pub use layout::Wire;
+mod vocabulary;
+pub use vocabulary::*;
+mod flags;
+pub use flags::*;
+mod check;
+pub use check::*;
+mod header;
+pub use header::*;
+mod pen;
+pub use pen::*;
+mod joints;
+pub use joints::*;
+mod counters;
+pub use counters::*;
+mod tick_record;
+pub use tick_record::*;
+mod status;
+pub use status::*;
+mod control;
+pub use control::*;
+mod clock;
+pub use clock::*;
+mod os;
+pub use os::effective_user;
+
+/// Joints on the wire. The control law may use fewer; unused joints are zero.
+pub const JOINTS: usize = 6;
+
+/// Axes of a position on the wire: x, y in the writing plane, z along its normal.
+pub const AXES: usize = 3;

@@ -1,0 +1,170 @@
+//! The flag words of the wire: one module of `u32` bits per word.
+//!
+//! Contract: a bit never changes its meaning; receivers refuse masks with bits outside `ALL`.
+
+macro_rules! wire_flags {
+    ($(#[$meta:meta])* pub mod $module:ident {
+        $($(#[$flag_meta:meta])* $flag:ident = $bit:literal => $label:literal),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        pub mod $module {
+            $($(#[$flag_meta])* pub const $flag: u32 = 1 << $bit;)+
+
+            /// Every bit that has a meaning.
+            pub const ALL: u32 = 0 $(| $flag)+;
+
+            /// Words for the bits set in `mask`, lowest bit first; unknown bits are left out.
+            pub fn labels(mask: u32) -> impl Iterator<Item = &'static str> {
+                [$(($flag, $label)),+].into_iter().filter(move |(bit, _)| mask & bit != 0).map(|(_, label)| label)
+            }
+        }
+    };
+}
+
+wire_flags! {
+    /// Bits of `PenSample::flags`.
+    pub mod pen_flags {
+        /// The pen touches the surface.
+        CONTACT = 0 => "contact",
+        /// The pen is close enough to be seen.
+        IN_RANGE = 1 => "in range",
+        /// First side button.
+        BUTTON_1 = 2 => "button 1",
+        /// Second side button.
+        BUTTON_2 = 3 => "button 2",
+        /// Third side button.
+        BUTTON_3 = 4 => "button 3",
+        /// The eraser end.
+        ERASER = 5 => "eraser",
+        /// Made, not measured: travel inserted between recorded strokes.
+        SYNTHETIC = 6 => "synthetic",
+    }
+}
+
+wire_flags! {
+    /// Bits of `JointCommand::flags`.
+    pub mod command_flags {
+        /// The arm shall follow; without it the consumer stands still.
+        ENABLED = 0 => "enabled",
+        /// First command after arming or re-synchronising: continues from rest at the measured joints.
+        RESYNCHRONISED = 1 => "resynchronised",
+        /// A stop is under way.
+        STOPPING = 2 => "stopping",
+    }
+}
+
+wire_flags! {
+    /// Bits of `TickRecord::health`: what degraded this tick.
+    pub mod health {
+        /// No fresh pen sample.
+        PEN_STALE = 0 => "pen stale",
+        /// A gap in the pen's stamps.
+        PEN_GAP = 1 => "pen gap",
+        /// A jump or outlier among the pen samples.
+        PEN_JUMP = 2 => "pen jump",
+        /// A pen stamp went backwards or repeated.
+        PEN_DISORDER = 3 => "pen disorder",
+        /// A pen sample was refused.
+        PEN_REJECTED = 4 => "pen rejected",
+        /// The predictor gave something unusable.
+        PREDICTOR_UNHEALTHY = 5 => "predictor unhealthy",
+        /// The preview was cut to what a hand can do.
+        PREVIEW_CLAMPED = 6 => "preview clamped",
+        /// The reference was outside the workspace.
+        WORKSPACE_CLAMPED = 7 => "workspace clamped",
+        /// A soft limit of the MPC is exceeded.
+        SOFT_LIMIT = 8 => "soft limit exceeded",
+        /// The MPC reached its iteration cap.
+        MPC_CAP = 9 => "mpc iteration cap",
+        /// The MPC used its fallback plan.
+        MPC_FALLBACK = 10 => "mpc fallback",
+        /// The IK reached its iteration cap.
+        IK_CAP = 11 => "ik iteration cap",
+        /// Damping grew near a singularity.
+        NEAR_SINGULAR = 12 => "near singular",
+        /// A joint limit altered the motion.
+        IK_CLIPPED = 13 => "ik clipped",
+        /// The guard altered the command.
+        GUARD_CLIPPED = 14 => "guard clipped",
+        /// The guard refused the command.
+        GUARD_REFUSED = 15 => "guard refused",
+        /// The joint state is stale.
+        JOINT_STATE_STALE = 16 => "joint state stale",
+        /// Whole periods were lost.
+        TIME_LOST = 17 => "time lost",
+        /// The command was re-synchronised.
+        RESYNCHRONISED = 18 => "resynchronised",
+        /// The budget was shed before the step.
+        SHED = 19 => "shed",
+        /// The tick ended after its deadline.
+        OVERRUN = 20 => "overrun",
+        /// New weights were refused.
+        WEIGHTS_REFUSED = 21 => "weights refused",
+        /// The learner's ring was full.
+        LEARNER_RING_FULL = 22 => "learner ring full",
+        /// The telemetry ring was full.
+        TELEMETRY_RING_FULL = 23 => "telemetry ring full",
+        /// A number became infinite or NaN and was replaced.
+        NOT_FINITE = 24 => "not finite",
+        /// The robot reports a safety mode that forbids motion.
+        ROBOT_NOT_READY = 25 => "robot not ready",
+        /// The command could not be published.
+        COMMAND_NOT_SENT = 26 => "command not sent",
+        /// The dead-man does not beat.
+        DEAD_MAN = 27 => "dead-man missing",
+        /// Memory was allocated in this tick.
+        ALLOCATED = 28 => "allocated",
+    }
+}
+
+wire_flags! {
+    /// Bits of `TickRecord::guard_mask`: what the guard altered.
+    pub mod guard_mask {
+        /// A number was not finite.
+        NOT_FINITE = 0 => "not finite",
+        /// A position limit.
+        POSITION = 1 => "position",
+        /// A velocity limit.
+        VELOCITY = 2 => "velocity",
+        /// An acceleration limit.
+        ACCELERATION = 3 => "acceleration",
+        /// A jerk limit.
+        JERK = 4 => "jerk",
+        /// Not continuous with the last command.
+        DISCONTINUOUS = 5 => "discontinuous",
+        /// Could not have stopped inside the position limits.
+        UNSTOPPABLE = 6 => "unstoppable",
+    }
+}
+
+wire_flags! {
+    /// Bits of `Status::missing_rights`: what the system refused the real-time thread.
+    pub mod missing_rights {
+        /// SCHED_FIFO.
+        FIFO = 0 => "real-time scheduling",
+        /// Memory locking.
+        MEMORY_LOCK = 1 => "memory locking",
+        /// CPU affinity.
+        AFFINITY = 2 => "cpu affinity",
+        /// /dev/cpu_dma_latency.
+        CPU_LATENCY = 3 => "cpu latency request",
+        /// Timer slack.
+        TIMER_SLACK = 4 => "timer slack",
+        /// The kernel is not PREEMPT_RT.
+        PREEMPT_RT = 5 => "preempt-rt kernel",
+        /// Some shared memory is not backed by pages.
+        SHARED_MEMORY_RESERVED = 6 => "shared memory reserved",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flag_labels_name_exactly_the_set_bits() {
+        let mask = pen_flags::CONTACT | pen_flags::BUTTON_2 | 1 << 31;
+        assert_eq!(pen_flags::labels(mask).collect::<Vec<_>>(), ["contact", "button 2"]);
+        assert_eq!(health::ALL, (1 << 29) - 1);
+    }
+}

@@ -1,0 +1,126 @@
+//! `Status`: what the daemon says about itself ten times per second and on every change.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::check::{flags, known};
+use crate::layout::wire;
+use crate::{
+    Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason, Validate,
+    missing_rights,
+};
+
+wire! {
+    /// Spread of a duration [ns], saturated.
+    "foretrace.PercentilesV1"
+    pub struct Percentiles {
+        /// Median.
+        pub p50_ns: u32,
+        /// 99 of 100 are at most this.
+        pub p99_ns: u32,
+        /// 999 of 1000 are at most this.
+        pub p99_9_ns: u32,
+        /// The largest.
+        pub max_ns: u32,
+    }
+}
+
+wire! {
+    /// State of the daemon. Spreads are over all ticks since start, after warm-up.
+    "foretrace.StatusV1"
+    pub struct Status {
+        /// Stamp: when it was sent.
+        pub header: Header,
+        /// Differs from start to start of a daemon.
+        pub daemon_id: u64,
+        /// Process number.
+        pub pid: u32,
+        /// [`Mode`].
+        pub mode: u32,
+        /// [`FaultReason`].
+        pub fault: u32,
+        /// [`mod@missing_rights`].
+        pub missing_rights: u32,
+        /// Ticks per second, configured [Hz].
+        pub rate_hz: f64,
+        /// Ticks per second over the last second, measured [Hz].
+        pub measured_rate_hz: f64,
+        /// Newest tick.
+        pub tick: u64,
+        /// Since the daemon started [ns].
+        pub uptime_ns: u64,
+        /// Counts changes of live settings.
+        pub settings_revision: u64,
+        /// Hash of the settings file.
+        pub settings_hash: u64,
+
+        /// Spread of each [`Stage`].
+        pub stages: [Percentiles; STAGES],
+        /// Totals.
+        pub counters: Counters,
+
+        /// Trust α.
+        pub trust: f64,
+        /// Where α is going.
+        pub trust_target: f64,
+        /// [`TrustReason`].
+        pub trust_reason: u32,
+        /// [`PredictorId`].
+        pub predictor: u32,
+        /// Age of the newest pen sample [ns]; `u64::MAX`: none.
+        pub pen_age_ns: u64,
+        /// Age of the newest joint state [ns]; `u64::MAX`: none.
+        pub joint_state_age_ns: u64,
+
+        /// Version of the weights in use.
+        pub learner_version: u64,
+        /// Grid steps learnt from.
+        pub learner_updates: u64,
+        /// Sets of weights handed to the loop.
+        pub learner_promotions: u64,
+        /// Sets of weights taken back.
+        pub learner_rollbacks: u64,
+        /// Sets of weights not handed over: not finite or worse.
+        pub learner_refused: u64,
+        /// Age of the weights in use [ns].
+        pub learner_age_ns: u64,
+        /// Root mean square of the one-step prediction error, recent [m]; negative: none.
+        pub predictor_rms_m: f64,
+
+        /// Heap allocations per tick after warm-up, ticks with a connection change left out.
+        pub allocations_per_tick: f64,
+        /// Reserved, zero.
+        pub reserved: [u64; 8],
+    }
+}
+
+impl Status {
+    /// Spread of a stage.
+    pub fn stage(&self, stage: Stage) -> Percentiles {
+        self.stages.get(stage as usize).copied().unwrap_or_default()
+    }
+}
+
+impl Validate for Status {
+    fn validate(&self) -> Result<(), Rejection> {
+        known::<_, Mode>("mode", self.mode)?;
+        known::<_, FaultReason>("fault", self.fault)?;
+        known::<_, TrustReason>("trust_reason", self.trust_reason)?;
+        known::<_, PredictorId>("predictor", self.predictor)?;
+        flags("missing_rights", self.missing_rights, missing_rights::ALL)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RejectReason;
+
+    #[test]
+    fn unknown_modes_and_rights_are_refused() {
+        assert_eq!(Status::default().validate(), Ok(()));
+        let status = Status { mode: 77, ..Default::default() };
+        assert_eq!(status.validate(), Err(Rejection { reason: RejectReason::UnknownEnum, field: "mode" }));
+        let status = Status { missing_rights: u32::MAX, ..Default::default() };
+        assert_eq!(status.validate().unwrap_err().reason, RejectReason::UnknownFlags);
+    }
+}
