@@ -1,0 +1,242 @@
+//! The fixed-rate loop: when each tick may start, how late it started, and what was lost.
+//!
+//! Contract: releases lie on a lattice `first + k * period` that no overrun ever moves. [`Cyclic::wait`] sleeps until
+//! `release - spin`, then spins, never for longer than the margin. When whole periods have passed unused, they are
+//! skipped and counted, and the tick runs at once for the last release that has come. Nothing here allocates or blocks
+//! except the sleep.
+
+use std::hint;
+
+use foretrace_control::units::Stamp;
+
+use super::clock::Clock;
+
+/// The rhythm of a loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rhythm {
+    /// Time between releases [ns]; at least 1.
+    pub period_ns: u64,
+    /// The last stretch before a release that is spun instead of slept [ns]; 0 = only sleep. Held below half a period,
+    /// because a thread that never sleeps starves everybody else.
+    pub spin_ns: u64,
+}
+
+/// One tick's start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wake {
+    /// Place of this tick's release on the lattice, counted from 0; skipped periods use up their numbers.
+    pub index: u64,
+    /// When the tick was allowed to start.
+    pub release: Stamp,
+    /// When it did start.
+    pub started: Stamp,
+    /// Whole periods skipped just before this one.
+    pub skipped: u64,
+}
+
+impl Wake {
+    /// Release to start [ns].
+    #[must_use]
+    pub const fn latency_ns(&self) -> u64 {
+        self.started.0.saturating_sub(self.release.0)
+    }
+
+    /// When this tick must be done: the next release.
+    #[must_use]
+    pub const fn deadline(&self, period_ns: u64) -> Stamp {
+        self.release.plus_ns(period_ns)
+    }
+}
+
+/// A loop with a fixed rhythm on the clock `C`.
+#[derive(Debug)]
+pub struct Cyclic<C> {
+    clock: C,
+    rhythm: Rhythm,
+    next_release: Stamp,
+    next_index: u64,
+}
+
+impl<C: Clock> Cyclic<C> {
+    /// A loop whose first release lies at the next multiple of the period that is at least one period away.
+    ///
+    /// Multiples of the period keep the ticks of a restarted daemon, and of other programs with the same rule, on one
+    /// lattice of the common clock.
+    #[must_use]
+    pub fn new(clock: C, rhythm: Rhythm) -> Self {
+        let period_ns = rhythm.period_ns.max(1);
+        let rhythm = Rhythm { period_ns, spin_ns: rhythm.spin_ns.min(period_ns / 2) };
+        let now = clock.now().0;
+        let first = (now / period_ns).saturating_add(2).saturating_mul(period_ns);
+        Self { clock, rhythm, next_release: Stamp(first), next_index: 0 }
+    }
+
+    /// The rhythm as it is kept.
+    #[must_use]
+    pub const fn rhythm(&self) -> Rhythm {
+        self.rhythm
+    }
+
+    /// The clock of the loop.
+    pub const fn clock(&self) -> &C {
+        &self.clock
+    }
+
+    /// Waits for the next release and says what came of it.
+    pub fn wait(&mut self) -> Wake {
+        let mut skipped = 0;
+        let late = self.clock.now().since(self.next_release);
+        if let Ok(late) = u64::try_from(late) {
+            skipped = late / self.rhythm.period_ns;
+        }
+        let release = self.next_release.plus_ns(skipped.saturating_mul(self.rhythm.period_ns));
+        let index = self.next_index.saturating_add(skipped);
+        let started = self.reach(release);
+        self.next_release = release.plus_ns(self.rhythm.period_ns);
+        self.next_index = index.saturating_add(1);
+        Wake { index, release, started, skipped }
+    }
+
+    /// Sleeps to the margin, spins the rest; returns the first reading at or past `release`.
+    fn reach(&self, release: Stamp) -> Stamp {
+        let margin = Stamp(release.0.saturating_sub(self.rhythm.spin_ns));
+        let mut now = self.clock.now();
+        while now < margin {
+            self.clock.sleep_until(margin);
+            now = self.clock.now();
+        }
+        while now < release {
+            hint::spin_loop();
+            now = self.clock.now();
+        }
+        now
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// Time that moves only when asked: each reading costs `read_ns`, each sleep ends `oversleep_ns` late.
+    struct SimulatedClock {
+        now: Cell<u64>,
+        slept: Cell<u64>,
+        read_ns: u64,
+        oversleep_ns: u64,
+    }
+
+    impl SimulatedClock {
+        fn at(now: u64) -> Self {
+            Self { now: Cell::new(now), slept: Cell::new(0), read_ns: 0, oversleep_ns: 0 }
+        }
+        fn work(&self, ns: u64) {
+            self.now.set(self.now.get() + ns);
+        }
+    }
+
+    impl Clock for SimulatedClock {
+        fn now(&self) -> Stamp {
+            self.now.set(self.now.get() + self.read_ns);
+            Stamp(self.now.get())
+        }
+        fn sleep_until(&self, instant: Stamp) {
+            let end = instant.0.max(self.now.get()) + self.oversleep_ns;
+            self.slept.set(self.slept.get() + end - self.now.get());
+            self.now.set(end);
+        }
+    }
+
+    const PERIOD: u64 = 2_000_000;
+
+    fn rhythm(spin_ns: u64) -> Rhythm {
+        Rhythm { period_ns: PERIOD, spin_ns }
+    }
+
+    #[test]
+    fn releases_lie_on_multiples_of_the_period() {
+        let mut cyclic = Cyclic::new(SimulatedClock::at(12_345), rhythm(0));
+        for k in 0..1000 {
+            let wake = cyclic.wait();
+            assert_eq!(wake.release.0, (k + 2) * PERIOD);
+            assert_eq!(wake.index, k);
+            assert_eq!(wake.skipped, 0);
+            assert_eq!(wake.latency_ns(), 0);
+            cyclic.clock().work(700_000);
+        }
+    }
+
+    #[test]
+    fn a_late_wake_up_is_latency_and_does_not_move_the_next_release() {
+        let clock = SimulatedClock { oversleep_ns: 14_000, ..SimulatedClock::at(0) };
+        let mut cyclic = Cyclic::new(clock, rhythm(0));
+        for k in 0..1000 {
+            let wake = cyclic.wait();
+            assert_eq!(wake.release.0, (k + 2) * PERIOD);
+            assert_eq!(wake.latency_ns(), 14_000);
+        }
+    }
+
+    #[test]
+    fn a_step_longer_than_the_period_but_not_by_a_whole_one_skips_nothing() {
+        let mut cyclic = Cyclic::new(SimulatedClock::at(0), rhythm(0));
+        let first = cyclic.wait();
+        cyclic.clock().work(PERIOD + PERIOD / 2);
+        let second = cyclic.wait();
+        assert_eq!(second.skipped, 0);
+        assert_eq!(second.release.0, first.release.0 + PERIOD);
+        assert_eq!(second.latency_ns(), PERIOD / 2);
+        let third = cyclic.wait();
+        assert_eq!(third.release.0, first.release.0 + 2 * PERIOD);
+        assert_eq!(third.latency_ns(), 0);
+    }
+
+    #[test]
+    fn whole_periods_lost_are_skipped_and_counted_and_the_phase_is_kept() {
+        let mut cyclic = Cyclic::new(SimulatedClock::at(0), rhythm(0));
+        let first = cyclic.wait();
+        cyclic.clock().work(7 * PERIOD + 300);
+        let second = cyclic.wait();
+        assert_eq!(second.skipped, 6);
+        assert_eq!(second.index, first.index + 7);
+        assert_eq!(second.release.0, first.release.0 + 7 * PERIOD);
+        assert_eq!(second.latency_ns(), 300);
+        assert_eq!(second.release.0 % PERIOD, 0);
+    }
+
+    #[test]
+    fn it_sleeps_to_the_margin_and_spins_only_the_rest() {
+        let clock = SimulatedClock { read_ns: 10, ..SimulatedClock::at(0) };
+        let mut cyclic = Cyclic::new(clock, rhythm(50_000));
+        cyclic.wait();
+        let (before, slept) = (cyclic.clock().now.get(), cyclic.clock().slept.get());
+        let wake = cyclic.wait();
+        let spun = wake.started.0 - before - (cyclic.clock().slept.get() - slept);
+        assert!((50_000..=50_040).contains(&spun), "spun {spun} ns");
+        assert!(wake.latency_ns() <= 10);
+    }
+
+    #[test]
+    fn a_spin_margin_is_held_below_half_a_period() {
+        let cyclic = Cyclic::new(SimulatedClock::at(0), rhythm(u64::MAX));
+        assert_eq!(cyclic.rhythm().spin_ns, PERIOD / 2);
+    }
+
+    #[test]
+    fn an_interrupted_sleep_is_taken_up_again() {
+        struct Interrupted(SimulatedClock);
+        impl Clock for Interrupted {
+            fn now(&self) -> Stamp {
+                self.0.now()
+            }
+            fn sleep_until(&self, instant: Stamp) {
+                let half = self.0.now.get() + (instant.0 - self.0.now.get()).div_ceil(2);
+                self.0.sleep_until(Stamp(half));
+            }
+        }
+        let mut cyclic = Cyclic::new(Interrupted(SimulatedClock::at(0)), rhythm(0));
+        assert_eq!(cyclic.wait().latency_ns(), 0);
+        assert_eq!(cyclic.wait().latency_ns(), 0);
+    }
+}

@@ -1,0 +1,5 @@
+//! The real-time thread, from the operating system inwards: what the thread asks of the kernel, its rhythm, its tick.
+
+pub mod os;
+pub mod clock;
+pub mod cyclic;
