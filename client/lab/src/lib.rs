@@ -1,1 +1,11 @@
-//! Work in progress.
+//! The lab: real handwriting, the built-in writer, stamped pen paths, tracking metrics and report pictures.
+//!
+//! Contract: nothing here runs in the real-time loop. Every input is untrusted text: a bad file gives an error
+//! with file, line and reason, never a panic. The same seed and inputs give the same path, sample for sample.
+//! Modules stand in the order in which data flows: files or glyphs, a stamped path, numbers about it, pictures of it.
+
+#![forbid(unsafe_code)]
+
+pub mod data;
+pub mod path;
+pub mod metrics;

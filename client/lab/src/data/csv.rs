@@ -1,0 +1,220 @@
+//! Plain CSV pen paths: header `t_s,x_m,y_m,contact`, one sample per line.
+//!
+//! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
+//! 0, 1, false or true. Empty lines and lines starting with `#` are skipped. Times rise strictly.
+
+use crate::path::{PathSample, PenPath};
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+
+const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
+const TIME_MAX_S: f64 = 1e7;
+const POSITION_MAX_M: f64 = 100.0;
+
+/// A CSV path that was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CsvError {
+    /// The file cannot be read as text.
+    #[error("{}: cannot read: {why}", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// The system's reason.
+        why: String,
+    },
+    /// The first line is not the header.
+    #[error("{}:{line}: expected the header t_s,x_m,y_m,contact (any order), found {found:?}", file.display())]
+    Header {
+        /// The file.
+        file: PathBuf,
+        /// Line from 1.
+        line: usize,
+        /// As written.
+        found: String,
+    },
+    /// A line with too few or too many fields.
+    #[error("{}:{line}: expected 4 fields, found {found}", file.display())]
+    Fields {
+        /// The file.
+        file: PathBuf,
+        /// Line from 1.
+        line: usize,
+        /// Fields found.
+        found: usize,
+    },
+    /// A field outside its legal range.
+    #[error("{}:{line}: {field} is {value:?}; legal: {legal}", file.display())]
+    Field {
+        /// The file.
+        file: PathBuf,
+        /// Line from 1.
+        line: usize,
+        /// Which column.
+        field: &'static str,
+        /// As written.
+        value: String,
+        /// What is legal.
+        legal: String,
+    },
+    /// Fewer than two samples.
+    #[error("{}: {samples} samples; a path needs at least 2", file.display())]
+    TooShort {
+        /// The file.
+        file: PathBuf,
+        /// Samples found.
+        samples: usize,
+    },
+}
+
+/// Reads a CSV path as it is: no scaling, no recentring. Its rate is one over the median step.
+///
+/// # Errors
+/// [`CsvError`] naming line, field, value and legal range.
+pub fn load_csv(path: &Path) -> Result<PenPath, CsvError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| CsvError::Unreadable { file: path.to_path_buf(), why: e.to_string() })?;
+    parse_csv(&text, path)
+}
+
+/// Writes `path` in the form that [`load_csv`] reads.
+///
+/// # Errors
+/// Whatever the file system says.
+pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
+    let mut text = String::from("t_s,x_m,y_m,contact\n");
+    for s in &path.samples {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{:.6},{:.7},{:.7},{}", s.t_s, s.x_m, s.y_m, u8::from(s.contact));
+    }
+    std::fs::write(file, text)
+}
+
+fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
+    let mut lines = text
+        .trim_start_matches('\u{feff}')
+        .lines()
+        .enumerate()
+        .map(|(i, l)| (i + 1, l.trim()))
+        .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+    let (line, header) = lines.next().unwrap_or((1, ""));
+    let order = column_order(header).ok_or_else(|| CsvError::Header {
+        file: file.to_path_buf(),
+        line,
+        found: header.chars().take(80).collect(),
+    })?;
+    let mut samples: Vec<PathSample> = Vec::new();
+    for (line, text) in lines {
+        let cells: Vec<&str> = text.split(',').map(str::trim).collect();
+        let [Some(t), Some(x), Some(y), Some(contact)] = order.map(|i| cells.get(i).copied()) else {
+            return Err(CsvError::Fields { file: file.to_path_buf(), line, found: cells.len() });
+        };
+        if cells.len() != COLUMNS.len() {
+            return Err(CsvError::Fields { file: file.to_path_buf(), line, found: cells.len() });
+        }
+        let bad = |field, value: &str, legal: String| CsvError::Field {
+            file: file.to_path_buf(),
+            line,
+            field,
+            value: value.chars().take(40).collect(),
+            legal,
+        };
+        let earliest = samples.last().map(|s| s.t_s);
+        let t_s =
+            number(t, TIME_MAX_S).filter(|t| earliest.is_none_or(|e| *t > e)).ok_or_else(
+                || match earliest {
+                    Some(e) => bad("t_s", t, format!("a number in ({e}, {TIME_MAX_S}], times rise strictly")),
+                    None => bad("t_s", t, format!("a number in [-{TIME_MAX_S}, {TIME_MAX_S}]")),
+                },
+            )?;
+        let position = |field, text: &str| {
+            number(text, POSITION_MAX_M)
+                .ok_or_else(|| bad(field, text, format!("a number in [-{POSITION_MAX_M}, {POSITION_MAX_M}]")))
+        };
+        let contact = match contact {
+            "1" | "true" => true,
+            "0" | "false" => false,
+            other => return Err(bad("contact", other, "0, 1, false, true".to_owned())),
+        };
+        samples.push(PathSample { t_s, x_m: position("x_m", x)?, y_m: position("y_m", y)?, contact });
+    }
+    if samples.len() < 2 {
+        return Err(CsvError::TooShort { file: file.to_path_buf(), samples: samples.len() });
+    }
+    Ok(PenPath::from_samples(samples))
+}
+
+fn column_order(header: &str) -> Option<[usize; 4]> {
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let [t, x, y, c] = COLUMNS.map(|c| names.iter().position(|n| *n == c));
+    (names.len() == COLUMNS.len()).then_some([t?, x?, y?, c?])
+}
+
+fn number(text: &str, limit: f64) -> Option<f64> {
+    text.parse::<f64>().ok().filter(|v| v.abs() <= limit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parse(text: &str) -> Result<PenPath, CsvError> {
+        parse_csv(text, Path::new("pen.csv"))
+    }
+
+    #[test]
+    fn columns_may_stand_in_any_order() {
+        let path = parse("x_m, t_s,contact,y_m\n0.1,0,1,0.2\n\n# note\n0.3,0.005,false,0.4\n").unwrap();
+        assert_eq!(path.samples[0], PathSample { t_s: 0.0, x_m: 0.1, y_m: 0.2, contact: true });
+        assert_eq!(path.samples[1], PathSample { t_s: 0.005, x_m: 0.3, y_m: 0.4, contact: false });
+        assert!((path.rate_hz - 200.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_bad_field_is_named_with_line_value_and_range() {
+        let head = "t_s,x_m,y_m,contact\n0,0,0,1\n";
+        for (row, field) in [
+            ("0,0,0,1", "t_s"),
+            ("NaN,0,0,1", "t_s"),
+            ("1,inf,0,1", "x_m"),
+            ("1,0,abc,1", "y_m"),
+            ("1,0,0,yes", "contact"),
+        ] {
+            let error = parse(&format!("{head}{row}\n")).unwrap_err();
+            assert!(matches!(&error, CsvError::Field { line: 3, field: f, .. } if *f == field), "{error}");
+            assert!(error.to_string().starts_with("pen.csv:3: "), "{error}");
+        }
+        assert!(matches!(parse("t,x,y,c\n"), Err(CsvError::Header { line: 1, .. })));
+        assert!(matches!(parse(&format!("{head}1,2,3\n")), Err(CsvError::Fields { line: 3, found: 3, .. })));
+        assert!(matches!(parse(head), Err(CsvError::TooShort { samples: 1, .. })));
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let samples = (0..50)
+            .map(|i| {
+                let t = f64::from(i) * 0.005;
+                PathSample { t_s: t, x_m: 0.01 * t.sin(), y_m: -0.02 * t, contact: i % 7 != 0 }
+            })
+            .collect();
+        let path = PenPath::from_samples(samples);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.csv");
+        write_csv(&file, &path).unwrap();
+        let back = load_csv(&file).unwrap();
+        for (a, b) in path.samples.iter().zip(&back.samples) {
+            // Half a unit of the last digit written.
+            assert!((a.t_s - b.t_s).abs() <= 5.1e-7 && (a.x_m - b.x_m).abs() <= 5.1e-8, "{a:?} {b:?}");
+            assert_eq!(a.contact, b.contact);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_makes_the_reader_panic(text in "(t_s,x_m,y_m,contact\n)?[0-9.,eE\\-\nnaif#\u{e9} ]{0,200}") {
+            let _ = parse(&text);
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Recorded handwriting as it comes from files: UNIPEN ink and plain CSV paths.
+//!
+//! Points stay in the device's own units and order, repeats included; scaling into the writing plane is
+//! [`crate::path`]'s business. Absent here: the MATLAB and UCI text formats.
+
+pub mod unipen;
+pub mod set;
+pub mod csv;
+
+pub use csv::{CsvError, load_csv, write_csv};
+pub use set::{DataSet, SetError, Split};
+pub use unipen::{UnipenError, load_unipen};
+
+use std::path::PathBuf;
+
+/// One file of ink: its characters in the order of their `.SEGMENT` lines.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// The file it was read from.
+    pub source: PathBuf,
+    /// Sampling rate of the device [Hz].
+    pub rate_hz: f64,
+    /// Device units per metre along x and y, where the file states both.
+    pub units_per_m: Option<[f64; 2]>,
+    /// The characters, in file order.
+    pub segments: Vec<Character>,
+}
+
+/// One labelled character.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Character {
+    /// What was written; may be longer than one `char`.
+    pub label: String,
+    /// The n-th `.SEGMENT CHARACTER` of its file, from 0.
+    pub segment_index: usize,
+    /// Strokes and hover paths in the order of writing.
+    pub components: Vec<Component>,
+}
+
+/// A run of points with the pen on or above the surface, sampled at the device's rate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Component {
+    /// The pen touched the surface.
+    pub contact: bool,
+    /// Positions in device units, y upwards; repeated points are kept.
+    pub points: Vec<[f64; 2]>,
+    /// Recorded time without samples between the previous component and this one [s].
+    pub dt_before_s: Option<f64>,
+}
+
+impl Component {
+    /// A place holder of the format (`0 0`, once), not a position of the pen.
+    #[must_use]
+    pub fn is_dummy(&self) -> bool {
+        matches!(self.points.as_slice(), [[x, y]] if *x == 0.0 && *y == 0.0)
+    }
+}
+
+impl Character {
+    /// The points of all strokes (pen down) in order, dummies included, as the prediction tables count them.
+    pub fn pen_down_points(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.components.iter().filter(|c| c.contact).flat_map(|c| c.points.iter().copied())
+    }
+
+    /// Lower left and upper right corner of the ink (dummies left out), or `None` without ink.
+    #[must_use]
+    pub fn ink_bounds(&self) -> Option<[[f64; 2]; 2]> {
+        let ink = self.components.iter().filter(|c| c.contact && !c.is_dummy()).flat_map(|c| &c.points);
+        ink.fold(None, |bounds, &[x, y]| {
+            let [[left, low], [right, high]] = bounds.unwrap_or([[x, y], [x, y]]);
+            Some([[left.min(x), low.min(y)], [right.max(x), high.max(y)]])
+        })
+    }
+}
+
+/// Median ink height of the characters [device units]; `None` when no character has ink of positive height.
+#[must_use]
+pub fn median_glyph_height<'a>(characters: impl IntoIterator<Item = &'a Character>) -> Option<f64> {
+    let mut heights: Vec<f64> = characters
+        .into_iter()
+        .filter_map(|c| c.ink_bounds().map(|[low, high]| high[1] - low[1]))
+        .filter(|&h| h > 0.0)
+        .collect();
+    heights.sort_by(f64::total_cmp);
+    heights.get(heights.len() / 2).copied()
+}

@@ -1,0 +1,239 @@
+//! UNIPEN 1.0 text to [`Recording`]: includes, ink components, `.DT` gaps and `.SEGMENT CHARACTER` lines.
+//!
+//! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0` counts.
+//! Columns other than X and Y are skipped; the time base is `.POINTS_PER_SECOND`.
+//! Absent: hierarchies other than CHARACTER, per-point time columns, writing of UNIPEN.
+//! Source: Guyon et al., "UNIPEN project of on-line data exchange and recognizer benchmarks", ICPR 1994.
+
+mod text;
+mod segment;
+mod error;
+
+pub use error::UnipenError;
+
+use super::{Character, Component, Recording};
+use error::{At, Reason};
+use segment::{Segment, parse_segment};
+use std::path::{Path, PathBuf};
+use text::{Statement, read_statements, resolve_include};
+
+const INCLUDES_MAX: usize = 1000;
+const INCLUDE_DEPTH_MAX: usize = 16;
+const COORDINATE_MAX: f64 = 1e9;
+// Real files hold counter overflows of 22 days; they are read, and shortened where a path is made of them.
+const GAP_MAX_MS: f64 = 4_294_967_295.0;
+const SEGMENT_POINTS_MAX: usize = 50_000_000;
+
+/// Reads a UNIPEN file and everything it includes.
+///
+/// `.INCLUDE a/b` is looked up as `include/a/b` beside each folder above the file (nearest first), then beside
+/// the file itself.
+///
+/// # Errors
+/// [`UnipenError`] with file, line and reason: unreadable file, missing, escaping or cyclic include, unreadable or
+/// illegal number, missing `.COORD` or rate, malformed segment, segment out of range, no characters, no points.
+pub fn load_unipen(path: &Path) -> Result<Recording, UnipenError> {
+    let mut ink = Ink::default();
+    ink.read_file(path, path, &mut Vec::new())?;
+    ink.finish(path)
+}
+
+/// Everything collected from the file and its includes, in order of appearance.
+#[derive(Default)]
+struct Ink {
+    includes: usize,
+    columns: Option<Columns>,
+    rate_hz: Option<f64>,
+    per_mm: [Option<f64>; 2],
+    components: Vec<Component>,
+    open: Option<Component>,
+    gap_s: Option<f64>,
+    segments: Vec<(At, Segment)>,
+}
+
+/// Where x and y stand in a row of numbers.
+#[derive(Clone, Copy)]
+struct Columns {
+    width: usize,
+    x: usize,
+    y: usize,
+}
+
+impl Ink {
+    fn read_file(&mut self, root: &Path, path: &Path, stack: &mut Vec<PathBuf>) -> Result<(), UnipenError> {
+        let text = text::read_latin1(path)?;
+        stack.push(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
+        for statement in read_statements(&text) {
+            let at = At::new(path, statement.line);
+            if statement.keyword == ".INCLUDE" {
+                self.include(root, &statement, at, stack)?;
+            } else {
+                self.take(&statement, at)?;
+            }
+        }
+        stack.pop();
+        Ok(())
+    }
+
+    fn include(
+        &mut self,
+        root: &Path,
+        statement: &Statement<'_>,
+        at: At,
+        stack: &mut Vec<PathBuf>,
+    ) -> Result<(), UnipenError> {
+        let wanted = statement.tokens().next().map(|(_, t)| t).unwrap_or_default();
+        self.includes += 1;
+        if self.includes > INCLUDES_MAX || stack.len() >= INCLUDE_DEPTH_MAX {
+            let reason = Reason::TooManyIncludes { files: INCLUDES_MAX, depth: INCLUDE_DEPTH_MAX };
+            return Err(at.fails(reason));
+        }
+        let Some(file) = resolve_include(root, wanted).map_err(|reason| at.fails(reason))? else {
+            return Err(at.fails(Reason::MissingInclude { wanted: wanted.to_owned() }));
+        };
+        if stack.contains(&file.canonicalize().unwrap_or_else(|_| file.clone())) {
+            return Err(at.fails(Reason::CyclicInclude { wanted: wanted.to_owned() }));
+        }
+        self.read_file(root, &file, stack)
+    }
+
+    fn take(&mut self, statement: &Statement<'_>, at: At) -> Result<(), UnipenError> {
+        match statement.keyword {
+            ".COORD" => self.columns = Some(columns(statement).map_err(|reason| at.fails(reason))?),
+            ".POINTS_PER_SECOND" => self.rate_hz = Some(positive(statement, &at)?),
+            ".X_POINTS_PER_MM" => self.per_mm[0] = Some(positive(statement, &at)?),
+            ".Y_POINTS_PER_MM" => self.per_mm[1] = Some(positive(statement, &at)?),
+            ".PEN_DOWN" => self.pen(true, statement, &at)?,
+            ".PEN_UP" => self.pen(false, statement, &at)?,
+            ".DT" => self.gap(statement, &at)?,
+            ".SEGMENT" => {
+                if let Some(segment) = parse_segment(statement).map_err(|reason| at.fails(reason))? {
+                    self.segments.push((at, segment));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Starts a new component; an empty one leaves no trace.
+    fn pen(&mut self, contact: bool, statement: &Statement<'_>, at: &At) -> Result<(), UnipenError> {
+        self.close();
+        self.open = Some(Component { contact, points: Vec::new(), dt_before_s: None });
+        self.points(statement.lines(), at)
+    }
+
+    /// Adds a gap; numbers on the lines below it are points of a new component with the pen as before.
+    fn gap(&mut self, statement: &Statement<'_>, at: &At) -> Result<(), UnipenError> {
+        let (line, value) = statement.tokens().next().unwrap_or((statement.line, ""));
+        let ms = number(value, line, at)?;
+        if !(0.0..=GAP_MAX_MS).contains(&ms) {
+            return Err(at.line(line).fails(Reason::Illegal {
+                what: ".DT",
+                value: ms,
+                low: 0.0,
+                high: GAP_MAX_MS,
+            }));
+        }
+        let contact = self.open.as_ref().map(|c| c.contact);
+        self.close();
+        self.gap_s = Some(self.gap_s.unwrap_or(0.0) + ms * 1e-3);
+        if let Some(contact) = contact {
+            self.open = Some(Component { contact, points: Vec::new(), dt_before_s: None });
+        }
+        self.points(statement.lines().skip_while(|&(l, _)| l <= line), at)
+    }
+
+    fn points<'t>(
+        &mut self,
+        lines: impl Iterator<Item = (usize, &'t str)>,
+        at: &At,
+    ) -> Result<(), UnipenError> {
+        for (line, text) in lines {
+            let mut row = text.split_whitespace().peekable();
+            while row.peek().is_some() {
+                let columns = self.columns.ok_or_else(|| at.line(line).fails(Reason::NoCoord))?;
+                let mut point = [0.0; 2];
+                for column in 0..columns.width {
+                    let Some(token) = row.next() else {
+                        return Err(at
+                            .line(line)
+                            .fails(Reason::ShortRow { wanted: columns.width, found: column }));
+                    };
+                    for (value, index) in point.iter_mut().zip([columns.x, columns.y]) {
+                        if index == column {
+                            *value = coordinate(token, line, at)?;
+                        }
+                    }
+                }
+                let open = self.open.as_mut().ok_or_else(|| at.line(line).fails(Reason::PointsWithoutPen))?;
+                open.points.push(point);
+            }
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        if let Some(mut component) = self.open.take().filter(|c| !c.points.is_empty()) {
+            component.dt_before_s = self.gap_s.take();
+            self.components.push(component);
+        }
+    }
+
+    fn finish(mut self, path: &Path) -> Result<Recording, UnipenError> {
+        self.close();
+        let whole = At::new(path, 0);
+        if self.components.is_empty() {
+            return Err(whole.fails(Reason::NoPoints));
+        }
+        if self.segments.is_empty() {
+            return Err(whole.fails(Reason::NoCharacters));
+        }
+        let rate_hz = self.rate_hz.ok_or_else(|| whole.fails(Reason::NoRate))?;
+        let units_per_m = match self.per_mm {
+            [Some(x), Some(y)] => Some([x * 1e3, y * 1e3]),
+            _ => None,
+        };
+        let mut budget = SEGMENT_POINTS_MAX;
+        let mut segments = Vec::with_capacity(self.segments.len());
+        for (segment_index, (at, segment)) in self.segments.into_iter().enumerate() {
+            let components = segment.cut(&self.components, &mut budget).map_err(|reason| at.fails(reason))?;
+            segments.push(Character { label: segment.label, segment_index, components });
+        }
+        Ok(Recording { source: path.to_path_buf(), rate_hz, units_per_m, segments })
+    }
+}
+
+fn columns(statement: &Statement<'_>) -> Result<Columns, Reason> {
+    let names: Vec<&str> = statement.tokens().map(|(_, t)| t).collect();
+    let find = |name: &str| names.iter().position(|n| n.eq_ignore_ascii_case(name));
+    match (find("X"), find("Y")) {
+        (Some(x), Some(y)) => Ok(Columns { width: names.len(), x, y }),
+        _ => Err(Reason::CoordWithoutXy { found: names.join(" ") }),
+    }
+}
+
+fn positive(statement: &Statement<'_>, at: &At) -> Result<f64, UnipenError> {
+    let (line, token) = statement.tokens().next().unwrap_or((statement.line, ""));
+    let value = number(token, line, at)?;
+    if (1e-3..=1e6).contains(&value) {
+        Ok(value)
+    } else {
+        Err(at.line(line).fails(Reason::Illegal { what: "value", value, low: 1e-3, high: 1e6 }))
+    }
+}
+
+fn coordinate(token: &str, line: usize, at: &At) -> Result<f64, UnipenError> {
+    let value = number(token, line, at)?;
+    if value.abs() <= COORDINATE_MAX {
+        Ok(value)
+    } else {
+        let reason =
+            Reason::Illegal { what: "coordinate", value, low: -COORDINATE_MAX, high: COORDINATE_MAX };
+        Err(at.line(line).fails(reason))
+    }
+}
+
+fn number(token: &str, line: usize, at: &At) -> Result<f64, UnipenError> {
+    token.parse().map_err(|_| at.line(line).fails(Reason::NotANumber { token: text::shortened(token) }))
+}

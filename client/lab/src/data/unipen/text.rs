@@ -1,0 +1,101 @@
+//! The lines of a UNIPEN file: Latin-1, keywords in column one, arguments up to the next keyword.
+
+use super::error::{At, Reason, UnipenError};
+use std::path::{Component as Part, Path, PathBuf};
+
+const FILE_BYTES_MAX: u64 = 64 << 20;
+
+/// A keyword and the lines of its arguments.
+pub(super) struct Statement<'t> {
+    /// With its dot, as written.
+    pub(super) keyword: &'t str,
+    /// Line of the keyword, from 1.
+    pub(super) line: usize,
+    body: Vec<&'t str>,
+}
+
+impl<'t> Statement<'t> {
+    /// The argument lines with their numbers; the first is the rest of the keyword's own line.
+    pub(super) fn lines(&self) -> impl Iterator<Item = (usize, &'t str)> + '_ {
+        self.body.iter().enumerate().map(|(i, text)| (self.line + i, *text))
+    }
+
+    /// The arguments separated by white space, with their lines.
+    pub(super) fn tokens(&self) -> impl Iterator<Item = (usize, &'t str)> + '_ {
+        self.lines().flat_map(|(line, text)| text.split_whitespace().map(move |t| (line, t)))
+    }
+}
+
+/// Splits text into statements; lines before the first keyword are dropped.
+pub(super) fn read_statements(text: &str) -> Vec<Statement<'_>> {
+    let mut statements: Vec<Statement<'_>> = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        if line.starts_with('.') {
+            let end = line.find(char::is_whitespace).unwrap_or(line.len());
+            let (keyword, rest) = line.split_at(end);
+            statements.push(Statement { keyword, line: i + 1, body: vec![rest] });
+        } else if let Some(last) = statements.last_mut() {
+            last.body.push(line);
+        }
+    }
+    statements
+}
+
+/// Reads a whole file as Latin-1, in which every byte is a character.
+pub(super) fn read_latin1(path: &Path) -> Result<String, UnipenError> {
+    let at = At::new(path, 0);
+    let unreadable = |e: std::io::Error| at.fails(Reason::Unreadable(e.to_string()));
+    let meta = std::fs::metadata(path).map_err(unreadable)?;
+    if !meta.is_file() {
+        return Err(at.fails(Reason::Unreadable("not a regular file".to_owned())));
+    }
+    if meta.len() > FILE_BYTES_MAX {
+        return Err(at.fails(Reason::TooLarge { bytes: meta.len(), limit: FILE_BYTES_MAX }));
+    }
+    let bytes = std::fs::read(path).map_err(unreadable)?;
+    Ok(bytes.into_iter().map(char::from).collect())
+}
+
+/// Looks for `wanted` below `include/` beside each folder above `root` (nearest first), then beside `root`.
+pub(super) fn resolve_include(root: &Path, wanted: &str) -> Result<Option<PathBuf>, Reason> {
+    let relative = Path::new(wanted);
+    let below = relative.components().all(|part| matches!(part, Part::Normal(_) | Part::CurDir));
+    if !below || wanted.contains('\0') {
+        return Err(Reason::EscapingInclude { wanted: shortened(wanted) });
+    }
+    if wanted.is_empty() {
+        return Ok(None);
+    }
+    // `ancestors` of a relative path ends with "", which stands for the working directory.
+    let absolute = std::path::absolute(root).unwrap_or_else(|_| root.to_path_buf());
+    let beside = absolute.parent().map(|folder| folder.join(relative));
+    let below_include = absolute.ancestors().skip(1).map(|folder| folder.join("include").join(relative));
+    Ok(below_include.chain(beside).find(|candidate| candidate.is_file()))
+}
+
+/// At most 40 characters of hostile text, for a message.
+pub(super) fn shortened(text: &str) -> String {
+    if text.chars().count() <= 40 {
+        return text.to_owned();
+    }
+    text.chars().take(40).chain(['…']).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_run_on_until_the_next_keyword_in_column_one() {
+        let statements = read_statements("junk\n.A 1\n 2\n .b 3\n.C\n");
+        let seen: Vec<_> = statements.iter().map(|s| (s.keyword, s.line, s.tokens().count())).collect();
+        assert_eq!(seen, [(".A", 2, 4), (".C", 5, 0)]);
+    }
+
+    #[test]
+    fn includes_may_not_leave_their_folder() {
+        for wanted in ["/etc/passwd", "../x", "a/../../x"] {
+            assert!(resolve_include(Path::new("/tmp/a.dat"), wanted).is_err(), "{wanted}");
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! UNIPEN files made up here: the grammar, the errors, and hostile bytes.
+
+use foretrace_lab::data::unipen::load_unipen;
+use proptest::prelude::*;
+use std::path::{Path, PathBuf};
+
+const HEAD: &str = ".COORD X Y\n.POINTS_PER_SECOND 200\n.X_POINTS_PER_MM 10\n.Y_POINTS_PER_MM 10\n";
+const INK: &str =
+    ".PEN_DOWN\n1 2\n1 2\n3 4\n.PEN_UP\n.DT 40\n.PEN_UP\n5 6\n.PEN_DOWN\n0 0\n.PEN_DOWN\n7 8\n9 9\n";
+
+/// A set folder with `data/d/a.dat` and files below `include/`.
+fn set(dat: &[u8], includes: &[(&str, &str)]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("data/d/a.dat");
+    std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+    std::fs::write(&file, dat).unwrap();
+    for (name, text) in includes {
+        let path = folder.path().join("include").join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    (folder, file)
+}
+
+fn refusal(dat: &str, includes: &[(&str, &str)]) -> String {
+    let (_folder, file) = set(dat.as_bytes(), includes);
+    let message = load_unipen(&file).expect_err("must be refused").to_string();
+    assert!(message.contains(".dat") || message.contains(".doc"), "no file named: {message}");
+    message
+}
+
+#[test]
+fn empty_blocks_are_not_counted_and_dummies_are() {
+    let dat = ".INCLUDE s/h.doc\n.INCLUDE s/ink.dat\n.SEGMENT CHARACTER 0,1 ? \"\\\"\"\n.SEGMENT CHARACTER 2-3:0 OK \"\\\\\"\n";
+    let (_folder, file) = set(dat.as_bytes(), &[("s/h.doc", HEAD), ("s/ink.dat", INK)]);
+    let r = load_unipen(&file).unwrap();
+    assert_eq!((r.rate_hz, r.units_per_m), (200.0, Some([1e4, 1e4])));
+    let [quote, backslash] = &r.segments[..] else { panic!("{:?}", r.segments) };
+    assert_eq!((quote.label.as_str(), backslash.label.as_str()), ("\"", "\\"));
+    assert_eq!(quote.components[0].points, [[1.0, 2.0], [1.0, 2.0], [3.0, 4.0]]);
+    assert!(!quote.components[1].contact);
+    assert_eq!(quote.components[1].dt_before_s, Some(0.04));
+    assert!(backslash.components[0].is_dummy());
+    assert_eq!(backslash.components[1].points, [[7.0, 8.0]]);
+}
+
+#[test]
+fn latin_1_labels_are_read() {
+    let dat = [HEAD.as_bytes(), INK.as_bytes(), b".SEGMENT CHARACTER 0 ? \"\xe9\"\n"].concat();
+    let (_folder, file) = set(&dat, &[]);
+    assert_eq!(load_unipen(&file).unwrap().segments[0].label, "é");
+}
+
+#[test]
+fn columns_may_come_in_any_order_and_number() {
+    let dat =
+        ".COORD T Y Z X\n.POINTS_PER_SECOND 100\n.PEN_DOWN 0 2 9 1 5 4 9 3\n.SEGMENT CHARACTER 0 ? \"a\"\n";
+    let (_folder, file) = set(dat.as_bytes(), &[]);
+    let r = load_unipen(&file).unwrap();
+    assert_eq!(r.segments[0].components[0].points, [[1.0, 2.0], [3.0, 4.0]]);
+    assert_eq!(r.units_per_m, None);
+}
+
+#[test]
+fn every_refusal_names_file_line_and_reason() {
+    let seg = ".SEGMENT CHARACTER 0 ? \"a\"\n";
+    let cases: [(String, &[(&str, &str)], &str); 15] = [
+        (".INCLUDE s/no.doc\n".into(), &[], "a.dat:1: included file \"s/no.doc\" was not found"),
+        (".INCLUDE ../../x\n".into(), &[], "a.dat:1: include \"../../x\" leads out"),
+        (
+            ".INCLUDE a.doc\n".into(),
+            &[("a.doc", "\n.INCLUDE b.doc\n"), ("b.doc", ".INCLUDE a.doc\n")],
+            "b.doc:1: include \"a.doc\" is cyclic",
+        ),
+        (format!("{HEAD}.PEN_DOWN\n1 x2\n{seg}"), &[], "a.dat:6: \"x2\" is not a number"),
+        (
+            format!("{HEAD}.PEN_DOWN\n1 2\n3\n{seg}"),
+            &[],
+            "a.dat:7: a point has 2 numbers (.COORD), the line ends after 1",
+        ),
+        (format!("{HEAD}.PEN_DOWN\n1 1e300\n{seg}"), &[], "a.dat:6: coordinate 1"),
+        (format!("{HEAD}.PEN_DOWN\n1 NaN\n{seg}"), &[], "a.dat:6: coordinate NaN is outside"),
+        (
+            format!("{HEAD}{INK}.SEGMENT CHARACTER 2-9 ? \"a\"\n"),
+            &[],
+            "a.dat:18: segment out of range: component 9 of 4",
+        ),
+        (
+            format!("{HEAD}{INK}.SEGMENT CHARACTER 0-0:7 ? \"a\"\n"),
+            &[],
+            "a.dat:18: segment out of range: point 7 of 3",
+        ),
+        (
+            format!("{HEAD}{INK}.SEGMENT CHARACTER 0 ? \"a\n"),
+            &[],
+            "a.dat:18: malformed segment: the label has no closing quote",
+        ),
+        (format!("{HEAD}{INK}"), &[], "a.dat: no .SEGMENT CHARACTER"),
+        (format!("{HEAD}{seg}"), &[], "a.dat: no points"),
+        (format!(".COORD X Y\n{INK}{seg}"), &[], "a.dat: no .POINTS_PER_SECOND"),
+        (format!(".POINTS_PER_SECOND 0\n{INK}{seg}"), &[], "a.dat:1: value 0 is outside"),
+        (format!(".POINTS_PER_SECOND 9\n{INK}{seg}"), &[], "a.dat:3: points before .COORD"),
+    ];
+    for (dat, includes, wanted) in cases {
+        let message = refusal(&dat, includes);
+        assert!(message.contains(wanted), "{message}\nwanted: {wanted}");
+    }
+    let missing = load_unipen(Path::new("/nonexistent/a.dat")).unwrap_err().to_string();
+    assert!(missing.starts_with("/nonexistent/a.dat: cannot read the file"), "{missing}");
+    assert!(load_unipen(Path::new("/")).is_err() && load_unipen(Path::new("/dev/null")).is_err());
+}
+
+#[test]
+fn includes_that_multiply_end_with_an_error() {
+    let twice = |next: usize| format!(".INCLUDE f{next}\n").repeat(3);
+    let files: Vec<(String, String)> = (0..14).map(|i| (format!("f{i}"), twice(i + 1))).collect();
+    let files: Vec<(&str, &str)> =
+        files.iter().map(|(n, t)| (n.as_str(), t.as_str())).chain([("f14", "")]).collect();
+    let (_folder, file) = set(b".INCLUDE f0\n", &files);
+    assert!(load_unipen(&file).unwrap_err().to_string().contains("more than 1000 includes"));
+}
+
+fn mutated() -> impl Strategy<Value = Vec<u8>> {
+    let good = format!("{HEAD}{INK}.SEGMENT CHARACTER 0-1:0,3 ? \"a\"\n.INCLUDE a.doc\n").into_bytes();
+    let edit = (any::<prop::sample::Index>(), 0u8..4, any::<u8>(), 0usize..20);
+    prop::collection::vec(edit, 0..8).prop_map(move |edits| {
+        let mut text = good.clone();
+        for (index, kind, byte, length) in edits {
+            let at = index.index(text.len() + 1);
+            let end = (at + length).min(text.len());
+            match kind {
+                0 => text.insert(at, byte),
+                1 => drop(text.drain(at..end)),
+                2 => text.get_mut(at..).unwrap_or_default().iter_mut().take(1).for_each(|b| *b = byte),
+                _ => {
+                    let piece = text[at..end].to_vec();
+                    text.splice(at..at, piece);
+                }
+            }
+        }
+        text
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn no_bytes_make_the_reader_panic(text in prop_oneof![
+        mutated(),
+        prop::collection::vec(any::<u8>(), 0..300),
+        "(\\.(PEN_DOWN|PEN_UP|DT|COORD X Y|COORD|SEGMENT CHARACTER|POINTS_PER_SECOND|INCLUDE|X_POINTS_PER_MM)[ \n][0-9:,\\-\". \\\\aNn\n]{0,12}\n){0,20}".prop_map(String::into_bytes),
+    ]) {
+        let (_folder, file) = set(&text, &[("a.doc", ".PEN_UP\n4 4\n")]);
+        if let Ok(recording) = load_unipen(&file) {
+            prop_assert!(recording.rate_hz > 0.0);
+            let mut all = recording.segments.iter().flat_map(|c| &c.components);
+            prop_assert!(all.all(|c| !c.points.is_empty() && c.points.iter().flatten().all(|v| v.is_finite())));
+        }
+    }
+}
