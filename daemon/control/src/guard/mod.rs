@@ -1,1 +1,240 @@
-//! Work in progress.
+//! The last stage before a command is published: whatever is proposed, what leaves is legal.
+//!
+//! Contract: independent of everything above it and usable alone. The answer is finite, continuous with the last command,
+//! inside velocity and acceleration limits judged by the stamps of the two commands, inside the position limits, and
+//! leads to a state that a consumer without further commands stops inside them (see [`crate::ik::limit`]). If the
+//! last command was outside its limits, acceleration is kept and the way leads back. Absent: collision, tool-space limits.
+
+pub mod check;
+pub mod consumer;
+pub mod stop;
+
+pub use check::{CommandChecker, CommandStatistics, Violations};
+pub use consumer::consumer_state;
+pub use stop::StopProfile;
+
+use crate::ik::limit::{self, JointLimits, JointMotion};
+use crate::units::Stamp;
+
+/// A velocity this far outside its interval [rad/s] is rounding of (q' − q)/elapsed, not a violation.
+const ROUNDING_RADPS: f64 = 1e-9;
+
+/// The last command, known to be finite: joint motion and the instant at which it holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded<const J: usize> {
+    stamp: Stamp,
+    motion: JointMotion<J>,
+}
+
+impl<const J: usize> Commanded<J> {
+    /// The joint `motion` to hold at `stamp`; `None` unless every number is finite.
+    #[must_use]
+    pub fn new(stamp: Stamp, motion: JointMotion<J>) -> Option<Self> {
+        motion.is_finite().then_some(Self { stamp, motion })
+    }
+
+    /// At rest at `q` [rad]; `None` unless finite.
+    #[must_use]
+    pub fn at_rest(stamp: Stamp, q: [f64; J]) -> Option<Self> {
+        Self::new(stamp, JointMotion::at_rest(q))
+    }
+
+    /// The instant at which `q` holds.
+    #[must_use]
+    pub const fn stamp(&self) -> Stamp {
+        self.stamp
+    }
+
+    /// Position, velocity and acceleration.
+    #[must_use]
+    pub const fn motion(&self) -> &JointMotion<J> {
+        &self.motion
+    }
+
+    /// [rad]
+    #[must_use]
+    pub const fn q(&self) -> &[f64; J] {
+        &self.motion.q
+    }
+
+    /// [rad/s]: mean velocity of the step that ended at the stamp.
+    #[must_use]
+    pub const fn qd(&self) -> &[f64; J] {
+        &self.motion.qd
+    }
+
+    /// [rad/s²]: change of `qd` against the command before, over their distance in time.
+    #[must_use]
+    pub const fn qdd(&self) -> &[f64; J] {
+        &self.motion.qdd
+    }
+}
+
+/// What the guard let pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdict<const J: usize> {
+    /// The legal command.
+    pub command: Commanded<J>,
+    /// Joints whose position differs from the proposal, one bit each, joint 0 lowest.
+    pub altered: u32,
+    /// Why, over all joints.
+    pub reasons: Reasons,
+}
+
+/// Set of reasons for altering a proposal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reasons(u16);
+
+impl Reasons {
+    /// Nothing was altered.
+    pub const NONE: Self = Self(0);
+    /// A proposed number was NaN or infinite: all joints brake.
+    pub const NOT_FINITE: Self = Self(1);
+    /// Outside the position limits, or unable to stop inside them.
+    pub const POSITION: Self = Self(1 << 1);
+    /// Faster than the velocity limit.
+    pub const VELOCITY: Self = Self(1 << 2);
+    /// Velocity changed faster than the acceleration limit.
+    pub const ACCELERATION: Self = Self(1 << 3);
+    /// Acceleration changed faster than the jerk limit.
+    pub const JERK: Self = Self(1 << 4);
+    /// The stamp is not after the last command's: the last command stands.
+    pub const STAMP: Self = Self(1 << 5);
+    /// The last command is older than the longest step: only that much motion is allowed.
+    pub const GAP: Self = Self(1 << 6);
+
+    /// Both sets together.
+    #[must_use]
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// True when all of `other` is in the set.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// True for the empty set.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// One bit per reason, as on the wire.
+    #[must_use]
+    pub const fn bits(self) -> u16 {
+        self.0
+    }
+}
+
+/// The guard of one arm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guard<const J: usize> {
+    limits: JointLimits<J>,
+    longest_step_s: f64,
+}
+
+impl<const J: usize> Guard<J> {
+    /// A guard that keeps `limits`; steps longer than 0.1 s count as 0.1 s.
+    #[must_use]
+    pub const fn new(limits: JointLimits<J>) -> Self {
+        Self { limits, longest_step_s: 0.1 }
+    }
+
+    /// Limits kept.
+    #[must_use]
+    pub const fn limits(&self) -> &JointLimits<J> {
+        &self.limits
+    }
+
+    /// The legal command for `stamp` nearest to the proposed joint positions `q` [rad], joint by joint.
+    ///
+    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it.
+    #[must_use]
+    pub fn clamp(&self, last: &Commanded<J>, q: &[f64; J], stamp: Stamp) -> Verdict<J> {
+        let elapsed = stamp.seconds_since(last.stamp);
+        if !(elapsed > 0.0) {
+            let altered = last.q().iter().zip(q).enumerate().filter(|(_, (old, new))| old != new);
+            let altered = altered.fold(0, |bits, (joint, _)| bits | 1 << joint);
+            return Verdict { command: *last, altered, reasons: Reasons::STAMP };
+        }
+        let h = elapsed.min(self.longest_step_s);
+        let mut reasons = if h < elapsed { Reasons::GAP } else { Reasons::NONE };
+        let finite = q.iter().all(|x| x.is_finite());
+        let mut wanted = limit::braking(last.qd(), self.limits.deceleration(), h);
+        if finite {
+            for (v, (new, old)) in wanted.iter_mut().zip(q.iter().zip(last.q())) {
+                *v = (new - old) / h;
+            }
+        } else {
+            reasons = reasons.with(Reasons::NOT_FINITE);
+        }
+        self.bounded(last, q, &wanted, stamp, h, reasons)
+    }
+
+    fn bounded(
+        &self,
+        last: &Commanded<J>,
+        proposed: &[f64; J],
+        wanted: &[f64; J],
+        stamp: Stamp,
+        h: f64,
+        mut reasons: Reasons,
+    ) -> Verdict<J> {
+        let allowed = limit::velocity_box(&last.motion, &self.limits, h);
+        let mut altered = 0;
+        let mut motion = last.motion;
+        let inputs = proposed.iter().zip(wanted).zip(allowed.lower.iter().zip(&allowed.upper));
+        let positions = self.limits.position();
+        let outputs = motion.q.iter_mut().zip(&mut motion.qd).zip(&mut motion.qdd);
+        for (joint, ((((proposed, &wanted), (&lower, &upper)), [q_min, q_max]), ((q, qd), qdd))) in
+            inputs.zip(positions).zip(outputs).enumerate()
+        {
+            let (old_q, old_qd) = (*q, *qd);
+            let inside = wanted >= lower - ROUNDING_RADPS && wanted <= upper + ROUNDING_RADPS;
+            let v = if inside { wanted } else { wanted.max(lower).min(upper) };
+            // A proposal inside the box passes bit for bit.
+            *q = if inside && reasons.is_empty() { *proposed } else { old_q + v * h };
+            // Rounding must not put a joint outside that was inside.
+            if old_q >= *q_min && old_q <= *q_max {
+                *q = q.max(*q_min).min(*q_max);
+            }
+            *qd = (*q - old_q) / h;
+            *qdd = (*qd - old_qd) / h;
+            if !inside {
+                reasons = reasons.with(why(&self.limits, &last.motion, joint, wanted, h));
+            }
+            // NaN differs from everything, itself included.
+            if !(*q == *proposed) {
+                altered |= 1 << joint;
+            }
+        }
+        Verdict { command: Commanded { stamp, motion }, altered, reasons }
+    }
+}
+
+/// Which limits the velocity `wanted` [rad/s] breaks for joint `joint` after `last`.
+fn why<const J: usize>(
+    limits: &JointLimits<J>,
+    last: &JointMotion<J>,
+    joint: usize,
+    wanted: f64,
+    h: f64,
+) -> Reasons {
+    let of = |values: &[f64; J]| values.get(joint).copied().unwrap_or(0.0);
+    let (q, qd, qdd) = (of(&last.q), of(&last.qd), of(&last.qdd));
+    let (v, a, decel) = (of(limits.velocity()), of(limits.acceleration()), of(limits.deceleration()));
+    let [q_min, q_max] = limits.position().get(joint).copied().unwrap_or_default();
+    let viable = |room| limit::viable_velocity(room, h, limits.hold_s(), decel, v);
+    let acceleration = (wanted - qd) / h;
+    let broken = [
+        (Reasons::VELOCITY, wanted.abs() <= v),
+        (Reasons::ACCELERATION, acceleration.abs() <= a),
+        (Reasons::POSITION, wanted <= viable(q_max - q) && -wanted <= viable(q - q_min)),
+    ];
+    let hard = broken.iter().filter(|(_, kept)| !kept).fold(Reasons::NONE, |all, (r, _)| all.with(*r));
+    let jerk = limits.jerk().is_some_and(|j| !((acceleration - qdd).abs() <= of(j) * h));
+    // Jerk also bounds the approach to the velocity limit: the only reason left when no other is broken.
+    if jerk || hard.is_empty() { hard.with(Reasons::JERK) } else { hard }
+}

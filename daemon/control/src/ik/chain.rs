@@ -81,7 +81,9 @@ impl<const J: usize> Chain<J> {
         let mut turned = Matrix3::identity();
         let rows = limits.names.iter_mut().zip(&mut limits.position);
         let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort);
-        for ((link, (((name, position), velocity), effort)), s) in links.iter_mut().zip(rows).zip(found.segments) {
+        for ((link, (((name, position), velocity), effort)), s) in
+            links.iter_mut().zip(rows).zip(found.segments)
+        {
             let turn = rotation_from_z_to(&s.axis);
             *link = Link {
                 rotation: turned.transpose() * s.rotation * turn,
@@ -170,7 +172,8 @@ impl<const J: usize> Kinematics<J> {
             previous = origin;
             let axis_rate = omega.cross(&axis);
             omega += axis * *rate;
-            let column_rate = axis_rate.cross(&(self.position - origin)) + axis.cross(&(tip_velocity - velocity));
+            let column_rate =
+                axis_rate.cross(&(self.position - origin)) + axis.cross(&(tip_velocity - velocity));
             linear += column_rate * *rate;
             angular += axis_rate * *rate;
         }
@@ -196,6 +199,8 @@ fn rotation_from_z_to(axis: &Vector3<f64>) -> Matrix3<f64> {
         return Matrix3::identity();
     }
     Rotation3::rotation_between(&z, axis)
-        .unwrap_or_else(|| Rotation3::from_axis_angle(&Unit::new_unchecked(Vector3::x()), std::f64::consts::PI))
+        .unwrap_or_else(|| {
+            Rotation3::from_axis_angle(&Unit::new_unchecked(Vector3::x()), std::f64::consts::PI)
+        })
         .into_inner()
 }

@@ -41,7 +41,9 @@ pub enum LimitError {
         unit: &'static str,
     },
     /// A consumer would brake harder than the joint may accelerate.
-    #[error("joint {joint}: braking at {deceleration} rad/s² exceeds the acceleration limit {acceleration} rad/s²; lower it")]
+    #[error(
+        "joint {joint}: braking at {deceleration} rad/s² exceeds the acceleration limit {acceleration} rad/s²; lower it"
+    )]
     Deceleration {
         /// Joint index from 0, base first.
         joint: usize,
@@ -105,7 +107,8 @@ impl<const J: usize> JointLimits<J> {
             return Err(LimitError::Hold { hold_s });
         }
         positive(&deceleration, "deceleration", "rad/s²")?;
-        for (joint, (&deceleration, &acceleration)) in deceleration.iter().zip(&self.acceleration).enumerate() {
+        for (joint, (&deceleration, &acceleration)) in deceleration.iter().zip(&self.acceleration).enumerate()
+        {
             if deceleration > acceleration {
                 return Err(LimitError::Deceleration { joint, deceleration, acceleration });
             }
@@ -205,6 +208,18 @@ pub struct VelocityBox<const J: usize> {
     pub upper: [f64; J],
 }
 
+impl<const J: usize> VelocityBox<J> {
+    /// The velocities in the box nearest to `qd` [rad/s], joint by joint.
+    #[must_use]
+    pub fn nearest(&self, qd: &[f64; J]) -> [f64; J] {
+        let mut inside = *qd;
+        for (x, (lower, upper)) in inside.iter_mut().zip(self.lower.iter().zip(&self.upper)) {
+            *x = within(*x, *lower, *upper);
+        }
+        inside
+    }
+}
+
 /// The velocity box for a step of `elapsed` seconds from `motion`, which must be finite.
 ///
 /// Acceleration comes first (continuity with the last command), then velocity and viability inside what acceleration
@@ -222,7 +237,9 @@ pub fn velocity_box<const J: usize>(
     let state = motion.q.iter().zip(&motion.qd).zip(&motion.qdd);
     let reach = limits.position.iter().zip(&limits.deceleration);
     let rates = limits.velocity.iter().zip(&limits.acceleration).zip(&jerk);
-    for (((slot, ((q, qd), qdd)), ([q_min, q_max], decel)), ((v, a), j)) in slots.zip(state).zip(reach).zip(rates) {
+    for (((slot, ((q, qd), qdd)), ([q_min, q_max], decel)), ((v, a), j)) in
+        slots.zip(state).zip(reach).zip(rates)
+    {
         let (lower, upper) = (qd - a * h, qd + a * h);
         let v_up = viable_velocity(q_max - q, h, limits.hold_s, *decel, *v);
         let v_down = -viable_velocity(q - q_min, h, limits.hold_s, *decel, *v);
@@ -261,6 +278,16 @@ pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> 
     } else {
         room.max(-0.1 * v_max * h) / if h > 0.0 { h } else { 1.0 }
     }
+}
+
+/// `qd` [rad/s] after braking toward zero for `elapsed` seconds at `deceleration` [rad/s²], joint by joint.
+#[must_use]
+pub fn braking<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: f64) -> [f64; J] {
+    let mut slower = *qd;
+    for (v, a) in slower.iter_mut().zip(deceleration) {
+        *v -= within(*v, -a * elapsed, a * elapsed);
+    }
+    slower
 }
 
 /// Largest acceleration that can still fade out at `jerk` before the velocity has grown by `room` [rad/s²].

@@ -41,7 +41,9 @@ pub enum ChainError {
         joints: String,
     },
     /// A link is the child of two joints, or its own ancestor.
-    #[error("link `{link}` is the child of more than one joint, or of itself; a serial chain needs exactly one parent")]
+    #[error(
+        "link `{link}` is the child of more than one joint, or of itself; a serial chain needs exactly one parent"
+    )]
     Loop {
         /// The link.
         link: String,
@@ -101,7 +103,9 @@ pub enum ChainError {
         joint: String,
     },
     /// The limit element is missing, empty or not a number.
-    #[error("joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, finite and lower < upper")]
+    #[error(
+        "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, finite and lower < upper"
+    )]
     Limit {
         /// Joint name.
         joint: String,

@@ -1,0 +1,222 @@
+//! What the tool should do next, as a least-squares cost over joint velocities.
+//!
+//! Contract: pure, no allocation. Linear rows in the base frame [m/s]; angular rows in the tool frame, multiplied by a
+//! length so that they are metres per second too. The rotation about the tool axis is a task of its own with a weak
+//! weight: an arm of 6 joints then has as many rows as joints, so the weak row bends nothing while no limit is active.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+
+use super::chain::Kinematics;
+
+/// What the tool is asked for during one step, in the base frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolTarget {
+    /// Wanted tool origin at the instant of the last command [m].
+    pub position: Vector3<f64>,
+    /// Wanted mean velocity of the tool origin over the step [m/s]: (next − now) / dt.
+    pub velocity: Vector3<f64>,
+    /// Wanted direction of the tool's z axis, a unit vector: against the plane's normal.
+    pub axis: Vector3<f64>,
+    /// Direction the tool's x axis should show, seen along the tool axis; `None` only stops the spin.
+    pub spin: Option<Vector3<f64>>,
+}
+
+impl ToolTarget {
+    /// A pose to stay at.
+    #[must_use]
+    pub const fn at_rest(position: Vector3<f64>, axis: Vector3<f64>, spin: Option<Vector3<f64>>) -> Self {
+        Self { position, velocity: Vector3::new(0.0, 0.0, 0.0), axis, spin }
+    }
+}
+
+/// Weights and gains of one IK step. All finite, lengths and gains positive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IkSettings<const J: usize> {
+    /// K: share of the pose error removed per second [1/s], at most 1/dt.
+    pub gain_hz: f64,
+    /// Length that makes a rotation comparable with a displacement [m].
+    pub orientation_m: f64,
+    /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
+    pub spin_weight: f64,
+    /// Damping far from singularities [m²]; relative velocity error about damping/σ².
+    pub damping_floor_m2: f64,
+    /// Damping at a singularity [m²].
+    pub damping_peak_m2: f64,
+    /// Distance to singularities (see [`singularity`]) below which damping grows [m].
+    pub singular_m: f64,
+    /// Fastest correction of a position error [m/s].
+    pub correction_mps: f64,
+    /// Corrections are slowed so that they can end with this deceleration [m/s²].
+    pub correction_mps2: f64,
+    /// Pull toward `home` [m²], for arms with more joints than the task; 0 for none.
+    pub posture_weight_m2: f64,
+    /// Rate of that pull [1/s].
+    pub posture_hz: f64,
+    /// Joint positions the pull leads to [rad].
+    pub home: [f64; J],
+}
+
+impl<const J: usize> IkSettings<J> {
+    /// Settings for a control period of `period_s` [s] around the joint positions `home` [rad].
+    #[must_use]
+    pub fn for_period(period_s: f64, home: [f64; J]) -> Self {
+        Self {
+            gain_hz: 0.5 / period_s,
+            orientation_m: 0.1,
+            spin_weight: 0.1,
+            damping_floor_m2: 1e-9,
+            damping_peak_m2: 1e-3,
+            singular_m: 0.02,
+            correction_mps: 0.25,
+            correction_mps2: 2.0,
+            posture_weight_m2: if J > 6 { 1e-7 } else { 0.0 },
+            posture_hz: 1.0,
+            home,
+        }
+    }
+}
+
+/// Half the cost's Hessian and gradient, with what it was made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Task<const J: usize> {
+    /// H = AᵀA + (λ + μ)·1, J x J [m²].
+    pub h: SMatrix<f64, J, J>,
+    /// g = −Aᵀb − μ·q̇_home, J.
+    pub g: SVector<f64, J>,
+    /// A: weighted Jacobian, 6 x J [m/rad]. Rows: linear x, y, z (base); angular x, y, z (tool) times lengths.
+    pub rows: SMatrix<f64, 6, J>,
+    /// b: weighted velocities wanted, 6 [m/s].
+    pub wanted: Vector6<f64>,
+    /// λ [m²].
+    pub damping: f64,
+    /// Distance to the nearest singularity [m].
+    pub singularity: f64,
+}
+
+/// Assembles min ‖A q̇ − b‖² + λ‖q̇‖² + μ‖q̇ − q̇_home‖² for a step of `elapsed` seconds.
+///
+/// `kinematics` belongs to `q` [rad], the position last commanded with velocity `qd` [rad/s].
+/// b = velocity + correction of the pose error − ½·elapsed·J̇q̇: the last term removes the bending of the path within the
+/// step, which a linear model leaves behind.
+#[must_use]
+pub fn assemble<const J: usize>(
+    kinematics: &Kinematics<J>,
+    q: &[f64; J],
+    qd: &[f64; J],
+    target: &ToolTarget,
+    settings: &IkSettings<J>,
+    elapsed: f64,
+) -> Task<J> {
+    let length = settings.orientation_m;
+    let tool = &kinematics.rotation;
+    let bending = kinematics.jacobian_dot_qd(qd) * (0.5 * elapsed);
+    let error = target.position - kinematics.position;
+    let linear = target.velocity
+        + corrected(&error, settings.gain_hz, settings.correction_mps, settings.correction_mps2)
+        - bending.fixed_rows::<3>(0);
+    // Rotations are corrected like displacements of a point `length` away.
+    let turn = tool.tr_mul(&orientation_error(tool, &target.axis, target.spin.as_ref())) * length;
+    let bent = tool.tr_mul(&bending.fixed_rows::<3>(3)) * length;
+    let mut angular =
+        corrected(&turn, settings.gain_hz, settings.correction_mps, settings.correction_mps2) - bent;
+    angular.z *= settings.spin_weight;
+
+    let mut rows = SMatrix::<f64, 6, J>::zeros();
+    rows.fixed_rows_mut::<3>(0).copy_from(&kinematics.jacobian.fixed_rows::<3>(0));
+    let scale = Matrix3::from_diagonal(&Vector3::new(length, length, length * settings.spin_weight));
+    rows.fixed_rows_mut::<3>(3)
+        .copy_from(&((scale * tool.transpose()) * kinematics.jacobian.fixed_rows::<3>(3)));
+    let wanted = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+
+    let singularity = singularity(&rows, settings.damping_floor_m2);
+    let damping = damping(singularity, settings);
+    let mut h = rows.tr_mul(&rows);
+    let mut g = -rows.tr_mul(&wanted);
+    let posture = settings.posture_weight_m2;
+    for i in 0..J {
+        h[(i, i)] += damping + posture;
+    }
+    if posture > 0.0 {
+        for (g, (home, q)) in g.iter_mut().zip(settings.home.iter().zip(q)) {
+            *g -= posture * settings.posture_hz * (home - q);
+        }
+    }
+    Task { h, g, rows, wanted, damping, singularity }
+}
+
+/// A distance to singularities that is smooth in q and cheap: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) [m].
+///
+/// A₅ are the rows of position and tool axis. With σ_min the smallest singular value of A₅ it lies between σ_min/√5
+/// and σ_min (up to the floor).
+#[must_use]
+pub fn singularity<const J: usize>(rows: &SMatrix<f64, 6, J>, floor: f64) -> f64 {
+    let mut gram = SMatrix::<f64, 5, 5>::zeros();
+    for i in 0..5 {
+        for j in 0..=i {
+            gram[(i, j)] = rows.row(i).dot(&rows.row(j));
+        }
+        gram[(i, i)] += floor;
+    }
+    // LDLᵀ in place of Cholesky: no square roots. Then tr(G⁻¹) = Σ_i ‖row i of L⁻¹‖² / d_i.
+    let mut inverse_factor = SMatrix::<f64, 5, 5>::identity();
+    let mut trace = 0.0;
+    for i in 0..5 {
+        let pivot = gram[(i, i)].max(0.5 * floor);
+        let reciprocal = 1.0 / pivot;
+        let mut norm = 0.0;
+        for k in 0..=i {
+            norm += inverse_factor[(i, k)] * inverse_factor[(i, k)];
+        }
+        trace += norm * reciprocal;
+        for row in i + 1..5 {
+            let factor = gram[(row, i)] * reciprocal;
+            for j in i + 1..=row {
+                gram[(row, j)] -= factor * gram[(j, i)];
+            }
+            for k in 0..=i {
+                inverse_factor[(row, k)] -= factor * inverse_factor[(i, k)];
+            }
+        }
+    }
+    1.0 / trace.sqrt()
+}
+
+/// Floor + peak·(1 − (s/s₀)²)² inside s₀: the value and its slope are continuous.
+fn damping<const J: usize>(singularity: f64, settings: &IkSettings<J>) -> f64 {
+    let ratio = singularity / settings.singular_m;
+    let inside = (1.0 - ratio * ratio).max(0.0);
+    settings.damping_floor_m2 + settings.damping_peak_m2 * inside * inside
+}
+
+/// Velocity that removes `error`: K·e when small, the braking profile √(2·a·|e|) when larger, at most `v_max`.
+fn corrected(error: &Vector3<f64>, gain: f64, v_max: f64, a_max: f64) -> Vector3<f64> {
+    let distance = error.norm();
+    let limit = v_max.min((2.0 * a_max * distance).sqrt());
+    if gain * distance <= limit { error * gain } else { error * (limit / distance) }
+}
+
+/// Rotation [rad] still to do, in the base frame: tilt of the tool's z onto `axis`, then spin of its x toward `spin`.
+fn orientation_error(tool: &Matrix3<f64>, axis: &Vector3<f64>, spin: Option<&Vector3<f64>>) -> Vector3<f64> {
+    let (x, z): (Vector3<f64>, Vector3<f64>) = (tool.column(0).into_owned(), tool.column(2).into_owned());
+    let tilt = turn_between(&z, axis, &x);
+    match spin {
+        // Only what the spin can mend: the part of the direction across the tool axis.
+        Some(direction) => {
+            let across = direction - z * z.dot(direction);
+            // Fades out where the direction lies along the tool axis and says nothing about the spin.
+            tilt + turn_between(&x, &(across / across.norm().max(0.1)), &z)
+        }
+        None => tilt,
+    }
+}
+
+/// The turn from unit vector `from` onto `to`: length sin θ up to a right angle, 2 − sin θ beyond (times the length of
+/// `to`, so that both meet); `spare` is the axis at θ = π, where every axis would do.
+fn turn_between(from: &Vector3<f64>, to: &Vector3<f64>, spare: &Vector3<f64>) -> Vector3<f64> {
+    let turn = from.cross(to);
+    if from.dot(to) >= 0.0 {
+        return turn;
+    }
+    let (sine, whole) = (turn.norm(), to.norm());
+    if sine > 1e-9 { turn * ((2.0 * whole - sine) / sine) } else { spare * (2.0 * whole) }
+}
