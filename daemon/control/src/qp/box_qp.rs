@@ -123,6 +123,32 @@ pub fn solve<const J: usize>(
     BoxSolution { x: SVector::from(x), status, iterations, active, kkt_residual }
 }
 
+/// Another solver's answer `x` in the same form: active coordinates on their bounds, the rest inside, judged by
+/// the same residual.
+#[expect(clippy::too_many_arguments, reason = "the problem, the answer, and what the solver said of it")]
+pub(super) fn judged<const J: usize>(
+    h: &SMatrix<f64, J, J>,
+    g: &SVector<f64, J>,
+    lower: &SVector<f64, J>,
+    upper: &SVector<f64, J>,
+    x: &SVector<f64, J>,
+    active: ActiveBounds,
+    status: QpStatus,
+    iterations: u32,
+) -> BoxSolution<J> {
+    let ([[g]], [[lower]], [[upper]], [[x]]) = ([g.data.0], [lower.data.0], [upper.data.0], [x.data.0]);
+    let finite = x.iter().all(|entry| entry.is_finite());
+    let usable = status.usable() && finite;
+    let x = if usable { pinned(&x, &lower, &upper, active) } else { clamped(&[0.0; J], &lower, &upper) };
+    let kkt_residual = if usable { residual(&h.data.0, &g, &x, active) } else { f64::NAN };
+    let status = match status {
+        QpStatus::Inexact if kkt_residual <= KKT_TOLERANCE => QpStatus::Optimal,
+        status if status.usable() && !finite => QpStatus::Uncertified,
+        status => status,
+    };
+    BoxSolution { x: SVector::from(x), status, iterations, active, kkt_residual }
+}
+
 /// With C = I the Gram matrix is H⁻¹.
 struct Inverse<'a, const J: usize>(&'a Cholesky<J>);
 

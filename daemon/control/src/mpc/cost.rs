@@ -1,0 +1,206 @@
+//! The objective of one axis: weights per quantity and step, its Hessian, its gradient.
+//!
+//! ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖². H depends on α only, and not even on that when
+//! G_c = G_f; it is factored anew only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…) is
+//! one backward sweep, cheaper than a dense N x 3N product.
+
+use super::condense::Condensed;
+use super::model::{Motion, adjoint};
+use crate::qp::cholesky::{Cholesky, Square};
+use crate::units::Trust;
+
+/// Diagonal of G_c or G_f: what an error costs. The step i = 1..N weighs gain · decay^(i−1).
+///
+/// Units are normalised (mm and steps of Δ): with velocity gain 1 an error of 1 mm per step costs as much as
+/// 1 mm of position error at gain 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gains {
+    /// [1/mm], ≥ 0
+    pub position: f64,
+    /// [1/(mm/Δ)], ≥ 0
+    pub velocity: f64,
+    /// [1/(mm/Δ²)], ≥ 0
+    pub acceleration: f64,
+    /// Factor from one step to the next, in (0, 1]: later predictions weigh less.
+    pub decay: f64,
+}
+
+/// The objective of one axis at one trust.
+#[derive(Debug, Clone)]
+pub struct Cost<const N: usize> {
+    /// Squared gains (acceleration, velocity, position) x N, feedback then feedforward.
+    feedback: Weights<N>,
+    feedforward: Weights<N>,
+    hessian_feedback: Square<N>,
+    hessian_feedforward: Square<N>,
+    effort: f64,
+    /// G_c = G_f: H is the same at every α.
+    constant: bool,
+    alpha: f64,
+    /// (1−α) G_c², α G_f² and their sum.
+    weights: [Weights<N>; 3],
+    hessian: Square<N>,
+    inverse: Square<N>,
+}
+
+/// Squared gains in the order of [`Motion`] without its jerk block.
+pub type Weights<const N: usize> = [[f64; N]; 3];
+
+impl<const N: usize> Cost<N> {
+    /// Build the cost at α = 0. `effort` is β > 0 [1/(mm/Δ³)²]. `None` when H is not positive definite to
+    /// working precision at some α.
+    #[must_use]
+    pub fn new(condensed: &Condensed<N>, feedback: &Gains, feedforward: &Gains, effort: f64) -> Option<Self> {
+        let (weights_feedback, weights_feedforward) = (squared(feedback), squared(feedforward));
+        let mut cost = Self {
+            feedback: weights_feedback,
+            feedforward: weights_feedforward,
+            hessian_feedback: hessian(condensed, &weights_feedback),
+            hessian_feedforward: hessian(condensed, &weights_feedforward),
+            effort,
+            constant: feedback == feedforward,
+            alpha: f64::NAN,
+            weights: [[[0.0; N]; 3]; 3],
+            hessian: [[0.0; N]; N],
+            inverse: [[0.0; N]; N],
+        };
+        // H is affine in α: positive definite at both ends means positive definite between.
+        let definite = cost.factor(1.0) && cost.factor(0.0);
+        definite.then_some(cost)
+    }
+
+    /// Blend the weights for `trust`; factor H anew if it depends on α and α has changed. `false` when that
+    /// fails, which [`Cost::new`] has made impossible up to rounding.
+    #[inline]
+    pub fn set_trust(&mut self, trust: Trust) -> bool {
+        let alpha = trust.alpha();
+        if alpha == self.alpha {
+            return true;
+        }
+        if self.constant {
+            self.blend(alpha);
+            return true;
+        }
+        self.factor(alpha)
+    }
+
+    /// Like [`Cost::set_trust`], but factors in any case: what the constant path must agree with.
+    pub fn factor(&mut self, alpha: f64) -> bool {
+        self.blend(alpha);
+        let parts = self.hessian_feedback.as_flattened().iter().zip(self.hessian_feedforward.as_flattened());
+        for (entry, (feedback, feedforward)) in self.hessian.as_flattened_mut().iter_mut().zip(parts) {
+            *entry = (1.0 - alpha) * feedback + alpha * feedforward;
+        }
+        for (i, row) in self.hessian.iter_mut().enumerate() {
+            if let Some(diagonal) = row.get_mut(i) {
+                *diagonal += self.effort;
+            }
+        }
+        match Cholesky::new(&self.hessian) {
+            Some(factor) => {
+                self.inverse = factor.inverse();
+                true
+            }
+            None => {
+                self.alpha = f64::NAN;
+                false
+            }
+        }
+    }
+
+    fn blend(&mut self, alpha: f64) {
+        self.alpha = alpha;
+        let [feedback, feedforward, sum] = &mut self.weights;
+        let parts = self.feedback.as_flattened().iter().zip(self.feedforward.as_flattened());
+        let blended = feedback.as_flattened_mut().iter_mut().zip(feedforward.as_flattened_mut());
+        for (((c, f), both), (gc, gf)) in blended.zip(sum.as_flattened_mut()).zip(parts) {
+            *c = (1.0 - alpha) * gc;
+            *f = alpha * gf;
+            *both = *c + *f;
+        }
+    }
+
+    /// α of the present weights.
+    #[must_use]
+    pub const fn alpha(&self) -> f64 {
+        self.alpha
+    }
+
+    /// H (N x N).
+    #[must_use]
+    pub const fn hessian(&self) -> &Square<N> {
+        &self.hessian
+    }
+
+    /// H⁻¹ (N x N): the constant gains from −q to the unconstrained optimum.
+    #[must_use]
+    pub const fn inverse(&self) -> &Square<N> {
+        &self.inverse
+    }
+
+    /// (1−α)G_c² and αG_f², both in the order acceleration, velocity, position.
+    #[must_use]
+    pub const fn blended(&self) -> (&Weights<N>, &Weights<N>) {
+        let [feedback, feedforward, _] = &self.weights;
+        (feedback, feedforward)
+    }
+
+    /// ∇½J at `motion`, given `pull` = (1−α)G_c² x_c + αG_f² g per quantity and step, plus C̃ᵀ `multipliers`.
+    #[must_use]
+    #[inline]
+    pub fn gradient(&self, motion: &Motion<N>, pull: &Weights<N>, multipliers: &Motion<N>) -> [f64; N] {
+        let [jerk, states @ ..] = motion;
+        let [_, _, weights] = &self.weights;
+        let mut force = *multipliers;
+        let [on_jerk, on_states @ ..] = &mut force;
+        for (to, u) in on_jerk.iter_mut().zip(jerk) {
+            *to += self.effort * u;
+        }
+        let errors = weights.as_flattened().iter().zip(states.as_flattened()).zip(pull.as_flattened());
+        for (to, ((weight, x), pull)) in on_states.as_flattened_mut().iter_mut().zip(errors) {
+            *to += weight * x - pull;
+        }
+        adjoint(&force)
+    }
+
+    /// H⁻¹ v.
+    #[must_use]
+    #[inline]
+    pub fn solve(&self, v: &[f64; N]) -> [f64; N] {
+        let mut out = [0.0; N];
+        for (row, factor) in self.inverse.iter().zip(v) {
+            for (to, entry) in out.iter_mut().zip(row) {
+                *to += factor * entry;
+            }
+        }
+        out
+    }
+}
+
+fn squared<const N: usize>(gains: &Gains) -> Weights<N> {
+    let mut weights = [[0.0; N]; 3];
+    for (row, gain) in weights.iter_mut().zip([gains.acceleration, gains.velocity, gains.position]) {
+        let mut step = gain;
+        for weight in row {
+            *weight = step * step;
+            step *= gains.decay;
+        }
+    }
+    weights
+}
+
+/// B̃ᵀ W B̃.
+fn hessian<const N: usize>(condensed: &Condensed<N>, weights: &Weights<N>) -> Square<N> {
+    let mut sum = [[0.0; N]; N];
+    // B̃ is stored position first, the weights acceleration first.
+    for (response, weights) in condensed.forced.iter().zip(weights.iter().rev()) {
+        for (row, weight) in response.iter().zip(weights) {
+            for (to, left) in sum.iter_mut().zip(row) {
+                for (to, right) in to.iter_mut().zip(row) {
+                    *to += weight * left * right;
+                }
+            }
+        }
+    }
+    sum
+}

@@ -1,0 +1,116 @@
+//! The limits of one axis as rows over the horizon: jerk hard; acceleration, velocity and position soft.
+//!
+//! Soft means exact L1 penalty: the limit holds wherever it can hold (and its force stays below the penalty),
+//! and a start outside still has a best plan. All rows are two-sided, in normalised units.
+
+use super::cost::Cost;
+use super::model::{Motion, Scale, rollout};
+use crate::qp::dual::{Bounds, Gram, Rows};
+
+/// What one axis of the writing plane's frame may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisLimits {
+    /// Largest |jerk| [m/s³]; never exceeded.
+    pub jerk_mps3: f64,
+    /// Largest |acceleration| [m/s²].
+    pub acceleration_mps2: f64,
+    /// Largest |velocity| [m/s].
+    pub velocity_mps: f64,
+    /// Lowest and highest position [m].
+    pub position_m: [f64; 2],
+}
+
+/// ρ of the exact penalty: what one unit of violation adds to ½J, per step; normalised units.
+///
+/// A hard optimum is kept as long as its multipliers stay below. The pull of an error e [mm] on the
+/// acceleration at the start of the horizon is about G² e N³/6 in ½J, so ρ decides up to which error a limit
+/// holds; beyond, the optimum trades violation for error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SoftPenalty {
+    /// [1/(mm/Δ²)]
+    pub acceleration: f64,
+    /// [1/(mm/Δ)]
+    pub velocity: f64,
+    /// [1/mm]
+    pub position: f64,
+}
+
+impl SoftPenalty {
+    /// Acceleration before velocity before position where they exclude each other: motors trip on the first,
+    /// while the joint limits of IK and guard still stand behind the last.
+    pub const DEFAULT: Self = Self { acceleration: 1e6, velocity: 1e6, position: 1e6 };
+}
+
+impl Default for SoftPenalty {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// The rows of `limits` with positions relative to zero.
+pub(super) fn rows<const N: usize>(
+    limits: &AxisLimits,
+    scale: &Scale,
+    penalty: &SoftPenalty,
+    cost: &Cost<N>,
+) -> Bounds<4, N> {
+    let largest = [
+        limits.jerk_mps3 * scale.jerk,
+        limits.acceleration_mps2 * scale.acceleration,
+        limits.velocity_mps * scale.velocity,
+    ];
+    let [jerk, acceleration, velocity] = largest.map(|value| [value; N]);
+    let [lowest, highest] = limits.position_m.map(|value| [value * scale.position; N]);
+    let lower = [jerk.map(|j| -j), acceleration.map(|a| -a), velocity.map(|v| -v), lowest];
+    let upper = [jerk, acceleration, velocity, highest];
+    let penalty =
+        [f64::INFINITY, penalty.acceleration, penalty.velocity, penalty.position].map(|rho| [rho; N]);
+    Bounds { lower, upper, penalty, weight: selection(cost) }
+}
+
+/// 1/√G_ii of every row.
+fn selection<const N: usize>(cost: &Cost<N>) -> Rows<4, N> {
+    let influence = Influence(cost);
+    let mut weight = [[1.0; N]; 4];
+    let mut column = [[0.0; N]; 4];
+    for (row, weight) in weight.as_flattened_mut().iter_mut().enumerate() {
+        influence.column(row, &mut column);
+        if let Some(diagonal) = column.as_flattened().get(row) {
+            *weight = 1.0 / diagonal.sqrt();
+        }
+    }
+    weight
+}
+
+/// Every row keeps its limit; `false` for NaN.
+#[must_use]
+#[inline]
+pub(super) fn inside<const N: usize>(motion: &Motion<N>, bounds: &Bounds<4, N>) -> bool {
+    let limits = bounds.lower.as_flattened().iter().zip(bounds.upper.as_flattened());
+    let mut kept = true;
+    for (r, (lower, upper)) in motion.as_flattened().iter().zip(limits) {
+        kept &= r >= lower && r <= upper;
+    }
+    kept
+}
+
+/// Columns of C̃ H⁻¹ C̃ᵀ on demand: a backward sweep of a unit force, H⁻¹, a forward sweep. The jerk block of
+/// a column is H⁻¹ c, which is how the jerks follow the multipliers.
+pub(super) struct Influence<'a, const N: usize>(pub &'a Cost<N>);
+
+impl<const N: usize> Gram<4, N> for Influence<'_, N> {
+    #[inline]
+    fn column(&self, row: usize, out: &mut Motion<N>) {
+        let Self(cost) = self;
+        let jerks = if let Some(column) = cost.inverse().get(row) {
+            *column
+        } else {
+            let mut force = [[0.0; N]; 4];
+            if let Some(entry) = force.as_flattened_mut().get_mut(row) {
+                *entry = 1.0;
+            }
+            cost.solve(&super::model::adjoint(&force))
+        };
+        *out = rollout(&[0.0; 3], &jerks);
+    }
+}
