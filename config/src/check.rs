@@ -1,0 +1,186 @@
+//! What one key demands of another: contradictions between values that are legal alone.
+//!
+//! Contract: every number that comes here is finite, because the reader refuses the others.
+
+use std::path::Path;
+
+use crate::layers::Found;
+use crate::problem::Problem;
+use crate::settings::Settings;
+use crate::written::Place;
+
+/// Pushes every contradiction in `settings`; `found` tells where each value was written.
+pub(crate) fn check(
+    settings: &Settings,
+    found: &Found,
+    whole: &Place,
+    _folder: &Path,
+    problems: &mut Vec<Problem>,
+) {
+    let mut report = Report { found, whole, problems };
+    time(settings, &mut report);
+    plane(settings, &mut report);
+    ranges(settings, &mut report);
+    predictor(settings, &mut report);
+}
+
+/// Knows where each key was written.
+pub(crate) struct Report<'a> {
+    pub(crate) found: &'a Found,
+    pub(crate) whole: &'a Place,
+    pub(crate) problems: &'a mut Vec<Problem>,
+}
+
+impl Report<'_> {
+    /// Reports that `key` contradicts something.
+    pub(crate) fn conflict(&mut self, key: &str, conflict: impl Into<String>, remedy: impl Into<String>) {
+        let node = self.found.get(key);
+        self.problems.push(Problem::Conflict {
+            place: node.map_or_else(|| self.whole.clone(), |node| node.place.clone()),
+            key: key.to_owned(),
+            value: node.map_or_else(|| "(not set)".to_owned(), |node| node.text.clone()),
+            conflict: conflict.into(),
+            remedy: remedy.into(),
+        });
+    }
+}
+
+fn time(s: &Settings, report: &mut Report<'_>) {
+    let period_us = 1_000_000 / s.control_loop.rate_hz.max(1);
+    let step_us = s.pen.step_ms * 1000;
+    if !step_us.is_multiple_of(period_us) {
+        let fitting: Vec<String> =
+            (4..=20u32).filter(|ms| (ms * 1000).is_multiple_of(period_us)).map(|ms| ms.to_string()).collect();
+        report.conflict(
+            "pen.step_ms",
+            format!(
+                "is not a multiple of the period {} ms (loop.rate_hz = {})",
+                f64::from(period_us) / 1e3,
+                s.control_loop.rate_hz
+            ),
+            format!("use {} ms, or another rate", fitting.join(", ")),
+        );
+    }
+    if s.control_loop.spin_us * 2 > period_us {
+        report.conflict(
+            "loop.spin_us",
+            format!("spins more than half of the period {period_us} us"),
+            "lower it, or lower loop.rate_hz",
+        );
+    }
+    if s.pen.max_gap_ms < f64::from(s.pen.step_ms) {
+        report.conflict(
+            "pen.max_gap_ms",
+            format!("is shorter than one grid step (pen.step_ms = {})", s.pen.step_ms),
+            "every sample would start the path anew; use several steps",
+        );
+    }
+    if s.pen.stale_ms < s.pen.max_gap_ms {
+        report.conflict(
+            "pen.stale_ms",
+            format!("is shorter than the longest bridged gap (pen.max_gap_ms = {})", s.pen.max_gap_ms),
+            "a bridged gap would stop the arm; make it at least as long",
+        );
+    }
+    let controller_ms = 1e3 / f64::from(s.robot.controller_rate_hz.max(1));
+    if s.safety.joint_state_timeout_ms < 2.0 * controller_ms {
+        report.conflict(
+            "safety.joint_state_timeout_ms",
+            format!("is shorter than two cycles of the robot's controller ({controller_ms} ms each)"),
+            format!("use at least {} ms", (2.0 * controller_ms).ceil()),
+        );
+    }
+    let valid_ms = f64::from(s.control_loop.valid_periods) * f64::from(period_us) / 1e3;
+    if s.safety.latch_after_ms < valid_ms {
+        report.conflict(
+            "safety.latch_after_ms",
+            format!(
+                "is shorter than the time a command stays valid ({valid_ms} ms, loop.valid_periods periods)"
+            ),
+            "a short hiccup would latch a stop; make it longer",
+        );
+    }
+}
+
+fn plane(s: &Settings, report: &mut Report<'_>) {
+    /// A calibration with three touches is good to about this much; beyond it, something was mistyped.
+    const TOLERANCE: f64 = 1e-2;
+    let dot = |a: &[f64; 3], b: &[f64; 3]| -> f64 { a.iter().zip(b).map(|(x, y)| x * y).sum() };
+    for (key, vector) in [("plane.x_axis", &s.plane.x_axis), ("plane.normal", &s.plane.normal)] {
+        let length = dot(vector, vector).sqrt();
+        if (length - 1.0).abs() > TOLERANCE {
+            report.conflict(
+                key,
+                format!("has length {length:.4} instead of 1"),
+                if length > 1e-6 {
+                    let [x, y, z] = vector.map(|c| c / length);
+                    format!("write the direction with length 1: [{x:.6}, {y:.6}, {z:.6}]")
+                } else {
+                    "write a direction".to_owned()
+                },
+            );
+        }
+    }
+    let cosine = dot(&s.plane.x_axis, &s.plane.normal);
+    if cosine.abs() > TOLERANCE {
+        report.conflict(
+            "plane.x_axis",
+            format!(
+                "is not at right angles to plane.normal (their product is {cosine:.4}, allowed {TOLERANCE})"
+            ),
+            "x_axis lies in the paper, normal stands on it: calibrate again",
+        );
+    }
+    let [_, _, z] = s.plane.workspace_m;
+    for (key, height) in [("plane.workspace_m", 0.0), ("plane.lift_height_m", s.plane.lift_height_m)] {
+        let [low, high] = z;
+        if !(low..=high).contains(&height) {
+            report.conflict(
+                key,
+                format!("leaves the height {height} m outside the workspace's z range {low} to {high} m"),
+                "the z range has to hold contact (0) and plane.lift_height_m",
+            );
+        }
+    }
+}
+
+fn ranges(s: &Settings, report: &mut Report<'_>) {
+    for (axis, [low, high]) in ["x", "y", "z"].iter().zip(s.plane.workspace_m) {
+        if high <= low {
+            report.conflict(
+                "plane.workspace_m",
+                format!("has an empty {axis} range, {low} to {high} m"),
+                "write [low, high]",
+            );
+        }
+    }
+    for (axis, [low, high]) in ["x", "y"].iter().zip(s.pen.bounds_m) {
+        if high <= low {
+            report.conflict(
+                "pen.bounds_m",
+                format!("has an empty {axis} range, {low} to {high} m"),
+                "write [low, high]",
+            );
+        }
+    }
+}
+
+fn predictor(s: &Settings, report: &mut Report<'_>) {
+    use crate::settings::{Optimiser, PredictorChoice};
+    const MOST_TRACES: usize = 4;
+    let dybm = &s.predictor.dybm;
+    if dybm.decays.len() > MOST_TRACES {
+        report.conflict(
+            "predictor.dybm.decays",
+            format!("has {} entries; there is room for {MOST_TRACES} traces", dybm.decays.len()),
+            "drop the ones that are closest to each other",
+        );
+    }
+    if dybm.optimiser != Optimiser::Adagrad && dybm.rate > 0.05 && s.predictor.kind == PredictorChoice::Dybm {
+        report.conflict(
+            "predictor.dybm.rate",
+            format!("is far too fast for {}, whose steps do not shrink with time", dybm.optimiser.word()),
+            "use 0.001, or optimiser = \"adagrad\" with 0.1",
+        );
+    }
+}

@@ -1,0 +1,173 @@
+//! Loading: a draft collects layers of values, a config is what they mean once everything has been judged.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use toml::de::DeValue;
+
+use crate::check::check;
+use crate::layers::{self, Found};
+use crate::presets;
+use crate::problem::{ConfigError, Problem};
+use crate::settings::Settings;
+use crate::written::Place;
+
+/// Settings that are complete, inside their ranges, and fit together.
+#[derive(Debug, Clone)]
+pub struct Config {
+    settings: Settings,
+    found: Found,
+    name: String,
+}
+
+impl Config {
+    /// Loads a settings file.
+    ///
+    /// *Errors*: everything that is wrong with the file, each with line, key, value, legal range and what to do.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        Draft::file(path).finish()
+    }
+
+    /// The settings of an embedded preset, `ur5` or `ur5e`.
+    ///
+    /// *Errors*: there is no preset of that name.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        Draft::preset(name).finish()
+    }
+
+    /// Judges `text` as if it were a file called `name` in the folder `folder` (for relative paths in it).
+    ///
+    /// *Errors*: as [`Config::load`].
+    pub fn parse(text: &str, name: &str, folder: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        Draft::text(text, name, folder).finish()
+    }
+
+    /// The settings, section by section.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What was loaded: the path of the file, or `preset ur5`.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Where the value of `key` (for example `loop.rate_hz`) comes from; `None` for a key that is not set.
+    #[must_use]
+    pub fn origin(&self, key: &str) -> Option<&Place> {
+        self.found.get(key).map(|node| &node.place)
+    }
+}
+
+/// Layers of settings that have not been judged yet.
+///
+/// For programs that put command-line options over a file: `Draft::preset("ur5").set("loop.rate_hz", "125").finish()`.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    found: Found,
+    whole: Place,
+    folder: PathBuf,
+    problems: Vec<Problem>,
+}
+
+impl Draft {
+    /// Starts from a settings file; what is wrong with it is told by [`Draft::finish`].
+    #[must_use]
+    pub fn file(path: impl AsRef<Path>) -> Self {
+        let path = path.as_ref();
+        let name: Arc<str> = Arc::from(path.display().to_string());
+        let place = Place::File { path: name.clone(), line: 0 };
+        let unreadable = |why: String, remedy| {
+            let mut draft = Self::new(place.clone(), PathBuf::new());
+            draft.problems.push(Problem::Unreadable { place: place.clone(), why, remedy });
+            draft
+        };
+        let bytes = match std::fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                return unreadable(
+                    error.to_string(),
+                    "check the path, or begin with a preset: foretrace config show ur5",
+                );
+            }
+        };
+        match String::from_utf8(bytes) {
+            Ok(text) => Self::text(&text, &name, path.parent().unwrap_or_else(|| Path::new("."))),
+            Err(error) => {
+                let at = error.utf8_error().valid_up_to();
+                let line = 1 + error.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count();
+                let remedy = "save the file as UTF-8 text";
+                unreadable(format!("not UTF-8 at byte {at}, line {line}"), remedy)
+            }
+        }
+    }
+
+    /// Starts from an embedded preset.
+    #[must_use]
+    pub fn preset(name: &str) -> Self {
+        let place = Place::Preset { name: Arc::from(name), line: 0 };
+        let mut draft = Self::new(place.clone(), PathBuf::from("."));
+        match presets::text(name) {
+            Some(text) => layers::overlay(text, &place, &mut draft.found, &mut draft.problems),
+            None => draft.problems.push(Problem::UnknownPreset {
+                place: Place::Override,
+                value: name.to_owned(),
+                known: presets::names(),
+            }),
+        }
+        draft
+    }
+
+    /// Starts from `text` as if it were a file called `name` in `folder`.
+    #[must_use]
+    pub fn text(text: &str, name: &str, folder: impl AsRef<Path>) -> Self {
+        let place = Place::File { path: Arc::from(name), line: 0 };
+        let mut draft = Self::new(place.clone(), folder.as_ref().to_owned());
+        layers::overlay(text, &place, &mut draft.found, &mut draft.problems);
+        draft
+    }
+
+    /// Puts a value over what the file says. `value` is TOML; a bare word is taken as text.
+    #[must_use]
+    pub fn set(mut self, key: &str, value: &str) -> Self {
+        let value = match DeValue::parse(value) {
+            Ok(_) => value.to_owned(),
+            Err(_) => toml::Value::String(value.to_owned()).to_string(),
+        };
+        layers::overlay(&format!("{key} = {value}"), &Place::Override, &mut self.found, &mut self.problems);
+        self
+    }
+
+    /// Judges everything.
+    ///
+    /// *Errors*: all that is wrong, in the order of the file.
+    pub fn finish(self) -> Result<Config, ConfigError> {
+        let Self { found: written, whole, folder, mut problems } = self;
+        let unreadable =
+            problems.iter().any(|p| matches!(p, Problem::Unreadable { .. } | Problem::Syntax { .. }));
+        if !unreadable {
+            let mut found = layers::defaults(&mut problems);
+            found.extend(written);
+            let unknown_preset = problems.iter().any(|p| matches!(p, Problem::UnknownPreset { .. }));
+            let settings = layers::settings(&found, &whole, &mut problems);
+            if unknown_preset {
+                // Everything that the preset would have given is missing: one cause, one message.
+                problems.retain(|problem| !matches!(problem, Problem::Missing { .. }));
+            }
+            if let Some(settings) = settings {
+                check(&settings, &found, &whole, &folder, &mut problems);
+                if problems.is_empty() {
+                    return Ok(Config { settings, found, name: whole.to_string() });
+                }
+            }
+        }
+        problems.sort_by_key(Problem::line);
+        Err(ConfigError::new(problems))
+    }
+
+    fn new(whole: Place, folder: PathBuf) -> Self {
+        Self { found: Found::new(), whole, folder, problems: Vec::new() }
+    }
+}

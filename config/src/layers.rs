@@ -1,0 +1,153 @@
+//! From text to settings: the default, the preset, the file and the caller's overrides, one over the other.
+//!
+//! Contract: every problem of the file is reported in one go; a key that is not in the table is a problem.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, LazyLock};
+
+use crate::nearest::{nearest, without_unit};
+use crate::presets;
+use crate::problem::Problem;
+use crate::schema::{Presence, Reader, Section, Table, joined};
+use crate::settings::Settings;
+use crate::written::{self, Node, Place, Raw};
+
+/// The key that names a preset, at the top of a file.
+pub(crate) const PRESET: &str = "preset";
+
+/// All sections and keys, made once.
+pub(crate) fn table() -> &'static Table {
+    static TABLE: LazyLock<Table> = LazyLock::new(|| {
+        let mut table = Table::default();
+        Settings::describe("", &mut table);
+        table.sections.retain(|(name, _)| !name.is_empty());
+        table
+    });
+    &TABLE
+}
+
+/// The values in force, by full key, each with where it comes from.
+pub(crate) type Found = BTreeMap<String, Node>;
+
+/// The default of every key that has one.
+pub(crate) fn defaults(problems: &mut Vec<Problem>) -> Found {
+    let mut found = Found::new();
+    for key in &table().keys {
+        if let Presence::Default(value) = key.presence {
+            overlay(&format!("{} = {value}", key.path), &Place::Default, &mut found, problems);
+        }
+    }
+    found
+}
+
+/// Puts the values of `text` over those in `found`; a preset named in it goes under them.
+pub(crate) fn overlay(text: &str, place: &Place, found: &mut Found, problems: &mut Vec<Problem>) {
+    let mut root = written::parse(text, place, problems);
+    if let Some(i) = root.iter().position(|(key, _)| key == PRESET) {
+        let (_, node) = root.remove(i);
+        if let Some((name, text)) = preset_text(&node, problems) {
+            overlay(text, &Place::Preset { name, line: 0 }, found, problems);
+        }
+    }
+    collect("", root, found, problems);
+}
+
+/// Judges the values and builds the settings; `None` exactly when a problem was pushed.
+pub(crate) fn settings(found: &Found, whole: &Place, problems: &mut Vec<Problem>) -> Option<Settings> {
+    Settings::read(&mut Reader { found, whole, problems }, "")
+}
+
+fn preset_text(node: &Node, problems: &mut Vec<Problem>) -> Option<(Arc<str>, &'static str)> {
+    let value = match &node.raw {
+        Raw::Text(name) => match presets::text(name) {
+            Some(text) => return Some((Arc::from(name.as_str()), text)),
+            None => name.chars().take(60).collect(),
+        },
+        _ => node.text.clone(),
+    };
+    problems.push(Problem::UnknownPreset { place: node.place.clone(), value, known: presets::names() });
+    None
+}
+
+fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut Found, problems: &mut Vec<Problem>) {
+    for (name, node) in entries {
+        let path = joined(at, &name);
+        // A quoted name with a dot in it is one name: `"loop.rate_hz" = 500` is not the key of the section.
+        let plain = !name.contains('.');
+        if plain && table().find(&path).is_some() {
+            found.insert(path, node);
+        } else if plain && table().sections.iter().any(|(section, _)| *section == path) {
+            match node.raw {
+                Raw::Table(inner) => collect(&path, inner, found, problems),
+                _ => problems.push(Problem::WrongType {
+                    place: node.place,
+                    key: path.clone(),
+                    value: node.text,
+                    found: node.raw.kind(),
+                    wanted: format!("a section: write [{path}] with keys under it"),
+                }),
+            }
+        } else if let Raw::Table(_) = node.raw {
+            let hint = nearest_section(&path).map_or_else(
+                || format!(": the sections are {}", top_sections()),
+                |section| format!(": did you mean `[{section}]`?"),
+            );
+            problems.push(Problem::UnknownSection { place: node.place, section: shortened(&path), hint });
+        } else {
+            problems.push(Problem::UnknownKey {
+                place: node.place,
+                key: shortened(&path),
+                hint: hint(at, &name),
+            });
+        }
+    }
+}
+
+/// What the writer of an unknown key may have meant.
+fn hint(at: &str, name: &str) -> String {
+    let here = table().keys.iter().filter(|key| key.section == at);
+    let bare = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
+    if let Some(key) = here.clone().find(|key| without_unit(&bare(&key.path)) == without_unit(name)) {
+        let unit = if key.unit.is_empty() { "no unit".to_owned() } else { format!("the unit {}", key.unit) };
+        return format!(": did you mean `{}`? It takes {unit}; convert the value", key.path);
+    }
+    let names: Vec<String> = here.map(|key| bare(&key.path)).collect();
+    if let Some(near) = nearest(name, names.iter().map(String::as_str)) {
+        return format!(": did you mean `{}`?", joined(at, near));
+    }
+    if let Some(key) = table().keys.iter().find(|key| bare(&key.path) == name) {
+        return format!(": the key of that name is `{}`", key.path);
+    }
+    if at.is_empty() {
+        return format!(": at the top level only `{PRESET}` and the sections {} stand", top_sections());
+    }
+    format!(": [{at}] has {}", if names.is_empty() { "only sections".to_owned() } else { names.join(", ") })
+}
+
+fn nearest_section(path: &str) -> Option<&'static str> {
+    let sections = table().sections.iter().map(|(section, _)| section.as_str());
+    nearest(path, sections.clone()).or_else(|| {
+        // `[limits.x]` for `[mpc.limits.x]`.
+        sections
+            .into_iter()
+            .find(|section| section.strip_suffix(path).is_some_and(|rest| rest.ends_with('.')))
+    })
+}
+
+fn top_sections() -> String {
+    let top: Vec<String> = table()
+        .sections
+        .iter()
+        .filter(|(name, _)| !name.contains('.'))
+        .map(|(name, _)| format!("[{name}]"))
+        .collect();
+    top.join(" ")
+}
+
+fn shortened(name: &str) -> String {
+    if name.chars().count() <= 80 {
+        name.to_owned()
+    } else {
+        name.chars().take(77).chain("...".chars()).collect()
+    }
+}

@@ -1,0 +1,88 @@
+//! Sections about the arm: inverse kinematics, robot, timing, safety.
+
+use crate::schema::{Legal::*, Presence::*, section};
+
+use super::plan::QpBackend;
+
+section! {
+    /// Joints from the plan: a quadratic programme over joint velocities.
+    pub struct Ik {
+        /// Damping far from singularities; it grows smoothly near them.
+        damping: f64 = Between(1e-9, 1.0), Default("1e-6"), AtStart, "1e-6";
+        /// Weight of staying near the home posture; matters for arms with a spare joint.
+        posture_weight: f64 = Between(0.0, 1.0), Default("1e-6"), AtStart, "1e-6";
+        /// Tilt of the tool counts like a position error at this distance from the tip.
+        orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
+        /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.
+        spin_weight: f64 = Between(0.0, 1.0), Default("0.01"), AtStart, "0.01";
+        /// Share of the pose error that is corrected per period; 1 corrects it at once.
+        correction: f64 = Between(0.0, 1.0), Default("0.2"), AtStart, "0.2";
+        /// "exact": built-in; "clarabel", "clarabel-tuned": for comparison.
+        backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
+        /// Iterations of the exact solver per tick before the joints brake.
+        max_iterations: u32 = Between(5.0, 500.0), Default("60"), AtStart, "60";
+    }
+}
+
+section! {
+    /// The arm: a serial chain from a URDF, and limits that may be narrower than those in the URDF. Lists have one
+    /// number per joint, from base to tool.
+    pub struct RobotSection {
+        /// Name of an embedded robot ("ur5", "ur5e"), or path of a URDF file relative to this settings file.
+        urdf: String = Text, Required, AtStart, "\"ur5\"";
+        /// Link that is the base frame.
+        base_link: String = Text, Required, AtStart, "\"base_link\"";
+        /// Link whose origin is the tool's tip; its z axis is the pen.
+        tip_link: String = Text, Required, AtStart, "\"tool0\"";
+        /// Posture from which the plane is reached without passing a singularity.
+        home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart, "the posture with the tool above the middle of the paper";
+        /// Largest speed per joint; the smaller one of this and the URDF's counts.
+        velocity_radps: Vec<f64> = Between(0.01, 10.0), Required, AtStart, "3.1 for a UR; 1.0 on a first run";
+        /// Largest acceleration per joint.
+        acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart, "20 for a UR (the arm gives 40); 5 on a first run";
+        /// Largest jerk per joint. Not set: the tool's jerk limit is the only one.
+        jerk_radps3: Option<Vec<f64>> = Between(1.0, 1e6), Optional, AtStart, "nothing: leave it out";
+        /// Lowest position per joint, where narrower than the URDF's.
+        position_min_rad: Option<Vec<f64>> = Between(-6.3, 6.3), Optional, AtStart, "nothing: leave it out";
+        /// Highest position per joint, where narrower than the URDF's.
+        position_max_rad: Option<Vec<f64>> = Between(-6.3, 6.3), Optional, AtStart, "nothing: leave it out";
+        /// Cycles per second of the robot's controller: 125 for a UR with CB3, 500 for an e-Series.
+        controller_rate_hz: u32 = Between(50.0, 8000.0), Required, AtStart, "125 for a UR5, 500 for a UR5e";
+    }
+}
+
+section! {
+    /// Delays of the world around the loop.
+    pub struct Timing {
+        /// From a command to the motion of the arm; the prediction looks this far ahead in addition.
+        dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart, "35 for a UR with servoj and a look-ahead of 0.03 s";
+        /// Oldest pen reading for which the prediction still reaches far enough ahead.
+        max_pen_age_ms: f64 = Between(1.0, 200.0), Required, AtStart, "30: three reports of a 100 Hz tablet";
+    }
+}
+
+section! {
+    /// When the daemon may start to move the arm, and when it stops.
+    pub struct Arming {
+        /// Age of the joint state beyond which the arm counts as lost.
+        joint_state_timeout_ms: f64 = Between(2.0, 1000.0), Required, AtStart, "50";
+        /// A dead-man signal is needed to move.
+        enable_required: bool = Flag, Required, AtStart, "true with people near the arm; false in simulation";
+        /// Age of the dead-man signal beyond which the arm stops (it is sent 50 times per second).
+        enable_timeout_ms: f64 = Between(20.0, 2000.0), Default("100.0"), AtStart, "100";
+        /// Time lost in one piece beyond which the stop is latched and the arm has to be armed again.
+        latch_after_ms: f64 = Between(10.0, 5000.0), Required, AtStart, "200";
+        /// Fastest joint with which the arm may be armed: arming wants an arm at rest.
+        arm_max_speed_radps: f64 = Between(0.0001, 1.0), Default("0.02"), AtStart, "0.02";
+        /// Farthest that the tool may stand outside the workspace when arming.
+        arm_workspace_margin_m: f64 = Between(0.0, 0.5), Default("0.02"), AtStart, "0.02";
+        /// Largest angle between the tool's axis and the plane's normal when arming.
+        arm_max_tilt_rad: f64 = Between(0.01, 1.5), Default("0.3"), AtStart, "0.3";
+        /// After arming the tool stays lifted until it is this close to the pen.
+        approach_distance_m: f64 = Between(0.0005, 0.5), Default("0.01"), AtStart, "0.01";
+        /// Silence of the pen after which the arm counts as holding, at rest where the pen was last seen.
+        hold_after_ms: f64 = Between(10.0, 10000.0), Default("200.0"), AtStart, "200";
+        /// Longest use of an earlier plan, when there is no fresh one, before the joints stop.
+        previous_plan_max_ms: f64 = Between(2.0, 200.0), Default("50.0"), AtStart, "50: half of the horizon";
+    }
+}

@@ -1,0 +1,53 @@
+//! The settings as meant: one struct per section, every key declared once with its rule.
+//!
+//! Contract: values here have passed their own range test; what one key demands of another is tested in `check`.
+//! A declaration reads: name: type = legal range, needed or not, live or only at start, where to start from.
+
+mod process;
+mod hand;
+mod plane;
+mod foresight;
+mod plan;
+mod arm;
+
+pub use arm::{Arming, Ik, RobotSection, Timing};
+pub use foresight::{DybmSection, Learner, Optimiser, Predictor, PredictorChoice, TrustMode, TrustSection};
+pub use hand::Pen;
+pub use plan::{AxisLimits, Gains, Limits, Mpc, QpBackend};
+pub use plane::PlaneSection;
+pub use process::{Instance, Loop, Telemetry};
+
+use crate::schema::section;
+
+section! {
+    /// Settings of one foretrace daemon.
+    pub struct Settings {}
+    sections {
+        /// Which daemon this is.
+        instance @ "instance": Instance;
+        /// The tick.
+        control_loop @ "loop": Loop;
+        /// What the pen may do.
+        pen @ "pen": Pen;
+        /// The writing plane.
+        plane @ "plane": PlaneSection;
+        /// The predictor.
+        predictor @ "predictor": Predictor;
+        /// Online learning.
+        learner @ "learner": Learner;
+        /// The weight on the prediction.
+        trust @ "trust": TrustSection;
+        /// The plan in the writing plane.
+        mpc @ "mpc": Mpc;
+        /// Joints from the plan.
+        ik @ "ik": Ik;
+        /// The arm.
+        robot @ "robot": RobotSection;
+        /// Delays.
+        timing @ "timing": Timing;
+        /// When to stop, when to start.
+        safety @ "safety": Arming;
+        /// What the daemon tells others.
+        telemetry @ "telemetry": Telemetry;
+    }
+}

@@ -1,0 +1,78 @@
+//! Sections about the plan: MPC, its gains and its limits.
+
+use crate::schema::{Legal::*, Presence::*, section, words};
+
+words! {
+    /// Who solves the quadratic programmes.
+    pub enum QpBackend {
+        /// The built-in exact solver: microseconds, no allocation.
+        Exact = "exact",
+        /// Clarabel with its default settings: hundreds of microseconds, allocates.
+        Clarabel = "clarabel",
+        /// Clarabel with the fastest settings that are still accurate here.
+        ClarabelTuned = "clarabel-tuned",
+    }
+}
+
+section! {
+    /// The plan in the writing plane: minimise tracking error and jerk over the horizon, inside the limits.
+    /// Gains and effort are plain numbers for errors in mm, mm per step, mm per step^2 and mm per step^3.
+    pub struct Mpc {
+        /// Steps of the plan; the horizon lasts horizon * pen.step_ms.
+        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "10, as in the paper";
+        /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
+        backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
+        /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
+        effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "0.05";
+        /// Iterations of the exact solver per axis and tick before the previous plan is used.
+        max_iterations: u32 = Between(5.0, 500.0), Default("60"), AtStart, "60: ten times what handwriting needs";
+    }
+    sections {
+        /// Gains on the error against the last position.
+        feedback @ "feedback": Gains;
+        /// Gains on the error against the prediction.
+        feedforward @ "feedforward": Gains;
+        /// Limits per axis.
+        limits @ "limits": Limits;
+    }
+}
+
+section! {
+    /// Weights of the tracking error: feedback against the last position (trust 0), feedforward against the
+    /// prediction (trust 1).
+    pub struct Gains {
+        /// Weight of the position error.
+        position: f64 = Between(1e-6, 1e6), Required, AtStart, "1.0";
+        /// Weight of the velocity error.
+        velocity: f64 = Between(0.0, 1e6), Required, AtStart, "0.5";
+        /// Weight of the acceleration error.
+        acceleration: f64 = Between(0.0, 1e6), Required, AtStart, "0.05";
+        /// Factor on all three from one step to the next: below 1, later steps count less.
+        decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0 for feedback, 0.95 for feedforward";
+    }
+}
+
+section! {
+    /// Limits of the tool per axis of the writing plane.
+    pub struct Limits {}
+    sections {
+        /// Along the plane's x.
+        x @ "x": AxisLimits;
+        /// Along the plane's y.
+        y @ "y": AxisLimits;
+        /// Along the plane's normal.
+        z @ "z": AxisLimits;
+    }
+}
+
+section! {
+    /// Limits of the tool along one axis of the writing plane. The workspace is `plane.workspace_m`.
+    pub struct AxisLimits {
+        /// Largest speed (kept unless the state makes that impossible).
+        velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.5";
+        /// Largest acceleration (kept unless the state makes that impossible).
+        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "8.0";
+        /// Largest jerk (always kept).
+        jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart, "400: the acceleration reverses in 40 ms";
+    }
+}

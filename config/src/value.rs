@@ -1,0 +1,223 @@
+//! Values of keys: one reader and one writer per Rust type.
+//!
+//! Contract: `read` judges by the rule of the key and pushes one problem per wrong element; what `write` gives
+//! reads back as the same value, bit for bit.
+
+use crate::nearest::{nearest, unit_slip};
+use crate::problem::Problem;
+use crate::schema::{Legal, Rule};
+use crate::written::{Node, Raw};
+
+pub(crate) trait Value: Sized {
+    /// The value of `node`, if it is legal.
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self>;
+    /// As TOML; `None` for an optional key that is not set.
+    fn write(&self) -> Option<String>;
+    /// The value of a key that is not written, where that is legal.
+    fn absent() -> Option<Self> {
+        None
+    }
+    /// Range and shape in words.
+    fn shape(range: &str) -> String {
+        range.to_owned()
+    }
+}
+
+impl Value for f64 {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        let value = match node.raw {
+            Raw::Real(value) => value,
+            Raw::Whole(value) => value as f64,
+            _ => return wrong_type(node, rule, "a number", problems),
+        };
+        if !value.is_finite() {
+            problems.push(Problem::NotFinite {
+                place: node.place.clone(),
+                key: rule.key.to_owned(),
+                value: node.text.clone(),
+                legal: rule.legal.text(rule.unit),
+            });
+            return None;
+        }
+        in_range(value, node, rule, problems)
+    }
+
+    fn write(&self) -> Option<String> {
+        // Debug gives the shortest text that reads back as the same bits.
+        Some(format!("{self:?}"))
+    }
+}
+
+impl Value for u32 {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        let Raw::Whole(value) = node.raw else {
+            return wrong_type(node, rule, "a whole number", problems);
+        };
+        // The ranges of whole keys lie inside u32, so the conversion after the range test only fails for a bad rule.
+        in_range(value as f64, node, rule, problems).and_then(|_| u32::try_from(value).ok())
+    }
+
+    fn write(&self) -> Option<String> {
+        Some(self.to_string())
+    }
+
+    fn shape(range: &str) -> String {
+        format!("whole number, {range}")
+    }
+}
+
+impl Value for bool {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        match node.raw {
+            Raw::Flag(value) => Some(value),
+            _ => wrong_type(node, rule, "true or false", problems),
+        }
+    }
+
+    fn write(&self) -> Option<String> {
+        Some(self.to_string())
+    }
+}
+
+impl Value for String {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        match &node.raw {
+            Raw::Text(text) if !text.trim().is_empty() => Some(text.clone()),
+            _ => wrong_type(node, rule, "a text in quotes, not empty", problems),
+        }
+    }
+
+    fn write(&self) -> Option<String> {
+        Some(toml::Value::String(self.clone()).to_string())
+    }
+}
+
+impl<V: Value> Value for Option<V> {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        V::read(node, rule, problems).map(Some)
+    }
+
+    fn write(&self) -> Option<String> {
+        self.as_ref().and_then(Value::write)
+    }
+
+    fn absent() -> Option<Self> {
+        Some(None)
+    }
+
+    fn shape(range: &str) -> String {
+        V::shape(range)
+    }
+}
+
+impl<V: Value, const N: usize> Value for [V; N] {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        let wanted = Self::shape(&rule.legal.text(rule.unit));
+        match &node.raw {
+            Raw::List(list) if list.len() == N => elements(list, rule, problems)?.try_into().ok(),
+            _ => wrong_type(node, rule, &wanted, problems),
+        }
+    }
+
+    fn write(&self) -> Option<String> {
+        list(self)
+    }
+
+    fn shape(range: &str) -> String {
+        format!("list of {N}: {}", V::shape(range))
+    }
+}
+
+impl<V: Value> Value for Vec<V> {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        match &node.raw {
+            Raw::List(list) if !list.is_empty() => elements(list, rule, problems),
+            _ => wrong_type(node, rule, &Self::shape(&rule.legal.text(rule.unit)), problems),
+        }
+    }
+
+    fn write(&self) -> Option<String> {
+        list(self)
+    }
+
+    fn shape(range: &str) -> String {
+        format!("list: {}", V::shape(range))
+    }
+}
+
+/// The legal word in `node`.
+pub(crate) fn word<'n>(node: &'n Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<&'n str> {
+    let Legal::Words(words) = rule.legal else {
+        return None;
+    };
+    let Raw::Text(text) = &node.raw else {
+        return wrong_type(node, rule, &format!("one of {}", rule.legal.text("")), problems);
+    };
+    if words.contains(&text.as_str()) {
+        return Some(text);
+    }
+    let hint = nearest(text, words.iter().copied());
+    problems.push(Problem::NotOneOf {
+        place: node.place.clone(),
+        key: rule.key.to_owned(),
+        value: node.text.clone(),
+        legal: rule.legal.text(""),
+        hint: hint.map_or_else(String::new, |word| format!(": did you mean {word:?}?")),
+    });
+    None
+}
+
+fn elements<V: Value>(list: &[Node], rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Vec<V>> {
+    let read: Vec<Option<V>> = list
+        .iter()
+        .enumerate()
+        .map(|(i, node)| V::read(node, &Rule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems))
+        .collect();
+    read.into_iter().collect()
+}
+
+fn list<V: Value>(values: &[V]) -> Option<String> {
+    let all: Option<Vec<String>> = values.iter().map(Value::write).collect();
+    Some(format!("[{}]", all?.join(", ")))
+}
+
+fn in_range(value: f64, node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<f64> {
+    let (place, key, written) = (node.place.clone(), rule.key.to_owned(), node.text.clone());
+    match rule.legal {
+        Legal::Between(min, max) if !(min..=max).contains(&value) => {
+            let remedy = unit_slip(value, min, max, rule.unit)
+                .unwrap_or_else(|| format!("start with {}", rule.advice));
+            problems.push(Problem::OutOfRange {
+                place,
+                key,
+                value: written,
+                legal: rule.legal.text(rule.unit),
+                remedy,
+            });
+            None
+        }
+        Legal::OneOf(numbers) if !numbers.contains(&value) => {
+            let hint = format!(": start with {}", rule.advice);
+            problems.push(Problem::NotOneOf {
+                place,
+                key,
+                value: written,
+                legal: rule.legal.text(rule.unit),
+                hint,
+            });
+            None
+        }
+        _ => Some(value),
+    }
+}
+
+fn wrong_type<V>(node: &Node, rule: &Rule<'_>, wanted: &str, problems: &mut Vec<Problem>) -> Option<V> {
+    problems.push(Problem::WrongType {
+        place: node.place.clone(),
+        key: rule.key.to_owned(),
+        value: node.text.clone(),
+        found: node.raw.kind(),
+        wanted: format!("{wanted} ({})", rule.legal.text(rule.unit)),
+    });
+    None
+}

@@ -1,0 +1,165 @@
+//! A settings file as written: TOML parsed into nodes that remember where they stand.
+//!
+//! Contract: nothing is judged here but the syntax. Every value, also inside an array, keeps its source, its line
+//! and its text, so that whoever judges it later can point at it. No panic on any input.
+
+use std::fmt;
+use std::sync::Arc;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::problem::Problem;
+
+/// Where a value comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// A line of a settings file, counted from 1; line 0 is the file as a whole.
+    File {
+        /// Path as the user gave it.
+        path: Arc<str>,
+        /// Line, from 1.
+        line: usize,
+    },
+    /// A line of an embedded preset.
+    Preset {
+        /// Name of the preset.
+        name: Arc<str>,
+        /// Line, from 1.
+        line: usize,
+    },
+    /// The built-in default of the key.
+    Default,
+    /// Given by the caller (a command line option) on top of the file.
+    Override,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File { path, line: 0 } => write!(f, "{path}"),
+            Self::File { path, line } => write!(f, "{path}:{line}"),
+            Self::Preset { name, line: 0 } => write!(f, "preset {name}"),
+            Self::Preset { name, line } => write!(f, "preset {name}:{line}"),
+            Self::Default => f.write_str("default"),
+            Self::Override => f.write_str("command line"),
+        }
+    }
+}
+
+/// One value as written.
+#[derive(Debug, Clone)]
+pub(crate) struct Node {
+    pub(crate) raw: Raw,
+    pub(crate) place: Place,
+    /// The text in the file, on one line, shortened.
+    pub(crate) text: String,
+}
+
+/// The kinds of values that TOML knows, as far as settings use them.
+#[derive(Debug, Clone)]
+pub(crate) enum Raw {
+    Text(String),
+    Whole(i64),
+    Real(f64),
+    Flag(bool),
+    List(Vec<Node>),
+    Table(Vec<(String, Node)>),
+    /// A kind that no key takes, in words.
+    Other(&'static str),
+}
+
+impl Raw {
+    /// The kind in words, for an error text.
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Self::Text(_) => "text",
+            Self::Whole(_) => "a whole number",
+            Self::Real(_) => "a number",
+            Self::Flag(_) => "true/false",
+            Self::List(_) => "a list",
+            Self::Table(_) => "a section",
+            Self::Other(what) => what,
+        }
+    }
+}
+
+/// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
+///
+/// *Errors*: every syntax error that the parser can recover from is pushed to `problems`; what could be read is
+/// still returned, so that the settings in it are judged in the same go.
+pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
+    let lines = Lines::new(text);
+    let (root, errors) = DeTable::parse_recoverable(text);
+    for error in &errors {
+        let line = error.span().map_or(0, |span| lines.line(span.start));
+        let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
+        problems.push(Problem::Syntax { place: at_line(place, line), what });
+    }
+    // A broken line leaves half-read values behind: judging them would bury the cause under its consequences.
+    if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }
+}
+
+fn entries(table: &DeTable<'_>, lines: &Lines<'_>, place: &Place) -> Vec<(String, Node)> {
+    let mut all: Vec<(usize, String, Node)> = table
+        .iter()
+        .map(|(key, value)| {
+            (key.span().start, key.get_ref().to_string(), node(key.span().start, value, lines, place))
+        })
+        .collect();
+    all.sort_by_key(|entry| entry.0);
+    all.into_iter().map(|(_, key, node)| (key, node)).collect()
+}
+
+fn node(start: usize, value: &Spanned<DeValue<'_>>, lines: &Lines<'_>, place: &Place) -> Node {
+    let raw = match value.get_ref() {
+        DeValue::String(text) => Raw::Text(text.to_string()),
+        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
+            .map_or(Raw::Other("a whole number beyond 64 bits"), Raw::Whole),
+        DeValue::Float(number) => number.as_str().parse().map_or(Raw::Other("a number"), Raw::Real),
+        DeValue::Boolean(flag) => Raw::Flag(*flag),
+        DeValue::Datetime(_) => Raw::Other("a date"),
+        DeValue::Array(list) => {
+            Raw::List(list.iter().map(|element| node(element.span().start, element, lines, place)).collect())
+        }
+        DeValue::Table(table) => Raw::Table(entries(table, lines, place)),
+    };
+    Node { raw, place: at_line(place, lines.line(start)), text: lines.shortened(value.span()) }
+}
+
+fn at_line(place: &Place, line: usize) -> Place {
+    match place {
+        Place::File { path, .. } => Place::File { path: path.clone(), line },
+        Place::Preset { name, .. } => Place::Preset { name: name.clone(), line },
+        Place::Default => Place::Default,
+        Place::Override => Place::Override,
+    }
+}
+
+/// Byte offsets to line numbers.
+struct Lines<'a> {
+    text: &'a str,
+    starts: Vec<usize>,
+}
+
+impl<'a> Lines<'a> {
+    fn new(text: &'a str) -> Self {
+        let starts = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
+        Self { text, starts }
+    }
+
+    fn line(&self, offset: usize) -> usize {
+        self.starts.partition_point(|&start| start <= offset)
+    }
+
+    fn shortened(&self, span: std::ops::Range<usize>) -> String {
+        const LONGEST: usize = 60;
+        let written = self.text.get(span).unwrap_or_default();
+        let flat = written.split_whitespace().collect::<Vec<_>>().join(" ");
+        if flat.chars().count() <= LONGEST {
+            flat
+        } else {
+            flat.chars().take(LONGEST - 3).chain("...".chars()).collect()
+        }
+    }
+}
