@@ -34,8 +34,8 @@ pub struct IkStep<const J: usize> {
     pub report: IkReport,
 }
 
-/// Evidence of one IK step.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Evidence of one IK step; the default is that of no step yet.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IkReport {
     /// Who produced the velocities.
     pub source: IkSource,
@@ -58,9 +58,10 @@ pub struct IkReport {
 }
 
 /// Who produced the joint velocities.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum IkSource {
     /// The box QP.
+    #[default]
     Optimum,
     /// Damped least squares clamped into the box, because the QP gave no usable answer.
     Clamped,

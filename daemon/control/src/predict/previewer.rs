@@ -210,11 +210,17 @@ impl Previewer {
     ///
     /// *Errors*: the oracle without a recording; the old predictor stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
-        if kind == PredictorKind::Oracle && self.oracle.is_none() {
+        if !self.offers(kind) {
             return Err(PreviewError::NoRecording);
         }
         self.active = kind;
         Ok(())
+    }
+
+    /// `kind` can be chosen.
+    #[must_use]
+    pub fn offers(&self, kind: PredictorKind) -> bool {
+        kind != PredictorKind::Oracle || self.oracle.is_some()
     }
 
     /// The predictor that answers.

@@ -1,0 +1,310 @@
+//! What one tick sees and what it answers: plain data, no references kept.
+
+use crate::ik::IkReport;
+use crate::learn::LearnStep;
+use crate::mpc::AxisReport;
+use crate::pen::{PenCounters, PenReading};
+use crate::predict::{DybmWeights, PredictorKind};
+use crate::trust::TrustReport;
+use crate::units::{AxisState, Stamp};
+
+/// Most grid steps that one tick may close; the rest stays queued for the next tick.
+pub const MAX_STEPS_PER_TICK: usize = 8;
+
+/// Measured state of the arm, already validated by whoever received it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointReading<const J: usize> {
+    /// When it was measured, on the host's monotonic clock.
+    pub stamp: Stamp,
+    /// Joint positions [rad].
+    pub q: [f64; J],
+    /// Joint velocities [rad/s].
+    pub qd: [f64; J],
+    /// The arm's own safety system allows motion (normal or reduced mode, drives on).
+    pub motion_allowed: bool,
+}
+
+/// One message of the dead-man switch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EnableReading {
+    /// When the operator's program sent it.
+    pub stamp: Stamp,
+    /// The operator let go.
+    pub stop: bool,
+}
+
+/// What an operator may ask for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Request {
+    /// Take over the arm at its measured joints; also the way out of a latched stop.
+    Arm,
+    /// Stop smoothly and let go of the arm.
+    Disarm,
+    /// Stop smoothly and stay stopped until armed again.
+    Stop,
+    /// Fix the trust by hand.
+    SetTrust(f64),
+    /// Let the evidence decide the trust.
+    TrustAuto,
+    /// Change the predictor; trust goes through 0.
+    SwitchPredictor(PredictorKind),
+}
+
+/// Why a request was not carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// No joint state was ever received.
+    NoJointState,
+    /// The newest joint state is too old.
+    JointStateStale,
+    /// The arm's safety system does not allow motion.
+    MotionNotAllowed,
+    /// The arm moves faster than the arming limit.
+    ArmMoves,
+    /// A joint stands outside its limits.
+    OutsideJointLimits,
+    /// The tool is outside the workspace by more than the arming margin.
+    ToolOutsideWorkspace,
+    /// The tool axis is too far from the plane's normal.
+    ToolNotAligned,
+    /// The dead-man switch is required and not held.
+    EnableMissing,
+    /// The arm is still being stopped.
+    StillStopping,
+    /// The loop is armed already.
+    AlreadyArmed,
+    /// The value is not a number in its legal range.
+    BadValue,
+    /// The predictor asked for is not available in this loop.
+    PredictorUnavailable,
+}
+
+/// What the control law does at present.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Not in charge of the arm; no command leaves.
+    #[default]
+    Idle,
+    /// In charge, standing still, waiting for the pen.
+    Armed,
+    /// Following the pen.
+    Following,
+    /// The pen fell silent: at rest where it was last seen.
+    Holding,
+    /// Stopped (or stopping) and latched until armed again.
+    Stopped,
+    /// As `Stopped`, because the arm reported a safety stop.
+    Fault,
+}
+
+/// Why the loop stopped by itself or was stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StopReason {
+    /// It did not.
+    #[default]
+    None,
+    /// An operator asked for it.
+    Requested,
+    /// The dead-man switch was released or fell silent.
+    EnableLost,
+    /// Joint states fell silent.
+    JointStateLost,
+    /// The machine stood still for longer than the latch time.
+    TimeLost,
+    /// The arm's safety system stopped it.
+    ArmSafety,
+}
+
+/// Which fallback made the command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Rung {
+    /// Solved in this tick.
+    #[default]
+    FreshPlan,
+    /// An earlier plan, evaluated at the true elapsed time.
+    PreviousPlan,
+    /// Jerk-limited stop in joint space.
+    Stop,
+    /// Standing still.
+    Hold,
+}
+
+/// What degraded in a tick; one bit each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Health(pub u32);
+
+impl Health {
+    /// The newest pen sample is older than allowed.
+    pub const PEN_STALE: u32 = 1;
+    /// A pen sample was rejected.
+    pub const PEN_REJECTED: u32 = 1 << 1;
+    /// The pen jumped.
+    pub const PEN_JUMP: u32 = 1 << 2;
+    /// The predictor's output was not finite or had to be bounded.
+    pub const PREDICTOR_INVALID: u32 = 1 << 3;
+    /// Weights were refused.
+    pub const WEIGHTS_REFUSED: u32 = 1 << 4;
+    /// The MPC had no certified solution.
+    pub const MPC_FAILED: u32 = 1 << 5;
+    /// The IK had no certified solution.
+    pub const IK_FAILED: u32 = 1 << 6;
+    /// The IK could not reach the tool velocity that was asked for.
+    pub const IK_LIMITED: u32 = 1 << 7;
+    /// The guard changed the command.
+    pub const GUARD_ALTERED: u32 = 1 << 8;
+    /// The commanded state was re-synchronised.
+    pub const RESYNCHRONISED: u32 = 1 << 9;
+    /// The shell asked to shed the solve.
+    pub const SHED: u32 = 1 << 10;
+    /// Joint states are older than allowed.
+    pub const JOINTS_STALE: u32 = 1 << 11;
+    /// The dead-man switch is missing.
+    pub const ENABLE_MISSING: u32 = 1 << 12;
+    /// Periods were lost before this tick.
+    pub const TIME_LOST: u32 = 1 << 13;
+    /// Fell off the fresh plan.
+    pub const FALLBACK: u32 = 1 << 14;
+
+    pub(crate) fn set(&mut self, bit: u32) {
+        self.0 |= bit;
+    }
+
+    /// `bit` is set.
+    #[must_use]
+    pub const fn has(self, bit: u32) -> bool {
+        self.0 & bit != 0
+    }
+}
+
+/// What a step may spend, decided by the shell from its own clock before the call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budget {
+    /// Iteration cap for each QP.
+    pub max_iterations: u32,
+    /// Skip the solve and use the fallback.
+    pub shed: bool,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { max_iterations: 100, shed: false }
+    }
+}
+
+/// The parts of a step whose cost is reported apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Requests, joint states, pen samples onto the grid.
+    Pen,
+    /// Trust and preview.
+    Predict,
+    /// Reference and plan.
+    Mpc,
+    /// Inverse kinematics.
+    Ik,
+    /// Guard and book-keeping.
+    Guard,
+}
+
+/// Told when a stage ends, so that the shell can time stages while the law knows no clock.
+pub trait StageClock {
+    /// `stage` has just ended.
+    fn lap(&mut self, stage: Stage);
+}
+
+/// A stage clock that keeps no time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoClock;
+
+impl StageClock for NoClock {
+    fn lap(&mut self, _stage: Stage) {}
+}
+
+/// Everything one tick sees.
+#[derive(Debug, Clone, Copy)]
+pub struct StepInput<'a, const J: usize> {
+    /// Nominal release time of the tick.
+    pub now: Stamp,
+    /// Pen samples received since the last tick, oldest first.
+    pub pen: &'a [PenReading],
+    /// Newest joint state, if one arrived since the last tick.
+    pub joints: Option<&'a JointReading<J>>,
+    /// Newest dead-man message, if one arrived since the last tick.
+    pub enable: Option<EnableReading>,
+    /// At most one request a tick.
+    pub request: Option<Request>,
+    /// Weights promoted by the learner since the last tick.
+    pub weights: Option<&'a DybmWeights>,
+}
+
+impl<const J: usize> StepInput<'_, J> {
+    /// A tick in which nothing arrived.
+    #[must_use]
+    pub const fn nothing(now: Stamp) -> Self {
+        Self { now, pen: &[], joints: None, enable: None, request: None, weights: None }
+    }
+}
+
+/// A command that may leave: finite, inside every limit, continuous with the last one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointCommand<const J: usize> {
+    /// The instant for which `q` holds (the end of this tick's period).
+    pub stamp: Stamp,
+    /// Consumers follow q + q̇·(t − stamp) until here, then brake by themselves.
+    pub valid_until: Stamp,
+    /// Joint positions [rad].
+    pub q: [f64; J],
+    /// Mean joint velocities over the period that ends at `stamp` [rad/s].
+    pub qd: [f64; J],
+    /// The arm may move with this command (false once a latched stop has come to rest).
+    pub enabled: bool,
+}
+
+/// Everything one tick decided.
+#[derive(Debug, Clone, Copy)]
+pub struct StepOutput<const J: usize> {
+    /// The command; `None` only while the loop is not in charge of the arm (Idle).
+    pub command: Option<JointCommand<J>>,
+    /// Mode after the step.
+    pub mode: Mode,
+    /// Why it is stopped, if it is.
+    pub stop_reason: StopReason,
+    /// Answer to the request, if there was one.
+    pub answer: Option<Result<(), Refusal>>,
+    /// Which fallback made the command.
+    pub rung: Rung,
+    /// What degraded.
+    pub health: Health,
+    /// Trust used, where it is heading, and why.
+    pub trust: TrustReport,
+    /// Predictor in use.
+    pub predictor: PredictorKind,
+    /// Version of the weights in use (0: those it started with).
+    pub weights_version: u64,
+    /// Stamp of the newest accepted pen sample.
+    pub pen_stamp: Option<Stamp>,
+    /// Newest accepted pen position in the plane frame [m].
+    pub pen_position: [f64; 2],
+    /// The newest accepted pen sample touches the paper.
+    pub pen_contact: bool,
+    /// Receipts so far.
+    pub pen_counters: PenCounters,
+    /// Error of the one-step prediction of the newest closed grid step [m]; `None` when no step closed.
+    pub predictor_error: Option<f64>,
+    /// First reference of the plan in the plane frame [m].
+    pub reference: [f64; 3],
+    /// Setpoint of this tick in the plane frame.
+    pub setpoint: [AxisState; 3],
+    /// Where the published joints put the tool, plane frame [m].
+    pub tool: [f64; 3],
+    /// How each axis was solved.
+    pub axes: [AxisReport; 3],
+    /// How the joints were solved.
+    pub ik: IkReport,
+    /// Bits of what the guard changed; 0: nothing.
+    pub guard_altered: u32,
+    /// Grid steps closed in this tick, for the learner; only the first `learn_count` count.
+    pub learn: [LearnStep; MAX_STEPS_PER_TICK],
+    /// See `learn`.
+    pub learn_count: usize,
+}

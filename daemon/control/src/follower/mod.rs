@@ -1,0 +1,269 @@
+//! `Follower::step`: one tick of the control law, from pen samples to a legal joint command.
+//!
+//! Contract: pure and total. It knows no clock (`now` is an argument), allocates nothing, never fails: whatever the
+//! inputs, predictor or solver do, it returns a command that is finite, inside all limits and continuous with the last
+//! one, and a health word that says what degraded. The same build and inputs give the same outputs, bit for bit.
+//!
+//! Time: at `now` the commanded state is the one published last. The step plans from it and publishes the joints for
+//! `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t − stamp) moves in
+//! straight pieces from command to command.
+
+mod io;
+mod motion;
+mod plane;
+mod reference;
+mod settings;
+mod watch;
+
+pub use io::{
+    Budget, EnableReading, Health, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode, NoClock, Refusal,
+    Request, Rung, Stage, StageClock, StepInput, StepOutput, StopReason,
+};
+pub use plane::Plane;
+pub use settings::{FollowerError, FollowerSettings, SafetySettings};
+
+use motion::{Motion, Mover};
+use reference::Preview;
+use watch::Watch;
+
+use crate::learn::LearnStep;
+use crate::pen::{PenReading, PenTracker};
+use crate::predict::{Oracle, PredictorKind, Previewer};
+use crate::trust::{TrustControl, TrustInputs, TrustReport, TrustRequest};
+use crate::units::{Stamp, Trust};
+
+/// The control law of one arm: horizon of `N` steps, `J` joints.
+#[derive(Debug)]
+pub struct Follower<const N: usize, const J: usize> {
+    settings: FollowerSettings<J>,
+    watch: Watch<J>,
+    pen: PenTracker,
+    previewer: Previewer,
+    preview: Preview,
+    pending_predictor: Option<PredictorKind>,
+    trust: TrustControl,
+    trust_request: TrustRequest,
+    mover: Mover<N, J>,
+}
+
+/// What the pen gave in one tick.
+struct PenNews {
+    learn: [LearnStep; MAX_STEPS_PER_TICK],
+    count: usize,
+    jumped: bool,
+    error: Option<f64>,
+}
+
+impl<const N: usize, const J: usize> Follower<N, J> {
+    /// Builds everything that a tick will need; later steps allocate nothing.
+    ///
+    /// *Errors*: settings that are illegal or do not fit together, each with value and legal range.
+    pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
+        let steps = settings.preview_steps(N)?;
+        let step_ns = settings.pen.step_ns;
+        Ok(Self {
+            watch: Watch::new(settings.safety),
+            pen: PenTracker::new(settings.pen)?,
+            previewer: Previewer::new(settings.preview, settings.dybm_weights)?,
+            preview: Preview::new(step_ns, steps),
+            pending_predictor: None,
+            trust: TrustControl::new(settings.trust)?,
+            trust_request: settings.trust_request,
+            mover: Mover::new(&settings)?,
+            settings,
+        })
+    }
+
+    /// Gives the recorded future to the oracle and makes it the predictor (experiments only).
+    pub fn use_oracle(&mut self, oracle: Oracle) {
+        self.previewer.load_recording(oracle);
+        // A recording was just loaded, the only thing `choose` can miss.
+        let _ = self.previewer.choose(PredictorKind::Oracle);
+    }
+
+    /// What it was built from.
+    #[must_use]
+    pub fn settings(&self) -> &FollowerSettings<J> {
+        &self.settings
+    }
+
+    /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
+    pub fn step(
+        &mut self,
+        input: &StepInput<'_, J>,
+        budget: Budget,
+        clock: &mut impl StageClock,
+    ) -> StepOutput<J> {
+        let now = input.now;
+        let mut health = Health::default();
+
+        let lost_ns = self.mover.catch_up(now, &mut health);
+        if lost_ns > self.settings.safety.latch_after_ns {
+            self.watch.latch(StopReason::TimeLost);
+        }
+        self.watch.observe(input.joints, input.enable);
+        let answer = input.request.map(|request| self.answer(now, request));
+        self.watch.check(now, &mut health);
+        let news = self.read_pen(now, input.pen, &mut health);
+        let pen_age = self.pen.age_ns(now);
+        self.watch.heed_pen(pen_age);
+        clock.lap(Stage::Pen);
+
+        if let Some(weights) = input.weights
+            && self.previewer.set_weights(weights).is_err()
+        {
+            health.set(Health::WEIGHTS_REFUSED);
+        }
+        let trust = self.believe(pen_age, news.jumped);
+        if news.count > 0 || input.weights.is_some() || trust.switched {
+            self.preview.refresh(&self.previewer);
+        }
+        if !self.preview.is_finite() {
+            health.set(Health::PREDICTOR_INVALID);
+        }
+        clock.lap(Stage::Predict);
+
+        let wanted = self.wanted(now, trust.report.alpha);
+        let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
+        if moved.at_rest && self.watch.stopped() && self.watch.came_to_rest() {
+            self.mover.let_go();
+        }
+        clock.lap(Stage::Guard);
+
+        let newest = self.pen.newest();
+        StepOutput {
+            command: moved
+                .command
+                .map(|command| JointCommand { enabled: !(self.watch.stopped() && moved.at_rest), ..command }),
+            mode: self.watch.mode(),
+            stop_reason: self.watch.reason(),
+            answer,
+            rung: moved.rung,
+            health,
+            trust: trust.report,
+            predictor: self.previewer.active(),
+            weights_version: self.previewer.weights().version,
+            pen_stamp: newest.map(|pen| pen.stamp),
+            pen_position: newest.map_or([0.0; 2], |pen| pen.position),
+            pen_contact: newest.is_some_and(|pen| pen.contact),
+            pen_counters: self.pen.counters(),
+            predictor_error: news.error,
+            reference: moved.reference,
+            setpoint: moved.setpoint,
+            tool: moved.tool,
+            axes: moved.axes,
+            ik: moved.ik,
+            guard_altered: moved.guard_altered,
+            learn: news.learn,
+            learn_count: news.count,
+        }
+    }
+
+    fn answer(&mut self, now: Stamp, request: Request) -> Result<(), Refusal> {
+        match request {
+            Request::Arm => {
+                let joints = self.watch.may_arm(now, self.mover.at_rest())?;
+                self.mover.seed(now, &joints.q)?;
+                self.watch.arm(now);
+            }
+            Request::Disarm => self.watch.disarm(),
+            Request::Stop => self.watch.latch(StopReason::Requested),
+            Request::SetTrust(alpha) => {
+                if !(0.0..=1.0).contains(&alpha) {
+                    return Err(Refusal::BadValue);
+                }
+                self.trust_request = TrustRequest::Manual(Trust::new(alpha));
+            }
+            Request::TrustAuto => self.trust_request = TrustRequest::Auto,
+            Request::SwitchPredictor(kind) => {
+                if !self.previewer.offers(kind) {
+                    return Err(Refusal::PredictorUnavailable);
+                }
+                self.pending_predictor = Some(kind);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in the pen samples and the grid steps that they close.
+    fn read_pen(&mut self, now: Stamp, samples: &[PenReading], health: &mut Health) -> PenNews {
+        let before = self.pen.counters().rejected();
+        for sample in samples {
+            let position = self.settings.plane.from_pen(sample.position);
+            self.pen.ingest(now, &PenReading { position, ..*sample });
+        }
+        if self.pen.counters().rejected() > before {
+            health.set(Health::PEN_REJECTED);
+        }
+        let mut news = PenNews {
+            learn: [LearnStep::default(); MAX_STEPS_PER_TICK],
+            count: 0,
+            jumped: false,
+            error: None,
+        };
+        let mut expected = self.preview.next_displacement();
+        for slot in &mut news.learn {
+            let Some(step) = self.pen.next_step() else { break };
+            *slot = self.previewer.observe(&step);
+            news.count += 1;
+            match slot.motion {
+                crate::pen::Motion::Continues => {
+                    // Only the first step of a tick was predicted from the step just before it.
+                    if let Some([x, y]) = expected.take() {
+                        let [dx, dy] = step.displacement;
+                        news.error = Some((dx - x).hypot(dy - y));
+                    }
+                }
+                crate::pen::Motion::Jump => {
+                    news.jumped = true;
+                    expected = None;
+                }
+                crate::pen::Motion::Start => expected = None,
+            }
+        }
+        if news.jumped {
+            health.set(Health::PEN_JUMP);
+        }
+        news
+    }
+
+    fn believe(&mut self, pen_age: Option<u64>, jumped: bool) -> Believed {
+        let report = self.trust.update(
+            &TrustInputs {
+                request: self.trust_request,
+                armed: self.watch.follows(),
+                history: self.previewer.history(),
+                pen_age_ns: pen_age,
+                jumped,
+                preview_finite: self.preview.is_finite(),
+                switching: self.pending_predictor.is_some(),
+            },
+            self.settings.period_ns,
+        );
+        let mut switched = false;
+        if report.alpha.alpha() <= 0.0
+            && let Some(kind) = self.pending_predictor.take()
+        {
+            switched = self.previewer.choose(kind).is_ok();
+        }
+        Believed { report, switched }
+    }
+
+    /// What the plan should follow; `None` while the arm is not to follow the pen.
+    fn wanted(&self, now: Stamp, trust: Trust) -> Option<Motion<N>> {
+        match self.watch.mode() {
+            Mode::Idle => return None,
+            Mode::Armed | Mode::Stopped | Mode::Fault => return Some(Motion::Stop),
+            Mode::Following | Mode::Holding => {}
+        }
+        let pen = self.pen.newest()?;
+        let preview = self.preview.references(now, self.settings.dead_time_ns);
+        Some(Motion::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
+    }
+}
+
+/// Trust after one tick, and whether another predictor took over.
+struct Believed {
+    report: TrustReport,
+    switched: bool,
+}

@@ -1,0 +1,382 @@
+//! The moving half of a tick: plan, inverse kinematics, guard, and the ladder of fallbacks between them.
+//!
+//! Contract: owns the commanded state. Whatever is asked for, the state after `advance` is legal and continuous with the
+//! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
+
+use nalgebra::Vector3;
+
+use super::Budget;
+use super::io::{Health, JointCommand, Refusal, Rung, Stage, StageClock};
+use super::plane::Plane;
+use super::settings::{FollowerError, FollowerSettings};
+use crate::guard::{Commanded, Guard, StopProfile, consumer_state};
+use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
+use crate::mpc::{AxisReport, Mpc, Plan};
+use crate::pen::PenReading;
+use crate::units::{AxisState, Stamp, Trust};
+
+/// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.
+const IK_TOLERANCE_MPS: f64 = 1e-3;
+
+/// What the arm is to do in a tick.
+#[derive(Debug, Clone)]
+pub(super) enum Motion<const N: usize> {
+    /// Follow the pen.
+    Follow {
+        /// Newest pen sample, plane frame.
+        pen: PenReading,
+        /// The pen fell silent.
+        holding: bool,
+        /// References of x and y at i = 1..N.
+        preview: Option<[[AxisState; N]; 2]>,
+        /// How much of the preview to believe.
+        trust: Trust,
+    },
+    /// Come to rest, and stay there.
+    Stop,
+}
+
+/// What came of it.
+#[derive(Debug, Clone)]
+pub(super) struct Moved<const J: usize> {
+    pub(super) command: Option<JointCommand<J>>,
+    pub(super) rung: Rung,
+    pub(super) at_rest: bool,
+    pub(super) reference: [f64; 3],
+    pub(super) setpoint: [AxisState; 3],
+    pub(super) tool: [f64; 3],
+    pub(super) axes: [AxisReport; 3],
+    pub(super) ik: IkReport,
+    pub(super) guard_altered: u32,
+}
+
+/// The commanded state and everything that changes it.
+#[derive(Debug)]
+pub(super) struct Mover<const N: usize, const J: usize> {
+    period_ns: u64,
+    period_s: f64,
+    valid_ns: u64,
+    previous_plan_max_ns: u64,
+    approach_distance: f64,
+    workspace: [[f64; 2]; 3],
+    arm_margin: f64,
+    arm_cos_tilt: f64,
+    plane: Plane,
+    chain: Chain<J>,
+    mpc: Mpc<N>,
+    ik: Ik<J>,
+    guard: Guard<J>,
+    stop: StopProfile<J>,
+    held: Option<Held<J>>,
+    reports: Reports,
+    /// Commanded tool state in the plane frame: x₀ of the plan.
+    tool: [AxisState; 3],
+    plan: Plan<N>,
+    /// When `plan` begins; `None` while there is none to fall back to.
+    plan_start: Option<Stamp>,
+    /// The tool has not come near the pen yet and stays lifted.
+    approaching: bool,
+    height: f64,
+}
+
+/// The last command, and where it puts the arm.
+#[derive(Debug, Clone)]
+struct Held<const J: usize> {
+    command: Commanded<J>,
+    valid_until: Stamp,
+    kinematics: Kinematics<J>,
+}
+
+/// Evidence of the last solves, repeated where a tick solved nothing.
+#[derive(Debug, Clone, Copy, Default)]
+struct Reports {
+    axes: [AxisReport; 3],
+    ik: IkReport,
+}
+
+impl<const N: usize, const J: usize> Mover<N, J> {
+    pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
+        let safety = &settings.safety;
+        Ok(Self {
+            period_ns: settings.period_ns,
+            period_s: settings.period_ns as f64 * 1e-9,
+            valid_ns: settings.valid_ns(),
+            previous_plan_max_ns: safety.previous_plan_max_ns,
+            approach_distance: safety.approach_distance,
+            workspace: settings.mpc.axes.map(|axis| axis.position_m),
+            arm_margin: safety.arm_workspace_margin,
+            arm_cos_tilt: safety.arm_max_tilt.cos(),
+            plane: settings.plane,
+            chain: settings.chain.clone(),
+            mpc: Mpc::new(&settings.mpc)?,
+            ik: Ik::new(settings.limits, settings.ik),
+            guard: Guard::new(settings.limits),
+            stop: StopProfile::new(settings.limits),
+            held: None,
+            reports: Reports::default(),
+            tool: [AxisState::default(); 3],
+            plan: Plan::resting(settings.mpc.step_s),
+            plan_start: None,
+            approaching: true,
+            height: settings.plane.lift_height,
+        })
+    }
+
+    /// Takes charge of an arm that stands at `q`.
+    pub(super) fn seed(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
+        let inside = |(q, [low, high]): (&f64, &[f64; 2])| *q >= *low && *q <= *high;
+        if !q.iter().zip(self.guard.limits().position()).all(inside) {
+            return Err(Refusal::OutsideJointLimits);
+        }
+        let kinematics = self.chain.forward(q);
+        let tool = self.plane.point_from_base(&kinematics.position);
+        let margin = self.arm_margin;
+        let within = |(x, [low, high]): (&f64, &[f64; 2])| *x >= low - margin && *x <= high + margin;
+        if !tool.iter().zip(&self.workspace).all(within) {
+            return Err(Refusal::ToolOutsideWorkspace);
+        }
+        let axis = kinematics.rotation.column(2).dot(&self.plane.tool_axis());
+        if !(axis >= self.arm_cos_tilt) {
+            return Err(Refusal::ToolNotAligned);
+        }
+        let command = Commanded::at_rest(now, *q).ok_or(Refusal::OutsideJointLimits)?;
+        self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
+        self.plan_start = None;
+        self.approaching = true;
+        self.height = self.plane.lift_height;
+        self.held = Some(Held { command, valid_until: now + self.valid_ns, kinematics });
+        Ok(())
+    }
+
+    /// Gives the arm back.
+    pub(super) fn let_go(&mut self) {
+        self.held = None;
+        self.plan_start = None;
+    }
+
+    /// Nothing commanded moves.
+    pub(super) fn at_rest(&self) -> bool {
+        self.held.as_ref().is_none_or(|held| StopProfile::is_done(&held.command))
+    }
+
+    /// Puts the commanded state where consumers are at `now`, if periods were lost since the last command.
+    ///
+    /// Returns how long nothing was commanded [ns].
+    pub(super) fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
+        let Some(held) = &mut self.held else { return 0 };
+        let Ok(lost @ 1..) = u64::try_from(now.since(held.command.stamp())) else { return 0 };
+        health.set(Health::TIME_LOST | Health::RESYNCHRONISED);
+        let decel = self.guard.limits().deceleration();
+        let motion = consumer_state(&held.command, held.valid_until, decel, now);
+        // A finite command stays finite on its way to rest; if it did not, the arm is where the command left it.
+        let at_rest = Commanded::at_rest(now, *held.command.q());
+        held.command = Commanded::new(now, motion).or(at_rest).unwrap_or(held.command);
+        held.valid_until = now + self.valid_ns;
+        held.kinematics = self.chain.forward(held.command.q());
+        if lost > self.valid_ns {
+            self.plan_start = None;
+        }
+        self.resynchronise();
+        lost
+    }
+
+    /// One period of motion: x₀ ← (FK, Jq̇, Jq̈ + J̇q̇) of what is really published, so that nothing winds up.
+    pub(super) fn advance(
+        &mut self,
+        wanted: Option<&Motion<N>>,
+        budget: Budget,
+        health: &mut Health,
+        clock: &mut impl StageClock,
+    ) -> Moved<J> {
+        let start = match (&self.held, wanted) {
+            (Some(held), Some(_)) => held.command.stamp(),
+            _ => return self.nothing(clock),
+        };
+        let reach = start + self.period_ns;
+        if budget.shed {
+            health.set(Health::SHED);
+        }
+        let (reference, next, mut rung) = match wanted {
+            Some(Motion::Follow { pen, holding, preview, trust }) => {
+                let (references, conservative, trust) = self.references(pen, *holding, preview, *trust);
+                let first = references.map(|axis| axis.first().map_or(0.0, |state| state.position));
+                let (next, rung) = self.plan_next(start, &conservative, &references, trust, budget, health);
+                (first, next, rung)
+            }
+            _ => (self.tool.map(|axis| axis.position), None, Rung::Stop),
+        };
+        clock.lap(Stage::Mpc);
+
+        let qd = next.and_then(|next| self.joint_velocities(&next, health));
+        if next.is_some() && qd.is_none() {
+            rung = Rung::Stop;
+        }
+        if matches!(wanted, Some(Motion::Follow { .. })) && rung == Rung::Stop {
+            health.set(Health::FALLBACK);
+        }
+        clock.lap(Stage::Ik);
+
+        let follows_plan = qd.is_some();
+        let guard_altered = self.publish(reach, qd, health);
+        match next {
+            Some(next) if follows_plan && !health.has(Health::IK_LIMITED | Health::GUARD_ALTERED) => {
+                self.tool = next;
+            }
+            _ => {
+                health.set(Health::RESYNCHRONISED);
+                self.resynchronise();
+            }
+        }
+        if !follows_plan {
+            self.plan_start = None;
+        }
+        let at_rest = self.at_rest();
+        if rung == Rung::Stop && at_rest {
+            rung = Rung::Hold;
+        }
+        let tool = self.held.as_ref().map_or_else(Vector3::zeros, |held| held.kinematics.position);
+        let tool = self.plane.point_from_base(&tool);
+        Moved {
+            command: self.held.as_ref().map(|held| JointCommand {
+                stamp: held.command.stamp(),
+                valid_until: held.valid_until,
+                q: *held.command.q(),
+                qd: *held.command.qd(),
+                enabled: true,
+            }),
+            rung,
+            at_rest,
+            reference,
+            setpoint: self.tool,
+            tool: [tool.x, tool.y, tool.z],
+            axes: self.reports.axes,
+            ik: self.reports.ik,
+            guard_altered,
+        }
+    }
+
+    fn nothing(&self, clock: &mut impl StageClock) -> Moved<J> {
+        clock.lap(Stage::Mpc);
+        clock.lap(Stage::Ik);
+        Moved {
+            command: None,
+            rung: Rung::Hold,
+            at_rest: true,
+            reference: [0.0; 3],
+            setpoint: [AxisState::default(); 3],
+            tool: [0.0; 3],
+            axes: self.reports.axes,
+            ik: self.reports.ik,
+            guard_altered: 0,
+        }
+    }
+
+    /// References of the three axes, the conservative states, and the trust that they deserve.
+    fn references(
+        &mut self,
+        pen: &PenReading,
+        holding: bool,
+        preview: &Option<[[AxisState; N]; 2]>,
+        trust: Trust,
+    ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
+        let [x, y] = pen.position;
+        let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
+        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere else.
+        if holding {
+            self.approaching = true;
+        } else {
+            self.approaching &= !((x - tool_x).hypot(y - tool_y) <= self.approach_distance);
+            let down = pen.contact && !self.approaching;
+            self.height = if down { 0.0 } else { self.plane.lift_height };
+        }
+        let conservative = [x, y, self.height].map(AxisState::at_rest);
+        let [hold_x, hold_y, hold_z] = conservative;
+        match preview {
+            Some([xs, ys]) => ([*xs, *ys, [hold_z; N]], conservative, trust),
+            None => ([[hold_x; N], [hold_y; N], [hold_z; N]], conservative, Trust::NONE),
+        }
+    }
+
+    /// The tool state at the end of the period: from a fresh plan, else from the previous one.
+    fn plan_next(
+        &mut self,
+        start: Stamp,
+        conservative: &[AxisState; 3],
+        references: &[[AxisState; N]; 3],
+        trust: Trust,
+        budget: Budget,
+        health: &mut Health,
+    ) -> (Option<[AxisState; 3]>, Rung) {
+        if !budget.shed {
+            let iterations = budget.max_iterations;
+            let report =
+                self.mpc.plan(&self.tool, conservative, references, trust, iterations, &mut self.plan);
+            self.reports.axes = report.axes;
+            if report.usable()
+                && let Some(next) = self.plan.state_at(self.period_s)
+                && next.iter().all(AxisState::is_finite)
+            {
+                self.plan_start = Some(start);
+                return (Some(next), Rung::FreshPlan);
+            }
+            health.set(Health::MPC_FAILED);
+        }
+        health.set(Health::FALLBACK);
+        let next = self.plan_start.and_then(|begin| {
+            let elapsed_ns = u64::try_from((start + self.period_ns).since(begin)).ok()?;
+            let in_time = elapsed_ns <= self.previous_plan_max_ns;
+            in_time.then(|| self.plan.state_at(elapsed_ns as f64 * 1e-9)).flatten()
+        });
+        let rung = if next.is_some() { Rung::PreviousPlan } else { Rung::Stop };
+        (next, rung)
+    }
+
+    /// Joint velocities that carry the tool from its commanded state to `next` in one period.
+    fn joint_velocities(&mut self, next: &[AxisState; 3], health: &mut Health) -> Option<[f64; J]> {
+        let held = self.held.as_ref()?;
+        let [x, y, z] = self.tool.map(|axis| axis.position);
+        let [next_x, next_y, next_z] = next.map(|axis| axis.position);
+        let here = Vector3::new(x, y, z);
+        let there = Vector3::new(next_x, next_y, next_z);
+        let target = ToolTarget {
+            position: self.plane.point_to_base(&here),
+            velocity: self.plane.vector_to_base(&((there - here) / self.period_s)),
+            axis: self.plane.tool_axis(),
+            spin: None,
+        };
+        let step = self.ik.step(&held.kinematics, held.command.motion(), &target, self.period_s);
+        self.reports.ik = step.report;
+        if step.report.source != IkSource::Optimum {
+            health.set(Health::IK_FAILED);
+        }
+        if !(step.report.velocity_error.norm() <= IK_TOLERANCE_MPS) {
+            health.set(Health::IK_LIMITED);
+        }
+        (step.report.source != IkSource::Brake).then_some(step.qd)
+    }
+
+    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the commanded state.
+    fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
+        let Some(held) = &mut self.held else { return 0 };
+        let qd = qd.unwrap_or_else(|| self.stop.next(&held.command, reach));
+        let mut q = *held.command.q();
+        for (q, qd) in q.iter_mut().zip(&qd) {
+            *q += qd * self.period_s;
+        }
+        let verdict = self.guard.clamp(&held.command, &q, reach);
+        if verdict.altered != 0 {
+            health.set(Health::GUARD_ALTERED);
+        }
+        held.command = verdict.command;
+        held.valid_until = held.command.stamp() + self.valid_ns;
+        held.kinematics = self.chain.forward(held.command.q());
+        u32::from(verdict.reasons.bits())
+    }
+
+    /// Takes the tool state from the commanded joints.
+    fn resynchronise(&mut self) {
+        let Some(held) = &self.held else { return };
+        let tool = held.kinematics.tool_motion(held.command.qd(), held.command.qdd());
+        self.tool = self.plane.axes_from_base(&tool.position, &tool.velocity, &tool.acceleration);
+    }
+}

@@ -1,0 +1,208 @@
+//! What the control law has to know before it starts, and the checks that the parts fit together.
+
+use thiserror::Error;
+
+use super::plane::Plane;
+use crate::ik::{Chain, IkSettings, JointLimits};
+use crate::mpc::{MpcError, MpcSettings};
+use crate::pen::{PenError, PenSettings};
+use crate::predict::{DybmWeights, MAX_PREVIEW, PreviewError, PreviewSettings};
+use crate::trust::{TrustError, TrustRequest, TrustSettings};
+
+/// Bounds of time and motion around the law itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SafetySettings {
+    /// Periods for which a consumer may follow a command after its stamp.
+    pub valid_periods: u32,
+    /// A machine that stood still for longer than this latches a stop [ns].
+    pub latch_after_ns: u64,
+    /// Joint states older than this stop the arm [ns].
+    pub joint_state_timeout_ns: u64,
+    /// A dead-man switch silent for longer than this stops the arm [ns].
+    pub enable_timeout_ns: u64,
+    /// Arming needs the dead-man switch. Once it was seen while armed, it is honoured in any case.
+    pub enable_required: bool,
+    /// A pen silent for longer than this turns Following into Holding [ns].
+    pub hold_after_ns: u64,
+    /// Fastest joint with which arming is allowed [rad/s].
+    pub arm_max_speed: f64,
+    /// Farthest the tool may stand outside the workspace when arming [m].
+    pub arm_workspace_margin: f64,
+    /// Largest angle between tool axis and plane normal when arming [rad].
+    pub arm_max_tilt: f64,
+    /// Longest use of an earlier plan before the stop begins [ns].
+    pub previous_plan_max_ns: u64,
+    /// The tool stays lifted after arming until it is this close to the pen [m].
+    pub approach_distance: f64,
+}
+
+/// Everything the follower is built from.
+#[derive(Debug, Clone)]
+pub struct FollowerSettings<const J: usize> {
+    /// Control period dt [ns].
+    pub period_ns: u64,
+    /// Pen samples to grid. Its step Δ is the grid of prediction and plan; a multiple of `period_ns`.
+    pub pen: PenSettings,
+    /// Predictor at start, bound of its rollout, normaliser.
+    pub preview: PreviewSettings,
+    /// Weights of the DyBM at start.
+    pub dybm_weights: DybmWeights,
+    /// When to believe the preview.
+    pub trust: TrustSettings,
+    /// Who decides at start.
+    pub trust_request: TrustRequest,
+    /// Gains, limits and solver of the plan.
+    pub mpc: MpcSettings,
+    /// Where the paper is.
+    pub plane: Plane,
+    /// The arm.
+    pub chain: Chain<J>,
+    /// Limits that every command obeys.
+    pub limits: JointLimits<J>,
+    /// Weights of the inverse kinematics.
+    pub ik: IkSettings<J>,
+    /// Time from command to arm motion, τ [ns].
+    pub dead_time_ns: u64,
+    /// Bounds of time and motion.
+    pub safety: SafetySettings,
+}
+
+/// Why a follower could not be built.
+#[derive(Debug, Error, PartialEq)]
+pub enum FollowerError {
+    /// Δ is not a multiple of dt.
+    #[error(
+        "grid step {step_ns} ns is not a multiple of the control period {period_ns} ns; choose a rate whose period divides the step"
+    )]
+    StepNotMultiple {
+        /// Δ [ns]
+        step_ns: u64,
+        /// dt [ns]
+        period_ns: u64,
+    },
+    /// dt out of range.
+    #[error("control period {period_ns} ns is outside 500000 to 20000000 ns (2000 to 50 Hz)")]
+    Period {
+        /// dt [ns]
+        period_ns: u64,
+    },
+    /// Dead time plus pen age need a longer preview than there is room for.
+    #[error(
+        "dead time {dead_time_ns} ns needs a preview of {needed} steps, but at most {available} are kept; shorten dead time or horizon"
+    )]
+    PreviewTooLong {
+        /// τ [ns]
+        dead_time_ns: u64,
+        /// Steps needed.
+        needed: usize,
+        /// Steps available.
+        available: usize,
+    },
+    /// A number of the plane or of the safety bounds is outside its range.
+    #[error("{name} = {value} {unit} is outside {low} to {high} {unit}")]
+    Number {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Lower bound.
+        low: f64,
+        /// Upper bound.
+        high: f64,
+        /// Unit of all three.
+        unit: &'static str,
+    },
+    /// Parts of the loop were given different grid steps.
+    #[error("{part} has a grid step of {got_ns} ns, the pen grid {grid_ns} ns; they must be the same")]
+    StepMismatch {
+        /// Which part.
+        part: &'static str,
+        /// Its step [ns]
+        got_ns: u64,
+        /// Step of the grid [ns]
+        grid_ns: u64,
+    },
+    /// The pen grid.
+    #[error(transparent)]
+    Pen(#[from] PenError),
+    /// The plan.
+    #[error(transparent)]
+    Mpc(#[from] MpcError),
+    /// The predictor.
+    #[error(transparent)]
+    Preview(#[from] PreviewError),
+    /// Trust.
+    #[error(transparent)]
+    Trust(#[from] TrustError),
+}
+
+impl<const J: usize> FollowerSettings<J> {
+    /// Validity of a command past its stamp [ns].
+    #[must_use]
+    pub fn valid_ns(&self) -> u64 {
+        u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
+    }
+
+    /// Steps to roll out for a horizon of `horizon`: N + ⌈(τ + age_max)/Δ⌉ + 1 (control law, section 1).
+    ///
+    /// age_max is the age at which the pen counts as stale, plus the step that may be open.
+    /// *Errors*: settings that do not fit together.
+    pub fn preview_steps(&self, horizon: usize) -> Result<usize, FollowerError> {
+        self.check()?;
+        let late_ns =
+            self.dead_time_ns.saturating_add(self.trust.stale_after_ns).saturating_add(self.pen.step_ns);
+        let lead = usize::try_from(late_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX);
+        let needed = horizon.saturating_add(lead).saturating_add(1);
+        if needed > MAX_PREVIEW {
+            let dead_time_ns = self.dead_time_ns;
+            return Err(FollowerError::PreviewTooLong { dead_time_ns, needed, available: MAX_PREVIEW });
+        }
+        Ok(needed)
+    }
+
+    fn check(&self) -> Result<(), FollowerError> {
+        let Self { period_ns, .. } = *self;
+        let step_ns = self.pen.step_ns;
+        if !(500_000..=20_000_000).contains(&period_ns) {
+            return Err(FollowerError::Period { period_ns });
+        }
+        if step_ns == 0 || !step_ns.is_multiple_of(period_ns) {
+            return Err(FollowerError::StepNotMultiple { step_ns, period_ns });
+        }
+        let mpc_ns = (self.mpc.step_s * 1e9).round() as u64;
+        let parts = [("plan", mpc_ns), ("preview", self.preview.step_ns), ("trust", self.trust.step_ns)];
+        if let Some((part, got_ns)) = parts.into_iter().find(|(_, ns)| *ns != step_ns) {
+            return Err(FollowerError::StepMismatch { part, got_ns, grid_ns: step_ns });
+        }
+        let SafetySettings {
+            valid_periods,
+            arm_max_speed,
+            arm_workspace_margin,
+            arm_max_tilt,
+            approach_distance,
+            ..
+        } = self.safety;
+        let [pen_x, pen_y] = self.plane.pen_origin;
+        let [x, y, z] = self.plane.origin.into();
+        let numbers = [
+            ("command validity", f64::from(valid_periods), 1.0, 50.0, "periods"),
+            ("arming speed", arm_max_speed, 0.0, 1.0, "rad/s"),
+            ("arming workspace margin", arm_workspace_margin, 0.0, 1.0, "m"),
+            ("arming tilt", arm_max_tilt, 0.0, 1.6, "rad"),
+            ("approach distance", approach_distance, 1e-4, 1.0, "m"),
+            ("pen scale", self.plane.pen_scale, 1e-3, 1e3, "m/m"),
+            ("pen origin x", pen_x, -1e3, 1e3, "m"),
+            ("pen origin y", pen_y, -1e3, 1e3, "m"),
+            ("lift height", self.plane.lift_height, 0.0, 1.0, "m"),
+            ("plane origin x", x, -10.0, 10.0, "m"),
+            ("plane origin y", y, -10.0, 10.0, "m"),
+            ("plane origin z", z, -10.0, 10.0, "m"),
+        ];
+        match numbers.into_iter().find(|(_, value, low, high, _)| !(low..=high).contains(&value)) {
+            Some((name, value, low, high, unit)) => {
+                Err(FollowerError::Number { name, value, low, high, unit })
+            }
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Modes: who is in charge of the arm, and what takes the charge away.
+//!
+//! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy arm at rest.
+
+use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StopReason};
+use super::settings::SafetySettings;
+use crate::units::Stamp;
+
+/// What is known about the arm and its operator, and the mode that follows from it.
+#[derive(Debug, Clone)]
+pub(super) struct Watch<const J: usize> {
+    settings: SafetySettings,
+    mode: Mode,
+    reason: StopReason,
+    /// Goes to Idle once at rest.
+    letting_go: bool,
+    joints: Option<JointReading<J>>,
+    enable: Option<EnableReading>,
+    /// The dead-man switch was held at some time since arming, so its loss counts.
+    enable_honoured: bool,
+}
+
+impl<const J: usize> Watch<J> {
+    pub(super) fn new(settings: SafetySettings) -> Self {
+        Self {
+            settings,
+            mode: Mode::Idle,
+            reason: StopReason::None,
+            letting_go: false,
+            joints: None,
+            enable: None,
+            enable_honoured: false,
+        }
+    }
+
+    pub(super) fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    pub(super) fn reason(&self) -> StopReason {
+        self.reason
+    }
+
+    /// The arm is to move with the pen.
+    pub(super) fn follows(&self) -> bool {
+        matches!(self.mode, Mode::Following | Mode::Holding)
+    }
+
+    /// A stop is latched.
+    pub(super) fn stopped(&self) -> bool {
+        matches!(self.mode, Mode::Stopped | Mode::Fault)
+    }
+
+    /// Takes in what arrived; never replaces something newer by something older.
+    pub(super) fn observe(&mut self, joints: Option<&JointReading<J>>, enable: Option<EnableReading>) {
+        if let Some(new) = joints
+            && self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp)
+            && new.q.iter().chain(&new.qd).all(|value| value.is_finite())
+        {
+            self.joints = Some(*new);
+        }
+        if let Some(new) = enable
+            && self.enable.is_none_or(|old| new.stamp >= old.stamp)
+        {
+            self.enable = Some(new);
+        }
+    }
+
+    /// Latches a stop if the arm or the operator is gone. Judged by stamps.
+    pub(super) fn check(&mut self, now: Stamp, health: &mut Health) {
+        let stale = !self.joints_fresh(now);
+        if stale {
+            health.set(Health::JOINTS_STALE);
+        }
+        let held = self.enable_held(now);
+        self.enable_honoured |= held && self.mode != Mode::Idle;
+        let lost = !held && (self.settings.enable_required || self.enable_honoured);
+        if lost {
+            health.set(Health::ENABLE_MISSING);
+        }
+        if !matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+            return;
+        }
+        if self.joints.as_ref().is_some_and(|joints| !joints.motion_allowed) {
+            self.mode = Mode::Fault;
+            self.reason = StopReason::ArmSafety;
+        } else if stale {
+            self.latch(StopReason::JointStateLost);
+        } else if lost {
+            self.latch(StopReason::EnableLost);
+        }
+    }
+
+    /// Follows while the pen speaks, holds when it falls silent.
+    pub(super) fn heed_pen(&mut self, pen_age_ns: Option<u64>) {
+        let speaks = pen_age_ns.is_some_and(|age| age <= self.settings.hold_after_ns);
+        self.mode = match self.mode {
+            Mode::Armed | Mode::Holding if speaks => Mode::Following,
+            Mode::Following if !speaks => Mode::Holding,
+            other => other,
+        };
+    }
+
+    /// Stops and stays stopped; the first reason stays.
+    pub(super) fn latch(&mut self, reason: StopReason) {
+        if matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+            self.mode = Mode::Stopped;
+            self.reason = reason;
+        }
+    }
+
+    /// Stops, then lets go of the arm.
+    pub(super) fn disarm(&mut self) {
+        self.latch(StopReason::Requested);
+        self.letting_go = true;
+    }
+
+    /// The arm has come to rest in a latched stop. Returns true when the loop lets go of it.
+    pub(super) fn came_to_rest(&mut self) -> bool {
+        let lets_go = self.letting_go && self.stopped();
+        if lets_go {
+            self.mode = Mode::Idle;
+            self.reason = StopReason::None;
+            self.letting_go = false;
+        }
+        lets_go
+    }
+
+    /// Checks everything about arming that needs no geometry; returns the joints to start from.
+    pub(super) fn may_arm(&self, now: Stamp, at_rest: bool) -> Result<JointReading<J>, Refusal> {
+        if matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+            return Err(Refusal::AlreadyArmed);
+        }
+        if !at_rest {
+            return Err(Refusal::StillStopping);
+        }
+        let joints = self.joints.as_ref().ok_or(Refusal::NoJointState)?;
+        if !self.joints_fresh(now) {
+            return Err(Refusal::JointStateStale);
+        }
+        if !joints.motion_allowed {
+            return Err(Refusal::MotionNotAllowed);
+        }
+        if !joints.qd.iter().all(|qd| qd.abs() <= self.settings.arm_max_speed) {
+            return Err(Refusal::ArmMoves);
+        }
+        if self.settings.enable_required && !self.enable_held(now) {
+            return Err(Refusal::EnableMissing);
+        }
+        Ok(*joints)
+    }
+
+    /// Takes charge.
+    pub(super) fn arm(&mut self, now: Stamp) {
+        self.mode = Mode::Armed;
+        self.reason = StopReason::None;
+        self.letting_go = false;
+        self.enable_honoured = self.enable_held(now);
+    }
+
+    fn joints_fresh(&self, now: Stamp) -> bool {
+        self.joints
+            .as_ref()
+            .is_some_and(|joints| now.since(joints.stamp) <= signed(self.settings.joint_state_timeout_ns))
+    }
+
+    fn enable_held(&self, now: Stamp) -> bool {
+        self.enable.is_some_and(|enable| {
+            !enable.stop && now.since(enable.stamp) <= signed(self.settings.enable_timeout_ns)
+        })
+    }
+}
+
+fn signed(ns: u64) -> i64 {
+    i64::try_from(ns).unwrap_or(i64::MAX)
+}
