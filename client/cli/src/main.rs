@@ -1,2 +1,56 @@
-//! Work in progress.
-fn main() {}
+//! `foretrace`: the one program people type.
+//!
+//! Contract: one file per command; a command prints its result on stdout, or as JSON where `--json` says, and fails
+//! with one line on stderr and a documented exit code. Nothing here panics on input, on a closed pipe or on Ctrl-C.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod failure;
+mod output;
+#[cfg(test)]
+mod spread;
+mod settings;
+mod config;
+#[cfg(test)]
+mod arm;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use failure::{EXIT_CODES, Failure};
+
+/// Make a robot arm follow a hand that writes, ahead of time.
+///
+/// A real-time daemon reads pen samples from shared memory, predicts where the pen will be when the arm gets there,
+/// plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
+#[derive(Debug, Parser)]
+#[command(name = "foretrace", version, after_help = EXIT_CODES, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Judge a settings file, or show the settings in force
+    #[command(subcommand)]
+    Config(config::ConfigCommand),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            output::note!("{failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Config(command) => config::run(command),
+    }
+}

@@ -1,0 +1,94 @@
+//! Where words and results go: people read stdout, machines read the JSON file.
+//!
+//! Contract: with `--json -` stdout carries the JSON and nothing else, and every word goes to stderr. A reader who
+//! closes the pipe ends the program quietly; no write ever panics.
+
+use std::fmt::Arguments;
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde::Serialize;
+
+use crate::failure::Failure;
+
+static WORDS_TO_STDERR: AtomicBool = AtomicBool::new(false);
+
+/// `--json FILE`, common to every command with a result.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct JsonArgs {
+    /// Also write the result as JSON to FILE; '-' is stdout, which then carries JSON only
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// Sends all words to stderr from now on if stdout belongs to the JSON.
+    pub(crate) fn claim_stdout(&self) {
+        if self.is_stdout() {
+            WORDS_TO_STDERR.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn is_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+
+    /// Writes `result` where it was asked for, if it was.
+    pub(crate) fn write<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
+        let Some(path) = &self.json else { return Ok(()) };
+        let mut text = serde_json::to_string_pretty(result).map_err(|error| {
+            Failure::failed(format_args!("the result cannot be written as JSON: {error}"), "")
+        })?;
+        text.push('\n');
+        if self.is_stdout() {
+            quietly(io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()));
+            return Ok(());
+        }
+        std::fs::write(path, text).map_err(|error| {
+            Failure::failed(
+                format_args!("cannot write {}: {error}", path.display()),
+                "give a writable --json FILE",
+            )
+        })
+    }
+}
+
+/// Prints a line for people; see `say!`.
+pub(crate) fn say_line(line: Arguments<'_>) {
+    if WORDS_TO_STDERR.load(Ordering::Relaxed) {
+        note_line(line);
+    } else {
+        quietly(writeln!(io::stdout(), "{line}"));
+    }
+}
+
+/// Prints a line on stderr, lost if nobody listens.
+pub(crate) fn note_line(line: Arguments<'_>) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// Stderr is a terminal, so that progress may be drawn.
+pub(crate) fn may_draw() -> bool {
+    io::stderr().is_terminal()
+}
+
+/// A line for people, on stdout unless the JSON has it.
+macro_rules! say {
+    ($($arg:tt)*) => { $crate::output::say_line(format_args!($($arg)*)) };
+}
+
+/// A line for people, on stderr in any case.
+macro_rules! note {
+    ($($arg:tt)*) => { $crate::output::note_line(format_args!($($arg)*)) };
+}
+
+pub(crate) use {note, say};
+
+/// A closed pipe means that the reader has seen enough.
+fn quietly(written: io::Result<()>) {
+    if let Err(error) = written {
+        let code = if error.kind() == io::ErrorKind::BrokenPipe { 0 } else { 1 };
+        std::process::exit(code);
+    }
+}

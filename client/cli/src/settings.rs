@@ -1,0 +1,83 @@
+//! `--config`, `--preset`, `--set`, `--instance`, `--root`: which settings, and which daemon.
+
+use std::path::PathBuf;
+
+use foretrace_config::{Config, ConfigError, Draft};
+
+use crate::failure::Failure;
+
+/// Which daemon, for commands that only attach to one.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct InstanceArgs {
+    /// Number of the daemon's instance; two daemons on one machine need two numbers [default: 0]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=99))]
+    pub(crate) instance: Option<u32>,
+
+    /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 60 bytes)
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
+    pub(crate) root: Option<PathBuf>,
+}
+
+/// Settings of the daemon, for commands that need to know them.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct SettingsArgs {
+    /// Settings file (TOML); see `foretrace config show`
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
+    pub(crate) config: Option<PathBuf>,
+
+    /// Built-in settings: ur5 or ur5e
+    #[arg(long, value_name = "NAME", default_value = "ur5")]
+    pub(crate) preset: String,
+
+    /// Put one value over the file or preset, for example --set loop.rate_hz=250
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+
+    #[command(flatten)]
+    pub(crate) instance: InstanceArgs,
+}
+
+impl SettingsArgs {
+    /// Loads and judges the settings; `--instance`, `--root` and `--set` win over the file.
+    pub(crate) fn load(&self) -> Result<Config, Failure> {
+        self.draft()?.finish().map_err(|error| wrong(&error))
+    }
+
+    /// The settings before judgement, for commands with options of their own.
+    pub(crate) fn draft(&self) -> Result<Draft, Failure> {
+        let mut draft = match &self.config {
+            Some(file) => Draft::file(file),
+            None => Draft::preset(&self.preset),
+        };
+        if let Some(number) = self.instance.instance {
+            draft = draft.set("instance.number", &number.to_string());
+        }
+        if let Some(root) = &self.instance.root {
+            draft = draft.set("instance.root_dir", &quoted(&root.to_string_lossy()));
+        }
+        for pair in &self.set {
+            let (key, value) = pair.split_once('=').ok_or_else(|| {
+                Failure::bad_input(format_args!("--set {pair} has no value"), "write --set KEY=VALUE")
+            })?;
+            draft = draft.set(key.trim(), value.trim());
+        }
+        Ok(draft)
+    }
+}
+
+/// The failure that tells everything that is wrong with the settings.
+pub(crate) fn wrong(error: &ConfigError) -> Failure {
+    let lines: Vec<String> = error.problems().iter().map(ToString::to_string).collect();
+    match lines.as_slice() {
+        [only] => Failure::bad_input(only, ""),
+        many => Failure::bad_input(
+            format_args!("{} problems in the settings:\n  {}", many.len(), many.join("\n  ")),
+            "",
+        ),
+    }
+}
+
+/// `text` as a TOML string.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
