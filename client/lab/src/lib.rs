@@ -9,3 +9,4 @@
 pub mod data;
 pub mod path;
 pub mod metrics;
+pub mod plot;

@@ -64,7 +64,8 @@ fn columns_may_come_in_any_order_and_number() {
 #[test]
 fn every_refusal_names_file_line_and_reason() {
     let seg = ".SEGMENT CHARACTER 0 ? \"a\"\n";
-    let cases: [(String, &[(&str, &str)], &str); 15] = [
+    type Case = (String, &'static [(&'static str, &'static str)], &'static str);
+    let cases: [Case; 15] = [
         (".INCLUDE s/no.doc\n".into(), &[], "a.dat:1: included file \"s/no.doc\" was not found"),
         (".INCLUDE ../../x\n".into(), &[], "a.dat:1: include \"../../x\" leads out"),
         (

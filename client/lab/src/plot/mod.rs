@@ -1,0 +1,61 @@
+//! Report pictures as SVG: pen and robot path, error with trust, histograms, lines.
+//!
+//! Pure functions from data to one file, written whole or not at all (temporary file, then rename). Values that
+//! are not finite are left out. Units of the arguments are SI; the pictures choose mm, ms or µs for reading.
+
+mod canvas;
+mod overlay;
+mod panels;
+mod histogram;
+
+pub use histogram::{Distribution, histograms};
+pub use overlay::{Cell, letter_grid, path_overlay};
+pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, trust_ramp};
+
+use std::path::{Path, PathBuf};
+
+/// A picture that was not written.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlotError {
+    /// Nothing finite to draw.
+    #[error("{}: nothing to draw: {what}", file.display())]
+    Empty {
+        /// The picture.
+        file: PathBuf,
+        /// Which data is missing.
+        what: &'static str,
+    },
+    /// The drawing library refused.
+    #[error("{}: cannot draw: {why}", file.display())]
+    Drawing {
+        /// The picture.
+        file: PathBuf,
+        /// Its reason.
+        why: String,
+    },
+    /// The file system refused.
+    #[error("{}: cannot write: {why}", file.display())]
+    Writing {
+        /// The picture.
+        file: PathBuf,
+        /// The system's reason.
+        why: String,
+    },
+}
+
+/// Writes `text` to a neighbour of `file` and renames it, so that no reader ever sees half a picture.
+fn write_whole(file: &Path, text: &str) -> Result<(), PlotError> {
+    let mut name = file.file_name().unwrap_or_default().to_os_string();
+    name.push(format!(".{}.partial", std::process::id()));
+    let partial = file.with_file_name(name);
+    let written = std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, file));
+    written.map_err(|e| {
+        // The rename's failure is what counts; a left-over is only untidy.
+        let _ = std::fs::remove_file(&partial);
+        PlotError::Writing { file: file.to_path_buf(), why: e.to_string() }
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,74 @@
+use super::*;
+use crate::metrics::{ErrorSample, ToolSample};
+use crate::path::PathSample;
+
+fn pen() -> Vec<PathSample> {
+    (0..400)
+        .map(|i| {
+            let t_s = f64::from(i) * 0.005;
+            PathSample { t_s, x_m: 0.05 * t_s, y_m: 0.02 * (8.0 * t_s).sin(), contact: i % 100 < 70 }
+        })
+        .collect()
+}
+
+fn tool() -> Vec<ToolSample> {
+    pen().iter().map(|s| ToolSample { t_s: s.t_s + 0.03, x_m: s.x_m, y_m: s.y_m + 0.001 }).collect()
+}
+
+#[test]
+fn every_picture_is_whole_svg_with_its_title_and_leaves_no_other_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let errors: Vec<ErrorSample> =
+        pen().iter().map(|s| ErrorSample { t_s: s.t_s, error_m: 0.002, contact: s.contact }).collect();
+    let points: Vec<(f64, f64)> = (0..100).map(|i| (f64::from(i), f64::from(i % 13))).collect();
+    let distribution = Distribution::from_values_us("wake-up", (0..999).map(f64::from));
+    let cell = Cell { label: "K", pen: &pen(), tool: &tool() };
+    let line = Line { label: "a", points: &points, mark: Mark::Dots };
+    let ramp = Rampup { trust: &points, error_m: &points, jerk_mps3: &points, ramp: (30.0, 40.0) };
+    path_overlay(&at("0.svg"), "Title & co", "sub", &pen(), &tool()).unwrap();
+    letter_grid(&at("1.svg"), "Title & co", "sub", &[cell, cell, cell]).unwrap();
+    error_over_time(&at("2.svg"), "Title & co", "", &errors, &[(0.0, 0.0), (1.0, 1.0)]).unwrap();
+    histograms(&at("3.svg"), "Title & co", "", &[distribution]).unwrap();
+    lines(&at("4.svg"), "Title & co", "", ("x", "y"), &[line]).unwrap();
+    trust_ramp(&at("5.svg"), "Title & co", "", ramp).unwrap();
+    for i in 0..6 {
+        let svg = std::fs::read_to_string(at(&format!("{i}.svg"))).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{i}");
+        assert!(svg.contains("Title &amp; co"), "{i}");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{i}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6);
+}
+
+#[test]
+fn hostile_data_draws_or_is_refused_but_never_panics() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("x.svg");
+    let odd = [f64::NAN, f64::INFINITY, -f64::INFINITY, 0.0, 0.0, 1e-300, -1e12];
+    let samples: Vec<PathSample> =
+        odd.iter().map(|&v| PathSample { t_s: v, x_m: v, y_m: v, contact: v > 0.0 }).collect();
+    let errors: Vec<ErrorSample> =
+        odd.iter().map(|&v| ErrorSample { t_s: v, error_m: v, contact: false }).collect();
+    let points: Vec<(f64, f64)> = odd.iter().map(|&v| (v, v)).collect();
+    for count in 0..=odd.len() {
+        let _ = path_overlay(&file, "", "", &samples[..count], &[]);
+        let _ = error_over_time(&file, "", "", &errors[..count], &points[..count]);
+        let _ = histograms(&file, "", "", &[Distribution::from_values_us("", odd[..count].iter().copied())]);
+        let line = Line { label: "", points: &points[..count], mark: Mark::Solid };
+        let _ = lines(&file, "", "", ("", ""), &[line]);
+    }
+    assert!(matches!(path_overlay(&file, "", "", &[], &[]), Err(PlotError::Empty { .. })));
+    assert!(matches!(histograms(&file, "", "", &[]), Err(PlotError::Empty { .. })));
+    assert!(matches!(lines(&file, "", "", ("", ""), &[]), Err(PlotError::Empty { .. })));
+    let nowhere = folder.path().join("no/such/folder.svg");
+    assert!(matches!(path_overlay(&nowhere, "", "", &pen(), &[]), Err(PlotError::Writing { .. })));
+}
+
+#[test]
+fn quantiles_count_weights() {
+    let d = Distribution { label: String::new(), counts_us: vec![(9.0, 1), (1.0, 98), (4.0, 1)] };
+    let got = [0.0, 0.5, 0.98, 0.99, 1.0].map(|q| d.quantile_us(q).unwrap());
+    assert_eq!(got, [1.0, 1.0, 1.0, 4.0, 9.0]);
+    assert_eq!(Distribution::from_values_us("", []).quantile_us(0.5), None);
+}
