@@ -58,8 +58,8 @@ pub fn histograms(
     let Some((low, high)) = extent(values) else {
         return Err(PlotError::Empty { file: file.to_path_buf(), what: "no values counted" });
     };
-    let first = (low.log10() * 2.0).floor() / 2.0;
-    let last = ((high.log10() * 2.0).ceil() / 2.0).max(first + 0.5);
+    let first = low.log10().floor();
+    let last = high.log10().ceil().max(first + 1.0);
     let size = (WIDTH_PX, 110 + PANEL_PX * filled.len() as u32);
     picture(file, size, title, subtitle, &[], |area| {
         let places = area.split_evenly((filled.len(), 1));
@@ -110,7 +110,7 @@ fn draw_panel(
         .axis_style(MUTED.stroke_width(1))
         .label_style(text(&MUTED))
         .axis_desc_style(text(&INK))
-        .x_labels(((last - first) * 2.0) as usize + 1)
+        .x_labels((last - first) as usize + 1)
         .y_labels(5)
         .x_desc(if lowest { "time" } else { "" })
         .y_desc("count")
@@ -122,7 +122,8 @@ fn draw_panel(
         let right = left + 0.92 / BARS_PER_DECADE;
         Rectangle::new([(left, bottom), (right, *height as f64)], colour.mix(0.75).filled())
     }))?;
-    let mut summary = format!("{}   ({total} values)", distribution.label);
+    let mut summary = format!("{} · {total} values", distribution.label);
+    let mut labelled = f64::NEG_INFINITY;
     for (name, share) in [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)] {
         let Some(value) = distribution.quantile_us(share) else { continue };
         let x = shown(value).log10();
@@ -131,7 +132,12 @@ fn draw_panel(
             vec![(x, bottom), (x, top)],
             ROBOT.mix(0.8).stroke_width(1),
         )))?;
-        summary.push_str(&format!("   {name} {}", microseconds(value)));
+        summary.push_str(&format!(" · {name} {}", microseconds(value)));
+        if (x - labelled) / (last - first) > 0.05 {
+            let place = text_at(&ROBOT, HPos::Left, VPos::Top);
+            chart.draw_series(std::iter::once(Text::new(format!(" {name}"), (x, top), place)))?;
+            labelled = x;
+        }
     }
     area.draw(&Text::new(summary, (70, 8), text_at(&INK, HPos::Left, VPos::Top)))?;
     Ok(())

@@ -172,7 +172,8 @@ pub fn panels(
     }
     let coloured: Vec<Key<'_>> =
         names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect();
-    let legend: &[Key<'_>] = if names.len() > 1 { &coloured } else { &[] };
+    // A panel with one line is named by its axis.
+    let legend: &[Key<'_>] = if panels.iter().any(|p| p.lines.len() > 1) { &coloured } else { &[] };
     let height = if panels.len() == 1 { SIZE_PX.1 } else { 130 + 240 * panels.len() as u32 };
     picture(file, (SIZE_PX.0, height), title, subtitle, legend, |area| {
         let places = area.split_evenly((panels.len(), 1));
