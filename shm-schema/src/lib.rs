@@ -40,3 +40,11 @@ pub const JOINTS: usize = 6;
 
 /// Axes of a position on the wire: x, y in the writing plane, z along its normal.
 pub const AXES: usize = 3;
+mod instance;
+pub use instance::*;
+mod topic;
+pub use topic::*;
+mod ports;
+pub use ports::*;
+mod control_ports;
+pub use control_ports::*;
