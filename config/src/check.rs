@@ -4,24 +4,34 @@
 
 use std::path::Path;
 
+use foretrace_control::pen::STEP_QUEUE_CAPACITY;
+use foretrace_control::predict::MAX_PREVIEW;
+use foretrace_control::predict::dybm::MAX_TRACES;
+
 use crate::layers::Found;
 use crate::problem::Problem;
-use crate::settings::Settings;
+use crate::robot::{Robot, robot};
+use crate::settings::{Optimiser, PredictorChoice, Settings};
 use crate::written::Place;
 
-/// Pushes every contradiction in `settings`; `found` tells where each value was written.
+/// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot that the settings describe, unless a contradiction is about it.
 pub(crate) fn check(
     settings: &Settings,
     found: &Found,
     whole: &Place,
-    _folder: &Path,
     problems: &mut Vec<Problem>,
-) {
+) -> Option<Robot> {
     let mut report = Report { found, whole, problems };
     time(settings, &mut report);
     plane(settings, &mut report);
     ranges(settings, &mut report);
     predictor(settings, &mut report);
+    process(settings, &mut report);
+    // In a plane that contradicts itself there is nothing to reach.
+    if report.problems.iter().any(|problem| problem.key().is_some_and(|key| key.starts_with("plane."))) {
+        return None;
+    }
+    robot(settings, &mut report)
 }
 
 /// Knows where each key was written.
@@ -68,11 +78,29 @@ fn time(s: &Settings, report: &mut Report<'_>) {
             "lower it, or lower loop.rate_hz",
         );
     }
-    if s.pen.max_gap_ms < f64::from(s.pen.step_ms) {
+    let most_steps = STEP_QUEUE_CAPACITY as f64 / 2.0;
+    let gap_steps = s.pen.max_gap_ms / f64::from(s.pen.step_ms);
+    if !(2.0..=most_steps).contains(&gap_steps) {
         report.conflict(
             "pen.max_gap_ms",
-            format!("is shorter than one grid step (pen.step_ms = {})", s.pen.step_ms),
-            "every sample would start the path anew; use several steps",
+            format!(
+                "is {gap_steps:.1} grid steps (pen.step_ms = {}), legal are 2 to {most_steps}",
+                s.pen.step_ms
+            ),
+            format!("use {} to {} ms", 2 * s.pen.step_ms, most_steps * f64::from(s.pen.step_ms)),
+        );
+    }
+    let step_ms = f64::from(s.pen.step_ms);
+    let lead = ((s.timing.dead_time_ms + s.pen.stale_ms + step_ms) / step_ms).ceil() as usize;
+    let needed = s.mpc.horizon as usize + lead + 1;
+    if needed > MAX_PREVIEW {
+        report.conflict(
+            "mpc.horizon",
+            format!(
+                "with timing.dead_time_ms = {} and pen.stale_ms = {} needs {needed} predicted steps; there is room for {MAX_PREVIEW}",
+                s.timing.dead_time_ms, s.pen.stale_ms
+            ),
+            "shorten one of the three, or lengthen pen.step_ms",
         );
     }
     if s.pen.stale_ms < s.pen.max_gap_ms {
@@ -166,13 +194,11 @@ fn ranges(s: &Settings, report: &mut Report<'_>) {
 }
 
 fn predictor(s: &Settings, report: &mut Report<'_>) {
-    use crate::settings::{Optimiser, PredictorChoice};
-    const MOST_TRACES: usize = 4;
     let dybm = &s.predictor.dybm;
-    if dybm.decays.len() > MOST_TRACES {
+    if dybm.decays.len() > MAX_TRACES {
         report.conflict(
             "predictor.dybm.decays",
-            format!("has {} entries; there is room for {MOST_TRACES} traces", dybm.decays.len()),
+            format!("has {} entries; there is room for {MAX_TRACES} traces", dybm.decays.len()),
             "drop the ones that are closest to each other",
         );
     }
@@ -181,6 +207,37 @@ fn predictor(s: &Settings, report: &mut Report<'_>) {
             "predictor.dybm.rate",
             format!("is far too fast for {}, whose steps do not shrink with time", dybm.optimiser.word()),
             "use 0.001, or optimiser = \"adagrad\" with 0.1",
+        );
+    }
+    let scale = &s.predictor.scale;
+    if !(scale.min_m..=scale.max_m).contains(&scale.initial_m) {
+        report.conflict(
+            "predictor.scale.initial_m",
+            format!("is not between min_m = {:e} and max_m = {:e}", scale.min_m, scale.max_m),
+            "keep min_m <= initial_m <= max_m",
+        );
+    }
+}
+
+fn process(s: &Settings, report: &mut Report<'_>) {
+    /// What the sockets of the middleware leave of their 108 bytes.
+    const LONGEST: usize = 60;
+    if let Some(root) = &s.instance.root_dir
+        && (!Path::new(root).is_absolute() || root.len() > LONGEST)
+    {
+        report.conflict(
+            "instance.root_dir",
+            format!("is not an absolute path of at most {LONGEST} bytes ({} bytes)", root.len()),
+            "use a short path such as /run/foretrace-1, or leave the key out",
+        );
+    }
+    if let Some(gain_hz) = s.ik.gain_hz
+        && gain_hz > f64::from(s.control_loop.rate_hz)
+    {
+        report.conflict(
+            "ik.gain_hz",
+            format!("is above the rate of the loop ({} Hz)", s.control_loop.rate_hz),
+            "the correction would overshoot; leave the key out or halve the rate of the loop",
         );
     }
 }

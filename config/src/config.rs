@@ -9,6 +9,7 @@ use crate::check::check;
 use crate::layers::{self, Found};
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
+use crate::robot::Robot;
 use crate::settings::Settings;
 use crate::written::Place;
 
@@ -16,6 +17,7 @@ use crate::written::Place;
 #[derive(Debug, Clone)]
 pub struct Config {
     settings: Settings,
+    robot: Robot,
     found: Found,
     name: String,
 }
@@ -46,6 +48,12 @@ impl Config {
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// The arm that the settings and the URDF describe together.
+    #[must_use]
+    pub const fn robot(&self) -> &Robot {
+        &self.robot
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.
@@ -156,10 +164,11 @@ impl Draft {
                 // Everything that the preset would have given is missing: one cause, one message.
                 problems.retain(|problem| !matches!(problem, Problem::Missing { .. }));
             }
-            if let Some(settings) = settings {
-                check(&settings, &found, &whole, &folder, &mut problems);
-                if problems.is_empty() {
-                    return Ok(Config { settings, found, name: whole.to_string() });
+            if let Some(mut settings) = settings {
+                settings.robot.urdf = resolved(&settings.robot.urdf, &folder);
+                let robot = check(&settings, &found, &whole, &mut problems);
+                if let (Some(robot), true) = (robot, problems.is_empty()) {
+                    return Ok(Config { settings, robot, found, name: whole.to_string() });
                 }
             }
         }
@@ -170,4 +179,13 @@ impl Draft {
     fn new(whole: Place, folder: PathBuf) -> Self {
         Self { found: Found::new(), whole, folder, problems: Vec::new() }
     }
+}
+
+/// A robot's name as it is; a path made absolute, so that settings shown here load elsewhere.
+fn resolved(urdf: &str, folder: &Path) -> String {
+    if presets::robot(urdf).is_some() {
+        return urdf.to_owned();
+    }
+    let path = folder.join(urdf);
+    std::path::absolute(&path).unwrap_or(path).to_string_lossy().into_owned()
 }

@@ -51,6 +51,12 @@ impl Config {
                 }
             }
         }
+        if refused.is_empty() && self.robot() != new.robot() {
+            // The same path, but the file says something else now.
+            let path = new.settings().robot.urdf.clone();
+            let (from, to) = (Some(format!("{path} as loaded")), Some(format!("{path} as it is now")));
+            refused.push(StartOnlyKey(KeyChange { key: "robot.urdf".to_owned(), from, to }));
+        }
         if refused.is_empty() {
             Ok(LiveChange { keys, settings: new.settings().clone() })
         } else {

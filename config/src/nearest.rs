@@ -42,7 +42,7 @@ pub(crate) fn distance(a: &str, b: &str) -> usize {
 }
 
 /// Unit suffixes of key names with the unit as people write it; longest first, so that `_mps3` is not read as `_s`.
-const UNITS: [(&str, &str); 13] = [
+const UNITS: [(&str, &str); 14] = [
     ("_radps3", "rad/s^3"),
     ("_radps2", "rad/s^2"),
     ("_radps", "rad/s"),
@@ -50,6 +50,7 @@ const UNITS: [(&str, &str); 13] = [
     ("_mps3", "m/s^3"),
     ("_mps2", "m/s^2"),
     ("_mps", "m/s"),
+    ("_m2", "m^2"),
     ("_ms", "ms"),
     ("_us", "us"),
     ("_ns", "ns"),

@@ -4,6 +4,10 @@
 const PRESETS: &[(&str, &str)] =
     &[("ur5", include_str!("../presets/ur5.toml")), ("ur5e", include_str!("../presets/ur5e.toml"))];
 
+/// Name and text of every robot.
+const ROBOTS: &[(&str, &str)] =
+    &[("ur5", include_str!("../robots/ur5.urdf")), ("ur5e", include_str!("../robots/ur5e.urdf"))];
+
 /// The text of a preset, with its comments.
 #[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
@@ -14,4 +18,16 @@ pub fn text(name: &str) -> Option<&'static str> {
 #[must_use]
 pub fn names() -> String {
     PRESETS.iter().map(|(name, _)| format!("{name:?}")).collect::<Vec<_>>().join(", ")
+}
+
+/// The URDF of an embedded robot.
+#[must_use]
+pub fn robot(name: &str) -> Option<&'static str> {
+    ROBOTS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+/// The names of all embedded robots, for a message.
+#[must_use]
+pub fn robot_names() -> String {
+    ROBOTS.iter().map(|(name, _)| format!("{name:?}")).collect::<Vec<_>>().join(", ")
 }

@@ -6,6 +6,7 @@ use crate::render::commented;
 use crate::{Config, ConfigError, Draft, Problem, key_table, presets};
 
 mod wrong;
+mod arm;
 mod hostile;
 
 /// A file that starts from the UR5 preset and adds `text`.

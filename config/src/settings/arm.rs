@@ -2,25 +2,30 @@
 
 use crate::schema::{Legal::*, Presence::*, section};
 
-use super::plan::QpBackend;
-
 section! {
     /// Joints from the plan: a quadratic programme over joint velocities.
     pub struct Ik {
-        /// Damping far from singularities; it grows smoothly near them.
-        damping: f64 = Between(1e-9, 1.0), Default("1e-6"), AtStart, "1e-6";
-        /// Weight of staying near the home posture; matters for arms with a spare joint.
-        posture_weight: f64 = Between(0.0, 1.0), Default("1e-6"), AtStart, "1e-6";
-        /// Tilt of the tool counts like a position error at this distance from the tip.
+        /// Share of the tool's pose error that is removed per second; at most the rate of the loop. Not set: half the
+        /// rate of the loop.
+        gain_hz: Option<f64> = Between(0.1, 1000.0), Optional, AtStart, "nothing: leave it out";
+        /// A turn of the tool counts like a displacement at this distance from its tip.
         orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
         /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.
-        spin_weight: f64 = Between(0.0, 1.0), Default("0.01"), AtStart, "0.01";
-        /// Share of the pose error that is corrected per period; 1 corrects it at once.
-        correction: f64 = Between(0.0, 1.0), Default("0.2"), AtStart, "0.2";
-        /// "exact": built-in; "clarabel", "clarabel-tuned": for comparison.
-        backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
-        /// Iterations of the exact solver per tick before the joints brake.
-        max_iterations: u32 = Between(5.0, 500.0), Default("60"), AtStart, "60";
+        spin_weight: f64 = Between(0.0, 1.0), Default("0.1"), AtStart, "0.1";
+        /// Damping far from singularities.
+        damping_floor_m2: f64 = Between(1e-12, 0.01), Default("1e-9"), AtStart, "1e-9";
+        /// Damping at a singularity.
+        damping_peak_m2: f64 = Between(1e-9, 1.0), Default("1e-3"), AtStart, "1e-3";
+        /// Distance to singularities (a lever arm) below which damping grows.
+        singular_m: f64 = Between(1e-4, 1.0), Default("0.02"), AtStart, "0.02";
+        /// Fastest correction of a position error.
+        correction_mps: f64 = Between(0.001, 5.0), Default("0.25"), AtStart, "0.25";
+        /// Corrections are slowed so that they can end with this deceleration.
+        correction_mps2: f64 = Between(0.01, 100.0), Default("2.0"), AtStart, "2.0";
+        /// Pull toward `robot.home_rad`, for arms with more joints than the task needs; 0 for none.
+        posture_weight_m2: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0; 1e-7 with seven joints";
+        /// Rate of that pull.
+        posture_hz: f64 = Between(0.01, 100.0), Default("1.0"), AtStart, "1";
     }
 }
 
@@ -30,10 +35,10 @@ section! {
     pub struct RobotSection {
         /// Name of an embedded robot ("ur5", "ur5e"), or path of a URDF file relative to this settings file.
         urdf: String = Text, Required, AtStart, "\"ur5\"";
-        /// Link that is the base frame.
-        base_link: String = Text, Required, AtStart, "\"base_link\"";
-        /// Link whose origin is the tool's tip; its z axis is the pen.
-        tip_link: String = Text, Required, AtStart, "\"tool0\"";
+        /// Link that is the base frame. Not set: the only root of the URDF.
+        base_link: Option<String> = Text, Optional, AtStart, "\"base_link\" for a UR";
+        /// Link whose origin is the tool's tip; its z axis is the pen. Not set: the only leaf of the URDF.
+        tip_link: Option<String> = Text, Optional, AtStart, "\"tool0\" for a UR";
         /// Posture from which the plane is reached without passing a singularity.
         home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart, "the posture with the tool above the middle of the paper";
         /// Largest speed per joint; the smaller one of this and the URDF's counts.
@@ -42,6 +47,9 @@ section! {
         acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart, "20 for a UR (the arm gives 40); 5 on a first run";
         /// Largest jerk per joint. Not set: the tool's jerk limit is the only one.
         jerk_radps3: Option<Vec<f64>> = Between(1.0, 1e6), Optional, AtStart, "nothing: leave it out";
+        /// Deceleration per joint with which the hardware interface brakes by itself when commands stay away. Not set:
+        /// the largest acceleration.
+        stale_deceleration_radps2: Option<Vec<f64>> = Between(0.1, 500.0), Optional, AtStart, "nothing: leave it out";
         /// Lowest position per joint, where narrower than the URDF's.
         position_min_rad: Option<Vec<f64>> = Between(-6.3, 6.3), Optional, AtStart, "nothing: leave it out";
         /// Highest position per joint, where narrower than the URDF's.
@@ -56,8 +64,6 @@ section! {
     pub struct Timing {
         /// From a command to the motion of the arm; the prediction looks this far ahead in addition.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart, "35 for a UR with servoj and a look-ahead of 0.03 s";
-        /// Oldest pen reading for which the prediction still reaches far enough ahead.
-        max_pen_age_ms: f64 = Between(1.0, 200.0), Required, AtStart, "30: three reports of a 100 Hz tablet";
     }
 }
 

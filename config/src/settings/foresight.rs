@@ -41,10 +41,34 @@ section! {
     pub struct Predictor {
         /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm": learns online.
         kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"dybm\"";
+        /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get faster.
+        limit_factor: f64 = Between(1.0, 10.0), Default("1.25"), AtStart, "1.25";
+        /// Factor per step by which the recent peak fades; 0.98 is half in a third of a second at 10 ms.
+        peak_fade: f64 = Between(0.5, 0.999), Default("0.98"), AtStart, "0.98";
     }
     sections {
+        /// The normaliser.
+        scale @ "scale": ScaleSection;
         /// The DyBM.
         dybm @ "dybm": DybmSection;
+    }
+}
+
+section! {
+    /// The running scale between metres and the numbers that predictors see; it follows the speed of the hand.
+    pub struct ScaleSection {
+        /// Metres per unit before any motion; 1e-4 fits 0.14 m/s at a step of 10 ms, letters of 3 cm.
+        initial_m: f64 = Between(1e-9, 1.0), Default("1e-4"), AtStart, "1e-4";
+        /// Smallest scale.
+        min_m: f64 = Between(1e-9, 1.0), Default("1e-7"), AtStart, "1e-7";
+        /// Largest scale.
+        max_m: f64 = Between(1e-9, 1.0), Default("1e-2"), AtStart, "1e-2";
+        /// Moving steps over which the scale forgets.
+        memory_steps: f64 = Between(10.0, 1e6), Default("500.0"), AtStart, "500";
+        /// Displacements below this are standing still.
+        still_m: f64 = Between(0.0, 0.01), Default("5e-6"), AtStart, "5e-6";
+        /// Largest relative change of the scale per step.
+        max_change: f64 = Between(0.001, 1.0), Default("0.05"), AtStart, "0.05";
     }
 }
 
@@ -56,7 +80,7 @@ section! {
         /// Decay per step of each eligibility trace, one trace per entry.
         decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.2, 0.5, 0.8]";
         /// Learning rate, for inputs scaled to about 10 (the loop does that).
-        rate: f64 = Between(0.0, 1.0), Required, AtStart, "0.1 for adagrad, 0.001 for rmsprop and adam";
+        rate: f64 = Between(0.0, 10.0), Required, AtStart, "0.1 for adagrad, 0.001 for rmsprop and adam";
         /// "adagrad", "rmsprop" or "adam".
         optimiser: Optimiser = Words(Optimiser::WORDS), Required, AtStart, "\"adagrad\"";
         /// Strength of the pull of weights to exactly 0.
@@ -67,16 +91,26 @@ section! {
 }
 
 section! {
-    /// Online learning, in its own thread on copies of the weights.
+    /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live weights
+    /// only when it did better on recent motion, and is taken back when it then does worse than what it replaced.
     pub struct Learner {
-        /// Learn while running. Off: the weights stay as they started.
+        /// Learn while running. Off: the weights stay as they are.
         enabled: bool = Flag, Default("true"), Live, "true";
-        /// Steps of recent data on which a candidate has to be no worse than the live weights.
-        promote_window_steps: u32 = Between(20.0, 10000.0), Default("200"), Live, "200: two seconds at 10 ms";
-        /// Steps between two candidates.
-        promote_every_steps: u32 = Between(1.0, 10000.0), Default("50"), Live, "50";
-        /// A promoted candidate is rolled back when its error exceeds that of its predecessor by this factor.
-        rollback_factor: f64 = Between(1.0, 100.0), Default("1.5"), Live, "1.5";
+        /// Weights before anything was learned: the last displacement goes on, fading by this factor per step.
+        /// 0 starts from zero weights, as in the paper.
+        initial_persistence: f64 = Between(0.0, 1.0), Default("0.9"), AtStart, "0.9";
+        /// Candidate and live weights are compared by their predictions this many steps ahead.
+        lead_steps: u32 = Between(1.0, 16.0), Default("10"), AtStart, "10";
+        /// Moving steps over which the comparison forgets.
+        memory_steps: f64 = Between(10.0, 1e6), Default("300.0"), AtStart, "300: three seconds of motion at 10 ms";
+        /// Moving steps that have to be compared before the live weights change again.
+        min_evidence_steps: u32 = Between(10.0, 1e6), Default("100"), AtStart, "100";
+        /// The candidate is promoted when its error is below this part of the live error.
+        promote_ratio: f64 = Between(0.1, 1.0), Default("0.98"), AtStart, "0.98";
+        /// The live weights are rolled back when their error is above this many times their predecessor's.
+        rollback_ratio: f64 = Between(1.0, 10.0), Default("1.1"), AtStart, "1.1";
+        /// Displacements longer than this (normalised; a typical one is 14) are not learned from.
+        max_learned: f64 = Between(10.0, 1e6), Default("60.0"), AtStart, "60";
     }
 }
 
@@ -85,11 +119,13 @@ section! {
     pub struct TrustSection {
         /// "auto": from the evidence of past predictions; "manual": `value`.
         mode: TrustMode = Words(TrustMode::WORDS), Required, Live, "\"auto\"";
-        /// The trust in manual mode, and the ceiling in automatic mode.
+        /// The trust in manual mode; too little history or a stale pen still overrule it.
         value: f64 = Between(0.0, 1.0), Default("1.0"), Live, "1.0";
+        /// The trust that a healthy prediction gets in automatic mode.
+        ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
         /// Steps that the trust takes from 0 to 1, at least.
-        ramp_steps: u32 = Between(1.0, 1000.0), Required, Live, "10, as in the paper";
-        /// Steps of history that are needed before there is any trust.
-        warmup_steps: u32 = Between(0.0, 1000.0), Required, Live, "20";
+        ramp_steps: u32 = Between(1.0, 1000.0), Required, AtStart, "10, as in the paper";
+        /// Steps of motion that are needed before there is any trust.
+        warmup_steps: u32 = Between(0.0, 1000.0), Required, AtStart, "5";
     }
 }

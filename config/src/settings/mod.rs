@@ -11,9 +11,11 @@ mod plan;
 mod arm;
 
 pub use arm::{Arming, Ik, RobotSection, Timing};
-pub use foresight::{DybmSection, Learner, Optimiser, Predictor, PredictorChoice, TrustMode, TrustSection};
+pub use foresight::{
+    DybmSection, Learner, Optimiser, Predictor, PredictorChoice, ScaleSection, TrustMode, TrustSection,
+};
 pub use hand::Pen;
-pub use plan::{AxisLimits, Gains, Limits, Mpc, QpBackend};
+pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};
 pub use plane::PlaneSection;
 pub use process::{Instance, Loop, Telemetry};
 

@@ -25,13 +25,15 @@ section! {
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
         effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "0.05";
         /// Iterations of the exact solver per axis and tick before the previous plan is used.
-        max_iterations: u32 = Between(5.0, 500.0), Default("60"), AtStart, "60: ten times what handwriting needs";
+        max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart, "100: ten times what handwriting needs";
     }
     sections {
         /// Gains on the error against the last position.
         feedback @ "feedback": Gains;
         /// Gains on the error against the prediction.
         feedforward @ "feedforward": Gains;
+        /// The price of leaving the soft limits.
+        penalty @ "penalty": Penalty;
         /// Limits per axis.
         limits @ "limits": Limits;
     }
@@ -42,13 +44,26 @@ section! {
     /// prediction (trust 1).
     pub struct Gains {
         /// Weight of the position error.
-        position: f64 = Between(1e-6, 1e6), Required, AtStart, "1.0";
+        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0";
         /// Weight of the velocity error.
-        velocity: f64 = Between(0.0, 1e6), Required, AtStart, "0.5";
+        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "0.5";
         /// Weight of the acceleration error.
-        acceleration: f64 = Between(0.0, 1e6), Required, AtStart, "0.05";
+        acceleration: f64 = Between(0.0, 1000.0), Required, AtStart, "0.05";
         /// Factor on all three from one step to the next: below 1, later steps count less.
         decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0 for feedback, 0.95 for feedforward";
+    }
+}
+
+section! {
+    /// What one unit of violation of a soft limit costs, per step, in the units of the gains. Where the limits exclude
+    /// each other, the dearest is kept.
+    pub struct Penalty {
+        /// Price of acceleration above its limit.
+        acceleration: f64 = Between(1.0, 1e9), Default("1e6"), AtStart, "1e6";
+        /// Price of velocity above its limit.
+        velocity: f64 = Between(1.0, 1e9), Default("1e6"), AtStart, "1e6";
+        /// Price of a position outside the workspace.
+        position: f64 = Between(1.0, 1e9), Default("1e6"), AtStart, "1e6";
     }
 }
 

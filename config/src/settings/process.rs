@@ -38,8 +38,8 @@ section! {
     /// What the daemon tells others while it runs.
     pub struct Telemetry {
         /// Every n-th tick is published as a record; 1 = every tick. Recordings for replay need 1.
-        every_ticks: u32 = Between(1.0, 1000.0), Default("1"), Live, "1";
+        every_ticks: u32 = Between(1.0, 1000.0), Default("1"), AtStart, "1";
         /// Status messages per second (one more at every change of mode).
-        status_hz: u32 = Between(1.0, 100.0), Default("10"), Live, "10";
+        status_hz: u32 = Between(1.0, 100.0), Default("10"), AtStart, "10";
     }
 }

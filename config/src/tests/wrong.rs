@@ -62,8 +62,8 @@ fn value_in_another_unit_is_recognised() {
     );
     let text = message("[plane]\nlift_height_m = 20\n");
     assert!(text.contains("looks like mm") && text.contains("0.02"), "{text}");
-    let text = message("[timing]\nmax_pen_age_ms = 0.03\n");
-    assert!(text.contains("looks like seconds") && text.contains("30"), "{text}");
+    let text = message("[pen]\nstale_ms = 0.1\n");
+    assert!(text.contains("looks like seconds") && text.contains("100"), "{text}");
 }
 
 #[test]
@@ -189,8 +189,13 @@ fn contradictions_name_both_sides() {
             "empty x range",
         ),
         ("[pen]\nbounds_m = [[-0.5, 0.5], [0.5, 0.5]]\n", "pen.bounds_m", "empty y range"),
-        ("[pen]\nmax_gap_ms = 8\n", "pen.max_gap_ms", "pen.step_ms = 10"),
-        ("[pen]\nstale_ms = 20\n", "pen.stale_ms", "pen.max_gap_ms = 60"),
+        ("[pen]\nmax_gap_ms = 15\n", "pen.max_gap_ms", "pen.step_ms = 10"),
+        ("[pen]\nmax_gap_ms = 400\nstale_ms = 400\n", "pen.max_gap_ms", "use 20 to 320 ms"),
+        ("[pen]\nstale_ms = 600\n", "mpc.horizon", "room for 64"),
+        ("[instance]\nroot_dir = \"run/foretrace\"\n", "instance.root_dir", "absolute path"),
+        ("[ik]\ngain_hz = 600\n", "ik.gain_hz", "500 Hz"),
+        ("[predictor.scale]\ninitial_m = 1e-8\n", "predictor.scale.initial_m", "1e-7"),
+        ("[pen]\nstale_ms = 40\n", "pen.stale_ms", "pen.max_gap_ms = 100"),
         ("[safety]\njoint_state_timeout_ms = 10\n", "safety.joint_state_timeout_ms", "16 ms"),
         ("[safety]\nlatch_after_ms = 10\n[loop]\nvalid_periods = 20\n", "safety.latch_after_ms", "40 ms"),
         ("[predictor.dybm]\ndecays = [0.1, 0.2, 0.3, 0.4, 0.5]\n", "predictor.dybm.decays", "4 traces"),

@@ -1,0 +1,255 @@
+//! The arm: URDF and settings folded into one chain with one set of limits, and a writing plane it can reach.
+//!
+//! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is reached
+//! from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
+
+use foretrace_control::ik::{Chain, JointLimits, ToolTarget, solve_pose};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use crate::check::Report;
+use crate::presets;
+use crate::settings::{PlaneSection, RobotSection, Settings};
+
+/// Joints that the wire carries.
+pub const JOINTS: usize = 6;
+
+/// An arm that the settings describe completely.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// Kinematics from the base link to the tip link.
+    pub chain: Chain<JOINTS>,
+    /// Limits of URDF and settings together, with the braking of a consumer without commands.
+    pub limits: JointLimits<JOINTS>,
+    /// Posture near the middle of the writing plane [rad].
+    pub home: [f64; JOINTS],
+}
+
+impl PlaneSection {
+    /// Columns: the plane's x, y and normal in the base frame. The normal is taken as it is; x is made exactly
+    /// perpendicular to it.
+    #[must_use]
+    pub fn rotation(&self) -> Rotation3<f64> {
+        let z = Vector3::from(self.normal).normalize();
+        let y = z.cross(&Vector3::from(self.x_axis)).normalize();
+        Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]))
+    }
+}
+
+/// Builds the robot and checks that it reaches the plane; `None` when something was reported.
+pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robot> {
+    let before = report.problems.len();
+    let section = &settings.robot;
+    let chain = chain(section, report)?;
+    let hold_s =
+        f64::from(settings.control_loop.valid_periods) / f64::from(settings.control_loop.rate_hz.max(1));
+    let limits = limits(section, &chain, hold_s, report);
+    let home = per_joint("robot.home_rad", &section.home_rad, &chain, report);
+    let (limits, home) = (limits?, home?);
+    for ((name, q), [low, high]) in chain.limits().names.iter().zip(&home).zip(limits.position()) {
+        if !(*low..=*high).contains(q) {
+            report.conflict(
+                "robot.home_rad",
+                format!("puts joint `{name}` at {q} rad, outside its limits {low:.4} to {high:.4} rad"),
+                "choose a posture inside the limits",
+            );
+        }
+    }
+    // Reach is only worth judging from a legal home in a legal plane.
+    if report.problems.len() == before {
+        reach(&settings.plane, &chain, &limits, &home, report);
+    }
+    (report.problems.len() == before).then_some(Robot { chain, limits, home })
+}
+
+fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS>> {
+    let text = match presets::robot(&section.urdf) {
+        Some(text) => text.to_owned(),
+        None => match std::fs::read_to_string(&section.urdf) {
+            Ok(text) => text,
+            Err(error) => {
+                report.conflict(
+                    "robot.urdf",
+                    format!(
+                        "is neither an embedded robot ({}) nor a readable file ({error})",
+                        presets::robot_names()
+                    ),
+                    "name an embedded robot, or a URDF file relative to the settings file",
+                );
+                return None;
+            }
+        },
+    };
+    match Chain::from_urdf(&text, section.base_link.as_deref(), section.tip_link.as_deref()) {
+        Ok(chain) => Some(chain),
+        Err(error) => {
+            report.conflict(
+                "robot.urdf",
+                format!("cannot be used: {error}"),
+                "correct the description, or robot.base_link and robot.tip_link",
+            );
+            None
+        }
+    }
+}
+
+fn limits(
+    section: &RobotSection,
+    chain: &Chain<JOINTS>,
+    hold_s: f64,
+    report: &mut Report<'_>,
+) -> Option<JointLimits<JOINTS>> {
+    let optional = |key: &str, list: Option<&Vec<f64>>, report: &mut Report<'_>| match list {
+        Some(list) => per_joint(key, list, chain, report).map(Some),
+        None => Some(None),
+    };
+    let velocity = per_joint("robot.velocity_radps", &section.velocity_radps, chain, report);
+    let acceleration = per_joint("robot.acceleration_radps2", &section.acceleration_radps2, chain, report);
+    let jerk = optional("robot.jerk_radps3", section.jerk_radps3.as_ref(), report);
+    let decel =
+        optional("robot.stale_deceleration_radps2", section.stale_deceleration_radps2.as_ref(), report);
+    let lowest = optional("robot.position_min_rad", section.position_min_rad.as_ref(), report);
+    let highest = optional("robot.position_max_rad", section.position_max_rad.as_ref(), report);
+    let (mut velocity, acceleration, jerk, decel) = (velocity?, acceleration?, jerk?, decel?);
+    let (lowest, highest) =
+        (lowest?.unwrap_or([f64::NEG_INFINITY; JOINTS]), highest?.unwrap_or([f64::INFINITY; JOINTS]));
+
+    for (ours, urdf) in velocity.iter_mut().zip(&chain.limits().velocity) {
+        *ours = ours.min(*urdf);
+    }
+    let mut position = chain.limits().position;
+    for (both, (low, high)) in position.iter_mut().zip(lowest.iter().zip(&highest)) {
+        let [urdf_low, urdf_high] = *both;
+        *both = [urdf_low.max(*low), urdf_high.min(*high)];
+    }
+    for ((name, [low, high]), [urdf_low, urdf_high]) in
+        chain.limits().names.iter().zip(position).zip(chain.limits().position)
+    {
+        if low >= high {
+            report.conflict(
+                if section.position_min_rad.is_some() { "robot.position_min_rad" } else { "robot.position_max_rad" },
+                format!(
+                    "leaves joint `{name}` nothing: {low:.4} to {high:.4} rad (the URDF allows {urdf_low:.4} to {urdf_high:.4})"
+                ),
+                "position_min_rad stands below position_max_rad, and both inside the URDF's range",
+            );
+            return None;
+        }
+    }
+    let decel = decel.unwrap_or(acceleration);
+    let built = JointLimits::new(position, velocity, acceleration)
+        .and_then(|limits| limits.with_stale_braking(hold_s, decel))
+        .and_then(|limits| jerk.map_or(Ok(limits), |jerk| limits.with_jerk(jerk)));
+    match built {
+        Ok(limits) => Some(limits),
+        Err(error) => {
+            report.conflict(
+                if section.stale_deceleration_radps2.is_some() {
+                    "robot.stale_deceleration_radps2"
+                } else {
+                    "robot.urdf"
+                },
+                format!("gives joint limits that cannot be kept: {error}"),
+                "correct the limits of the settings or of the URDF",
+            );
+            None
+        }
+    }
+}
+
+fn per_joint(
+    key: &str,
+    list: &[f64],
+    chain: &Chain<JOINTS>,
+    report: &mut Report<'_>,
+) -> Option<[f64; JOINTS]> {
+    let array = <[f64; JOINTS]>::try_from(list).ok();
+    if array.is_none() {
+        report.conflict(
+            key,
+            format!("has {} numbers for the {JOINTS} joints of the arm", list.len()),
+            format!("write one per joint: {}", chain.limits().names.join(", ")),
+        );
+    }
+    array
+}
+
+fn reach(
+    plane: &PlaneSection,
+    chain: &Chain<JOINTS>,
+    limits: &JointLimits<JOINTS>,
+    home: &[f64; JOINTS],
+    report: &mut Report<'_>,
+) {
+    let rotation = plane.rotation();
+    let origin = Vector3::from(plane.origin_m);
+    let axis = -(rotation * Vector3::z());
+    let at = |seed: &[f64; JOINTS], point: [f64; 3]| {
+        let target = ToolTarget::at_rest(origin + rotation * Vector3::from(point), axis, None);
+        solve_pose(chain, seed, &target)
+    };
+    let outside = |q: &[f64; JOINTS]| {
+        let joints = chain.limits().names.iter().zip(q).zip(limits.position());
+        joints
+            .filter(|((_, q), [low, high])| !(*low..=*high).contains(*q))
+            .map(|((name, q), [low, high])| format!("joint `{name}` at {q:.3} rad ({low:.3} to {high:.3})"))
+            .next()
+    };
+
+    let [x_range, y_range, z_range] = plane.workspace_m;
+    let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
+    let centre = [middle(x_range), middle(y_range), plane.lift_height_m];
+    // Corners are reached by way of the middle, lifted, as the arm itself would come.
+    let Some(over) = at(home, centre) else {
+        report.conflict(
+            "plane.origin_m",
+            format!(
+                "puts the middle of the workspace, {}, out of reach from robot.home_rad",
+                in_base(&origin, &rotation, centre)
+            ),
+            format!(
+                "move the plane, or choose a home near it (home puts the tool at {})",
+                tool_at(chain, home)
+            ),
+        );
+        return;
+    };
+    let mut out = Vec::new();
+    let corners = x_range.into_iter().flat_map(|x| y_range.map(|y| (x, y)));
+    for (x, y) in corners {
+        let mut seed = over;
+        for z in [plane.lift_height_m, 0.0, z_range[1], z_range[0]] {
+            let corner = [x, y, z];
+            match at(&seed, corner).map(|q| (outside(&q), q)) {
+                Some((None, q)) => seed = q,
+                Some((Some(joint), _)) => {
+                    out.push(format!("{} needs {joint}", named(corner, &origin, &rotation)))
+                }
+                None => out.push(format!("{} is out of reach", named(corner, &origin, &rotation))),
+            }
+        }
+    }
+    if let Some(first) = out.first() {
+        let more =
+            if out.len() > 1 { format!(" (and {} more corners)", out.len() - 1) } else { String::new() };
+        report.conflict(
+            "plane.workspace_m",
+            format!("has a corner the arm cannot reach from robot.home_rad: {first}{more}"),
+            "make the workspace smaller, move plane.origin_m nearer to the base, or choose another home",
+        );
+    }
+}
+
+fn named(corner: [f64; 3], origin: &Vector3<f64>, rotation: &Rotation3<f64>) -> String {
+    let [x, y, z] = corner;
+    format!("x = {x}, y = {y}, z = {z} m of the plane, {},", in_base(origin, rotation, corner))
+}
+
+fn in_base(origin: &Vector3<f64>, rotation: &Rotation3<f64>, point: [f64; 3]) -> String {
+    let p = origin + rotation * Vector3::from(point);
+    format!("[{:.3}, {:.3}, {:.3}] m of the base", p.x, p.y, p.z)
+}
+
+fn tool_at(chain: &Chain<JOINTS>, home: &[f64; JOINTS]) -> String {
+    let p = chain.forward(home).position;
+    format!("[{:.3}, {:.3}, {:.3}] m of the base", p.x, p.y, p.z)
+}

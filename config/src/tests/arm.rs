@@ -1,0 +1,161 @@
+//! The arm that settings and URDF describe, and the plane it has to reach.
+
+use foretrace_control::ik::{ToolTarget, solve_pose};
+use nalgebra::Vector3;
+
+use super::over_ur5;
+use crate::{Config, presets};
+
+/// The UR5 preset with a URDF of its own next to the settings file.
+fn with_urdf(urdf: &str, more: &str) -> Result<Config, String> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("arm.urdf"), urdf).unwrap();
+    let path = folder.path().join("table.toml");
+    std::fs::write(&path, format!("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n{more}")).unwrap();
+    Config::load(&path).map_err(|error| error.to_string())
+}
+
+#[test]
+fn home_of_each_preset_holds_the_pen_lifted_over_the_planes_origin() {
+    for name in ["ur5", "ur5e"] {
+        let config = Config::preset(name).unwrap();
+        let (robot, plane) = (config.robot(), &config.settings().plane);
+        let tool = robot.chain.forward(&robot.home);
+        let wanted =
+            Vector3::from(plane.origin_m) + plane.rotation() * Vector3::new(0.0, 0.0, plane.lift_height_m);
+        // Home and origin are written with four digits.
+        assert!((tool.position - wanted).norm() < 5e-4, "{name}: {} {}", tool.position, wanted);
+        let axis = tool.rotation.column(2).into_owned();
+        assert!((axis + plane.rotation() * Vector3::z()).norm() < 1e-3, "{name}: {axis}");
+    }
+}
+
+#[test]
+fn axes_of_the_plane_are_x_and_normal_made_orthonormal() {
+    let config = over_ur5("[plane]\nx_axis = [0.0, -0.99999, 0.005]\n").unwrap();
+    let rotation = config.settings().plane.rotation();
+    let error = rotation.matrix().transpose() * rotation.matrix() - nalgebra::Matrix3::identity();
+    assert!(error.norm() < 1e-14, "{error}");
+    assert!((rotation.matrix().determinant() - 1.0).abs() < 1e-14);
+    assert_eq!(rotation * Vector3::z(), Vector3::z());
+    // Hand-worked: with x to the robot's right and the normal up, y = normal × x points away from the base.
+    assert!((rotation * Vector3::y() - Vector3::x()).norm() < 1e-2);
+}
+
+#[test]
+fn unreachable_workspace_names_the_corner_and_what_to_do() {
+    let error = over_ur5("[plane]\nworkspace_m = [[-0.1, 0.9], [-0.1, 0.1], [-0.005, 0.06]]\n").unwrap_err();
+    let text = error.to_string();
+    assert_eq!(error.problems().len(), 1, "{text}");
+    assert!(text.contains("table.toml:3: key `plane.workspace_m`") && text.contains("x = 0.9"), "{text}");
+    assert!(text.contains("out of reach") && text.contains("make the workspace smaller"), "{text}");
+}
+
+#[test]
+fn plane_far_away_names_the_middle_and_where_the_tool_is() {
+    let text = over_ur5("[plane]\norigin_m = [2.0, 0.0, 0.2]\n").unwrap_err().to_string();
+    assert!(text.contains("key `plane.origin_m`") && text.contains("[2.000, 0.000, 0.220]"), "{text}");
+    assert!(text.contains("home puts the tool at [0.4"), "{text}");
+}
+
+#[test]
+fn corner_behind_a_narrowed_joint_limit_names_the_joint() {
+    let narrow = "position_min_rad = [3.0, -2.5, 1.0, -3.0, -2.0, -3.0]\nposition_max_rad = [3.3, -0.5, 2.8, -1.0, -1.0, 3.0]\n";
+    let text = over_ur5(&format!("[robot]\n{narrow}")).unwrap_err().to_string();
+    assert!(text.contains("`plane.workspace_m`") && text.contains("shoulder_pan_joint"), "{text}");
+}
+
+#[test]
+fn reachable_corners_are_reached_by_the_solver_that_judged_them() {
+    let config = Config::preset("ur5").unwrap();
+    let (robot, plane) = (config.robot(), &config.settings().plane);
+    let corner = Vector3::from(plane.origin_m) + plane.rotation() * Vector3::new(0.15, -0.1, 0.0);
+    let axis = -(plane.rotation() * Vector3::z());
+    let q = solve_pose(&robot.chain, &robot.home, &ToolTarget::at_rest(corner, axis, None)).unwrap();
+    assert!((robot.chain.forward(&q).position - corner).norm() < 1e-8);
+}
+
+#[test]
+fn the_narrower_of_urdf_and_settings_counts() {
+    let config = over_ur5(
+        "[robot]\nvelocity_radps = [1, 9, 1, 1, 1, 1]\nposition_min_rad = [-6.3, -2.5, -6.3, -6.3, -6.3, -6.3]\n",
+    )
+    .unwrap();
+    let limits = config.robot().limits;
+    assert_eq!(limits.velocity()[0], 1.0);
+    assert_eq!(limits.velocity()[1], std::f64::consts::PI);
+    assert_eq!(limits.position()[1][0], -2.5);
+    assert_eq!(limits.position()[2], [-std::f64::consts::PI, std::f64::consts::PI]);
+}
+
+#[test]
+fn consumers_brake_after_the_valid_periods_at_the_configured_deceleration() {
+    let limits = over_ur5("[loop]\nvalid_periods = 10\n").unwrap().robot().limits;
+    assert!((limits.hold_s() - 0.02).abs() < 1e-15);
+    assert_eq!(limits.deceleration(), limits.acceleration());
+    let slower =
+        over_ur5("[robot]\nstale_deceleration_radps2 = [5, 5, 5, 5, 5, 5]\n").unwrap().robot().limits;
+    assert_eq!(slower.deceleration(), &[5.0; 6]);
+    let text =
+        over_ur5("[robot]\nstale_deceleration_radps2 = [50, 5, 5, 5, 5, 5]\n").unwrap_err().to_string();
+    assert!(text.contains("`robot.stale_deceleration_radps2`"), "{text}");
+}
+
+#[test]
+fn lists_of_another_length_than_the_arm_name_its_joints() {
+    let text = over_ur5("[robot]\nhome_rad = [0, 0, 0]\nvelocity_radps = [1]\n").unwrap_err().to_string();
+    assert!(text.contains("has 3 numbers for the 6 joints") && text.contains("wrist_3_joint"), "{text}");
+    assert!(text.contains("has 1 numbers for the 6 joints"), "{text}");
+}
+
+#[test]
+fn home_outside_the_limits_names_the_joint() {
+    let text =
+        over_ur5("[robot]\nhome_rad = [3.1416, -1.5, 4.0, -2.1708, -1.5708, 0.0]\n").unwrap_err().to_string();
+    assert!(
+        text.contains("`robot.home_rad`") && text.contains("elbow_joint") && text.contains("3.1416 rad"),
+        "{text}"
+    );
+}
+
+#[test]
+fn empty_range_of_a_joint_is_refused() {
+    let text = over_ur5("[robot]\nposition_max_rad = [6, 6, -6, 6, 6, 6]\n").unwrap_err().to_string();
+    assert!(text.contains("`robot.position_max_rad`") && text.contains("elbow_joint"), "{text}");
+}
+
+#[test]
+fn urdf_is_found_beside_the_settings_file_and_shown_with_its_whole_path() {
+    let config = with_urdf(presets::robot("ur5").unwrap(), "").unwrap();
+    assert!(config.settings().robot.urdf.ends_with("arm.urdf"));
+    assert!(std::path::Path::new(&config.settings().robot.urdf).is_absolute());
+    assert_eq!(config.robot(), Config::preset("ur5").unwrap().robot());
+}
+
+#[test]
+fn wrong_urdfs_say_what_is_wrong_with_them() {
+    let text = over_ur5("[robot]\nurdf = \"ur55\"\n").unwrap_err().to_string();
+    assert!(
+        text.contains("table.toml:3") && text.contains("\"ur5e\"") && text.contains("readable file"),
+        "{text}"
+    );
+    let text = with_urdf("<robot", "").unwrap_err();
+    assert!(text.contains("`robot.urdf`") && text.contains("cannot be used"), "{text}");
+    let text = with_urdf(presets::robot("ur5").unwrap(), "tip_link = \"tool\"\n").unwrap_err();
+    assert!(text.contains("`tool`") && text.contains("tool0"), "{text}");
+    let text = with_urdf(presets::robot("ur5").unwrap(), "tip_link = \"wrist_1\"\n").unwrap_err();
+    assert!(text.contains("4 moving joints") && text.contains("6 are needed"), "{text}");
+}
+
+#[test]
+fn a_changed_urdf_file_needs_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let (urdf, path) = (folder.path().join("arm.urdf"), folder.path().join("table.toml"));
+    std::fs::write(&path, "preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n").unwrap();
+    std::fs::write(&urdf, presets::robot("ur5").unwrap()).unwrap();
+    let before = Config::load(&path).unwrap();
+    std::fs::write(&urdf, presets::robot("ur5").unwrap().replace("0.0823", "0.0833")).unwrap();
+    let refused = before.live_diff(&Config::load(&path).unwrap()).unwrap_err();
+    assert_eq!(refused.len(), 1);
+    assert!(refused[0].to_string().contains("robot.urdf"), "{}", refused[0]);
+}
