@@ -11,7 +11,7 @@ pub use shadow::{MAX_LEAD, ShadowErrors};
 use thiserror::Error;
 
 use crate::pen::Motion;
-use crate::predict::dybm::DybmShape;
+use crate::predict::dybm::{DybmShape, TraceInput};
 use crate::predict::{DybmLearner, DybmSettings, DybmWeights, Optimiser, WeightsError};
 use shadow::{Contenders, Shadow};
 
@@ -69,8 +69,8 @@ impl LearnerSettings {
         Self {
             step_ns,
             dybm: DybmSettings {
-                shape: DybmShape::new(9, &[0.2, 0.5, 0.8], crate::predict::dybm::TraceInput::Newest),
-                optimiser: Optimiser::ada_grad(0.1),
+                shape: DybmShape::new(9, &[0.5, 0.9], TraceInput::Delayed),
+                optimiser: Optimiser::ada_grad(0.01),
                 l1: 0.0,
                 l2: 0.0,
             },
@@ -78,7 +78,7 @@ impl LearnerSettings {
             lead_steps: 10,
             memory_steps: 300.0,
             min_evidence: 100,
-            promote_ratio: 0.98,
+            promote_ratio: 0.95,
             rollback_ratio: 1.1,
             max_learned: 60.0,
         }
@@ -302,7 +302,8 @@ impl Learner {
         }
         if self.candidate.weights().validate().is_err() {
             self.counters.poisoned += 1;
-            self.restart_candidate();
+            self.candidate.restart_from(&self.live);
+            self.shadow.restart();
         }
     }
 
@@ -316,7 +317,7 @@ impl Learner {
         {
             self.counters.rollbacks += 1;
             self.install(before, None);
-            self.restart_candidate();
+            self.continue_from_live();
             return Some(self.promotion(PromotionCause::RolledBack, index, live, previous));
         }
         if candidate < self.settings.promote_ratio * live {
@@ -327,7 +328,7 @@ impl Learner {
         }
         if candidate > ABANDON_RATIO * live {
             self.counters.abandoned += 1;
-            self.restart_candidate();
+            self.continue_from_live();
         }
         None
     }
@@ -342,8 +343,8 @@ impl Learner {
         Promotion { weights: self.live, cause, index, error_leaving: leaving, error_coming: coming }
     }
 
-    fn restart_candidate(&mut self) {
-        self.candidate.restart_from(&self.live);
+    fn continue_from_live(&mut self) {
+        self.candidate.continue_from(&self.live);
         self.shadow.restart();
     }
 }

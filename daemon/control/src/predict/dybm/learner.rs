@@ -132,9 +132,15 @@ impl DybmLearner {
             let (got_delay, loop_delay) = (weights.shape.delay, settings.shape.delay);
             return Err(WeightsError::Shape { got_delay, loop_delay });
         }
-        let zero = Parameters::ZERO;
-        let state = DybmState::default();
-        Ok(Self { settings, weights, state, second: zero, first: zero, beta_power: 1.0, gamma_power: 1.0 })
+        Ok(Self {
+            settings,
+            weights,
+            state: DybmState::default(),
+            second: Parameters::ZERO,
+            first: Parameters::ZERO,
+            beta_power: 1.0,
+            gamma_power: 1.0,
+        })
     }
 
     /// Learns from one real normalised displacement, then remembers it; returns the prediction made before seeing it.
@@ -155,7 +161,13 @@ impl DybmLearner {
         self.state = DybmState::default();
     }
 
-    /// Replaces the weights by others of the same shape; accumulators go back to zero, memory stays.
+    /// Replaces the weights by others of the same shape; accumulators and memory stay, so that learning goes on at the
+    /// pace it had reached.
+    pub fn continue_from(&mut self, weights: &DybmWeights) {
+        self.weights = *weights;
+    }
+
+    /// Replaces the weights by others of the same shape and forgets the accumulators; memory stays.
     pub fn restart_from(&mut self, weights: &DybmWeights) {
         self.weights = *weights;
         (self.second, self.first) = (Parameters::ZERO, Parameters::ZERO);
