@@ -1,0 +1,237 @@
+//! The whole step: what it promises, tried from outside.
+
+mod support;
+
+use foretrace_control::follower::{Budget, Health, Mode, Refusal, Request, Rung, StepInput, StopReason};
+use foretrace_control::predict::{Oracle, PredictorKind};
+use foretrace_control::units::Stamp;
+use support::{Bench, PERIOD_NS, STEP_NS, settings};
+
+/// A smooth written-like curve of about 3 cm, 1.7 and 2.9 Hz.
+fn curve(t: f64) -> [f64; 2] {
+    [0.015 * (10.7 * t).sin(), 0.012 * (18.2 * t + 0.4).sin()]
+}
+
+/// Runs `seconds` of the curve at 200 Hz; returns the RMS distance of tool and pen at the same instant, after 1 s.
+fn follow(bench: &mut Bench, seconds: f64) -> f64 {
+    let start = bench.now;
+    let (mut sum, mut count) = (0.0, 0);
+    let ticks = (seconds * 1e9 / PERIOD_NS as f64) as u64;
+    for tick in 0..ticks {
+        let t = bench.now.seconds_since(start);
+        let due = tick % 5 == 0 || tick % 5 == 3;
+        let samples = [bench.pen(curve(t))];
+        let output = bench.tick(if due { &samples } else { &[] });
+        let command = output.command.unwrap();
+        let [x, y] = curve(command.stamp.seconds_since(start));
+        if t > 1.0 {
+            sum += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
+            count += 1;
+        }
+    }
+    (sum / f64::from(count)).sqrt()
+}
+
+fn oracle_from(start: Stamp, seconds: f64) -> Oracle {
+    let first = start.0 / STEP_NS;
+    let steps = (seconds * 1e9 / STEP_NS as f64) as u64 + 100;
+    let at = |index: u64| curve(((index * STEP_NS) as f64 - start.0 as f64) * 1e-9);
+    let path = (0..steps).map(|i| {
+        let ([x0, y0], [x1, y1]) = (at(first + i), at(first + i + 1));
+        [x1 - x0, y1 - y0]
+    });
+    Oracle::new(first + 1, path.collect())
+}
+
+#[test]
+fn no_command_leaves_before_arming() {
+    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    for _ in 0..50 {
+        let pen = bench.pen([0.0, 0.0]);
+        let output = bench.tick(&[pen]);
+        assert_eq!((output.command, output.mode), (None, Mode::Idle));
+    }
+}
+
+#[test]
+fn the_first_command_is_where_the_arm_stands() {
+    let bench = Bench::armed(settings(PredictorKind::Hold));
+    let command = bench.last.unwrap();
+    assert_eq!(command.q, support::HOME);
+    assert_eq!(command.qd, [0.0; 6]);
+}
+
+#[test]
+fn prediction_beats_feedback_and_the_oracle_beats_both() {
+    let mut rms = Vec::new();
+    for kind in [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm] {
+        let mut bench = Bench::armed(settings(kind));
+        rms.push(follow(&mut bench, 6.0));
+    }
+    let mut bench = Bench::armed(settings(PredictorKind::Hold));
+    bench.follower.use_oracle(oracle_from(bench.now, 6.0));
+    rms.push(follow(&mut bench, 6.0));
+    println!(
+        "RMS [mm] hold, constant velocity, DyBM prior, oracle: {:?}",
+        rms.iter().map(|r| r * 1e3).collect::<Vec<_>>()
+    );
+    assert!(rms[1] < 0.5 * rms[0] && rms[2] < 0.5 * rms[0] && rms[3] < 0.5 * rms[1], "{rms:?}");
+    assert!(rms[3] < 3e-4, "oracle leaves {} m", rms[3]);
+}
+
+#[test]
+fn trust_ramps_without_a_step_in_the_commands() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let start = bench.now;
+    let mut last = 0.0;
+    for tick in 0..2000u64 {
+        let t = bench.now.seconds_since(start);
+        let samples = [bench.pen(curve(t))];
+        let request = (tick == 1000).then_some(Request::SetTrust(0.0));
+        let due = tick % 5 == 0 || tick % 5 == 3;
+        let output = bench.tick_with(if due { &samples } else { &[] }, request, Budget::default());
+        let alpha = output.trust.alpha.alpha();
+        // Ten steps of five ticks each.
+        assert!((alpha - last).abs() <= 1.0 / 50.0 + 1e-12, "trust jumped from {last} to {alpha}");
+        last = alpha;
+    }
+    assert_eq!(last, 0.0);
+}
+
+#[test]
+fn a_silent_pen_ends_in_a_smooth_hold_and_its_return_resumes() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    follow(&mut bench, 2.0);
+    let mut output = bench.tick(&[]);
+    for _ in 0..500 {
+        output = bench.tick(&[]);
+    }
+    assert_eq!(output.mode, Mode::Holding);
+    assert_eq!(output.trust.alpha.alpha(), 0.0);
+    assert!(output.health.has(Health::PEN_STALE));
+    let speed = output.command.unwrap().qd.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    assert!(speed < 1e-3, "still moving at {speed} rad/s one second after the last sample");
+    follow(&mut bench, 2.0);
+    assert_eq!(bench.tick(&[]).mode, Mode::Following);
+}
+
+#[test]
+fn shedding_falls_back_to_the_previous_plan_then_stops_then_recovers() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    follow(&mut bench, 2.0);
+    let shed = Budget { shed: true, ..Budget::default() };
+    let rungs: Vec<_> = (0..400).map(|_| bench.tick_with(&[], None, shed).rung).collect();
+    assert_eq!(rungs[0], Rung::PreviousPlan);
+    let stop = rungs.iter().position(|rung| *rung == Rung::Stop).unwrap();
+    assert_eq!(stop as u64, 50_000_000 / PERIOD_NS - 1, "50 ms of the previous plan, counted from its start");
+    assert_eq!(*rungs.last().unwrap(), Rung::Hold);
+    let rms = follow(&mut bench, 3.0);
+    assert!(rms < 3e-3, "after recovery the tool is {rms} m away");
+}
+
+#[test]
+fn every_latched_stop_comes_to_rest_and_needs_arming_again() {
+    let disturb: [(&str, StopReason, Mode); 3] = [
+        ("request", StopReason::Requested, Mode::Stopped),
+        ("joints", StopReason::JointStateLost, Mode::Stopped),
+        ("safety", StopReason::ArmSafety, Mode::Fault),
+    ];
+    for (what, reason, mode) in disturb {
+        let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        follow(&mut bench, 1.5);
+        let mut output = None;
+        for tick in 0..300 {
+            let pen = [bench.pen(curve(1.5 + tick as f64 * 0.002))];
+            bench.joints.motion_allowed = what != "safety";
+            output = Some(match what {
+                "joints" => {
+                    bench.step(&StepInput { pen: &pen, ..StepInput::nothing(bench.now) }, Budget::default())
+                }
+                _ => bench.tick_with(
+                    &pen,
+                    (what == "request" && tick == 0).then_some(Request::Stop),
+                    Budget::default(),
+                ),
+            });
+        }
+        let output = output.unwrap();
+        assert_eq!((output.mode, output.stop_reason), (mode, reason), "{what}");
+        assert_eq!(output.rung, Rung::Hold);
+        let command = output.command.unwrap();
+        assert_eq!(command.qd, [0.0; 6]);
+        assert!(!command.enabled);
+        bench.joints.motion_allowed = true;
+        let again = bench.tick_with(&[], Some(Request::Arm), Budget::default());
+        assert_eq!(again.answer, Some(Ok(())), "{what}");
+        follow(&mut bench, 1.0);
+    }
+}
+
+#[test]
+fn disarming_stops_first_and_then_lets_go() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    follow(&mut bench, 1.5);
+    let mut output = bench.tick_with(&[], Some(Request::Disarm), Budget::default());
+    assert_eq!(output.mode, Mode::Stopped);
+    let mut ticks = 0;
+    while output.mode != Mode::Idle {
+        output = bench.tick(&[]);
+        ticks += 1;
+        assert!(ticks < 500);
+    }
+    assert_eq!(bench.tick(&[]).command, None);
+}
+
+#[test]
+fn arming_refuses_what_could_jump() {
+    let refusals: [(Refusal, fn(&mut Bench)); 5] = [
+        (Refusal::MotionNotAllowed, |bench| bench.joints.motion_allowed = false),
+        (Refusal::ArmMoves, |bench| bench.joints.qd[2] = 0.2),
+        (Refusal::OutsideJointLimits, |bench| bench.joints.q[5] = 7.0),
+        (Refusal::ToolOutsideWorkspace, |bench| bench.joints.q[0] += 1.0),
+        (Refusal::ToolNotAligned, |bench| bench.joints.q[4] += 0.5),
+    ];
+    for (refusal, prepare) in refusals {
+        let mut bench = Bench::new(settings(PredictorKind::Hold));
+        prepare(&mut bench);
+        let output = bench.tick_with(&[], Some(Request::Arm), Budget::default());
+        assert_eq!(output.answer, Some(Err(refusal)));
+        assert_eq!(output.command, None);
+    }
+    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let input = StepInput { request: Some(Request::Arm), ..StepInput::nothing(bench.now) };
+    assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::NoJointState)));
+    let old = bench.joints;
+    bench.now = bench.now + 200_000_000;
+    let input =
+        StepInput { request: Some(Request::Arm), joints: Some(&old), ..StepInput::nothing(bench.now) };
+    assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::JointStateStale)));
+}
+
+#[test]
+fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
+    for (stall_ns, mode) in
+        [(6_000_000, Mode::Following), (40_000_000, Mode::Following), (300_000_000, Mode::Stopped)]
+    {
+        let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        follow(&mut bench, 1.5);
+        bench.now = bench.now + stall_ns;
+        let pen = [bench.pen(curve(1.5))];
+        let output = bench.tick(&pen);
+        assert!(output.health.has(Health::TIME_LOST | Health::RESYNCHRONISED));
+        assert_eq!(output.mode, mode, "after {stall_ns} ns");
+        for _ in 0..100 {
+            bench.tick(&[]);
+        }
+    }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_commands_bit_for_bit() {
+    let run = || {
+        let mut bench = Bench::armed(settings(PredictorKind::Dybm));
+        follow(&mut bench, 2.0);
+        bench.last.unwrap().q.map(f64::to_bits)
+    };
+    assert_eq!(run(), run());
+}
