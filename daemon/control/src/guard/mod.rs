@@ -154,7 +154,7 @@ impl<const J: usize> Guard<J> {
     #[must_use]
     pub fn clamp(&self, last: &Commanded<J>, q: &[f64; J], stamp: Stamp) -> Verdict<J> {
         let elapsed = stamp.seconds_since(last.stamp);
-        if !(elapsed > 0.0) {
+        if elapsed <= 0.0 {
             let altered = last.q().iter().zip(q).enumerate().filter(|(_, (old, new))| old != new);
             let altered = altered.fold(0, |bits, (joint, _)| bits | 1 << joint);
             return Verdict { command: *last, altered, reasons: Reasons::STAMP };
@@ -234,7 +234,7 @@ fn why<const J: usize>(
         (Reasons::POSITION, wanted <= viable(q_max - q) && -wanted <= viable(q - q_min)),
     ];
     let hard = broken.iter().filter(|(_, kept)| !kept).fold(Reasons::NONE, |all, (r, _)| all.with(*r));
-    let jerk = limits.jerk().is_some_and(|j| !((acceleration - qdd).abs() <= of(j) * h));
+    let jerk = limits.jerk().is_some_and(|j| (acceleration - qdd).abs() > of(j) * h);
     // Jerk also bounds the approach to the velocity limit: the only reason left when no other is broken.
     if jerk || hard.is_empty() { hard.with(Reasons::JERK) } else { hard }
 }

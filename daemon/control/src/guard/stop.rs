@@ -27,7 +27,7 @@ impl<const J: usize> StopProfile<J> {
     pub fn next(&self, last: &Commanded<J>, stamp: Stamp) -> [f64; J] {
         let h = stamp.seconds_since(last.stamp());
         let mut qd = *last.qd();
-        if !(h > 0.0) {
+        if h <= 0.0 {
             return qd;
         }
         let jerks = self.limits.jerk().copied().unwrap_or([f64::INFINITY; J]);

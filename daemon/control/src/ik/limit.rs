@@ -82,7 +82,7 @@ impl<const J: usize> JointLimits<J> {
         acceleration: [f64; J],
     ) -> Result<Self, LimitError> {
         for (joint, [lower, upper]) in position.into_iter().enumerate() {
-            if !(lower < upper) {
+            if lower.partial_cmp(&upper) != Some(std::cmp::Ordering::Less) {
                 return Err(LimitError::Position { joint, lower, upper });
             }
         }
@@ -264,17 +264,14 @@ pub fn velocity_box<const J: usize>(
 /// of the velocity limit or just to the limit.
 #[must_use]
 pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> f64 {
-    if room >= 0.0 {
+    if v_max * (h + hold) + v_max * v_max / (2.0 * decel) <= room {
+        // Far from the limit, which is nearly always: no square root.
+        v_max
+    } else if room >= 0.0 {
         let b = decel * (h + hold);
         // Written as a quotient: the difference b − √(b² + 2·decel·room) cancels near the limit.
         let root = b + (b * b + 2.0 * decel * room).sqrt();
-        if !root.is_finite() {
-            v_max
-        } else if root > 0.0 {
-            2.0 * decel * room / root
-        } else {
-            0.0
-        }
+        if root > 0.0 { 2.0 * decel * room / root } else { 0.0 }
     } else {
         room.max(-0.1 * v_max * h) / if h > 0.0 { h } else { 1.0 }
     }

@@ -14,6 +14,7 @@ pub mod task;
 pub mod reach;
 
 use nalgebra::{SVector, Vector3};
+use thiserror::Error;
 
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
@@ -24,6 +25,7 @@ pub use urdf::ChainError;
 use crate::qp::QpStatus;
 use crate::qp::box_qp::{self, ActiveBounds};
 use crate::qp::cholesky::Cholesky;
+use crate::qp::clarabel::{ClarabelBox, ClarabelProfile};
 
 /// One IK step: joint velocities and how they came about.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,18 +71,50 @@ pub enum IkSource {
     Brake,
 }
 
+/// Which solver finds the joint velocities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum IkBackend {
+    /// The exact dual active set. Allocates nothing.
+    #[default]
+    Exact,
+    /// Clarabel, for comparison. Allocates once or twice per step and is good to about 1e-4 rad/s.
+    Clarabel(ClarabelProfile),
+}
+
+/// Clarabel refused to be set up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("clarabel could not be set up for a box of {joints} joint velocities; use the exact backend")]
+pub struct BackendError {
+    /// Number of joints.
+    pub joints: usize,
+}
+
 /// The IK of one arm.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct Ik<const J: usize> {
     limits: JointLimits<J>,
     settings: IkSettings<J>,
+    clarabel: Option<Box<ClarabelBox<J>>>,
 }
 
 impl<const J: usize> Ik<J> {
-    /// An IK that keeps `limits` and weighs by `settings`.
+    /// An IK that keeps `limits` and weighs by `settings`, solved exactly.
     #[must_use]
     pub const fn new(limits: JointLimits<J>, settings: IkSettings<J>) -> Self {
-        Self { limits, settings }
+        Self { limits, settings, clarabel: None }
+    }
+
+    /// The same IK with another solver.
+    ///
+    /// *Errors*: clarabel refuses its settings.
+    pub fn with_backend(mut self, backend: IkBackend) -> Result<Self, BackendError> {
+        self.clarabel = match backend {
+            IkBackend::Exact => None,
+            IkBackend::Clarabel(profile) => {
+                Some(Box::new(ClarabelBox::new(profile).ok_or(BackendError { joints: J })?))
+            }
+        };
+        Ok(self)
     }
 
     /// Limits kept.
@@ -109,7 +143,10 @@ impl<const J: usize> Ik<J> {
         let allowed = velocity_box(motion, &self.limits, elapsed);
         let task = task::assemble(kinematics, &motion.q, &motion.qd, target, &self.settings, elapsed);
         let (lower, upper) = (SVector::from(allowed.lower), SVector::from(allowed.upper));
-        let solved = box_qp::solve(&task.h, &task.g, &lower, &upper);
+        let solved = match &mut self.clarabel {
+            None => box_qp::solve(&task.h, &task.g, &lower, &upper),
+            Some(clarabel) => clarabel.solve(&task.h, &task.g, &lower, &upper),
+        };
         let (source, qd) = if solved.status.usable() {
             (IkSource::Optimum, allowed.nearest(&solved.x.into()))
         } else {

@@ -133,8 +133,10 @@ pub fn assemble<const J: usize>(
     let mut h = rows.tr_mul(&rows);
     let mut g = -rows.tr_mul(&wanted);
     let posture = settings.posture_weight_m2;
-    for i in 0..J {
-        h[(i, i)] += damping + posture;
+    for (i, column) in h.data.0.iter_mut().enumerate() {
+        if let Some(diagonal) = column.get_mut(i) {
+            *diagonal += damping + posture;
+        }
     }
     if posture > 0.0 {
         for (g, (home, q)) in g.iter_mut().zip(settings.home.iter().zip(q)) {
@@ -149,32 +151,38 @@ pub fn assemble<const J: usize>(
 /// A₅ are the rows of position and tool axis. With σ_min the smallest singular value of A₅ it lies between σ_min/√5
 /// and σ_min (up to the floor).
 #[must_use]
+#[expect(
+    clippy::indexing_slicing,
+    clippy::needless_range_loop,
+    reason = "every index runs over 0..5 of a [_; 5] or over rows of a 6 x J matrix"
+)]
 pub fn singularity<const J: usize>(rows: &SMatrix<f64, 6, J>, floor: f64) -> f64 {
-    let mut gram = SMatrix::<f64, 5, 5>::zeros();
-    for i in 0..5 {
-        for j in 0..=i {
-            gram[(i, j)] = rows.row(i).dot(&rows.row(j));
+    let mut gram = [[0.0; 5]; 5];
+    for column in &rows.data.0 {
+        for i in 0..5 {
+            for j in 0..=i {
+                gram[i][j] += column[i] * column[j];
+            }
         }
-        gram[(i, i)] += floor;
     }
     // LDLᵀ in place of Cholesky: no square roots. Then tr(G⁻¹) = Σ_i ‖row i of L⁻¹‖² / d_i.
-    let mut inverse_factor = SMatrix::<f64, 5, 5>::identity();
+    let mut inverse_factor = [[0.0; 5]; 5];
     let mut trace = 0.0;
     for i in 0..5 {
-        let pivot = gram[(i, i)].max(0.5 * floor);
-        let reciprocal = 1.0 / pivot;
+        inverse_factor[i][i] = 1.0;
+        let reciprocal = 1.0 / (gram[i][i] + floor).max(0.5 * floor);
         let mut norm = 0.0;
         for k in 0..=i {
-            norm += inverse_factor[(i, k)] * inverse_factor[(i, k)];
+            norm += inverse_factor[i][k] * inverse_factor[i][k];
         }
         trace += norm * reciprocal;
         for row in i + 1..5 {
-            let factor = gram[(row, i)] * reciprocal;
+            let factor = gram[row][i] * reciprocal;
             for j in i + 1..=row {
-                gram[(row, j)] -= factor * gram[(j, i)];
+                gram[row][j] -= factor * gram[j][i];
             }
             for k in 0..=i {
-                inverse_factor[(row, k)] -= factor * inverse_factor[(i, k)];
+                inverse_factor[row][k] -= factor * inverse_factor[i][k];
             }
         }
     }
