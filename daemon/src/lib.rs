@@ -4,3 +4,5 @@
 
 pub mod alloc_count;
 pub mod rt;
+pub mod ports;
+pub mod learner;

@@ -3,3 +3,6 @@
 pub mod os;
 pub mod clock;
 pub mod cyclic;
+pub mod evidence;
+pub mod tick;
+pub mod thread;

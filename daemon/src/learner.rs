@@ -1,0 +1,273 @@
+//! The learner thread: grid steps in, promoted weights out.
+//!
+//! Contract: never makes the real-time thread wait. What the rings cannot take is dropped there and counted; of several
+//! promotions the newest reaches the loop. A panic ends learning, not the daemon: the loop goes on with the weights it
+//! has, and the board says so.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, Sender};
+
+use foretrace_control::learn::{LearnCounters, LearnError, Learner, LearnerSettings, Promotion};
+use foretrace_control::predict::DybmWeights;
+
+use crate::rt::tick::LearnerRings;
+
+/// How long the thread sleeps between two looks into its ring; a grid step takes longer.
+const PAUSE: Duration = Duration::from_millis(4);
+/// Steps learned from between two looks at the orders.
+const BATCH: usize = 256;
+
+/// What others may see of the learner at any time.
+#[derive(Debug, Default)]
+pub struct LearnerBoard {
+    updates: AtomicU64,
+    promotions: AtomicU64,
+    rollbacks: AtomicU64,
+    refused: AtomicU64,
+    failed: AtomicBool,
+}
+
+/// One look at the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LearnerView {
+    /// Grid steps learned from.
+    pub updates: u64,
+    /// Sets of weights handed to the loop because they were better.
+    pub promotions: u64,
+    /// Sets of weights taken back.
+    pub rollbacks: u64,
+    /// Candidates thrown away and steps refused.
+    pub refused: u64,
+    /// The thread has ended by a fault.
+    pub failed: bool,
+}
+
+impl LearnerBoard {
+    /// What it says now.
+    #[must_use]
+    pub fn view(&self) -> LearnerView {
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        LearnerView {
+            updates: of(&self.updates),
+            promotions: of(&self.promotions),
+            rollbacks: of(&self.rollbacks),
+            refused: of(&self.refused),
+            failed: self.failed.load(Ordering::Relaxed),
+        }
+    }
+
+    fn show(&self, counters: LearnCounters) {
+        self.updates.store(counters.updates, Ordering::Relaxed);
+        self.promotions.store(counters.promotions, Ordering::Relaxed);
+        self.rollbacks.store(counters.rollbacks, Ordering::Relaxed);
+        let refused = counters.refused + counters.poisoned + counters.abandoned;
+        self.refused.store(refused, Ordering::Relaxed);
+    }
+}
+
+/// Something worth a line in the log.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LearnerEvent {
+    /// The live weights change.
+    Promoted(Box<Promotion>),
+    /// New rules are in force, or were refused.
+    Rules(Result<(), LearnError>),
+    /// The thread ends by a fault.
+    Failed(String),
+}
+
+/// What the supervisor may change while it runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LearnerOrder {
+    /// Learn at all.
+    pub enabled: bool,
+    /// Rules from here on; the live weights stay.
+    pub settings: LearnerSettings,
+}
+
+/// What the thread needs besides its rings.
+#[derive(Debug)]
+pub struct LearnerLinks {
+    /// Shown to others.
+    pub board: Arc<LearnerBoard>,
+    /// To whoever logs.
+    pub events: Sender<LearnerEvent>,
+    /// From the supervisor.
+    pub orders: Receiver<LearnerOrder>,
+    /// Time to end.
+    pub quit: Arc<AtomicBool>,
+}
+
+/// Starts the thread.
+///
+/// # Errors
+/// The system refuses another thread.
+pub fn spawn(
+    learner: Learner,
+    enabled: bool,
+    rings: LearnerRings,
+    links: LearnerLinks,
+) -> std::io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name("foretrace-learn".to_owned()).spawn(move || {
+        guarded(&links, || run(learner, enabled, rings, &links));
+    })
+}
+
+/// Runs `work`; should it panic, says so instead of taking anybody along.
+fn guarded(links: &LearnerLinks, work: impl FnOnce()) {
+    if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
+        let text = panic
+            .downcast_ref::<&str>()
+            .map(|text| (*text).to_owned())
+            .or_else(|| panic.downcast_ref::<String>().cloned())
+            .unwrap_or_else(|| "unknown cause".to_owned());
+        links.board.failed.store(true, Ordering::Relaxed);
+        let _ = links.events.try_send(LearnerEvent::Failed(text));
+    }
+}
+
+fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: &LearnerLinks) {
+    let mut waiting: Option<DybmWeights> = None;
+    while !links.quit.load(Ordering::Acquire) {
+        while let Ok(order) = links.orders.try_recv() {
+            enabled = order.enabled;
+            if order.settings != *learner.settings() {
+                let renewed = Learner::from_weights(order.settings, *learner.live());
+                let outcome = renewed.map(|renewed| learner = renewed);
+                let _ = links.events.try_send(LearnerEvent::Rules(outcome));
+            }
+        }
+        let mut learned = 0;
+        while learned < BATCH
+            && let Ok(step) = rings.learn.pop()
+        {
+            learned += 1;
+            if enabled && let Some(promotion) = learner.learn(&step) {
+                waiting = Some(promotion.weights);
+                let _ = links.events.try_send(LearnerEvent::Promoted(Box::new(promotion)));
+            }
+        }
+        links.board.show(learner.counters());
+        waiting = waiting.and_then(|weights| rings.weights.push(weights).err().map(full));
+        if learned < BATCH {
+            std::thread::sleep(PAUSE);
+        }
+    }
+}
+
+/// What did not fit.
+fn full(error: rtrb::PushError<DybmWeights>) -> DybmWeights {
+    let rtrb::PushError::Full(weights) = error;
+    weights
+}
+
+#[cfg(test)]
+mod tests {
+    use crossbeam::channel;
+
+    use foretrace_control::learn::LearnStep;
+    use foretrace_control::pen::Motion;
+
+    use super::*;
+
+    const STEP_NS: u64 = 10_000_000;
+
+    struct Bench {
+        board: Arc<LearnerBoard>,
+        events: Receiver<LearnerEvent>,
+        orders: Sender<LearnerOrder>,
+        quit: Arc<AtomicBool>,
+    }
+
+    fn links() -> (LearnerLinks, Bench) {
+        let (events_in, events) = channel::bounded(64);
+        let (orders, orders_out) = channel::bounded(4);
+        let (board, quit) = (Arc::new(LearnerBoard::default()), Arc::new(AtomicBool::new(false)));
+        let links =
+            LearnerLinks { board: board.clone(), events: events_in, orders: orders_out, quit: quit.clone() };
+        (links, Bench { board, events, orders, quit })
+    }
+
+    /// A circle at 1.5 turns a second, about 10 units per step.
+    fn circle(index: u64) -> LearnStep {
+        let angle = index as f64 * 0.094;
+        let x = [10.0 * angle.cos(), 10.0 * angle.sin()];
+        LearnStep { index, x, motion: Motion::Continues, contact: true, scale_m: 1e-4 }
+    }
+
+    fn until(claim: impl Fn() -> bool) {
+        for _ in 0..2000 {
+            if claim() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("did not happen within 10 s");
+    }
+
+    #[test]
+    fn better_weights_reach_the_mailbox_and_the_board() {
+        let (mut steps, learn) = rtrb::RingBuffer::new(512);
+        let (weights, mut mailbox) = rtrb::RingBuffer::new(4);
+        let (links, bench) = links();
+        let learner = Learner::new(LearnerSettings::preset(STEP_NS)).unwrap();
+        let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
+        let mut index = 0;
+        while bench.board.view().promotions == 0 {
+            while steps.push(circle(index)).is_ok() {
+                index += 1;
+            }
+            assert!(index < 1_000_000, "nothing was promoted");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        until(|| mailbox.slots() > 0);
+        let received = mailbox.pop().unwrap();
+        assert!(received.version > 0);
+        assert!(received.validate().is_ok());
+        assert!(matches!(bench.events.try_recv(), Ok(LearnerEvent::Promoted(_))));
+        assert!(bench.board.view().updates > 0);
+        bench.quit.store(true, Ordering::Release);
+        thread.join().unwrap();
+    }
+
+    #[test]
+    fn a_learner_that_is_switched_off_learns_nothing() {
+        let (mut steps, learn) = rtrb::RingBuffer::new(512);
+        let (weights, mailbox) = rtrb::RingBuffer::new(4);
+        let (links, bench) = links();
+        let settings = LearnerSettings::preset(STEP_NS);
+        let learner = Learner::new(settings).unwrap();
+        let thread = spawn(learner, false, LearnerRings { learn, weights }, links).unwrap();
+        for index in 0..500 {
+            steps.push(circle(index)).unwrap();
+        }
+        until(|| steps.slots() == 512);
+        assert_eq!(bench.board.view().updates, 0);
+        assert_eq!(mailbox.slots(), 0);
+        bench.orders.send(LearnerOrder { enabled: true, settings }).unwrap();
+        let mut index = 500;
+        until(|| bench.orders.is_empty());
+        while bench.board.view().updates == 0 {
+            while steps.push(circle(index)).is_ok() {
+                index += 1;
+            }
+            assert!(index < 1_000_000, "nothing was learned");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        bench.quit.store(true, Ordering::Release);
+        thread.join().unwrap();
+    }
+
+    #[test]
+    fn a_panic_in_the_learner_is_seen_and_ends_nothing_else() {
+        let (links, bench) = links();
+        std::thread::spawn(move || guarded(&links, || panic!("weights on fire"))).join().unwrap();
+        assert!(bench.board.view().failed);
+        assert_eq!(bench.events.try_recv(), Ok(LearnerEvent::Failed("weights on fire".to_owned())));
+    }
+}

@@ -1,0 +1,124 @@
+//! Where the tick meets the world: what arrived, what leaves, and what was dropped or refused on the way.
+//!
+//! Contract: a [`Ports`] copies each message once, validates the copy, counts every refusal by reason and hands over
+//! domain types only. Neither call blocks; neither allocates while the set of connected peers stays the same.
+
+pub mod convert;
+pub mod memory;
+pub mod shm;
+
+use foretrace_control::follower::{EnableReading, JointCommand, JointReading, Mode, Rung};
+use foretrace_control::pen::PenReading;
+use foretrace_control::units::Stamp;
+
+/// Joints of the arms this daemon moves; the wire carries as many.
+pub const JOINTS: usize = 6;
+
+/// Most pen samples that one tick takes; what is left waits for the next tick.
+pub const PEN_PER_TICK: usize = 64;
+
+/// Reasons for refusing a message, as many as the wire distinguishes.
+pub const REJECT_REASONS: usize = 9;
+
+/// What arrived since the last tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Inbox {
+    pen: [PenReading; PEN_PER_TICK],
+    pen_count: usize,
+    /// Newest joint state.
+    pub joints: Option<JointReading<JOINTS>>,
+    /// Newest dead-man message.
+    pub enable: Option<EnableReading>,
+}
+
+impl Inbox {
+    /// Nothing.
+    #[must_use]
+    pub const fn empty() -> Self {
+        let nothing = PenReading { stamp: Stamp(0), position: [0.0; 2], contact: false };
+        Self { pen: [nothing; PEN_PER_TICK], pen_count: 0, joints: None, enable: None }
+    }
+
+    /// Forgets everything.
+    pub const fn clear(&mut self) {
+        self.pen_count = 0;
+        self.joints = None;
+        self.enable = None;
+    }
+
+    /// Adds a pen sample; `false` when there is no room for it.
+    pub fn push_pen(&mut self, reading: PenReading) -> bool {
+        let Some(slot) = self.pen.get_mut(self.pen_count) else { return false };
+        *slot = reading;
+        self.pen_count += 1;
+        true
+    }
+
+    /// Whether another pen sample fits.
+    #[must_use]
+    pub const fn has_room(&self) -> bool {
+        self.pen_count < PEN_PER_TICK
+    }
+
+    /// Pen samples, in order of arrival.
+    #[must_use]
+    pub fn pen(&self) -> &[PenReading] {
+        self.pen.get(..self.pen_count).unwrap_or_default()
+    }
+}
+
+/// A command on its way out, with what a consumer wants to know about it.
+#[derive(Debug, Clone, Copy)]
+pub struct Outgoing {
+    /// The tick that made it, from 1.
+    pub tick: u64,
+    /// What the arm shall do.
+    pub command: JointCommand<JOINTS>,
+    /// Mode of the loop.
+    pub mode: Mode,
+    /// Which fallback made it.
+    pub rung: Rung,
+    /// The commanded state was set anew in this tick.
+    pub resynchronised: bool,
+    /// Newest pen sample behind it.
+    pub pen_stamp: Option<Stamp>,
+}
+
+/// Counts of what came and went since the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PortTally {
+    /// Pen samples handed to the loop.
+    pub pen_received: u64,
+    /// Pen samples missing in the sender's sequence.
+    pub pen_dropped: u64,
+    /// Ticks that left pen samples for the next one.
+    pub pen_deferred: u64,
+    /// Pen samples refused, by reason.
+    pub pen_rejected: [u64; REJECT_REASONS],
+    /// Joint states accepted.
+    pub joints_received: u64,
+    /// Joint states missing in the sender's sequence.
+    pub joints_dropped: u64,
+    /// Joint states refused, by reason.
+    pub joints_rejected: [u64; REJECT_REASONS],
+    /// Dead-man messages refused.
+    pub enable_rejected: u64,
+    /// Receives that failed in the middleware.
+    pub receive_failures: u64,
+    /// Commands sent.
+    pub commands_sent: u64,
+    /// Commands that could not be sent.
+    pub commands_failed: u64,
+}
+
+/// The world of one tick.
+pub trait Ports {
+    /// Replaces the contents of `inbox` by what has arrived; `now` judges the stamps.
+    fn receive(&mut self, now: Stamp, inbox: &mut Inbox);
+
+    /// Sends a command; `false` when it did not leave.
+    fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool;
+
+    /// What was counted so far.
+    fn tally(&self) -> &PortTally;
+}

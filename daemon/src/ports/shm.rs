@@ -1,0 +1,148 @@
+//! Ports over shared memory: the only file of the daemon that names the middleware.
+//!
+//! Contract: ports are made in the thread that uses them. The real-time ends neither block nor allocate unless a peer
+//! came or went since the last call (then 20 to 40 allocations and about 100 us, which cannot be avoided; see
+//! [`PeerWatch`] for how they are told apart).
+
+use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeBuilder, SignalHandlingMode, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+use foretrace_control::units::Stamp;
+use foretrace_shm as shm;
+use foretrace_shm::{HeaderBounds, Message, Publisher, ServiceError, Services, Subscriber};
+
+use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, convert};
+
+/// The real-time thread's ports.
+#[derive(Debug)]
+pub struct ShmPorts {
+    pen: Subscriber<shm::PenSample>,
+    joints: Subscriber<shm::JointState>,
+    enable: Subscriber<shm::Enable>,
+    commands: Publisher<shm::JointCommand>,
+    tally: PortTally,
+}
+
+impl ShmPorts {
+    /// Opens them in the calling thread.
+    ///
+    /// *Errors*: as the middleware's, see [`ServiceError`].
+    pub fn open(services: &Services) -> Result<Self, ServiceError> {
+        Ok(Self {
+            pen: services.pen.subscriber(shm::PenSample::QOS.buffer, HeaderBounds::DEFAULT)?,
+            joints: services.joint_state.subscriber(8, HeaderBounds::DEFAULT)?,
+            enable: services.enable.subscriber(shm::Enable::QOS.buffer, HeaderBounds::DEFAULT)?,
+            commands: services.joint_cmd.publisher()?,
+            tally: PortTally::default(),
+        })
+    }
+}
+
+impl Ports for ShmPorts {
+    fn receive(&mut self, now: Stamp, inbox: &mut Inbox) {
+        inbox.clear();
+        let mut taken = 0;
+        while taken < PEN_PER_TICK
+            && let Some(sample) = self.pen.take(now.0)
+        {
+            taken += 1;
+            if let Ok(sample) = sample {
+                inbox.push_pen(convert::pen_reading(&sample));
+            }
+        }
+        inbox.joints = self.joints.latest(now.0).map(|state| convert::joint_reading(&state));
+        inbox.enable = self.enable.latest(now.0).map(|enable| convert::enable_reading(&enable));
+
+        let tally = &mut self.tally;
+        tally.pen_deferred += u64::from(taken == PEN_PER_TICK);
+        tally.pen_received = self.pen.received();
+        tally.pen_dropped = self.pen.dropped();
+        tally.pen_rejected = self.pen.rejections().by_reason;
+        tally.joints_received = self.joints.received();
+        tally.joints_dropped = self.joints.dropped();
+        tally.joints_rejected = self.joints.rejections().by_reason;
+        tally.enable_rejected = self.enable.rejections().total();
+        tally.receive_failures = self.pen.failures() + self.joints.failures() + self.enable.failures();
+    }
+
+    fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {
+        let message = convert::joint_command(outgoing, now);
+        let sent = self.commands.publish(outgoing.command.stamp.0, message).is_ok();
+        *(if sent { &mut self.tally.commands_sent } else { &mut self.tally.commands_failed }) += 1;
+        sent
+    }
+
+    fn tally(&self) -> &PortTally {
+        &self.tally
+    }
+}
+
+/// Sees which peers are connected to the real-time ports.
+///
+/// A number of peers would not do: a killed peer is often cleaned away and replaced between two looks. Listing them
+/// allocates, so this is for another thread.
+#[derive(Debug)]
+pub struct PeerWatch {
+    // Keeps the factories valid.
+    _node: Node<ipc::Service>,
+    pen: PortFactory<ipc::Service, shm::PenSample, ()>,
+    joints: PortFactory<ipc::Service, shm::JointState, ()>,
+    enable: PortFactory<ipc::Service, shm::Enable, ()>,
+    commands: PortFactory<ipc::Service, shm::JointCommand, ()>,
+}
+
+impl PeerWatch {
+    /// Opens the services for looking only.
+    ///
+    /// *Errors*: the middleware refuses.
+    pub fn open(config: &Config) -> Result<Self, ServiceError> {
+        let node = NodeBuilder::new()
+            .config(config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|error| ServiceError::Middleware { service: "foretrace", detail: error.to_string() })?;
+        Ok(Self {
+            pen: open(&node)?,
+            joints: open(&node)?,
+            enable: open(&node)?,
+            commands: open(&node)?,
+            _node: node,
+        })
+    }
+
+    /// A number that changes whenever a peer comes or goes.
+    #[must_use]
+    pub fn fingerprint(&self) -> u128 {
+        let mut sum = 0_u128;
+        let mut add =
+            |id: u128| sum = sum.wrapping_add(id.wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835));
+        publishers(&self.pen, &mut add);
+        publishers(&self.joints, &mut add);
+        publishers(&self.enable, &mut add);
+        self.commands.dynamic_config().list_subscribers(|peer| {
+            add(peer.subscriber_id.value());
+            CallbackProgression::Continue
+        });
+        sum
+    }
+}
+
+fn publishers<T: Message>(service: &PortFactory<ipc::Service, T, ()>, add: &mut impl FnMut(u128)) {
+    service.dynamic_config().list_publishers(|peer| {
+        add(peer.publisher_id.value());
+        CallbackProgression::Continue
+    });
+}
+
+fn open<T: Message>(node: &Node<ipc::Service>) -> Result<PortFactory<ipc::Service, T, ()>, ServiceError> {
+    let failed = |detail| ServiceError::Middleware { service: T::SERVICE, detail };
+    let name = T::SERVICE.try_into().map_err(|error| failed(format!("{error:?}")))?;
+    node.service_builder(&name).publish_subscribe::<T>().open().map_err(|error| failed(error.to_string()))
+}
+
+/// Removes what dead peers of this instance left behind; returns how many were cleaned away.
+#[must_use]
+pub fn clean_up_dead_peers(config: &Config) -> u64 {
+    Node::<ipc::Service>::try_cleanup_dead_nodes(config).cleanups
+}

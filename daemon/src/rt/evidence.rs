@@ -1,0 +1,175 @@
+//! What leaves the real-time thread besides commands: plain data about each tick, and answers to requests.
+
+use foretrace_control::follower::{Budget, Refusal, Request, Stage, StageClock, StepOutput};
+use foretrace_control::units::Stamp;
+
+use super::clock::Clock;
+use super::cyclic::Wake;
+use crate::ports::{JOINTS, PortTally};
+
+/// What each part of a tick cost [ns].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageTimes {
+    /// Release to start.
+    pub wakeup: u64,
+    /// Receive, requests, weights.
+    pub receive: u64,
+    /// Requests, joint states and pen samples onto the grid.
+    pub pen: u64,
+    /// Trust and preview.
+    pub predict: u64,
+    /// Reference and plan.
+    pub mpc: u64,
+    /// Inverse kinematics.
+    pub ik: u64,
+    /// Guard and book-keeping.
+    pub guard: u64,
+    /// Sending the command.
+    pub send: u64,
+    /// Start to command sent.
+    pub step: u64,
+}
+
+/// Times the stages of one tick by the clock of the loop.
+#[derive(Debug)]
+pub struct LapClock<'a, C> {
+    clock: &'a C,
+    last: Stamp,
+    times: StageTimes,
+}
+
+impl<'a, C: Clock> LapClock<'a, C> {
+    /// The tick that `wake` began.
+    pub fn new(clock: &'a C, wake: &Wake) -> Self {
+        let times = StageTimes { wakeup: wake.latency_ns(), ..StageTimes::default() };
+        Self { clock, last: wake.started, times }
+    }
+
+    /// Time since the last lap [ns].
+    fn lap_ns(&mut self) -> u64 {
+        let now = self.clock.now();
+        let ns = now.0.saturating_sub(self.last.0);
+        self.last = now;
+        ns
+    }
+
+    /// Everything has been received.
+    pub fn received(&mut self) -> Stamp {
+        self.times.receive = self.lap_ns();
+        self.last
+    }
+
+    /// The command has left; `started` is the start of the tick.
+    pub fn sent(&mut self, started: Stamp) -> Stamp {
+        self.times.send = self.lap_ns();
+        self.times.step = self.last.0.saturating_sub(started.0);
+        self.last
+    }
+
+    /// The end of the last lap.
+    #[must_use]
+    pub const fn last(&self) -> Stamp {
+        self.last
+    }
+
+    /// What was measured.
+    #[must_use]
+    pub const fn times(&self) -> StageTimes {
+        self.times
+    }
+}
+
+impl<C: Clock> StageClock for LapClock<'_, C> {
+    fn lap(&mut self, stage: Stage) {
+        let ns = self.lap_ns();
+        *match stage {
+            Stage::Pen => &mut self.times.pen,
+            Stage::Predict => &mut self.times.predict,
+            Stage::Mpc => &mut self.times.mpc,
+            Stage::Ik => &mut self.times.ik,
+            Stage::Guard => &mut self.times.guard,
+        } += ns;
+    }
+}
+
+/// Counts of the loop itself since its start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LoopTally {
+    /// Ticks run.
+    pub ticks: u64,
+    /// Ticks that ended after their deadline.
+    pub overruns: u64,
+    /// Whole periods skipped.
+    pub skipped: u64,
+    /// Ticks run with a shed budget.
+    pub shed: u64,
+    /// Ticks whose newest joint state was stale.
+    pub joints_stale: u64,
+    /// Records lost because the ring to the ipc thread was full.
+    pub evidence_dropped: u64,
+    /// Grid steps lost because the learner's ring was full.
+    pub learn_dropped: u64,
+    /// Sets of weights refused by the loop.
+    pub weights_refused: u64,
+    /// Allocations while receiving and sending.
+    pub port_allocations: u64,
+    /// Allocations anywhere else in the tick.
+    pub law_allocations: u64,
+    /// Page faults of the thread, without disk; read every few ticks.
+    pub faults_minor: u64,
+    /// Page faults of the thread, with disk; read every few ticks.
+    pub faults_major: u64,
+}
+
+/// Everything one tick saw, decided and cost.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence {
+    /// Number of the tick, from 1, without skipped ones.
+    pub tick: u64,
+    /// When it started.
+    pub wake: Wake,
+    /// When its command had left.
+    pub finished: Stamp,
+    /// When it should have been done.
+    pub deadline: Stamp,
+    /// What its parts cost.
+    pub times: StageTimes,
+    /// What it was allowed to spend.
+    pub budget: Budget,
+    /// Pen samples that arrived.
+    pub pen_samples: u32,
+    /// Newest measured joints so far, stamp and positions [rad].
+    pub measured: Option<(Stamp, [f64; JOINTS])>,
+    /// The command could not be sent.
+    pub not_sent: bool,
+    /// Weights in use came at.
+    pub weights_since: Option<Stamp>,
+    /// Allocations in this tick while receiving and sending.
+    pub port_allocations: u32,
+    /// Allocations in this tick anywhere else.
+    pub law_allocations: u32,
+    /// What the law answered.
+    pub output: StepOutput<JOINTS>,
+    /// Totals of the loop.
+    pub tally: LoopTally,
+    /// Totals of the ports.
+    pub ports: PortTally,
+}
+
+/// A request on its way to the loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Asked {
+    /// Comes back with the answer.
+    pub token: u64,
+    /// What is asked for.
+    pub request: Request,
+}
+
+/// The loop's answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Answered {
+    /// The question's token.
+    pub token: u64,
+    /// Whether it was carried out.
+    pub outcome: Result<(), Refusal>,
+}

@@ -1,0 +1,121 @@
+//! The real-time thread: opens its ports, takes its rights, runs ticks until told to leave.
+//!
+//! Contract: everything that may fail, block or allocate happens before the first tick. Told to leave, the thread stops
+//! the arm smoothly, ends once the loop is idle, and can be told to end at once instead.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use crossbeam::channel::{Receiver, Sender};
+
+use foretrace_control::follower::{Follower, Mode};
+
+use super::clock::MonotonicClock;
+use super::cyclic::{Cyclic, Rhythm};
+use super::os::{self, Missing};
+use super::tick::{Tick, TickRings};
+use crate::ports::{JOINTS, Ports};
+
+/// Rights and rhythm of the thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RtSettings {
+    /// When ticks are released.
+    pub rhythm: Rhythm,
+    /// SCHED_FIFO priority; `None` leaves the thread among ordinary ones.
+    pub priority: Option<u32>,
+    /// CPU to stay on; `None` leaves it to the scheduler.
+    pub cpu: Option<usize>,
+    /// Iterations that each quadratic programme may take in a tick.
+    pub max_iterations: u32,
+}
+
+/// What the thread tells its supervisor before the first tick.
+#[derive(Debug)]
+pub enum RtNews<E> {
+    /// The ports are open; waiting for the word to go.
+    Opened,
+    /// They could not be opened; the thread has ended.
+    Failed(E),
+    /// The ticks begin; these rights are missing.
+    Running(Vec<Missing>),
+}
+
+/// What the supervisor tells the thread while it runs.
+#[derive(Debug, Default)]
+pub struct RtOrders {
+    leave: AtomicBool,
+    quit: AtomicBool,
+}
+
+impl RtOrders {
+    /// Stop the arm smoothly, then end.
+    pub fn leave(&self) {
+        self.leave.store(true, Ordering::Release);
+    }
+
+    /// End after the present tick; consumers brake by themselves.
+    pub fn quit(&self) {
+        self.quit.store(true, Ordering::Release);
+    }
+}
+
+/// Starts the thread. It opens its ports, tells `news`, and waits for `go` (all memory mapped and locked).
+///
+/// # Errors
+/// The system refuses another thread.
+pub fn spawn<const N: usize, P, E>(
+    follower: Follower<N, JOINTS>,
+    open: impl FnOnce() -> Result<P, E> + Send + 'static,
+    rings: TickRings,
+    settings: RtSettings,
+    orders: Arc<RtOrders>,
+    news: Sender<RtNews<E>>,
+    go: Receiver<()>,
+) -> std::io::Result<JoinHandle<()>>
+where
+    P: Ports + 'static,
+    E: Send + 'static,
+{
+    std::thread::Builder::new().name("foretrace-rt".to_owned()).stack_size(1 << 20).spawn(move || {
+        let ports = match open() {
+            Ok(ports) => ports,
+            Err(error) => {
+                // A supervisor that has gone away has no use for the news.
+                let _ = news.send(RtNews::Failed(error));
+                return;
+            }
+        };
+        let tick = Tick::new(follower, ports, rings, settings.max_iterations);
+        let _ = news.send(RtNews::Opened);
+        if go.recv().is_err() {
+            return;
+        }
+        let missing = take_rights(&settings);
+        let _ = news.send(RtNews::Running(missing));
+        run(tick, settings.rhythm, &orders);
+    })
+}
+
+/// Asks for what makes ticks punctual; says what was refused.
+fn take_rights(settings: &RtSettings) -> Vec<Missing> {
+    os::prefault_stack();
+    let rights =
+        [settings.cpu.map(os::pin_to), settings.priority.map(os::set_fifo), Some(os::set_timer_slack(1))];
+    rights.into_iter().flatten().filter_map(Result::err).collect()
+}
+
+fn run<const N: usize, P: Ports>(mut tick: Tick<N, P>, rhythm: Rhythm, orders: &RtOrders) {
+    let mut cyclic = Cyclic::new(MonotonicClock, rhythm);
+    while !orders.quit.load(Ordering::Acquire) {
+        let leaving = orders.leave.load(Ordering::Acquire);
+        if leaving {
+            tick.leave();
+        }
+        let wake = cyclic.wait();
+        let mode = tick.run(&wake, cyclic.clock());
+        if leaving && mode == Mode::Idle {
+            break;
+        }
+    }
+}

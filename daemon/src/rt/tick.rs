@@ -1,0 +1,252 @@
+//! One tick: receive, decide what may be spent, step the law, send, record.
+//!
+//! Contract: no allocation, lock, log, file or panic; work is bounded by capacities fixed at construction. What does not
+//! fit into a ring is dropped and counted. The budget is decided before the step, from the clock, and recorded, so that
+//! the step can be replayed. Absent on purpose: every decision about motion, which is the follower's.
+
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use foretrace_control::follower::{
+    Budget, Follower, Health, JointReading, Mode, Request, StepInput, StepOutput,
+};
+use foretrace_control::learn::LearnStep;
+use foretrace_control::predict::DybmWeights;
+use foretrace_control::units::Stamp;
+
+use super::clock::Clock;
+use super::cyclic::Wake;
+use super::evidence::{Answered, Asked, Evidence, LapClock, LoopTally};
+use super::os;
+use crate::alloc_count::allocations;
+use crate::ports::{Inbox, JOINTS, Outgoing, Ports};
+
+/// Ticks between two looks at the page-fault counters, which cost a system call.
+const FAULT_TICKS: u64 = 64;
+/// Requests that may wait; as many answers fit, so that none is ever lost.
+const REQUESTS: usize = 16;
+/// Weights that may wait; the newest wins.
+const WEIGHTS: usize = 4;
+/// Grid steps that may wait for the learner: 5 s at 10 ms.
+const LEARN_STEPS: usize = 512;
+/// Records that may wait for the ipc thread: half a second at 1 kHz.
+const EVIDENCE: usize = 512;
+
+/// The loop's ends of the rings.
+#[derive(Debug)]
+pub struct TickRings {
+    evidence: Producer<Evidence>,
+    asked: Consumer<Asked>,
+    answered: Producer<Answered>,
+    learn: Producer<LearnStep>,
+    weights: Consumer<DybmWeights>,
+}
+
+/// The ipc thread's ends.
+#[derive(Debug)]
+pub struct IpcRings {
+    /// One record per tick.
+    pub evidence: Consumer<Evidence>,
+    /// Requests to the loop.
+    pub asked: Producer<Asked>,
+    /// Its answers.
+    pub answered: Consumer<Answered>,
+}
+
+/// The learner's ends.
+#[derive(Debug)]
+pub struct LearnerRings {
+    /// Closed grid steps.
+    pub learn: Consumer<LearnStep>,
+    /// Promoted weights to the loop.
+    pub weights: Producer<DybmWeights>,
+}
+
+/// All rings between the loop and the other threads.
+#[must_use]
+pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
+    let (evidence, evidence_out) = RingBuffer::new(EVIDENCE);
+    let (asked_in, asked) = RingBuffer::new(REQUESTS);
+    let (answered, answered_out) = RingBuffer::new(REQUESTS);
+    let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
+    let (weights_in, weights) = RingBuffer::new(WEIGHTS);
+    (
+        TickRings { evidence, asked, answered, learn, weights },
+        IpcRings { evidence: evidence_out, asked: asked_in, answered: answered_out },
+        LearnerRings { learn: learn_out, weights: weights_in },
+    )
+}
+
+/// The loop's body.
+#[derive(Debug)]
+pub struct Tick<const N: usize, P> {
+    follower: Follower<N, JOINTS>,
+    ports: P,
+    rings: TickRings,
+    inbox: Inbox,
+    period_ns: u64,
+    max_iterations: u32,
+    /// Decaying maximum of what a step with full budget costs [ns].
+    usual_cost_ns: u64,
+    measured: Option<(Stamp, [f64; JOINTS])>,
+    weights_since: Option<Stamp>,
+    tally: LoopTally,
+    leaving: bool,
+}
+
+impl<const N: usize, P: Ports> Tick<N, P> {
+    /// A body around `follower`; each quadratic programme gets at most `max_iterations`.
+    pub fn new(follower: Follower<N, JOINTS>, ports: P, rings: TickRings, max_iterations: u32) -> Self {
+        let period_ns = follower.settings().period_ns;
+        Self {
+            follower,
+            ports,
+            rings,
+            inbox: Inbox::empty(),
+            period_ns,
+            max_iterations,
+            usual_cost_ns: 0,
+            measured: None,
+            weights_since: None,
+            tally: LoopTally::default(),
+            leaving: false,
+        }
+    }
+
+    /// From the next tick on, stops the arm smoothly and lets go of it; requests are no longer heard.
+    pub const fn leave(&mut self) {
+        self.leaving = true;
+    }
+
+    /// Runs the tick that `wake` began; returns the mode after it.
+    pub fn run<C: Clock>(&mut self, wake: &Wake, clock: &C) -> Mode {
+        let mut laps = LapClock::new(clock, wake);
+        let allocated = allocations();
+
+        self.ports.receive(wake.started, &mut self.inbox);
+        let receiving = allocations().wrapping_sub(allocated);
+        let asked = if self.leaving { None } else { self.rings.asked.pop().ok() };
+        let request = if self.leaving { Some(Request::Disarm) } else { asked.map(|asked| asked.request) };
+        let weights = self.newest_weights();
+        if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {
+            self.measured = Some((stamp, q));
+        }
+        let received = laps.received();
+
+        let budget = self.budget(received, wake);
+        let input = StepInput {
+            now: wake.release,
+            pen: self.inbox.pen(),
+            joints: self.inbox.joints.as_ref(),
+            enable: self.inbox.enable,
+            request,
+            weights: weights.as_ref(),
+        };
+        let output = self.follower.step(&input, budget, &mut laps);
+
+        let before_send = allocations();
+        let not_sent = !self.send(wake, laps.last(), &output);
+        let sending = allocations().wrapping_sub(before_send);
+        let finished = laps.sent(wake.started);
+
+        self.settle(wake, &output, budget, finished, &laps);
+        self.teach(&output);
+        if let (Some(asked), Some(outcome)) = (asked, output.answer) {
+            // As many answers fit as requests, and the ipc thread asks no faster than it hears.
+            let _ = self.rings.answered.push(Answered { token: asked.token, outcome });
+        }
+        let ports = receiving.wrapping_add(sending);
+        let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
+        self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
+        self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
+        let evidence = Evidence {
+            tick: self.tally.ticks,
+            wake: *wake,
+            finished,
+            deadline: wake.deadline(self.period_ns),
+            times: laps.times(),
+            budget,
+            pen_samples: self.inbox.pen().len() as u32,
+            measured: self.measured,
+            not_sent,
+            weights_since: self.weights_since,
+            port_allocations: ports as u32,
+            law_allocations: law as u32,
+            output,
+            tally: self.tally,
+            ports: *self.ports.tally(),
+        };
+        if self.rings.evidence.push(evidence).is_err() {
+            self.tally.evidence_dropped += 1;
+        }
+        output.mode
+    }
+
+    /// The newest of the weights that wait.
+    fn newest_weights(&mut self) -> Option<DybmWeights> {
+        let mut newest = None;
+        for _ in 0..WEIGHTS {
+            match self.rings.weights.pop() {
+                Ok(weights) => newest = Some(weights),
+                Err(_) => break,
+            }
+        }
+        newest
+    }
+
+    /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that a slow
+    /// solver cannot talk itself out of work for ever.
+    fn budget(&self, now: Stamp, wake: &Wake) -> Budget {
+        let left = wake.deadline(self.period_ns).0.saturating_sub(now.0);
+        let shed = left < self.usual_cost_ns.min(self.period_ns / 2);
+        Budget { max_iterations: self.max_iterations, shed }
+    }
+
+    /// Sends the command, if there is one; `true` also when there is nothing to send.
+    fn send(&mut self, wake: &Wake, now: Stamp, output: &StepOutput<JOINTS>) -> bool {
+        let Some(command) = output.command else { return true };
+        let outgoing = Outgoing {
+            tick: self.tally.ticks.wrapping_add(1),
+            command,
+            mode: output.mode,
+            rung: output.rung,
+            resynchronised: output.health.has(Health::RESYNCHRONISED),
+            pen_stamp: output.pen_stamp,
+        };
+        debug_assert!(command.stamp >= wake.release);
+        self.ports.send(now, &outgoing)
+    }
+
+    /// Counts.
+    fn settle<C: Clock>(
+        &mut self,
+        wake: &Wake,
+        output: &StepOutput<JOINTS>,
+        budget: Budget,
+        finished: Stamp,
+        laps: &LapClock<'_, C>,
+    ) {
+        let tally = &mut self.tally;
+        tally.ticks = tally.ticks.wrapping_add(1);
+        tally.skipped = tally.skipped.saturating_add(wake.skipped);
+        tally.overruns += u64::from(finished > wake.deadline(self.period_ns));
+        tally.shed += u64::from(budget.shed);
+        tally.joints_stale += u64::from(output.health.has(Health::JOINTS_STALE));
+        tally.weights_refused += u64::from(output.health.has(Health::WEIGHTS_REFUSED));
+        if tally.ticks % FAULT_TICKS == 1 {
+            (tally.faults_minor, tally.faults_major) = os::page_faults();
+        }
+        if !budget.shed {
+            let fading = self.usual_cost_ns - self.usual_cost_ns / 64;
+            self.usual_cost_ns = fading.max(laps.times().step);
+        }
+    }
+
+    /// Hands the grid steps of this tick to the learner.
+    fn teach(&mut self, output: &StepOutput<JOINTS>) {
+        for step in output.learn.iter().take(output.learn_count) {
+            if self.rings.learn.push(*step).is_err() {
+                self.tally.learn_dropped += 1;
+            }
+        }
+    }
+}
