@@ -58,7 +58,7 @@ pub(crate) fn within(field: &'static str, values: &[f64], limit: f64) -> Result<
         if !value.is_finite() {
             return Err(Rejection { reason: RejectReason::NotFinite, field });
         }
-        if !(value.abs() <= limit) {
+        if value.abs() > limit {
             return Err(Rejection { reason: RejectReason::OutOfRange, field });
         }
     }

@@ -114,6 +114,8 @@ wire_flags! {
         DEAD_MAN = 27 => "dead-man missing",
         /// Memory was allocated in this tick.
         ALLOCATED = 28 => "allocated",
+        /// The IK had no usable solution; it clamped or braked.
+        IK_FAILED = 29 => "ik failed",
     }
 }
 
@@ -130,10 +132,12 @@ wire_flags! {
         ACCELERATION = 3 => "acceleration",
         /// A jerk limit.
         JERK = 4 => "jerk",
-        /// Not continuous with the last command.
+        /// Not continuous with the last command, or not after it.
         DISCONTINUOUS = 5 => "discontinuous",
         /// Could not have stopped inside the position limits.
         UNSTOPPABLE = 6 => "unstoppable",
+        /// The last command was too long ago; only so much motion is allowed.
+        GAP = 7 => "gap",
     }
 }
 
@@ -165,6 +169,6 @@ mod tests {
     fn flag_labels_name_exactly_the_set_bits() {
         let mask = pen_flags::CONTACT | pen_flags::BUTTON_2 | 1 << 31;
         assert_eq!(pen_flags::labels(mask).collect::<Vec<_>>(), ["contact", "button 2"]);
-        assert_eq!(health::ALL, (1 << 29) - 1);
+        assert_eq!(health::ALL, (1 << 30) - 1);
     }
 }

@@ -130,6 +130,15 @@ pub struct SharedMemory {
     pub backed_bytes: u64,
 }
 
+/// One run of a daemon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DaemonMark {
+    /// Its process number.
+    pub pid: u32,
+    /// When it announced itself, on the monotonic clock [ns].
+    pub announced_ns: u64,
+}
+
 /// The daemon's claim on an instance, held until dropped (or the process ends).
 #[derive(Debug)]
 pub struct InstanceLock {
@@ -182,15 +191,15 @@ impl Instance {
         &self.config
     }
 
-    /// The process number of the daemon that is up, if any.
+    /// The daemon that is up, if any.
     ///
     /// A daemon counts as up from [`InstanceLock::announce`] until its process ends, however it ends.
-    pub fn daemon(&self) -> Option<u32> {
+    pub fn daemon(&self) -> Option<DaemonMark> {
         let mut file = File::open(self.lock_path()).ok()?;
         match file.try_lock_shared() {
             // Nobody holds it: what the file says is a leftover.
             Ok(()) => None,
-            Err(_) => announced_pid(&mut file),
+            Err(_) => announced(&mut file),
         }
     }
 
@@ -220,7 +229,7 @@ impl Instance {
                 Err(TryLockError::Error(source)) => return Err(io(source)),
             }
         }
-        Err(InstanceError::Held { number: self.number, pid: announced_pid(&mut file) })
+        Err(InstanceError::Held { number: self.number, pid: announced(&mut file).map(|mark| mark.pid) })
     }
 
     /// Check that the root directory exists and belongs to this user alone.
@@ -342,7 +351,7 @@ impl InstanceLock {
     pub fn announce(&mut self) -> io::Result<()> {
         self.file.set_len(0)?;
         self.file.rewind()?;
-        writeln!(self.file, "{}", std::process::id())?;
+        writeln!(self.file, "{} {}", std::process::id(), crate::monotonic_now_ns())?;
         self.file.flush()
     }
 
@@ -369,11 +378,12 @@ fn default_root(number: u32, runtime: Option<&Path>, user: u32) -> PathBuf {
     }
 }
 
-fn announced_pid(file: &mut File) -> Option<u32> {
+fn announced(file: &mut File) -> Option<DaemonMark> {
     let mut text = String::new();
     file.rewind().ok()?;
-    file.take(16).read_to_string(&mut text).ok()?;
-    text.trim().parse().ok()
+    file.take(64).read_to_string(&mut text).ok()?;
+    let (pid, announced_ns) = text.trim().split_once(' ')?;
+    Some(DaemonMark { pid: pid.parse().ok()?, announced_ns: announced_ns.parse().ok()? })
 }
 
 #[cfg(test)]
@@ -458,8 +468,7 @@ mod tests {
         assert_eq!(instance.daemon(), None);
         assert!(matches!(instance.lock(), Err(InstanceError::Held { number: 3, pid: None })));
         lock.announce().unwrap();
-        let pid = Some(std::process::id());
-        assert_eq!(instance.daemon(), pid);
+        assert_eq!(instance.daemon().unwrap().pid, std::process::id());
         let error = instance.lock().unwrap_err();
         assert!(error.to_string().contains("instance 3 already has a daemon"), "{error}");
         lock.withdraw().unwrap();

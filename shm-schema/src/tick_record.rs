@@ -90,6 +90,10 @@ wire! {
         pub health: u32,
         /// [`mod@guard_mask`].
         pub guard_mask: u32,
+        /// Joints the guard altered, one bit per joint.
+        pub guard_joints: u32,
+        /// Soft limits of the MPC exceeded, all axes.
+        pub mpc_soft: u32,
 
         /// Active limits of the MPC, per axis.
         pub mpc_active: [u32; AXES],
@@ -109,6 +113,8 @@ wire! {
         pub ik_residual: f64,
         /// Length of the orientation error [rad].
         pub orientation_error_rad: f64,
+        /// Distance to the nearest singularity [m]; negative: not computed.
+        pub singularity_m: f64,
 
         /// One-step error of the predictor at the newest closed grid step [m]; negative: none.
         pub predictor_error_m: f64,

@@ -229,13 +229,19 @@ wire_enum! {
         Unsupported = -14 => "unsupported",
         /// The measured joints are too far from where the motion would begin.
         Jump = -15 => "jump refused",
+        /// The arm moves faster than arming allows.
+        ArmMoves = -16 => "arm moves",
+        /// The tool is outside the workspace by more than the arming margin.
+        ToolOutsideWorkspace = -17 => "tool outside workspace",
+        /// The tool axis is too far from the plane's normal.
+        ToolNotAligned = -18 => "tool not aligned",
     }
 }
 
 wire_enum! {
-    /// Why the daemon stopped by itself.
+    /// Why the daemon stopped.
     pub enum FaultReason: u32 {
-        /// There is no fault.
+        /// It did not.
         None = 0 => "none",
         /// More time was lost than the configured limit.
         TimeLost = 1 => "time lost",
@@ -257,6 +263,8 @@ wire_enum! {
         ForeignPeer = 9 => "foreign peer",
         /// A thread of the daemon ended or stopped answering.
         Internal = 10 => "internal",
+        /// An operator asked for it.
+        Requested = 11 => "requested",
     }
 }
 

@@ -1,0 +1,168 @@
+//! Joining an instance, and everything that can go wrong with its services.
+//!
+//! Contract: every error names what was found, what is needed and what to do. Nothing of the middleware's own
+//! messages reaches the user's screen.
+
+use std::path::PathBuf;
+
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, NodeName, SignalHandlingMode, ipc, set_log_level};
+
+use crate::{Instance, InstanceError, InstanceLock};
+
+/// Why a service could not be created, opened or used.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// Nobody to talk to.
+    #[error(
+        "no daemon running for instance {number} (looked in {}): start it with `foretrace daemon{}`",
+        root.display(), if *number == 0 { String::new() } else { format!(" --instance {number}") }
+    )]
+    NoDaemon {
+        /// Number of the instance.
+        number: u32,
+        /// Where it was looked for.
+        root: PathBuf,
+    },
+    /// The other side was built from other message definitions.
+    #[error(
+        "{service}: the running peers use another layout of {type_name} (theirs {theirs}, ours {ours:016x}): \
+         use programs of one version of foretrace on all sides"
+    )]
+    WrongLayout {
+        /// Name of the service.
+        service: &'static str,
+        /// Our type.
+        type_name: &'static str,
+        /// Their layout hash, or what is known of it.
+        theirs: String,
+        /// Our layout hash.
+        ours: u64,
+    },
+    /// The other side was built with other limits.
+    #[error(
+        "{service}: the running peers have {what} {found}, we need exactly {expected}: \
+         use programs of one version of foretrace on all sides"
+    )]
+    DifferentQos {
+        /// Name of the service.
+        service: &'static str,
+        /// Which setting.
+        what: &'static str,
+        /// Theirs.
+        found: String,
+        /// Ours.
+        expected: usize,
+    },
+    /// All places are taken.
+    #[error("{service}: all {limit} places for {what} are taken: end one of them")]
+    NoPlace {
+        /// Name of the service.
+        service: &'static str,
+        /// Of which kind.
+        what: &'static str,
+        /// How many there are.
+        limit: usize,
+    },
+    /// A subscriber may not ask for this.
+    #[error("{service}: a buffer of {asked} messages was asked for, 1 to {limit} are possible")]
+    BufferSize {
+        /// Name of the service.
+        service: &'static str,
+        /// What was asked for.
+        asked: usize,
+        /// The largest possible.
+        limit: usize,
+    },
+    /// Files of the service are damaged.
+    #[error(
+        "{service}: its files in {} are damaged: end all programs of this instance, then start the daemon, \
+         which removes them", root.display()
+    )]
+    Damaged {
+        /// Name of the service.
+        service: &'static str,
+        /// Where they are.
+        root: PathBuf,
+    },
+    /// The system refuses access.
+    #[error("{service}: no permission to use the shared memory: run as the same user as the daemon")]
+    Permission {
+        /// Name of the service.
+        service: &'static str,
+    },
+    /// The instance itself cannot be used.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// Anything else.
+    #[error("{service}: the middleware failed: {detail}")]
+    Middleware {
+        /// Name of the service.
+        service: &'static str,
+        /// What it said.
+        detail: String,
+    },
+}
+
+/// A process's membership in an instance. May be sent to other threads; ports may not.
+#[derive(Debug)]
+pub struct Session {
+    instance: Instance,
+    pub(crate) node: Node<ipc::Service>,
+}
+
+impl Session {
+    /// Join as the daemon, which holds the lock and has purged.
+    ///
+    /// *Errors*: `Permission`, `Middleware`, `Instance`.
+    pub fn create(instance: &Instance, name: &str, _lock: &InstanceLock) -> Result<Self, ServiceError> {
+        Self::join(instance, name)
+    }
+
+    /// Join an instance whose daemon is up; leaves no trace if there is none.
+    ///
+    /// *Errors*: `NoDaemon`, `Permission`, `Middleware`, `Instance`.
+    pub fn open(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
+        let no_daemon =
+            || ServiceError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() };
+        match instance.check_root() {
+            Err(InstanceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+                return Err(no_daemon());
+            }
+            checked => checked?,
+        }
+        instance.daemon().ok_or_else(no_daemon)?;
+        Self::join(instance, name)
+    }
+
+    /// The instance joined.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    fn join(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
+        // Its messages mean nothing to our users; every failure comes back as an error that does.
+        set_log_level(LogLevel::Fatal);
+        let failed = |detail: String| ServiceError::Middleware { service: "foretrace", detail };
+        let node = NodeBuilder::new()
+            .name(&NodeName::new(name).map_err(|error| failed(error.to_string()))?)
+            .config(instance.config())
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|error| match error {
+                NodeCreationFailure::InsufficientPermissions => {
+                    ServiceError::Permission { service: "foretrace" }
+                }
+                other => failed(other.to_string()),
+            })?;
+        Ok(Self { instance: instance.clone(), node })
+    }
+
+    pub(crate) fn no_daemon(&self) -> ServiceError {
+        ServiceError::NoDaemon { number: self.instance.number(), root: self.instance.root().to_path_buf() }
+    }
+
+    pub(crate) fn damaged(&self, service: &'static str) -> ServiceError {
+        ServiceError::Damaged { service, root: self.instance.root().to_path_buf() }
+    }
+}
