@@ -162,6 +162,8 @@ impl Health {
     pub const ENABLE_MISSING: u32 = 1 << 12;
     /// Periods were lost before this tick.
     pub const TIME_LOST: u32 = 1 << 13;
+    /// A joint state was refused: not finite, older than the last, or stamped in the future.
+    pub const JOINTS_REJECTED: u32 = 1 << 15;
     /// Fell off the fresh plan.
     pub const FALLBACK: u32 = 1 << 14;
 

@@ -28,7 +28,7 @@ use watch::Watch;
 
 use crate::learn::LearnStep;
 use crate::pen::{PenReading, PenTracker};
-use crate::predict::{Oracle, PredictorKind, Previewer};
+use crate::predict::{DybmWeights, Oracle, PredictorKind, Previewer};
 use crate::trust::{TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
 
@@ -87,6 +87,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         &self.settings
     }
 
+    /// Weights of the DyBM in use.
+    #[must_use]
+    pub fn weights(&self) -> &DybmWeights {
+        self.previewer.weights()
+    }
+
     /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
     pub fn step(
         &mut self,
@@ -101,7 +107,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if lost_ns > self.settings.safety.latch_after_ns {
             self.watch.latch(StopReason::TimeLost);
         }
-        self.watch.observe(input.joints, input.enable);
+        self.watch.observe(now, input.joints, input.enable, &mut health);
         let answer = input.request.map(|request| self.answer(now, request));
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);

@@ -68,6 +68,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     guard: Guard<J>,
     stop: StopProfile<J>,
     held: Option<Held<J>>,
+    /// Stamp of the newest command; stamps never go back, not even over an arming.
+    issued: Stamp,
     reports: Reports,
     /// Commanded tool state in the plane frame: x₀ of the plan.
     tool: [AxisState; 3],
@@ -113,6 +115,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
             held: None,
+            issued: Stamp(0),
             reports: Reports::default(),
             tool: [AxisState::default(); 3],
             plan: Plan::resting(settings.mpc.step_s),
@@ -139,12 +142,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if !(axis >= self.arm_cos_tilt) {
             return Err(Refusal::ToolNotAligned);
         }
-        let command = Commanded::at_rest(now, *q).ok_or(Refusal::OutsideJointLimits)?;
+        let start = now.max(self.issued);
+        let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
         self.plan_start = None;
         self.approaching = true;
         self.height = self.plane.lift_height;
-        self.held = Some(Held { command, valid_until: now + self.valid_ns, kinematics });
+        self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
         Ok(())
     }
 
@@ -368,6 +372,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             health.set(Health::GUARD_ALTERED);
         }
         held.command = verdict.command;
+        self.issued = held.command.stamp();
         held.valid_until = held.command.stamp() + self.valid_ns;
         held.kinematics = self.chain.forward(held.command.q());
         u32::from(verdict.reasons.bits())

@@ -6,6 +6,9 @@ use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StopReason};
 use super::settings::SafetySettings;
 use crate::units::Stamp;
 
+/// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to 20 ms.
+const MAX_AHEAD_NS: i64 = 50_000_000;
+
 /// What is known about the arm and its operator, and the mode that follows from it.
 #[derive(Debug, Clone)]
 pub(super) struct Watch<const J: usize> {
@@ -52,14 +55,27 @@ impl<const J: usize> Watch<J> {
     }
 
     /// Takes in what arrived; never replaces something newer by something older.
-    pub(super) fn observe(&mut self, joints: Option<&JointReading<J>>, enable: Option<EnableReading>) {
-        if let Some(new) = joints
-            && self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp)
-            && new.q.iter().chain(&new.qd).all(|value| value.is_finite())
-        {
-            self.joints = Some(*new);
+    ///
+    /// What is stamped far ahead of `now` is refused: it would look fresh for ever.
+    pub(super) fn observe(
+        &mut self,
+        now: Stamp,
+        joints: Option<&JointReading<J>>,
+        enable: Option<EnableReading>,
+        health: &mut Health,
+    ) {
+        let sound = |stamp: Stamp| stamp.since(now) <= MAX_AHEAD_NS;
+        if let Some(new) = joints {
+            let finite = new.q.iter().chain(&new.qd).all(|value| value.is_finite());
+            let newer = self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp);
+            if sound(new.stamp) && finite && newer {
+                self.joints = Some(*new);
+            } else {
+                health.set(Health::JOINTS_REJECTED);
+            }
         }
         if let Some(new) = enable
+            && sound(new.stamp)
             && self.enable.is_none_or(|old| new.stamp >= old.stamp)
         {
             self.enable = Some(new);

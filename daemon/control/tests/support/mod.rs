@@ -92,6 +92,8 @@ pub struct Bench {
     pub now: Stamp,
     pub joints: JointReading<6>,
     pub last: Option<JointCommand<6>>,
+    /// Joint positions of recent readings: arming starts from one of them.
+    shown: Vec<[f64; 6]>,
 }
 
 impl Bench {
@@ -99,7 +101,14 @@ impl Bench {
         let checker = CommandChecker::new(settings.limits);
         let now = Stamp(10_000_000_000);
         let joints = JointReading { stamp: now, q: HOME, qd: [0.0; 6], motion_allowed: true };
-        Self { follower: Follower::new(settings).unwrap(), checker, now, joints, last: None }
+        Self {
+            follower: Follower::new(settings).unwrap(),
+            checker,
+            now,
+            joints,
+            last: None,
+            shown: Vec::new(),
+        }
     }
 
     /// Armed and standing.
@@ -129,10 +138,17 @@ impl Bench {
 
     /// Any input; the command is checked whatever it is, then time goes on by one period.
     pub fn step(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6> {
+        self.shown.extend(input.joints.map(|joints| joints.q));
         let output = self.follower.step(input, budget, &mut NoClock);
         if let Some(command) = output.command {
-            if self.last.is_none() {
+            if input.request == Some(Request::Arm) && output.answer == Some(Ok(())) {
+                // Armed anew: continuity is with the arm, not with commands of an earlier life.
                 self.checker.restart();
+                let distance = |q: &[f64; 6]| {
+                    q.iter().zip(&command.q).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()))
+                };
+                let jump = self.shown.iter().rev().take(60).map(distance).fold(f64::INFINITY, f64::min);
+                assert!(jump < 1e-3, "arming jumps by {jump} rad");
             }
             let legal = self.checker.observe(command.stamp, command.valid_until, &command.q, &command.qd);
             assert!(legal, "illegal command {command:?} after {:?}", self.last);
