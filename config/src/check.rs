@@ -8,6 +8,7 @@ use foretrace_control::pen::STEP_QUEUE_CAPACITY;
 use foretrace_control::predict::MAX_PREVIEW;
 use foretrace_control::predict::dybm::MAX_TRACES;
 
+use crate::follower::judge;
 use crate::layers::Found;
 use crate::problem::Problem;
 use crate::robot::{Robot, robot};
@@ -31,7 +32,14 @@ pub(crate) fn check(
     if report.problems.iter().any(|problem| problem.key().is_some_and(|key| key.starts_with("plane."))) {
         return None;
     }
-    robot(settings, &mut report)
+    let robot = robot(settings, &mut report)?;
+    if report.problems.is_empty()
+        && let Err(refused) = judge(settings, &robot)
+    {
+        report.problems.push(Problem::Refused { place: whole.clone(), why: refused.to_string() });
+        return None;
+    }
+    Some(robot)
 }
 
 /// Knows where each key was written.
@@ -173,21 +181,17 @@ fn plane(s: &Settings, report: &mut Report<'_>) {
 }
 
 fn ranges(s: &Settings, report: &mut Report<'_>) {
-    for (axis, [low, high]) in ["x", "y", "z"].iter().zip(s.plane.workspace_m) {
-        if high <= low {
+    /// What the plan needs to tell one wall from the other.
+    const NARROWEST_M: f64 = 1e-3;
+    let workspace =
+        ["x", "y", "z"].into_iter().zip(s.plane.workspace_m).map(|range| ("plane.workspace_m", range));
+    let bounds = ["x", "y"].into_iter().zip(s.pen.bounds_m).map(|range| ("pen.bounds_m", range));
+    for (key, (axis, [low, high])) in workspace.chain(bounds) {
+        if high - low < NARROWEST_M {
             report.conflict(
-                "plane.workspace_m",
-                format!("has an empty {axis} range, {low} to {high} m"),
-                "write [low, high]",
-            );
-        }
-    }
-    for (axis, [low, high]) in ["x", "y"].iter().zip(s.pen.bounds_m) {
-        if high <= low {
-            report.conflict(
-                "pen.bounds_m",
-                format!("has an empty {axis} range, {low} to {high} m"),
-                "write [low, high]",
+                key,
+                format!("has an {axis} range that is empty or narrower than 1 mm, {low} to {high} m"),
+                "write [low, high], far enough apart",
             );
         }
     }

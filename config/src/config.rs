@@ -1,5 +1,6 @@
 //! Loading: a draft collects layers of values, a config is what they mean once everything has been judged.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,15 +12,25 @@ use crate::presets;
 use crate::problem::{ConfigError, Problem};
 use crate::robot::Robot;
 use crate::settings::Settings;
-use crate::written::Place;
+use crate::written::{Place, Raw};
 
 /// Settings that are complete, inside their ranges, and fit together.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Config {
     settings: Settings,
     robot: Robot,
     found: Found,
     name: String,
+}
+
+impl fmt::Debug for Config {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Robot and origins follow from the settings and would bury them.
+        f.debug_struct("Config")
+            .field("name", &self.name)
+            .field("settings", &self.settings)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Config {
@@ -146,6 +157,24 @@ impl Draft {
         };
         layers::overlay(&format!("{key} = {value}"), &Place::Override, &mut self.found, &mut self.problems);
         self
+    }
+
+    /// Sets the rate of the loop, and with it the grid step where that is no multiple of the new period (the nearest
+    /// that is: 8 ms for 10 ms at 125 and 250 Hz).
+    #[must_use]
+    pub fn rate(self, rate_hz: u32) -> Self {
+        let step = self.found.get("pen.step_ms").and_then(|node| match node.raw {
+            Raw::Whole(step_ms) => u32::try_from(step_ms).ok(),
+            _ => None,
+        });
+        let fitting = step.zip(1000_u32.checked_div(rate_hz)).and_then(|(step, period_ms)| {
+            (4..=20_u32).filter(|ms| ms.checked_rem(period_ms) == Some(0)).min_by_key(|ms| ms.abs_diff(step))
+        });
+        let draft = self.set("loop.rate_hz", &rate_hz.to_string());
+        match fitting {
+            Some(fitting) if Some(fitting) != step => draft.set("pen.step_ms", &fitting.to_string()),
+            _ => draft,
+        }
     }
 
     /// Judges everything.

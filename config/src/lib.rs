@@ -17,6 +17,7 @@ pub mod presets;
 mod layers;
 mod check;
 mod robot;
+mod follower;
 mod config;
 mod live;
 mod render;

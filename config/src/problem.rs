@@ -160,6 +160,14 @@ pub enum Problem {
         /// The nearest one, or nothing.
         hint: String,
     },
+    /// Legal key by key, but refused by the control law that would be built from them.
+    #[error("{place}: the settings do not make a working control law; {why}")]
+    Refused {
+        /// The file as a whole.
+        place: Place,
+        /// What the law said, with values and ranges.
+        why: String,
+    },
     /// A value that is legal alone but contradicts another one.
     #[error("{place}: key `{key}` = {value} {conflict}: {remedy}")]
     Conflict {
@@ -191,6 +199,7 @@ impl Problem {
             | Self::NotFinite { place, .. }
             | Self::OutOfRange { place, .. }
             | Self::NotOneOf { place, .. }
+            | Self::Refused { place, .. }
             | Self::Conflict { place, .. } => place,
         }
     }

@@ -7,6 +7,7 @@ use crate::{Config, ConfigError, Draft, Problem, key_table, presets};
 
 mod wrong;
 mod arm;
+mod law;
 mod hostile;
 
 /// A file that starts from the UR5 preset and adds `text`.
@@ -134,4 +135,19 @@ fn every_key_ends_in_its_unit_and_is_described() {
 /// The problems of a text that has to be refused.
 pub(crate) fn problems(text: &str) -> Vec<Problem> {
     over_ur5(text).unwrap_err().problems().to_vec()
+}
+
+#[test]
+fn changing_the_rate_brings_a_grid_step_that_fits() {
+    for (rate_hz, step_ms) in [(125, 8), (250, 8), (500, 10), (1000, 10)] {
+        let config = Draft::preset("ur5").rate(rate_hz).finish().unwrap();
+        assert_eq!(
+            (config.settings().control_loop.rate_hz, config.settings().pen.step_ms),
+            (rate_hz, step_ms)
+        );
+    }
+    assert!(Draft::preset("ur5").rate(0).finish().is_err());
+    assert!(
+        Draft::preset("ur5").rate(300).finish().unwrap_err().to_string().contains("125, 250, 500, 1000 Hz")
+    );
 }

@@ -27,6 +27,16 @@ words! {
 }
 
 words! {
+    /// What enters a DyBM's eligibility traces.
+    pub enum TraceChoice {
+        /// The newest displacement.
+        Newest = "newest",
+        /// The displacement that has passed through the delay.
+        Delayed = "delayed",
+    }
+}
+
+words! {
     /// Who sets the trust.
     pub enum TrustMode {
         /// From the evidence of past predictions.
@@ -78,9 +88,11 @@ section! {
         /// Delay d: the last d - 1 steps have weights of their own.
         delay: u32 = Between(2.0, 16.0), Required, AtStart, "9";
         /// Decay per step of each eligibility trace, one trace per entry.
-        decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.2, 0.5, 0.8]";
+        decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.5, 0.9]";
+        /// What enters the traces: "newest", the newest displacement, or "delayed", the one that has passed the delay.
+        trace_input: TraceChoice = Words(TraceChoice::WORDS), Default("\"delayed\""), AtStart, "\"delayed\"";
         /// Learning rate, for inputs scaled to about 10 (the loop does that).
-        rate: f64 = Between(0.0, 10.0), Required, AtStart, "0.1 for adagrad, 0.001 for rmsprop and adam";
+        rate: f64 = Between(0.0, 10.0), Required, AtStart, "0.01 for adagrad, 0.001 for rmsprop and adam";
         /// "adagrad", "rmsprop" or "adam".
         optimiser: Optimiser = Words(Optimiser::WORDS), Required, AtStart, "\"adagrad\"";
         /// Strength of the pull of weights to exactly 0.
@@ -106,7 +118,7 @@ section! {
         /// Moving steps that have to be compared before the live weights change again.
         min_evidence_steps: u32 = Between(10.0, 1e6), Default("100"), AtStart, "100";
         /// The candidate is promoted when its error is below this part of the live error.
-        promote_ratio: f64 = Between(0.1, 1.0), Default("0.98"), AtStart, "0.98";
+        promote_ratio: f64 = Between(0.1, 1.0), Default("0.95"), AtStart, "0.95";
         /// The live weights are rolled back when their error is above this many times their predecessor's.
         rollback_ratio: f64 = Between(1.0, 10.0), Default("1.1"), AtStart, "1.1";
         /// Displacements longer than this (normalised; a typical one is 14) are not learned from.

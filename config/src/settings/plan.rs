@@ -46,11 +46,11 @@ section! {
         /// Weight of the position error.
         position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0";
         /// Weight of the velocity error.
-        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "0.5";
+        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "1.0 for feedback, 0.3 for feedforward";
         /// Weight of the acceleration error.
-        acceleration: f64 = Between(0.0, 1000.0), Required, AtStart, "0.05";
+        acceleration: f64 = Between(0.0, 1000.0), Required, AtStart, "0: acceleration is left to mpc.effort";
         /// Factor on all three from one step to the next: below 1, later steps count less.
-        decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0 for feedback, 0.95 for feedforward";
+        decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0 for feedback, 0.85 for feedforward";
     }
 }
 

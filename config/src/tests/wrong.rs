@@ -182,13 +182,18 @@ fn contradictions_name_both_sides() {
         ("[loop]\nrate_hz = 250\n", "pen.step_ms", "use 4, 8, 12, 16, 20 ms"),
         ("[plane]\nx_axis = [0.0, -0.9, 0.0]\n", "plane.x_axis", "[0.000000, -1.000000, 0.000000]"),
         ("[plane]\nx_axis = [0.0, 0.0, 0.0]\n", "plane.x_axis", "plane.x_axis"),
+        (
+            "[plane]\nworkspace_m = [[-0.1, -0.0999], [-0.1, 0.1], [-0.005, 0.06]]\n",
+            "plane.workspace_m",
+            "narrower than 1 mm",
+        ),
         ("[plane]\nlift_height_m = 0.1\n", "plane.lift_height_m", "z range"),
         (
             "[plane]\nworkspace_m = [[0.1, -0.1], [-0.1, 0.1], [-0.005, 0.06]]\n",
             "plane.workspace_m",
-            "empty x range",
+            "x range that is empty",
         ),
-        ("[pen]\nbounds_m = [[-0.5, 0.5], [0.5, 0.5]]\n", "pen.bounds_m", "empty y range"),
+        ("[pen]\nbounds_m = [[-0.5, 0.5], [0.5, 0.5]]\n", "pen.bounds_m", "y range that is empty"),
         ("[pen]\nmax_gap_ms = 15\n", "pen.max_gap_ms", "pen.step_ms = 10"),
         ("[pen]\nmax_gap_ms = 400\nstale_ms = 400\n", "pen.max_gap_ms", "use 20 to 320 ms"),
         ("[pen]\nstale_ms = 600\n", "mpc.horizon", "room for 64"),
@@ -199,7 +204,7 @@ fn contradictions_name_both_sides() {
         ("[safety]\njoint_state_timeout_ms = 10\n", "safety.joint_state_timeout_ms", "16 ms"),
         ("[safety]\nlatch_after_ms = 10\n[loop]\nvalid_periods = 20\n", "safety.latch_after_ms", "40 ms"),
         ("[predictor.dybm]\ndecays = [0.1, 0.2, 0.3, 0.4, 0.5]\n", "predictor.dybm.decays", "4 traces"),
-        ("[predictor.dybm]\noptimiser = \"adam\"\n", "predictor.dybm.rate", "0.001"),
+        ("[predictor.dybm]\noptimiser = \"adam\"\nrate = 0.1\n", "predictor.dybm.rate", "0.001"),
     ] {
         let error = over_ur5(text).unwrap_err().to_string();
         assert!(error.contains(&format!("key `{key}`")) && error.contains(other), "{text} -> {error}");

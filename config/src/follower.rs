@@ -1,0 +1,257 @@
+//! From settings to what the control law and the learner are built from: units, frames and types change here only.
+//!
+//! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was judged.
+
+use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
+use foretrace_control::ik::IkSettings;
+use foretrace_control::learn::{InitialWeights, LearnError, Learner, LearnerSettings};
+use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
+use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
+use foretrace_control::predict::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::{DybmSettings, Optimiser, PredictorKind, PreviewSettings};
+use foretrace_control::trust::{TrustRequest, TrustSettings};
+use foretrace_control::units::Trust;
+use nalgebra::Vector3;
+
+use crate::config::Config;
+use crate::robot::{JOINTS, Robot};
+use crate::settings::{self, PredictorChoice, QpBackend, Settings, TraceChoice, TrustMode};
+
+impl Config {
+    /// What the follower is built from; the horizon N is `settings().mpc.horizon`.
+    #[must_use]
+    pub fn follower_settings(&self) -> FollowerSettings<JOINTS> {
+        follower_settings(self.settings(), self.robot())
+    }
+
+    /// What the learner is built from.
+    #[must_use]
+    pub fn learner_settings(&self) -> LearnerSettings {
+        learner_settings(self.settings())
+    }
+}
+
+impl Settings {
+    /// Control period dt [ns].
+    #[must_use]
+    pub fn period_ns(&self) -> u64 {
+        1_000_000_000 / u64::from(self.control_loop.rate_hz.max(1))
+    }
+
+    /// Grid step Δ [ns].
+    #[must_use]
+    pub fn step_ns(&self) -> u64 {
+        u64::from(self.pen.step_ms) * 1_000_000
+    }
+}
+
+impl PredictorChoice {
+    /// The predictor of the control law.
+    #[must_use]
+    pub const fn kind(self) -> PredictorKind {
+        match self {
+            Self::Hold => PredictorKind::Hold,
+            Self::ConstantVelocity => PredictorKind::ConstantVelocity,
+            Self::Dybm => PredictorKind::Dybm,
+        }
+    }
+}
+
+impl settings::TrustSection {
+    /// Who decides the trust, in the words of the control law.
+    #[must_use]
+    pub fn request(&self) -> TrustRequest {
+        match self.mode {
+            TrustMode::Auto => TrustRequest::Auto,
+            TrustMode::Manual => TrustRequest::Manual(Trust::new(self.value)),
+        }
+    }
+}
+
+/// What the control law says to settings that passed every other test.
+pub(crate) fn judge(settings: &Settings, robot: &Robot) -> Result<(), Refused> {
+    Learner::new(learner_settings(settings))?;
+    let follower = follower_settings(settings, robot);
+    match settings.mpc.horizon {
+        10 => drop(Follower::<10, JOINTS>::new(follower)?),
+        20 => drop(Follower::<20, JOINTS>::new(follower)?),
+        _ => drop(Follower::<30, JOINTS>::new(follower)?),
+    }
+    Ok(())
+}
+
+/// Why the control law refuses settings.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Refused {
+    /// The loop.
+    #[error("the loop: {0}")]
+    Follower(#[from] FollowerError),
+    /// The learner.
+    #[error("the learner: {0}")]
+    Learner(#[from] LearnError),
+}
+
+fn follower_settings(s: &Settings, robot: &Robot) -> FollowerSettings<JOINTS> {
+    FollowerSettings {
+        period_ns: s.period_ns(),
+        pen: pen(s),
+        preview: PreviewSettings {
+            step_ns: s.step_ns(),
+            kind: s.predictor.kind.kind(),
+            limit_factor: s.predictor.limit_factor,
+            peak_fade: s.predictor.peak_fade,
+            scale: SpeedScaleSettings {
+                initial_m: s.predictor.scale.initial_m,
+                min_m: s.predictor.scale.min_m,
+                max_m: s.predictor.scale.max_m,
+                memory_steps: s.predictor.scale.memory_steps,
+                still_m: s.predictor.scale.still_m,
+                max_change: s.predictor.scale.max_change,
+            },
+        },
+        dybm_weights: learner_settings(s).initial_weights(),
+        trust: TrustSettings {
+            step_ns: s.step_ns(),
+            ramp_steps: f64::from(s.trust.ramp_steps),
+            warmup_steps: s.trust.warmup_steps,
+            stale_after_ns: ns(s.pen.stale_ms),
+            auto_ceiling: Trust::new(s.trust.ceiling),
+        },
+        trust_request: s.trust.request(),
+        mpc: mpc(s),
+        plane: plane(s),
+        chain: robot.chain.clone(),
+        limits: robot.limits,
+        ik: ik(s, robot),
+        dead_time_ns: ns(s.timing.dead_time_ms),
+        safety: SafetySettings {
+            valid_periods: s.control_loop.valid_periods,
+            latch_after_ns: ns(s.safety.latch_after_ms),
+            joint_state_timeout_ns: ns(s.safety.joint_state_timeout_ms),
+            enable_timeout_ns: ns(s.safety.enable_timeout_ms),
+            enable_required: s.safety.enable_required,
+            hold_after_ns: ns(s.safety.hold_after_ms),
+            arm_max_speed: s.safety.arm_max_speed_radps,
+            arm_workspace_margin: s.safety.arm_workspace_margin_m,
+            arm_max_tilt: s.safety.arm_max_tilt_rad,
+            previous_plan_max_ns: ns(s.safety.previous_plan_max_ms),
+            approach_distance: s.safety.approach_distance_m,
+        },
+    }
+}
+
+fn plane(s: &Settings) -> Plane {
+    Plane {
+        origin: Vector3::from(s.plane.origin_m),
+        rotation: s.plane.rotation(),
+        pen_scale: s.plane.scale,
+        pen_origin: s.plane.pen_origin_m,
+        lift_height: s.plane.lift_height_m,
+    }
+}
+
+/// The settings speak of the device, the tracker of the plane.
+fn pen(s: &Settings) -> PenSettings {
+    let plane = plane(s);
+    let [[x_min, x_max], [y_min, y_max]] = s.pen.bounds_m;
+    PenSettings {
+        step_ns: s.step_ns(),
+        max_gap_ns: ns(s.pen.max_gap_ms),
+        max_future_ns: ns(s.pen.future_tolerance_ms),
+        max_speed_mps: s.pen.max_speed_mps * s.plane.scale,
+        min_interval_ns: u64::from(s.pen.min_interval_us) * 1000,
+        position_min_m: plane.from_pen([x_min, y_min]),
+        position_max_m: plane.from_pen([x_max, y_max]),
+    }
+}
+
+fn mpc(s: &Settings) -> MpcSettings {
+    let gains = |g: &settings::Gains| Gains {
+        position: g.position,
+        velocity: g.velocity,
+        acceleration: g.acceleration,
+        decay: g.decay,
+    };
+    let limits = |axis: &settings::AxisLimits, position_m| AxisLimits {
+        jerk_mps3: axis.jerk_mps3,
+        acceleration_mps2: axis.acceleration_mps2,
+        velocity_mps: axis.velocity_mps,
+        position_m,
+    };
+    let [x_range, y_range, z_range] = s.plane.workspace_m;
+    let settings::Limits { x, y, z } = &s.mpc.limits;
+    MpcSettings {
+        step_s: f64::from(s.pen.step_ms) * 1e-3,
+        gains_feedback: [gains(&s.mpc.feedback); 3],
+        gains_feedforward: [gains(&s.mpc.feedforward); 3],
+        effort: s.mpc.effort,
+        axes: [limits(x, x_range), limits(y, y_range), limits(z, z_range)],
+        soft_penalty: SoftPenalty {
+            acceleration: s.mpc.penalty.acceleration,
+            velocity: s.mpc.penalty.velocity,
+            position: s.mpc.penalty.position,
+        },
+        backend: match s.mpc.backend {
+            QpBackend::Exact => Backend::Exact,
+            QpBackend::Clarabel => Backend::Clarabel(ClarabelProfile::Default),
+            QpBackend::ClarabelTuned => Backend::Clarabel(ClarabelProfile::Tuned),
+        },
+        max_iterations: s.mpc.max_iterations,
+    }
+}
+
+fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
+    IkSettings {
+        gain_hz: s.ik.gain_hz.unwrap_or(0.5 * f64::from(s.control_loop.rate_hz)),
+        orientation_m: s.ik.orientation_length_m,
+        spin_weight: s.ik.spin_weight,
+        damping_floor_m2: s.ik.damping_floor_m2,
+        damping_peak_m2: s.ik.damping_peak_m2,
+        singular_m: s.ik.singular_m,
+        correction_mps: s.ik.correction_mps,
+        correction_mps2: s.ik.correction_mps2,
+        posture_weight_m2: s.ik.posture_weight_m2,
+        posture_hz: s.ik.posture_hz,
+        home: robot.home,
+    }
+}
+
+fn learner_settings(s: &Settings) -> LearnerSettings {
+    let dybm = &s.predictor.dybm;
+    LearnerSettings {
+        step_ns: s.step_ns(),
+        dybm: DybmSettings {
+            shape: DybmShape::new(
+                dybm.delay as usize,
+                &dybm.decays,
+                match dybm.trace_input {
+                    TraceChoice::Newest => TraceInput::Newest,
+                    TraceChoice::Delayed => TraceInput::Delayed,
+                },
+            ),
+            optimiser: match dybm.optimiser {
+                settings::Optimiser::Adagrad => Optimiser::ada_grad(dybm.rate),
+                settings::Optimiser::Rmsprop => Optimiser::rms_prop(dybm.rate),
+                settings::Optimiser::Adam => Optimiser::adam(dybm.rate),
+            },
+            l1: dybm.l1,
+            l2: dybm.l2,
+        },
+        initial: if s.learner.initial_persistence > 0.0 {
+            InitialWeights::Persistent(s.learner.initial_persistence)
+        } else {
+            InitialWeights::Zero
+        },
+        lead_steps: s.learner.lead_steps as usize,
+        memory_steps: s.learner.memory_steps,
+        min_evidence: s.learner.min_evidence_steps,
+        promote_ratio: s.learner.promote_ratio,
+        rollback_ratio: s.learner.rollback_ratio,
+        max_learned: s.learner.max_learned,
+    }
+}
+
+/// Milliseconds to whole nanoseconds; the ranges of the keys keep it positive and far below the end of u64.
+fn ns(ms: f64) -> u64 {
+    (ms * 1e6).round() as u64
+}

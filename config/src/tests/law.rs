@@ -1,0 +1,127 @@
+//! What the control law is built from: units and frames change as they should, and measured presets are kept.
+
+use foretrace_control::follower::{Follower, Plane};
+use foretrace_control::ik::IkSettings;
+use foretrace_control::learn::{InitialWeights, LearnerSettings};
+use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
+use foretrace_control::pen::SpeedScaleSettings;
+use foretrace_control::predict::{PredictorKind, PreviewSettings};
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
+
+use super::over_ur5;
+use crate::follower::judge;
+use crate::{Config, JOINTS, Settings};
+
+#[test]
+fn every_preset_builds_a_follower() {
+    for name in ["ur5", "ur5e"] {
+        let config = Config::preset(name).unwrap();
+        assert_eq!(config.settings().mpc.horizon, 10);
+        Follower::<10, JOINTS>::new(config.follower_settings()).unwrap();
+    }
+}
+
+#[test]
+fn presets_keep_what_was_measured_in_the_control_law() {
+    for name in ["ur5", "ur5e"] {
+        let config = Config::preset(name).unwrap();
+        let law = config.follower_settings();
+        assert_eq!(config.learner_settings(), LearnerSettings::preset(10_000_000), "{name}");
+        assert_eq!(law.mpc.gains_feedback, [Gains::FEEDBACK; 3], "{name}");
+        assert_eq!(law.mpc.gains_feedforward, [Gains::FEEDFORWARD; 3], "{name}");
+        assert_eq!(law.mpc.effort, Gains::EFFORT);
+        assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
+        assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
+        assert_eq!(law.preview, PreviewSettings::default());
+        assert_eq!(law.preview.scale, SpeedScaleSettings::default());
+    }
+}
+
+#[test]
+fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
+    let law =
+        over_ur5("[timing]\ndead_time_ms = 34.5\n[loop]\nrate_hz = 1000\n[pen]\nmin_interval_us = 1500\n")
+            .unwrap()
+            .follower_settings();
+    assert_eq!(law.dead_time_ns, 34_500_000);
+    assert_eq!((law.period_ns, law.pen.step_ns), (1_000_000, 10_000_000));
+    assert_eq!(law.pen.min_interval_ns, 1_500_000);
+    assert_eq!(law.mpc.step_s, 0.01);
+    assert_eq!(law.trust.stale_after_ns, 100_000_000);
+    assert_eq!(law.safety.latch_after_ns, 200_000_000);
+    assert_eq!(law.ik.gain_hz, 500.0);
+}
+
+#[test]
+fn pen_gates_are_scaled_from_the_device_into_the_plane() {
+    let law = over_ur5(
+        "[plane]\nscale = 2.0\npen_origin_m = [0.1, -0.1]\n[pen]\nbounds_m = [[0.0, 0.3], [-0.2, 0.2]]\nmax_speed_mps = 1.5\n",
+    )
+    .unwrap()
+    .follower_settings();
+    assert_eq!(law.pen.max_speed_mps, 3.0);
+    // Hand-worked: (0 - 0.1) * 2, (-0.2 + 0.1) * 2; (0.3 - 0.1) * 2, (0.2 + 0.1) * 2.
+    for (got, wanted) in law.pen.position_min_m.iter().zip([-0.2, -0.2]) {
+        assert!((got - wanted).abs() < 1e-15);
+    }
+    for (got, wanted) in law.pen.position_max_m.iter().zip([0.4, 0.6]) {
+        assert!((got - wanted).abs() < 1e-15);
+    }
+}
+
+#[test]
+fn workspace_and_limits_reach_their_axes() {
+    let law = over_ur5("[mpc.limits.y]\njerk_mps3 = 300\n[mpc.limits.z]\nvelocity_mps = 0.25\n")
+        .unwrap()
+        .follower_settings();
+    let [x, y, z] = law.mpc.axes;
+    assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (400.0, 300.0, 400.0));
+    assert_eq!((x.velocity_mps, z.velocity_mps), (0.5, 0.25));
+    assert_eq!([x.position_m, y.position_m, z.position_m], [[-0.15, 0.15], [-0.1, 0.1], [-0.005, 0.06]]);
+}
+
+#[test]
+fn words_choose_what_they_say() {
+    let config = over_ur5(
+        "[predictor]\nkind = \"hold\"\n[trust]\nmode = \"manual\"\nvalue = 0.25\n[mpc]\nbackend = \"clarabel\"\n\
+         [learner]\ninitial_persistence = 0.0\n",
+    )
+    .unwrap();
+    let law = config.follower_settings();
+    assert_eq!(law.preview.kind, PredictorKind::Hold);
+    assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
+    assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
+    assert_eq!(config.learner_settings().initial, InitialWeights::Zero);
+    let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n").unwrap().follower_settings();
+    assert_eq!(tuned.mpc.backend, Backend::Clarabel(ClarabelProfile::Tuned));
+}
+
+#[test]
+fn the_plane_of_the_law_is_the_plane_of_the_file() {
+    let config = Config::preset("ur5e").unwrap();
+    let Plane { origin, lift_height, pen_scale, .. } = config.follower_settings().plane;
+    assert_eq!([origin.x, origin.y, origin.z], config.settings().plane.origin_m);
+    assert_eq!((lift_height, pen_scale), (0.02, 1.0));
+}
+
+#[test]
+fn what_no_key_forbids_is_still_judged_by_the_law() {
+    let config = Config::preset("ur5").unwrap();
+    let refused = |change: fn(&mut Settings)| {
+        let mut settings = config.settings().clone();
+        change(&mut settings);
+        judge(&settings, config.robot()).map_err(|error| error.to_string())
+    };
+    assert_eq!(refused(|_| ()), Ok(()));
+    assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));
+    assert!(refused(|s| s.learner.lead_steps = 0).unwrap_err().contains("learner lead"));
+    assert!(refused(|s| s.pen.step_ms = 7).unwrap_err().contains("not a multiple"));
+}
+
+#[test]
+fn every_horizon_builds() {
+    for horizon in [10, 20, 30] {
+        over_ur5(&format!("[mpc]\nhorizon = {horizon}\n")).unwrap();
+    }
+}
