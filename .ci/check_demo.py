@@ -1,0 +1,19 @@
+"""Judges the JSON of a demo run: legal commands, nothing rejected, the arm followed. No time is judged."""
+
+import json
+import sys
+
+with open(sys.argv[1], encoding="utf-8") as file:
+    result = json.load(file)
+rmse = result["tracking"]["rmse_m"]
+claims = {
+    "commands were sent": result["commands"]["count"] > 100,
+    "no command broke a limit": result["commands"]["limit_violations"] == 0,
+    "no good sample was rejected": result["pen"]["rejected"] == 0,
+    "the pen was heard": result["pen"]["samples"] > 100,
+    "the arm followed the pen": rmse is not None and rmse < 0.02,
+    "no allocation in a tick": result["loop"]["allocations_per_tick"] == 0,
+}
+for claim, holds in claims.items():
+    print(f"{'ok  ' if holds else 'FAIL'} {claim}")
+sys.exit(0 if all(claims.values()) else 1)

@@ -1,0 +1,91 @@
+"""Checks the invariants that ARCHITECTURE.md states and that a compiler does not. Exits non-zero with file and line."""
+
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+OUR_FOLDERS = {"daemon", "client", "shm-schema", "config", "tests"}
+UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/src/os.rs", "client/cli/src/os.rs"}
+problems: list[str] = []
+
+
+def sources(folder: str) -> list[pathlib.Path]:
+    return sorted((ROOT / folder).rglob("*.rs"))
+
+
+def nowhere_but(pattern: str, folder: str, allowed: set[str], claim: str) -> None:
+    """`pattern` stands in no code line below `folder`, tests aside, but in the allowed files."""
+    for path in sources(folder):
+        name = str(path.relative_to(ROOT))
+        if name in allowed or "/tests" in name or "/examples/" in name:
+            continue
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if not line.lstrip().startswith("//") and re.search(pattern, line):
+                problems.append(f"{name}:{number}: {claim}")
+
+
+def cargo(*arguments: str) -> str:
+    return subprocess.run(["cargo", *arguments, "--locked"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def control_reaches_no_outside_world() -> None:
+    tree = cargo("tree", "-p", "foretrace-control", "-e", "normal", "--prefix", "none")
+    names = {line.split()[0] for line in tree.splitlines() if line.strip()}
+    for banned in sorted(names & {"iceoryx2", "tokio", "crossbeam", "rtrb", "tracing", "rustix", "rand"}):
+        problems.append(f"foretrace-control reaches {banned}: the control law must stay pure")
+    nowhere_but(
+        r"std::(time|thread|fs|net|process|env|io)\b|\be?print(ln)?!|\b(Instant|SystemTime)\b",
+        "daemon/control/src",
+        set(),
+        "the control law knows no clock, thread, file, socket, environment or output",
+    )
+
+
+def layers_point_downwards() -> None:
+    below = {
+        "foretrace-shm": set(),
+        "foretrace-control": set(),
+        "foretrace-config": {"foretrace-control"},
+        "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
+        "foretrace-client": {"foretrace-shm"},
+        "foretrace-lab": {"foretrace-config", "foretrace-control"},
+    }
+    for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:
+        wanted = {d["name"] for d in package["dependencies"] if d["kind"] is None and d["name"].startswith("foretrace")}
+        extra = wanted - below.get(package["name"], wanted)
+        if extra:
+            problems.append(f"{package['name']} depends on {sorted(extra)}, which is not a layer below it")
+
+
+def sizes_and_places() -> None:
+    for folder in OUR_FOLDERS:
+        for path in sources(folder):
+            count = len(path.read_text(encoding="utf-8").splitlines())
+            if count > 400:
+                problems.append(f"{path.relative_to(ROOT)}: {count} lines, more than 400; split it")
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
+    top = {name.split("/")[0] for name in tracked if "/" in name and not name.startswith(".")}
+    if top - OUR_FOLDERS - {"docs"}:
+        problems.append(f"extra folders at the top level: {sorted(top - OUR_FOLDERS)}")
+
+
+def main() -> int:
+    control_reaches_no_outside_world()
+    layers_point_downwards()
+    nowhere_but(r"\biceoryx2\b", "daemon/src", {"daemon/src/ports/shm.rs"}, "only ports/shm.rs names iceoryx2 in the daemon")
+    nowhere_but(r"\bclarabel::(algebra|solver)\b", "daemon/control/src", {"daemon/control/src/qp/clarabel.rs"}, "only qp/clarabel.rs names Clarabel")
+    for folder in ("shm-schema/src", "config/src", "daemon", "client"):
+        nowhere_but(r"\bunsafe\s*(\{|fn|impl|extern)", folder, UNSAFE_FILES, "unsafe code stands in the listed files only")
+    nowhere_but(r"\btracing::|\b(info|warn|error|debug|trace)!\(", "daemon/src/rt", set(), "the real-time thread does not log")
+    sizes_and_places()
+    for problem in problems:
+        print(f"invariant broken: {problem}", file=sys.stderr)
+    print(f"invariants: {len(problems)} broken")
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

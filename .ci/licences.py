@@ -1,0 +1,33 @@
+"""Checks every dependency's licence and source against deny.toml. An expression passes if one of its alternatives does."""
+
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tomllib
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+
+def main() -> int:
+    allowed = set(tomllib.loads((ROOT / "deny.toml").read_text(encoding="utf-8"))["licenses"]["allow"])
+    command = ["cargo", "metadata", "--locked", "--format-version", "1"]
+    packages = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)["packages"]
+    bad = 0
+    for package in packages:
+        name = f"{package['name']} {package['version']}"
+        expression = (package["license"] or "").replace("(", "").replace(")", "")
+        alternatives = re.split(r"\s+OR\s+|/", expression)
+        if not any(all(part.strip() in allowed for part in re.split(r"\s+AND\s+", a)) for a in alternatives):
+            print(f"licence: {name} is under '{expression}', which deny.toml does not allow", file=sys.stderr)
+            bad += 1
+        if package["source"] is not None and not package["source"].startswith("registry+"):
+            print(f"source: {name} comes from {package['source']}, not from the registry", file=sys.stderr)
+            bad += 1
+    print(f"licences: {len(packages)} packages, {bad} problems")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
