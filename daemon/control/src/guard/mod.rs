@@ -225,8 +225,9 @@ fn why<const J: usize>(
     let of = |values: &[f64; J]| values.get(joint).copied().unwrap_or(0.0);
     let (q, qd, qdd) = (of(&last.q), of(&last.qd), of(&last.qdd));
     let (v, a, decel) = (of(limits.velocity()), of(limits.acceleration()), of(limits.deceleration()));
+    // Without the velocity limit, which is a reason of its own.
     let [q_min, q_max] = limits.position().get(joint).copied().unwrap_or_default();
-    let viable = |room| limit::viable_velocity(room, h, limits.hold_s(), decel, v);
+    let viable = |room| limit::viable_velocity(room, h, limits.hold_s(), decel, f64::INFINITY);
     let acceleration = (wanted - qd) / h;
     let broken = [
         (Reasons::VELOCITY, wanted.abs() <= v),

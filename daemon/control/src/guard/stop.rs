@@ -36,7 +36,14 @@ impl<const J: usize> StopProfile<J> {
         {
             *v = slowed(*v, *a, h, *decel, *jerk);
         }
-        velocity_box(last.motion(), &self.limits, h).nearest(&qd)
+        let mut allowed = velocity_box(last.motion(), &self.limits, h).nearest(&qd);
+        for (v, wanted) in allowed.iter_mut().zip(&qd) {
+            // Bounds are rounded too: rest must not become a creeping 1e-16.
+            if *wanted == 0.0 && v.abs() <= 1e-12 {
+                *v = 0.0;
+            }
+        }
+        allowed
     }
 
     /// True when nothing moves and nothing accelerates any more.
@@ -66,7 +73,7 @@ fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
     let wanted = exact.min(decel);
     // min and max rather than clamp: an infinite step must not make NaN bounds.
     let rate = if step.is_finite() { wanted.max(braking - step).min(braking + step) } else { wanted };
-    if rate * h >= speed && rate == wanted {
+    if (rate * h - speed).abs() <= speed * 1e-12 {
         return 0.0;
     }
     v - sign * rate * h
