@@ -8,5 +8,6 @@
 
 pub mod data;
 pub mod path;
+pub mod arm;
 pub mod metrics;
 pub mod plot;

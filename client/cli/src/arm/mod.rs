@@ -1,4 +1,4 @@
 //! `foretrace arm`: arms to plug into the loop.
 
-pub(crate) mod model;
+pub(crate) use foretrace_lab::arm as model;
 pub(crate) mod intake;

@@ -3,30 +3,31 @@
 //! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle takes effect in
 //! the next (one cycle of delay, reached along a straight line), passes a critically damped second-order servo whose
 //! group delay is the look-ahead, and then a first-order joint loop. Both stages obey the velocity and acceleration
-//! clamps. Absent: clock, commands and their age (see `intake`), gravity, elasticity.
+//! clamps. Absent: clock, commands and their age (the consumer of commands keeps that), gravity, elasticity.
 //! Source: UR10e, servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
 
 /// Joints of the simulated arm.
-pub(crate) const JOINTS: usize = 6;
+pub const JOINTS: usize = 6;
 
 /// What the arm is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct ArmSettings {
+pub struct ArmSettings {
     /// Controller cycle [s]: 0.002 for e-series, 0.008 for CB3.
-    pub(crate) cycle_s: f64,
+    pub cycle_s: f64,
     /// Group delay of the servo, servoj's `lookahead_time` [s].
-    pub(crate) look_ahead_s: f64,
+    pub look_ahead_s: f64,
     /// Time constant of the joint loop [s].
-    pub(crate) joint_loop_s: f64,
+    pub joint_loop_s: f64,
     /// Largest joint speed [rad/s], per joint.
-    pub(crate) velocity_radps: [f64; JOINTS],
+    pub velocity_radps: [f64; JOINTS],
     /// Largest joint acceleration [rad/s²], per joint.
-    pub(crate) acceleration_radps2: [f64; JOINTS],
+    pub acceleration_radps2: [f64; JOINTS],
 }
 
 impl ArmSettings {
     /// A UR5 behind servoj at `cycle_s` with the given look-ahead: 3.342 rad/s and 40 rad/s², 2 ms of joint loop.
-    pub(crate) fn ur5(cycle_s: f64, look_ahead_s: f64) -> Self {
+    #[must_use]
+    pub fn ur5(cycle_s: f64, look_ahead_s: f64) -> Self {
         Self {
             cycle_s,
             look_ahead_s,
@@ -39,14 +40,16 @@ impl ArmSettings {
 
 /// Joint positions [rad] and velocities [rad/s].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Joints {
-    pub(crate) q: [f64; JOINTS],
-    pub(crate) qd: [f64; JOINTS],
+pub struct Joints {
+    /// [rad]
+    pub q: [f64; JOINTS],
+    /// [rad/s]
+    pub qd: [f64; JOINTS],
 }
 
 /// The arm: six independent joints and the target of the previous cycle.
 #[derive(Debug, Clone)]
-pub(crate) struct ArmModel {
+pub struct ArmModel {
     settings: ArmSettings,
     previous_target: [f64; JOINTS],
     servo: [Motion; JOINTS],
@@ -55,14 +58,15 @@ pub(crate) struct ArmModel {
 
 impl ArmModel {
     /// An arm at rest at `q` [rad].
-    pub(crate) fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
+    #[must_use]
+    pub fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
         let still = q.map(|q| Motion { q, qd: 0.0 });
         Self { settings, previous_target: q, servo: still, joint: still }
     }
 
     /// Moves through one controller cycle with `target` [rad], where the joints ought to be when the cycle starts,
     /// and returns the joints at its end. A target that is not finite counts as "stay where the last one was".
-    pub(crate) fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
+    pub fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
         let dt = self.settings.cycle_s;
         for axis in 0..JOINTS {
             let from = self.previous_target[axis];
@@ -84,12 +88,14 @@ impl ArmModel {
     }
 
     /// The joints as the controller would report them now.
-    pub(crate) fn joints(&self) -> Joints {
+    #[must_use]
+    pub fn joints(&self) -> Joints {
         Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
     }
 
     /// The settings it was built with.
-    pub(crate) fn settings(&self) -> &ArmSettings {
+    #[must_use]
+    pub fn settings(&self) -> &ArmSettings {
         &self.settings
     }
 }
