@@ -15,7 +15,8 @@ use crate::robot::{Robot, robot};
 use crate::settings::{Optimiser, PredictorChoice, Settings};
 use crate::written::Place;
 
-/// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot that the settings describe, unless a contradiction is about it.
+/// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot
+/// that the settings describe, unless a contradiction is about it.
 pub(crate) fn check(
     settings: &Settings,
     found: &Found,

@@ -36,7 +36,8 @@ impl fmt::Debug for Config {
 impl Config {
     /// Loads a settings file.
     ///
-    /// *Errors*: everything that is wrong with the file, each with line, key, value, legal range and what to do.
+    /// *Errors*: everything that is wrong with the file, each with line, key, value, legal range and what to
+    /// do.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Draft::file(path).finish()
     }
@@ -82,7 +83,8 @@ impl Config {
 
 /// Layers of settings that have not been judged yet.
 ///
-/// For programs that put command-line options over a file: `Draft::preset("ur5").set("loop.rate_hz", "125").finish()`.
+/// For programs that put command-line options over a file: `Draft::preset("ur5").set("loop.rate_hz",
+/// "125").finish()`.
 #[derive(Debug, Clone)]
 pub struct Draft {
     found: Found,
@@ -159,8 +161,8 @@ impl Draft {
         self
     }
 
-    /// Sets the rate of the loop, and with it the grid step where that is no multiple of the new period (the nearest
-    /// that is: 8 ms for 10 ms at 125 and 250 Hz).
+    /// Sets the rate of the loop, and with it the grid step where that is no multiple of the new period (the
+    /// nearest that is: 8 ms for 10 ms at 125 and 250 Hz).
     #[must_use]
     pub fn rate(self, rate_hz: u32) -> Self {
         let step = self.found.get("pen.step_ms").and_then(|node| match node.raw {

@@ -1,6 +1,8 @@
-//! From settings to what the control law and the learner are built from: units, frames and types change here only.
+//! From settings to what the control law and the learner are built from: units, frames and types change here
+//! only.
 //!
-//! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was judged.
+//! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was
+//! judged.
 
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
 use foretrace_control::ik::IkSettings;
@@ -32,13 +34,13 @@ impl Config {
 }
 
 impl Settings {
-    /// Control period dt [ns].
+    /// Control period dt in nanoseconds.
     #[must_use]
     pub fn period_ns(&self) -> u64 {
         1_000_000_000 / u64::from(self.control_loop.rate_hz.max(1))
     }
 
-    /// Grid step Δ [ns].
+    /// Grid step Δ in nanoseconds.
     #[must_use]
     pub fn step_ns(&self) -> u64 {
         u64::from(self.pen.step_ms) * 1_000_000

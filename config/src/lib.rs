@@ -1,9 +1,10 @@
 //! Settings of foretrace: as written in TOML, as meant in typed structs, judged with file and line.
 //!
-//! Contract: [`Config::load`] gives settings that are complete and fit together, or *all* that is wrong with them.
-//! Units stand in the names of keys, unknown keys are errors, and what has to be tuned per installation has no
-//! default but may come from a preset (`preset = "ur5"` at the top of the file, then override key by key).
-//! Every key is declared once, in [`settings`]; reading, `show`, the README and reloading follow from that table.
+//! Contract: [`Config::load`] gives settings that are complete and fit together, or *all* that is wrong with
+//! them. Units stand in the names of keys, unknown keys are errors, and what has to be tuned per installation
+//! has no default but may come from a preset (`preset = "ur5"` at the top of the file, then override key by
+//! key). Every key is declared once, in [`settings`]; reading, `show`, the README and reloading follow from
+//! that table.
 
 #![forbid(unsafe_code)]
 

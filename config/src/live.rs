@@ -29,7 +29,11 @@ pub struct LiveChange {
 
 /// A key that only takes effect when the daemon starts.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("key `{}` takes effect only when the daemon starts (in force: {}, wanted: {}): restart it, or change the key back", .0.key, shown(.0.from.as_deref()), shown(.0.to.as_deref()))]
+#[error(
+    "key `{}` takes effect only when the daemon starts (in force: {}, wanted: {}): \
+     restart it, or change the key back",
+    .0.key, shown(.0.from.as_deref()), shown(.0.to.as_deref())
+)]
 pub struct StartOnlyKey(pub KeyChange);
 
 impl Config {

@@ -41,7 +41,8 @@ pub(crate) fn distance(a: &str, b: &str) -> usize {
     last.last().copied().unwrap_or_default()
 }
 
-/// Unit suffixes of key names with the unit as people write it; longest first, so that `_mps3` is not read as `_s`.
+/// Unit suffixes of key names with the unit as people write it; longest first, so that `_mps3` is not read as
+/// `_s`.
 const UNITS: [(&str, &str); 14] = [
     ("_radps3", "rad/s^3"),
     ("_radps2", "rad/s^2"),

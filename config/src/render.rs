@@ -15,8 +15,8 @@ pub fn keys() -> &'static [Key] {
 }
 
 impl Config {
-    /// The settings in force as TOML with comments, each value with where it comes from. Reads back as the same
-    /// settings.
+    /// The settings in force as TOML with comments, each value with where it comes from. Reads back as the
+    /// same settings.
     #[must_use]
     pub fn render(&self) -> String {
         let values = values(self.settings());
@@ -137,8 +137,8 @@ fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// A preset's text: its own head (the comment up to the first empty line), then every key with its comment; keys that
-/// the preset leaves alone stand as comments.
+/// A preset's text: its own head (the comment up to the first empty line), then every key with its comment;
+/// keys that the preset leaves alone stand as comments.
 #[cfg(test)]
 pub(crate) fn commented(text: &str, config: &Config) -> String {
     let values = values(config.settings());

@@ -1,7 +1,7 @@
 //! The arm: URDF and settings folded into one chain with one set of limits, and a writing plane it can reach.
 //!
-//! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is reached
-//! from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
+//! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
+//! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
 use foretrace_control::ik::{Chain, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -20,13 +20,13 @@ pub struct Robot {
     pub chain: Chain<JOINTS>,
     /// Limits of URDF and settings together, with the braking of a consumer without commands.
     pub limits: JointLimits<JOINTS>,
-    /// Posture near the middle of the writing plane [rad].
+    /// Posture near the middle of the writing plane, in rad.
     pub home: [f64; JOINTS],
 }
 
 impl PlaneSection {
-    /// Columns: the plane's x, y and normal in the base frame. The normal is taken as it is; x is made exactly
-    /// perpendicular to it.
+    /// Columns: the plane's x, y and normal in the base frame. The normal is taken as it is; x is made
+    /// exactly perpendicular to it.
     #[must_use]
     pub fn rotation(&self) -> Rotation3<f64> {
         let z = Vector3::from(self.normal).normalize();

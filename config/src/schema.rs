@@ -1,7 +1,9 @@
-//! The table of keys: each key is declared once, and reading, judging, showing and documenting all follow from that.
+//! The table of keys: each key is declared once, and reading, judging, showing and documenting all follow
+//! from that.
 //!
-//! Contract: a `section!` declares a struct of settings *as meant* together with the rule for each key *as written*
-//! (legal range, needed or not, live or only at start, a good starting point). The unit is the suffix of the name.
+//! Contract: a `section!` declares a struct of settings *as meant* together with the rule for each key *as
+//! written* (legal range, needed or not, live or only at start, a good starting point). The unit is the
+//! suffix of the name.
 
 use std::collections::BTreeMap;
 
@@ -83,7 +85,8 @@ pub struct Key {
 pub(crate) trait Section: Sized {
     /// Reads every key under `at`; `None` when one of them is a problem (which is then in `reader`).
     fn read(reader: &mut Reader<'_>, at: &str) -> Option<Self>;
-    /// Calls `entry` with every key under `at` and its value as TOML (`None`: not set), in the order of declaration.
+    /// Calls `entry` with every key under `at` and its value as TOML (`None`: not set), in the order of
+    /// declaration.
     fn write(&self, at: &str, entry: &mut dyn FnMut(String, Option<String>));
     /// Pushes the section under `at` with its title, then its keys, then its subsections.
     fn describe(at: &str, table: &mut Table);
@@ -128,7 +131,7 @@ impl Legal {
     pub fn text(&self, unit: &str) -> String {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         match self {
-            Self::Between(min, max) => format!("{min} to {max}{unit}"),
+            Self::Between(min, max) => format!("{} to {}{unit}", short(*min), short(*max)),
             Self::OneOf(numbers) => {
                 let all: Vec<String> = numbers.iter().map(ToString::to_string).collect();
                 format!("{}{unit}", all.join(", "))
@@ -138,6 +141,12 @@ impl Legal {
             Self::Text => "text".to_owned(),
         }
     }
+}
+
+/// Very small and very large numbers are easier to read by their exponent.
+fn short(number: f64) -> String {
+    let size = number.abs();
+    if size != 0.0 && !(1e-4..1e6).contains(&size) { format!("{number:e}") } else { number.to_string() }
 }
 
 /// `section.name`, or `name` at the root.

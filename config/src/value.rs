@@ -1,7 +1,7 @@
 //! Values of keys: one reader and one writer per Rust type.
 //!
-//! Contract: `read` judges by the rule of the key and pushes one problem per wrong element; what `write` gives
-//! reads back as the same value, bit for bit.
+//! Contract: `read` judges by the rule of the key and pushes one problem per wrong element; what `write`
+//! gives reads back as the same value, bit for bit.
 
 use crate::nearest::{nearest, unit_slip};
 use crate::problem::Problem;
@@ -53,7 +53,8 @@ impl Value for u32 {
         let Raw::Whole(value) = node.raw else {
             return wrong_type(node, rule, "a whole number", problems);
         };
-        // The ranges of whole keys lie inside u32, so the conversion after the range test only fails for a bad rule.
+        // The ranges of whole keys lie inside u32, so the conversion after the range test only fails for a
+        // bad rule.
         in_range(value as f64, node, rule, problems).and_then(|_| u32::try_from(value).ok())
     }
 
@@ -171,7 +172,15 @@ fn elements<V: Value>(list: &[Node], rule: &Rule<'_>, problems: &mut Vec<Problem
     let read: Vec<Option<V>> = list
         .iter()
         .enumerate()
-        .map(|(i, node)| V::read(node, &Rule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems))
+        .map(|(i, node)| {
+            let before = problems.len();
+            let value = V::read(node, &Rule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems);
+            if list.iter().take(i).any(|earlier| earlier.text == node.text) {
+                // The same mistake in every element is one mistake.
+                problems.truncate(before);
+            }
+            value
+        })
         .collect();
     read.into_iter().collect()
 }

@@ -1,7 +1,7 @@
 //! A settings file as written: TOML parsed into nodes that remember where they stand.
 //!
-//! Contract: nothing is judged here but the syntax. Every value, also inside an array, keeps its source, its line
-//! and its text, so that whoever judges it later can point at it. No panic on any input.
+//! Contract: nothing is judged here but the syntax. Every value, also inside an array, keeps its source, its
+//! line and its text, so that whoever judges it later can point at it. No panic on any input.
 
 use std::fmt;
 use std::sync::Arc;
@@ -86,8 +86,8 @@ impl Raw {
 
 /// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
 ///
-/// *Errors*: every syntax error that the parser can recover from is pushed to `problems`; what could be read is
-/// still returned, so that the settings in it are judged in the same go.
+/// *Errors*: every syntax error that the parser can recover from is pushed to `problems`; what could be read
+/// is still returned, so that the settings in it are judged in the same go.
 pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
     let (root, errors) = DeTable::parse_recoverable(text);

@@ -5,8 +5,8 @@ use crate::schema::{Legal::*, Presence::*, section};
 section! {
     /// Joints from the plan: a quadratic programme over joint velocities.
     pub struct Ik {
-        /// Share of the tool's pose error that is removed per second; at most the rate of the loop. Not set: half the
-        /// rate of the loop.
+        /// Share of the tool's pose error that is removed per second; at most the rate of the loop. Not set:
+        /// half the rate of the loop.
         gain_hz: Option<f64> = Between(0.1, 1000.0), Optional, AtStart, "nothing: leave it out";
         /// A turn of the tool counts like a displacement at this distance from its tip.
         orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
@@ -30,8 +30,8 @@ section! {
 }
 
 section! {
-    /// The arm: a serial chain from a URDF, and limits that may be narrower than those in the URDF. Lists have one
-    /// number per joint, from base to tool.
+    /// The arm: a serial chain from a URDF, and limits that may be narrower than those in the URDF. Lists
+    /// have one number per joint, from base to tool.
     pub struct RobotSection {
         /// Name of an embedded robot ("ur5", "ur5e"), or path of a URDF file relative to this settings file.
         urdf: String = Text, Required, AtStart, "\"ur5\"";
@@ -40,16 +40,19 @@ section! {
         /// Link whose origin is the tool's tip; its z axis is the pen. Not set: the only leaf of the URDF.
         tip_link: Option<String> = Text, Optional, AtStart, "\"tool0\" for a UR";
         /// Posture from which the plane is reached without passing a singularity.
-        home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart, "the posture with the tool above the middle of the paper";
+        home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart,
+            "the posture with the tool above the middle of the paper";
         /// Largest speed per joint; the smaller one of this and the URDF's counts.
         velocity_radps: Vec<f64> = Between(0.01, 10.0), Required, AtStart, "3.1 for a UR; 1.0 on a first run";
         /// Largest acceleration per joint.
-        acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart, "20 for a UR (the arm gives 40); 5 on a first run";
+        acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart,
+            "20 for a UR (the arm gives 40); 5 on a first run";
         /// Largest jerk per joint. Not set: the tool's jerk limit is the only one.
         jerk_radps3: Option<Vec<f64>> = Between(1.0, 1e6), Optional, AtStart, "nothing: leave it out";
-        /// Deceleration per joint with which the hardware interface brakes by itself when commands stay away. Not set:
-        /// the largest acceleration.
-        stale_deceleration_radps2: Option<Vec<f64>> = Between(0.1, 500.0), Optional, AtStart, "nothing: leave it out";
+        /// Deceleration per joint with which the hardware interface brakes by itself when commands stay away.
+        /// Not set: the largest acceleration.
+        stale_deceleration_radps2: Option<Vec<f64>> = Between(0.1, 500.0), Optional, AtStart,
+            "nothing: leave it out";
         /// Lowest position per joint, where narrower than the URDF's.
         position_min_rad: Option<Vec<f64>> = Between(-6.3, 6.3), Optional, AtStart, "nothing: leave it out";
         /// Highest position per joint, where narrower than the URDF's.
@@ -63,7 +66,8 @@ section! {
     /// Delays of the world around the loop.
     pub struct Timing {
         /// From a command to the motion of the arm; the prediction looks this far ahead in addition.
-        dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart, "35 for a UR with servoj and a look-ahead of 0.03 s";
+        dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
+            "35 for a UR with servoj and a look-ahead of 0.03 s";
     }
 }
 

@@ -51,7 +51,8 @@ section! {
     pub struct Predictor {
         /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm": learns online.
         kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"dybm\"";
-        /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get faster.
+        /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get
+        /// faster.
         limit_factor: f64 = Between(1.0, 10.0), Default("1.25"), AtStart, "1.25";
         /// Factor per step by which the recent peak fades; 0.98 is half in a third of a second at 10 ms.
         peak_fade: f64 = Between(0.5, 0.999), Default("0.98"), AtStart, "0.98";
@@ -65,7 +66,8 @@ section! {
 }
 
 section! {
-    /// The running scale between metres and the numbers that predictors see; it follows the speed of the hand.
+    /// The running scale between metres and the numbers that predictors see; it follows the speed of the
+    /// hand.
     pub struct ScaleSection {
         /// Metres per unit before any motion; 1e-4 fits 0.14 m/s at a step of 10 ms, letters of 3 cm.
         initial_m: f64 = Between(1e-9, 1.0), Default("1e-4"), AtStart, "1e-4";
@@ -89,7 +91,8 @@ section! {
         delay: u32 = Between(2.0, 16.0), Required, AtStart, "9";
         /// Decay per step of each eligibility trace, one trace per entry.
         decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.5, 0.9]";
-        /// What enters the traces: "newest", the newest displacement, or "delayed", the one that has passed the delay.
+        /// What enters the traces: "newest", the newest displacement, or "delayed", the one that has passed
+        /// the delay.
         trace_input: TraceChoice = Words(TraceChoice::WORDS), Default("\"delayed\""), AtStart, "\"delayed\"";
         /// Learning rate, for inputs scaled to about 10 (the loop does that).
         rate: f64 = Between(0.0, 10.0), Required, AtStart, "0.01 for adagrad, 0.001 for rmsprop and adam";
@@ -103,18 +106,20 @@ section! {
 }
 
 section! {
-    /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live weights
-    /// only when it did better on recent motion, and is taken back when it then does worse than what it replaced.
+    /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live
+    /// weights only when it did better on recent motion, and is taken back when it then does worse than what
+    /// it replaced.
     pub struct Learner {
         /// Learn while running. Off: the weights stay as they are.
         enabled: bool = Flag, Default("true"), Live, "true";
-        /// Weights before anything was learned: the last displacement goes on, fading by this factor per step.
-        /// 0 starts from zero weights, as in the paper.
+        /// Weights before anything was learned: the last displacement goes on, fading by this factor per
+        /// step. 0 starts from zero weights, as in the paper.
         initial_persistence: f64 = Between(0.0, 1.0), Default("0.9"), AtStart, "0.9";
         /// Candidate and live weights are compared by their predictions this many steps ahead.
         lead_steps: u32 = Between(1.0, 16.0), Default("10"), AtStart, "10";
         /// Moving steps over which the comparison forgets.
-        memory_steps: f64 = Between(10.0, 1e6), Default("300.0"), AtStart, "300: three seconds of motion at 10 ms";
+        memory_steps: f64 = Between(10.0, 1e6), Default("300.0"), AtStart,
+            "300: three seconds of motion at 10 ms";
         /// Moving steps that have to be compared before the live weights change again.
         min_evidence_steps: u32 = Between(10.0, 1e6), Default("100"), AtStart, "100";
         /// The candidate is promoted when its error is below this part of the live error.

@@ -1,7 +1,8 @@
 //! The settings as meant: one struct per section, every key declared once with its rule.
 //!
-//! Contract: values here have passed their own range test; what one key demands of another is tested in `check`.
-//! A declaration reads: name: type = legal range, needed or not, live or only at start, where to start from.
+//! Contract: values here have passed their own range test; what one key demands of another is tested in
+//! `check`. A declaration reads: name: type = legal range, needed or not, live or only at start, where to
+//! start from.
 
 mod process;
 mod hand;

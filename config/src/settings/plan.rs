@@ -25,7 +25,8 @@ section! {
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
         effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "0.05";
         /// Iterations of the exact solver per axis and tick before the previous plan is used.
-        max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart, "100: ten times what handwriting needs";
+        max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
+            "100: ten times what handwriting needs";
     }
     sections {
         /// Gains on the error against the last position.
@@ -55,8 +56,8 @@ section! {
 }
 
 section! {
-    /// What one unit of violation of a soft limit costs, per step, in the units of the gains. Where the limits exclude
-    /// each other, the dearest is kept.
+    /// What one unit of violation of a soft limit costs, per step, in the units of the gains. Where the
+    /// limits exclude each other, the dearest is kept.
     pub struct Penalty {
         /// Price of acceleration above its limit.
         acceleration: f64 = Between(1.0, 1e9), Default("1e6"), AtStart, "1e6";
@@ -88,6 +89,7 @@ section! {
         /// Largest acceleration (kept unless the state makes that impossible).
         acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "8.0";
         /// Largest jerk (always kept).
-        jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart, "400: the acceleration reverses in 40 ms";
+        jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
+            "400: the acceleration reverses in 40 ms";
     }
 }

@@ -3,13 +3,15 @@
 use crate::schema::{Legal::*, Presence::*, section};
 
 section! {
-    /// The writing plane, calibrated in the robot's base frame. Its x axis and its normal are given; y = normal × x.
-    /// The tool points along -normal.
+    /// The writing plane, calibrated in the robot's base frame. Its x axis and its normal are given; y =
+    /// normal × x. The tool points along -normal.
     pub struct PlaneSection {
         /// Point of the base frame where the plane's zero lies.
-        origin_m: [f64; 3] = Between(-3.0, 3.0), Required, AtStart, "the tool position at the middle of the paper";
+        origin_m: [f64; 3] = Between(-3.0, 3.0), Required, AtStart,
+            "the tool position at the middle of the paper";
         /// Direction of the pen's x in the base frame, a vector of length 1.
-        x_axis: [f64; 3] = Between(-1.0, 1.0), Required, AtStart, "a measured direction along the lower edge of the paper";
+        x_axis: [f64; 3] = Between(-1.0, 1.0), Required, AtStart,
+            "a measured direction along the lower edge of the paper";
         /// Direction away from the paper in the base frame, a vector of length 1 at right angles to x_axis.
         normal: [f64; 3] = Between(-1.0, 1.0), Required, AtStart, "[0.0, 0.0, 1.0] for a table";
         /// Point of the pen device that lies on the plane's origin.
@@ -18,8 +20,8 @@ section! {
         scale: f64 = Between(0.01, 100.0), Required, AtStart, "1.0: the arm writes as large as the hand";
         /// Height of the lifted tool above the plane while the pen is up.
         lift_height_m: f64 = Between(0.001, 0.2), Required, AtStart, "0.02";
-        /// Where the tool may be, [[x_min, x_max], [y_min, y_max], [z_min, z_max]] in the plane's frame. Every corner
-        /// must be within reach of the arm; contact (z = 0) and the lift height lie inside.
+        /// Where the tool may be, [[x_min, x_max], [y_min, y_max], [z_min, z_max]] in the plane's frame.
+        /// Every corner must be within reach of the arm; contact (z = 0) and the lift height lie inside.
         workspace_m: [[f64; 2]; 3] = Between(-3.0, 3.0), Required, AtStart,
             "[[-0.1, 0.1], [-0.1, 0.1], [-0.002, 0.05]]";
     }

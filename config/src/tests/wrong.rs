@@ -60,6 +60,8 @@ fn value_in_another_unit_is_recognised() {
         text.contains("`robot.velocity_radps[3]` = 180") && text.contains("looks like degrees"),
         "{text}"
     );
+    let same = message("[robot]\nvelocity_radps = [180, 180, 180, 180, 180, 180]\n");
+    assert!(same.contains("`robot.velocity_radps[0]` = 180"), "{same}");
     let text = message("[plane]\nlift_height_m = 20\n");
     assert!(text.contains("looks like mm") && text.contains("0.02"), "{text}");
     let text = message("[pen]\nstale_ms = 0.1\n");
@@ -91,7 +93,7 @@ fn wrong_types_say_what_was_found_and_what_is_taken() {
 fn not_a_number_and_infinity_are_refused() {
     for value in ["nan", "+nan", "inf", "-inf", "1e999"] {
         let text = message(&format!("[mpc]\neffort = {value}\n"));
-        assert!(text.contains("`mpc.effort`") && text.contains("0.000001 to 1000"), "{text}");
+        assert!(text.contains("`mpc.effort`") && text.contains("1e-6 to 1000"), "{text}");
     }
     let text = message("[plane]\norigin_m = [0.1, nan, 0.2]\n");
     assert!(text.contains("`plane.origin_m[1]` = nan is not finite"), "{text}");
