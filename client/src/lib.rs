@@ -1,1 +1,35 @@
-//! Work in progress.
+//! Attach to a running foretrace: feed pen samples, read commands, telemetry and status, send requests.
+//!
+//! Contract: attaching succeeds only where a daemon of the same message layout is up; every error says what to do.
+//! Handles are made by [`Foretrace`] and stay in the thread that made them (the middleware's ports are not `Send`);
+//! [`Foretrace`] itself may be shared, so each thread makes its own. No threads, no logging, no settings file.
+//!
+//! ```no_run
+//! use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
+//!
+//! let foretrace = Foretrace::attach(0)?;
+//! let mut pen = foretrace.pen_feed()?;
+//! pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m: 0.1, y_m: 0.05, contact: true, ..Default::default() })?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod attach;
+pub use attach::*;
+mod pen;
+pub use pen::*;
+mod arm;
+pub use arm::*;
+mod watch;
+pub use watch::*;
+mod operate;
+pub use operate::*;
+
+pub use foretrace_shm::{
+    AskError, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable, FaultReason,
+    HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode, PenSample, Percentiles,
+    PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode,
+    ServiceError, SolverPath, Stage, Status, TickRecord, TrustReason, command_flags, guard_mask, health,
+    host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+};

@@ -188,6 +188,11 @@ impl Services {
             control: ControlTopic::open(session)?,
         })
     }
+
+    /// Whether these are the services of `other`, not new ones of the same names.
+    pub fn are_same_as(&self, other: &Self) -> bool {
+        self.pen.factory.unique_service_id() == other.pen.factory.unique_service_id()
+    }
 }
 
 pub(crate) fn service_name(name: &'static str) -> Result<ServiceName, ServiceError> {

@@ -1,0 +1,54 @@
+//! Latency monitor: every second, the spread of wake-up latency and step time of the ticks of that second.
+//!
+//! `cargo run -p foretrace-client --example latency_monitor [INSTANCE] [SECONDS]`
+
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Attachment, Foretrace, Instance, Stage};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let number = arguments.next().map_or(Ok(0), |text| text.parse())?;
+    let seconds: u64 = arguments.next().map_or(Ok(u64::MAX), |text| text.parse())?;
+
+    let mut foretrace = Foretrace::attach_within(&Instance::new(number)?, Duration::from_secs(2))?;
+    let mut telemetry = foretrace.telemetry()?;
+    println!("daemon {}, [us]  wake-up p50/p99/max   step p50/p99/max   ticks  lost", foretrace.daemon().pid);
+
+    for _ in 0..seconds {
+        let (mut wakeup, mut step) = (Vec::new(), Vec::new());
+        let end = Instant::now() + Duration::from_secs(1);
+        while Instant::now() < end {
+            telemetry.drain(|record| {
+                wakeup.push(record.stage(Stage::Wakeup));
+                step.push(record.stage(Stage::Step));
+            });
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        if step.is_empty() {
+            println!("no ticks; is the daemon up? {}", foretrace.daemon_is_up());
+            // Services made anew are only heard by handles made anew.
+            if let Ok(Attachment::Renewed) = foretrace.reattach_if_needed() {
+                telemetry = foretrace.telemetry()?;
+            }
+            continue;
+        }
+        println!(
+            "{:>33} {:>18} {:>7} {:>5}",
+            spread(&mut wakeup),
+            spread(&mut step),
+            step.len(),
+            telemetry.lost()
+        );
+    }
+    Ok(())
+}
+
+/// p50/p99/max in microseconds.
+fn spread(ns: &mut [u32]) -> String {
+    ns.sort_unstable();
+    let at = |per_cent: usize| {
+        ns.get((ns.len() * per_cent / 100).min(ns.len() - 1)).map_or(0.0, |&ns| f64::from(ns))
+    };
+    format!("{:.1}/{:.1}/{:.1}", at(50) / 1e3, at(99) / 1e3, at(100) / 1e3)
+}

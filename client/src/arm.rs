@@ -1,0 +1,161 @@
+//! The hardware interface's end: `Commands` in, `JointStates` out, and what a command asks for at an instant.
+
+use foretrace_shm::{
+    HeaderBounds, JOINTS, JointCommand, JointState, Message, PublishError, Publisher, Rejections,
+    ServiceError, Subscriber, command_flags, monotonic_now_ns,
+};
+
+use crate::Foretrace;
+
+/// Commands are stamped up to one control period ahead.
+const BOUNDS: HeaderBounds = HeaderBounds { future_ns: 20_000_000, age_ns: u64::MAX };
+
+/// Receives joint commands. Those of another boot, replayed, or malformed are refused and counted.
+#[derive(Debug)]
+pub struct Commands {
+    subscriber: Subscriber<JointCommand>,
+    newest: Option<JointCommand>,
+}
+
+/// Sends joint states. One per instance at a time.
+#[derive(Debug)]
+pub struct JointStates {
+    publisher: Publisher<JointState>,
+}
+
+/// What a command asks of the arm at an instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Demand {
+    /// Be at these joint positions [rad], moving this fast [rad/s].
+    Follow {
+        /// q + q̇·(now − stamp).
+        q: [f64; JOINTS],
+        /// q̇.
+        qd: [f64; JOINTS],
+    },
+    /// The command is too old, or the arm is not enabled: brake to a stand and stay.
+    Brake,
+}
+
+/// Evaluate a command at `now_ns`: q + q̇·(now − stamp) until `valid_until_ns`, then [`Demand::Brake`].
+///
+/// Before the stamp, that is during the period the command is for, this interpolates linearly; after it, it
+/// extrapolates.
+pub fn demand_at(command: &JointCommand, now_ns: u64) -> Demand {
+    if now_ns >= command.valid_until_ns || command.flags & command_flags::ENABLED == 0 {
+        return Demand::Brake;
+    }
+    let stamp_ns = command.header.stamp_ns;
+    // Unsigned clocks: the difference must be taken before it becomes a float, where 1 ns would be lost after 104 days.
+    let elapsed_ns =
+        if now_ns >= stamp_ns { (now_ns - stamp_ns) as f64 } else { -((stamp_ns - now_ns) as f64) };
+    let mut q = command.q;
+    q.iter_mut().zip(&command.qd).for_each(|(q, qd)| *q += qd * elapsed_ns * 1e-9);
+    Demand::Follow { q, qd: command.qd }
+}
+
+impl Foretrace {
+    /// The commands from now on, to be used in this thread; up to `buffer` (1 to 256) are kept unread. A controller
+    /// that only needs the newest takes 1.
+    ///
+    /// *Errors*: `NoPlace`, `BufferSize`.
+    pub fn commands(&self, buffer: usize) -> Result<Commands, ServiceError> {
+        Ok(Commands { subscriber: self.services.joint_cmd.subscriber(buffer, BOUNDS)?, newest: None })
+    }
+
+    /// The joint states, to be sent from this thread.
+    ///
+    /// *Errors*: `NoPlace` when another arm reports already.
+    pub fn joint_states(&self) -> Result<JointStates, ServiceError> {
+        Ok(JointStates { publisher: self.services.joint_state.publisher()? })
+    }
+}
+
+impl Commands {
+    /// The largest buffer there is.
+    pub const MAX_BUFFER: usize = JointCommand::QOS.buffer;
+
+    /// The newest command ever received, unread or not. Does not allocate once connected.
+    pub fn latest(&mut self) -> Option<&JointCommand> {
+        if let Some(command) = self.subscriber.latest(monotonic_now_ns()) {
+            self.newest = Some(command);
+        }
+        self.newest.as_ref()
+    }
+
+    /// Every unread command, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_command: impl FnMut(&JointCommand)) -> usize {
+        let newest = &mut self.newest;
+        self.subscriber.drain(monotonic_now_ns(), |command| {
+            *newest = Some(command);
+            use_command(&command);
+        })
+    }
+
+    /// Commands accepted so far.
+    pub fn received(&self) -> u64 {
+        self.subscriber.received()
+    }
+
+    /// Commands that never arrived: overwritten unread, or lost.
+    pub fn dropped(&self) -> u64 {
+        self.subscriber.dropped()
+    }
+
+    /// Commands refused, by reason.
+    pub fn rejections(&self) -> &Rejections {
+        self.subscriber.rejections()
+    }
+
+    /// How often another daemon took over.
+    pub fn restarts(&self) -> u64 {
+        self.subscriber.restarts()
+    }
+}
+
+impl JointStates {
+    /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled in.
+    ///
+    /// *Errors*: [`PublishError`].
+    pub fn publish(&mut self, stamp_ns: u64, state: JointState) -> Result<bool, PublishError> {
+        Ok(self.publisher.publish(stamp_ns, state)? > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foretrace_shm::Header;
+
+    use super::*;
+
+    fn command() -> JointCommand {
+        JointCommand {
+            header: Header { stamp_ns: 10_000_000_000, ..Default::default() },
+            valid_until_ns: 10_010_000_000,
+            q: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+            qd: [0.5; JOINTS],
+            flags: command_flags::ENABLED,
+            ..Default::default()
+        }
+    }
+
+    fn first_joint(now_ns: u64) -> f64 {
+        match demand_at(&command(), now_ns) {
+            Demand::Follow { q, .. } => q[0],
+            Demand::Brake => panic!("brakes"),
+        }
+    }
+
+    #[test]
+    fn a_command_is_interpolated_before_its_stamp_and_extrapolated_after() {
+        assert_eq!(first_joint(10_000_000_000), 1.0);
+        assert!((first_joint(9_998_000_000) - 0.999).abs() < 1e-15);
+        assert!((first_joint(10_004_000_000) - 1.002).abs() < 1e-15);
+    }
+
+    #[test]
+    fn an_old_or_disabled_command_brakes() {
+        assert_eq!(demand_at(&command(), 10_010_000_000), Demand::Brake);
+        assert_eq!(demand_at(&JointCommand { flags: 0, ..command() }, 10_000_000_000), Demand::Brake);
+    }
+}

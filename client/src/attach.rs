@@ -1,0 +1,93 @@
+//! `Foretrace`: the membership of this process in an instance, and what to do when the daemon comes and goes.
+
+use std::time::{Duration, Instant};
+
+use foretrace_shm::{DaemonMark, Instance, ServiceError, Services, Session};
+
+/// How often a waiting caller looks for the daemon.
+const POLL: Duration = Duration::from_millis(20);
+
+/// An attachment to a running daemon. Makes the handles; may be shared between threads.
+#[derive(Debug)]
+pub struct Foretrace {
+    session: Session,
+    pub(crate) services: Services,
+    daemon: DaemonMark,
+}
+
+/// What [`Foretrace::reattach_if_needed`] found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Attachment {
+    /// The same daemon still runs.
+    Unchanged,
+    /// Another daemon took over the services: the handles work on.
+    TakenOver,
+    /// The services were made anew: drop all handles and make them again.
+    Renewed,
+}
+
+impl Foretrace {
+    /// Attach to instance `number` of this user, whose daemon must be up.
+    ///
+    /// *Errors*: `NoDaemon` and the others of [`ServiceError`].
+    pub fn attach(number: u32) -> Result<Self, ServiceError> {
+        Self::attach_within(&Instance::new(number)?, Duration::ZERO)
+    }
+
+    /// Attach to `instance`, waiting up to `wait` for its daemon to come up.
+    ///
+    /// *Errors*: as [`Foretrace::attach`]; only `NoDaemon` is waited for.
+    pub fn attach_within(instance: &Instance, wait: Duration) -> Result<Self, ServiceError> {
+        let deadline = Instant::now() + wait;
+        loop {
+            match Self::try_attach(instance) {
+                Err(ServiceError::NoDaemon { .. }) if Instant::now() < deadline => std::thread::sleep(POLL),
+                result => return result,
+            }
+        }
+    }
+
+    /// The instance.
+    pub fn instance(&self) -> &Instance {
+        self.session.instance()
+    }
+
+    /// The daemon that was up when this was attached or last renewed.
+    pub fn daemon(&self) -> DaemonMark {
+        self.daemon
+    }
+
+    /// Whether a daemon is up at this moment. Two system calls.
+    pub fn daemon_is_up(&self) -> bool {
+        self.instance().daemon().is_some()
+    }
+
+    /// Look whether the daemon is still the one attached to, and attach to the new one if not. Cheap while nothing
+    /// changed: call it once per second, or when messages stay away.
+    ///
+    /// *Errors*: `NoDaemon` while none is up (the attachment stays as it is: call again later), and the others of
+    /// [`ServiceError`].
+    pub fn reattach_if_needed(&mut self) -> Result<Attachment, ServiceError> {
+        if self.instance().daemon() == Some(self.daemon) {
+            return Ok(Attachment::Unchanged);
+        }
+        let renewed = Self::try_attach(self.instance())?;
+        self.daemon = renewed.daemon;
+        // A daemon that finds living peers takes their services over; only where it did not are the old ports deaf.
+        if renewed.services.are_same_as(&self.services) {
+            return Ok(Attachment::TakenOver);
+        }
+        *self = renewed;
+        Ok(Attachment::Renewed)
+    }
+
+    fn try_attach(instance: &Instance) -> Result<Self, ServiceError> {
+        let session = Session::open(instance, "foretrace-client")?;
+        let services = Services::open(&session)?;
+        let daemon = instance.daemon().ok_or_else(|| ServiceError::NoDaemon {
+            number: instance.number(),
+            root: instance.root().to_path_buf(),
+        })?;
+        Ok(Self { session, services, daemon })
+    }
+}

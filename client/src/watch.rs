@@ -1,0 +1,97 @@
+//! The observer's end: `Telemetry` (every tick) and `StatusReader` (ten times per second).
+
+use std::time::{Duration, Instant};
+
+use foretrace_shm::{
+    HeaderBounds, Message, Rejections, ServiceError, Status, Subscriber, TickRecord, monotonic_now_ns,
+};
+
+use crate::Foretrace;
+
+/// Receives the records of ticks.
+#[derive(Debug)]
+pub struct Telemetry {
+    subscriber: Subscriber<TickRecord>,
+}
+
+/// Receives the daemon's status.
+#[derive(Debug)]
+pub struct StatusReader {
+    subscriber: Subscriber<Status>,
+    newest: Option<Status>,
+}
+
+impl Foretrace {
+    /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice
+    /// per second.
+    ///
+    /// *Errors*: `NoPlace` when three others observe already.
+    pub fn telemetry(&self) -> Result<Telemetry, ServiceError> {
+        let buffer = TickRecord::QOS.buffer;
+        Ok(Telemetry { subscriber: self.services.telemetry.subscriber(buffer, HeaderBounds::DEFAULT)? })
+    }
+
+    /// The status, to be used in this thread.
+    ///
+    /// *Errors*: `NoPlace`.
+    pub fn status(&self) -> Result<StatusReader, ServiceError> {
+        let buffer = Status::QOS.buffer;
+        Ok(StatusReader {
+            subscriber: self.services.status.subscriber(buffer, HeaderBounds::DEFAULT)?,
+            newest: None,
+        })
+    }
+}
+
+impl Telemetry {
+    /// Every unread record, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_record: impl FnMut(&TickRecord)) -> usize {
+        self.subscriber.drain(monotonic_now_ns(), |record| use_record(&record))
+    }
+
+    /// Records lost so far between the daemon's publisher and here. Records the daemon itself had to drop are counted
+    /// in `TickRecord::counters.telemetry_ring_dropped`.
+    pub fn lost(&self) -> u64 {
+        self.subscriber.dropped()
+    }
+
+    /// Records refused, by reason.
+    pub fn rejections(&self) -> &Rejections {
+        self.subscriber.rejections()
+    }
+
+    /// How often another daemon took over.
+    pub fn restarts(&self) -> u64 {
+        self.subscriber.restarts()
+    }
+}
+
+impl StatusReader {
+    /// The newest status received, unread or not.
+    pub fn latest(&mut self) -> Option<&Status> {
+        if let Some(status) = self.subscriber.latest(monotonic_now_ns()) {
+            self.newest = Some(status);
+        }
+        self.newest.as_ref()
+    }
+
+    /// Wait for the next unread status; `None` when none came in time.
+    pub fn next_within(&mut self, timeout: Duration) -> Option<Status> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(status) = self.subscriber.latest(monotonic_now_ns()) {
+                self.newest = Some(status);
+                return Some(status);
+            }
+            if Instant::now() >= deadline {
+                return None;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Age of the newest status; more than a second means that the daemon is gone or stuck.
+    pub fn age(&self) -> Option<Duration> {
+        self.newest.map(|status| Duration::from_nanos(status.header.age_ns(monotonic_now_ns())))
+    }
+}
