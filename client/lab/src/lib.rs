@@ -5,8 +5,10 @@
 //! Modules stand in the order in which data flows: files or glyphs, a stamped path, numbers about it, pictures of it.
 
 #![forbid(unsafe_code)]
+#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
 pub mod data;
+pub mod writer;
 pub mod path;
 pub mod arm;
 pub mod metrics;

@@ -125,3 +125,6 @@ impl PenPath {
         motion(&samples)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,8 +1,8 @@
 //! Characters in device units to one stamped path in the writing workspace.
 //!
 //! One constant scale for all of them. Recorded hover paths and gaps stay as they are; where a recording has no
-//! hover path between two strokes, and between characters, a travel is made up. Hover samples outside the workspace are
-//! left out (the pen was out of reach); characters whose ink does not fit are skipped and named.
+//! hover path between two strokes, and between characters, a travel is made up. Hover samples more than half a glyph
+//! outside the workspace are left out (the pen was out of reach); characters whose ink does not fit are skipped and named.
 
 use super::travel::travel;
 use super::{LabelSpan, PathSample, PenPath};
@@ -276,9 +276,11 @@ impl<'a> Placer<'a> {
         (last.contact && next.contact) || (seen_last && leap_m > self.placement.glyph_height_m)
     }
 
+    /// Within reach of the tablet, which sees half a glyph beyond the workspace.
     fn inside(&self, at_m: [f64; 2]) -> bool {
-        let Placement { centre_m, size_m, .. } = self.placement;
-        at_m.iter().zip(centre_m).zip(size_m).all(|((p, c), s)| (p - c).abs() <= s / 2.0)
+        let Placement { centre_m, size_m, glyph_height_m, .. } = self.placement;
+        let reach = |s: &f64| (s + glyph_height_m) / 2.0;
+        at_m.iter().zip(centre_m).zip(size_m).all(|((p, c), s)| (p - c).abs() <= reach(s))
     }
 
     fn append(&mut self, character: &Character, steps: &[Step]) {

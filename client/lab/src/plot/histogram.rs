@@ -16,18 +16,18 @@ const BARS_PER_DECADE: f64 = 24.0;
 pub struct Distribution {
     /// What was measured.
     pub label: String,
-    /// (value [µs], how often); any order.
+    /// (value in µs, how often); any order.
     pub counts_us: Vec<(f64, u64)>,
 }
 
 impl Distribution {
-    /// From single values [µs].
+    /// From single values in µs.
     #[must_use]
     pub fn from_values_us(label: impl Into<String>, values_us: impl IntoIterator<Item = f64>) -> Self {
         Self { label: label.into(), counts_us: values_us.into_iter().map(|v| (v, 1)).collect() }
     }
 
-    /// Smallest value [µs] that at least `share` of all values do not exceed; `None` without values.
+    /// Smallest value in µs that at least `share` of all values do not exceed; `None` without values.
     #[must_use]
     pub fn quantile_us(&self, share: f64) -> Option<f64> {
         let mut sorted: Vec<(f64, u64)> = self.counts_us.iter().copied().filter(counted).collect();

@@ -9,10 +9,10 @@ mod text;
 mod segment;
 mod error;
 
-pub use error::UnipenError;
+pub use error::{Reason, UnipenError};
 
 use super::{Character, Component, Recording};
-use error::{At, Reason};
+use error::At;
 use segment::{Segment, parse_segment};
 use std::path::{Path, PathBuf};
 use text::{Statement, read_statements, resolve_include};
