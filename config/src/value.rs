@@ -125,7 +125,12 @@ impl<V: Value, const N: usize> Value for [V; N] {
     }
 
     fn shape(range: &str) -> String {
-        format!("list of {N}: {}", V::shape(range))
+        let each = V::shape(range);
+        if each.starts_with("list") {
+            format!("list of {N}, each a {each}")
+        } else {
+            format!("list of {N}: {each}")
+        }
     }
 }
 
