@@ -73,7 +73,7 @@ fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
     let wanted = exact.min(decel);
     // min and max rather than clamp: an infinite step must not make NaN bounds.
     let rate = if step.is_finite() { wanted.max(braking - step).min(braking + step) } else { wanted };
-    if (rate * h - speed).abs() <= speed * 1e-12 {
+    if (rate * h - speed).abs() <= 1e-12 {
         return 0.0;
     }
     v - sign * rate * h
