@@ -16,6 +16,9 @@ const FEASIBILITY: f64 = 1e-11;
 /// Above this residual an iterative refinement is tried; it costs about as much as one more active row.
 const REFINE_ABOVE: f64 = KKT_TOLERANCE * 0.03;
 
+/// Refinements before giving up. One is enough almost always; a multiplier that changes sign takes another.
+const REFINEMENTS: u32 = 4;
+
 /// ½J of one axis at one tick, in normalised units with positions counted from the start.
 pub(super) struct AxisProblem<'a, const N: usize> {
     pub cost: &'a Cost<N>,
@@ -58,13 +61,13 @@ impl<const N: usize> AxisProblem<'_, N> {
         };
         let mut jerks = self.cost.solve(&linear).map(|entry| -entry);
         let mut motion = rollout(&self.start, &jerks);
-        for refined in [false, true] {
+        for attempt in 0..=REFINEMENTS {
             if !inside(&motion, self.bounds) {
                 return self.constrained(set, max_iterations, motion, scale);
             }
             let gradient = self.cost.gradient(&motion, &self.pull, &[[0.0; N]; 4]);
             let kkt_residual = largest(&gradient) / scale;
-            if kkt_residual <= REFINE_ABOVE || refined {
+            if kkt_residual <= REFINE_ABOVE || attempt == REFINEMENTS {
                 let status =
                     if kkt_residual <= KKT_TOLERANCE { QpStatus::Optimal } else { QpStatus::Uncertified };
                 let path = if status.usable() { SolvePath::Gain } else { SolvePath::Failed };
@@ -96,12 +99,12 @@ impl<const N: usize> AxisProblem<'_, N> {
             Termination::Infeasible => return (jerks, failed(QpStatus::Infeasible, iterations)),
         }
         let mut kkt_residual = f64::NAN;
-        for attempt in 0..3 {
+        for attempt in 0..=REFINEMENTS {
             self.pin(&mut jerks, set);
             motion = rollout(&self.start, &jerks);
             let gradient = self.cost.gradient(&motion, &self.pull, set.multipliers());
             kkt_residual = self.residual(&motion, set.multipliers(), &gradient, scale);
-            if kkt_residual <= REFINE_ABOVE || attempt == 2 {
+            if kkt_residual <= REFINE_ABOVE || attempt == REFINEMENTS {
                 break;
             }
             self.refine(&mut jerks, &motion, &gradient, set);
@@ -145,7 +148,7 @@ impl<const N: usize> AxisProblem<'_, N> {
             let at = |rows: &Motion<N>| rows.as_flattened().get(row).copied().unwrap_or(0.0);
             *entry = at(motion) + at(&moved) - at(bounds);
         }
-        let [correction, ..] = set.correct(&excess);
+        let [correction, ..] = set.correct(&excess, self.bounds);
         for (jerk, (step, correction)) in jerks.iter_mut().zip(step.iter().zip(correction)) {
             *jerk += step - correction;
         }

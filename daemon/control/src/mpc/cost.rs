@@ -43,6 +43,9 @@ impl Gains {
     pub const EFFORT: f64 = 0.05;
 }
 
+/// How far H H⁻¹ may be from I: each refinement of a plan gains about that factor.
+const INVERSION: f64 = 1e-4;
+
 /// The objective of one axis at one trust.
 #[derive(Debug, Clone)]
 pub struct Cost<const N: usize> {
@@ -83,8 +86,20 @@ impl<const N: usize> Cost<N> {
             inverse: [[0.0; N]; N],
         };
         // H is affine in α: positive definite at both ends means positive definite between.
-        let definite = cost.factor(1.0) && cost.factor(0.0);
-        definite.then_some(cost)
+        let sound = [1.0, 0.0].map(|alpha| cost.factor(alpha) && cost.inversion_error() <= INVERSION);
+        (sound == [true, true]).then_some(cost)
+    }
+
+    /// Largest entry of H H⁻¹ − I.
+    fn inversion_error(&self) -> f64 {
+        let mut worst = 0.0_f64;
+        for (i, row) in self.hessian.iter().enumerate() {
+            for (j, column) in self.inverse.iter().enumerate() {
+                let entry: f64 = row.iter().zip(column).map(|(a, b)| a * b).sum();
+                worst = worst.max((entry - f64::from(u8::from(i == j))).abs());
+            }
+        }
+        worst
     }
 
     /// Blend the weights for `trust`; factor H anew if it depends on α and α has changed. `false` when that

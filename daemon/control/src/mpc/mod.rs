@@ -32,7 +32,6 @@ use cost::Cost;
 use model::{Motion, Scale, rollout};
 
 /// The planner of three axes over `N` steps.
-#[derive(Debug)]
 pub struct Mpc<const N: usize> {
     step_s: f64,
     scale: Scale,
@@ -41,7 +40,12 @@ pub struct Mpc<const N: usize> {
     set: Box<DualActiveSet<4, N, N>>,
 }
 
-#[derive(Debug)]
+impl<const N: usize> std::fmt::Debug for Mpc<N> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Mpc").field("steps", &N).field("step_s", &self.step_s).finish_non_exhaustive()
+    }
+}
+
 struct Axis<const N: usize> {
     cost: Cost<N>,
     /// Positions absolute [mm]; the working copy's count from the start.

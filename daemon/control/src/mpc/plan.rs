@@ -37,16 +37,12 @@ impl<const N: usize> Plan<N> {
         for (state, jerks) in states.iter_mut().zip(&self.jerks) {
             let mut left = elapsed_s;
             for jerk in jerks {
-                if !(left > self.step_s) {
-                    break;
-                }
-                *state = state.advanced(*jerk, self.step_s);
-                left -= self.step_s;
+                let spent = left.min(self.step_s);
+                *state = state.advanced(*jerk, spent);
+                left -= spent;
             }
-            // The step in which `elapsed_s` falls; the last one also takes what rounding has left over.
-            let step = (elapsed_s - left) / self.step_s;
-            let jerk = jerks.get((step + 0.5) as usize).or(jerks.last()).copied().unwrap_or(0.0);
-            *state = state.advanced(jerk, left);
+            // What rounding has left over beyond the last step belongs to it.
+            *state = state.advanced(jerks.last().copied().unwrap_or(0.0), left);
         }
         Some(states)
     }
@@ -137,15 +133,9 @@ impl PlanReport {
     /// The largest residual; NaN if any is.
     #[must_use]
     pub fn kkt_residual(&self) -> f64 {
-        let worst = |worst: f64, axis: &AxisReport| {
-            if worst.is_nan() || !(axis.kkt_residual <= worst) && !axis.kkt_residual.is_nan() {
-                axis.kkt_residual.max(worst)
-            } else if axis.kkt_residual.is_nan() {
-                f64::NAN
-            } else {
-                worst
-            }
-        };
-        self.axes.iter().fold(0.0, worst)
+        // f64::max would drop a NaN.
+        let residuals = self.axes.iter().map(|axis| axis.kkt_residual);
+        residuals
+            .fold(0.0, |worst, residual| if residual <= worst || worst.is_nan() { worst } else { residual })
     }
 }

@@ -109,14 +109,13 @@ pub fn solve<const J: usize>(
         x = pinned(&x, &lower, &upper, active);
     }
     let mut kkt_residual = residual(h, &g, &x, active);
-    if !(kkt_residual <= KKT_TOLERANCE * 1e-2) {
-        if let Some(better) = polished(h, &g, &x, active) {
-            let better = pinned(&better, &lower, &upper, active);
-            let better_residual = residual(h, &g, &better, active);
-            if better_residual < kkt_residual {
-                x = better;
-                kkt_residual = better_residual;
-            }
+    let sharp = kkt_residual <= KKT_TOLERANCE * 1e-2;
+    if let (false, Some(better)) = (sharp, polished(h, &g, &x, active)) {
+        let better = pinned(&better, &lower, &upper, active);
+        let better_residual = residual(h, &g, &better, active);
+        if better_residual < kkt_residual {
+            x = better;
+            kkt_residual = better_residual;
         }
     }
     let status = if kkt_residual <= KKT_TOLERANCE { QpStatus::Optimal } else { QpStatus::Uncertified };

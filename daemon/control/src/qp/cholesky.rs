@@ -2,6 +2,11 @@
 //!
 //! Contract: `None` for a matrix that is not positive definite or not finite; loop bounds come from the type.
 
+#![expect(
+    clippy::needless_range_loop,
+    reason = "triangular loops over several arrays read best with indices"
+)]
+
 /// Square matrix, row by row.
 pub type Square<const N: usize> = [[f64; N]; N];
 

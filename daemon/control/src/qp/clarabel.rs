@@ -120,7 +120,6 @@ impl SoftRowQp {
     /// signed `multipliers` (M, positive at the upper bound, exactly ±ρ where saturated, 0 where idle).
     ///
     /// *Status*: `Inexact` is success; `NotFinite`, `Infeasible`, `IterationCap`, `Uncertified` are not.
-    #[expect(clippy::too_many_arguments, reason = "five inputs and two outputs, all plain slices")]
     pub fn solve(
         &mut self,
         hessian: &[f64],

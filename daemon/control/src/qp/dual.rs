@@ -11,6 +11,11 @@
 //! Source: Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic
 //! programs", Math. Prog. 27 (1983), algorithm section 3; the upper bound on the multipliers is ours.
 
+#![expect(
+    clippy::needless_range_loop,
+    reason = "triangular loops over several arrays read best with indices"
+)]
+
 /// One number per row: `B` blocks of `L` rows. Row `k` is entry `k % L` of block `k / L`. (Blocks, because
 /// four limits on each of N steps are then typed by N alone.)
 pub type Rows<const B: usize, const L: usize> = [[f64; L]; B];
@@ -142,19 +147,33 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         self.count
     }
 
-    /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the
-    /// others being still: one step of iterative refinement. Returns Σ G_·j Δz_j, the change of all rows.
+    /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the others
+    /// being still: one step of iterative refinement. Returns Σ G_·j Δz_j, by which all rows drop.
+    ///
+    /// A multiplier that rounding had put on the wrong side of 0 or ρ ends exactly there, its row inactive.
     #[inline]
     #[expect(clippy::indexing_slicing, reason = "slots are below count <= W")]
-    pub fn correct(&mut self, change: &[f64; W]) -> Rows<B, L> {
+    pub fn correct(&mut self, change: &[f64; W], bounds: &Bounds<B, L>) -> Rows<B, L> {
         let mut delta = self.forward(change);
         self.backward(&mut delta);
-        let mut moved = [[0.0; L]; B];
-        for slot in 0..self.count.min(W) {
-            self.multiplier.as_flattened_mut()[self.row[slot]] += delta[slot];
-            add_scaled(&mut moved, &self.columns[slot], delta[slot]);
+        let mut dropped = [[0.0; L]; B];
+        for slot in (0..self.count.min(W)).rev() {
+            let row = self.row[slot];
+            let penalty = bounds.penalty.as_flattened()[row];
+            let before = self.multiplier.as_flattened()[row];
+            let inward = self.side[slot] * (before + delta[slot]);
+            let kept = inward.max(0.0).min(penalty);
+            let after = self.side[slot] * kept;
+            // A multiplier is up to ρ: `after − before` would round off what the refinement is about.
+            let moved = if kept == inward { delta[slot] } else { after - before };
+            add_scaled(&mut dropped, &self.columns[slot], moved);
+            self.multiplier.as_flattened_mut()[row] = after;
+            if kept != inward {
+                self.remove(slot);
+                self.leave(row, after, bounds);
+            }
         }
-        moved
+        dropped
     }
 
     /// The row that breaks its present bounds most by weight, if any does by more than `tolerance`.
@@ -234,7 +253,8 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
                 block = Block::Active { slot, saturates: slope > 0.0 };
             }
         }
-        if !(length < f64::INFINITY) {
+        let bounded = length < f64::INFINITY;
+        if !bounded {
             return None;
         }
 
