@@ -10,8 +10,10 @@ pub const TARGET_RMS: f64 = 10.0;
 
 /// A step shorter than this part of the typical one is a pause or a turning point and counts little.
 const SLOW: f64 = 0.2;
-/// How little: enough to come down from a scale that is far too large, too little for a pause to matter.
+/// How little, so that a pause in which the pen trembles hardly matters.
 const SLOW_WEIGHT: f64 = 0.05;
+/// After this many slow steps without a fast one it is not a pause: the scale is too large, and slow steps count fully.
+const SLOW_PATIENCE: u32 = 200;
 /// A step longer than this many typical ones counts as that many.
 const FAST: f64 = 3.0;
 /// Weight of the initial value in steps: after as many moving steps the pen's own speed counts half.
@@ -55,6 +57,8 @@ pub struct SpeedScale {
     mean_square: f64,
     /// Steps behind that mean, up to the memory.
     weight: f64,
+    /// Slow steps since the last one that was not.
+    slow_run: u32,
     scale_m: f64,
 }
 
@@ -70,7 +74,7 @@ impl SpeedScale {
             return Err(PenError::Scale { initial_m, min_m, max_m, memory_steps });
         }
         let rms = initial_m * TARGET_RMS;
-        Ok(Self { settings, mean_square: rms * rms, weight: PRIOR_STEPS, scale_m: initial_m })
+        Ok(Self { settings, mean_square: rms * rms, weight: PRIOR_STEPS, slow_run: 0, scale_m: initial_m })
     }
 
     /// Metres per normalised unit.
@@ -96,7 +100,8 @@ impl SpeedScale {
             return;
         }
         let typical = (2.0 * self.mean_square).sqrt();
-        let weight = if length < SLOW * typical { SLOW_WEIGHT } else { 1.0 };
+        self.slow_run = if length < SLOW * typical { self.slow_run.saturating_add(1) } else { 0 };
+        let weight = if (1..=SLOW_PATIENCE).contains(&self.slow_run) { SLOW_WEIGHT } else { 1.0 };
         let counted = length.min(FAST * typical);
         self.weight = (self.weight + weight).min(self.settings.memory_steps);
         self.mean_square += (0.5 * counted * counted - self.mean_square) * weight / self.weight;

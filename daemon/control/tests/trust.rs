@@ -1,0 +1,136 @@
+//! Trust: the ramp never jumps, and every reason leads where it should.
+
+use foretrace_control::trust::{
+    TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
+};
+use foretrace_control::units::Trust;
+use proptest::prelude::*;
+
+const TICK_NS: u64 = 2_000_000;
+
+const HEALTHY: TrustInputs = TrustInputs {
+    request: TrustRequest::Auto,
+    armed: true,
+    history: 1000,
+    pen_age_ns: Some(5_000_000),
+    jumped: false,
+    preview_finite: true,
+    switching: false,
+};
+
+fn trusted() -> TrustControl {
+    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
+    for _ in 0..100 {
+        trust.update(&HEALTHY, TICK_NS);
+    }
+    assert_eq!(trust.alpha(), Trust::FULL);
+    trust
+}
+
+#[test]
+fn ramp_takes_ten_grid_steps_from_zero_to_one() {
+    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
+    for tick in 1..=50 {
+        let report = trust.update(&HEALTHY, TICK_NS);
+        assert!((report.alpha.alpha() - f64::from(tick) / 50.0).abs() < 1e-12, "tick {tick}: {report:?}");
+        assert_eq!((report.target, report.reason), (Trust::FULL, TrustReason::Auto));
+    }
+}
+
+#[test]
+fn each_defect_of_the_preview_takes_trust_to_zero_and_is_named() {
+    for (inputs, reason) in [
+        (TrustInputs { armed: false, ..HEALTHY }, TrustReason::Disarmed),
+        (TrustInputs { pen_age_ns: None, ..HEALTHY }, TrustReason::Stale),
+        (TrustInputs { pen_age_ns: Some(60_000_001), ..HEALTHY }, TrustReason::Stale),
+        (TrustInputs { preview_finite: false, ..HEALTHY }, TrustReason::PredictorInvalid),
+        (TrustInputs { switching: true, ..HEALTHY }, TrustReason::SwitchingPredictor),
+        (TrustInputs { history: 4, ..HEALTHY }, TrustReason::Warmup),
+        (TrustInputs { jumped: true, ..HEALTHY }, TrustReason::Jump),
+    ] {
+        let mut trust = trusted();
+        for _ in 0..60 {
+            let report = trust.update(&inputs, TICK_NS);
+            assert_eq!((report.reason, report.target), (reason, Trust::NONE));
+        }
+        assert_eq!(trust.alpha(), Trust::NONE, "{reason:?}");
+        // The operator cannot overrule it.
+        let manual = TrustInputs { request: TrustRequest::Manual(Trust::FULL), ..inputs };
+        assert_eq!(trust.update(&manual, TICK_NS).target, Trust::NONE);
+    }
+}
+
+#[test]
+fn jump_is_the_reason_until_history_is_long_enough_again() {
+    let mut trust = trusted();
+    let warming = |history, jumped| TrustInputs { history, jumped, ..HEALTHY };
+    assert_eq!(trust.update(&warming(0, true), TICK_NS).reason, TrustReason::Jump);
+    for history in 1..5 {
+        assert_eq!(trust.update(&warming(history, false), TICK_NS).reason, TrustReason::Jump);
+    }
+    assert_eq!(trust.update(&warming(5, false), TICK_NS).reason, TrustReason::Auto);
+}
+
+#[test]
+fn manual_value_is_reached_by_the_same_ramp() {
+    let mut trust = trusted();
+    let manual = TrustInputs { request: TrustRequest::Manual(Trust::new(0.3)), ..HEALTHY };
+    let mut ticks = 0;
+    while trust.update(&manual, TICK_NS).alpha != Trust::new(0.3) {
+        ticks += 1;
+        assert!(ticks < 100);
+    }
+    // From 1 to 0.3 at 0.02 per tick: 35 ticks, the last of which ends the loop (or the next, by rounding).
+    assert!((34..=35).contains(&ticks), "{ticks}");
+    assert_eq!(trust.update(&manual, TICK_NS).reason, TrustReason::Manual);
+}
+
+#[test]
+fn names_are_distinct() {
+    let names: std::collections::BTreeSet<_> = TrustReason::ALL.iter().map(|r| r.name()).collect();
+    assert_eq!(names.len(), TrustReason::ALL.len());
+}
+
+#[test]
+fn settings_out_of_bounds_are_refused() {
+    let good = TrustSettings::default();
+    assert_eq!(TrustControl::new(TrustSettings { step_ns: 0, ..good }), Err(TrustError::Step));
+    for ramp_steps in [0.0, 0.5, f64::NAN, f64::INFINITY] {
+        assert!(matches!(
+            TrustControl::new(TrustSettings { ramp_steps, ..good }),
+            Err(TrustError::Ramp { .. })
+        ));
+    }
+    for stale_after_ns in [0, u64::MAX] {
+        let bad = TrustSettings { stale_after_ns, ..good };
+        assert!(matches!(TrustControl::new(bad), Err(TrustError::Stale { .. })));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn alpha_stays_in_its_range_and_never_moves_faster_than_the_ramp(
+        ticks in proptest::collection::vec(
+            (any::<[bool; 4]>(), any::<Option<f64>>(), 0..20_u32, any::<Option<u64>>(), 0..60_000_000_u64), 1..300)
+    ) {
+        let settings = TrustSettings::default();
+        let mut trust = TrustControl::new(settings).unwrap();
+        let mut before = trust.alpha().alpha();
+        for ([armed, jumped, preview_finite, switching], manual, history, age, dt_ns) in ticks {
+            let request = manual.map_or(TrustRequest::Auto, |alpha| TrustRequest::Manual(Trust::new(alpha)));
+            let pen_age_ns = age.map(|age| age % 120_000_000);
+            let inputs =
+                TrustInputs { request, armed, history, pen_age_ns, jumped, preview_finite, switching };
+            let report = trust.update(&inputs, dt_ns);
+            let alpha = report.alpha.alpha();
+            let reach = dt_ns as f64 / (settings.ramp_steps * settings.step_ns as f64);
+            prop_assert!((0.0..=1.0).contains(&alpha));
+            prop_assert!((alpha - before).abs() <= reach + 1e-12);
+            // It moves towards the target and never past it.
+            let target = report.target.alpha();
+            prop_assert!((target - alpha) * (target - before) >= 0.0);
+            before = alpha;
+        }
+    }
+}
