@@ -59,3 +59,43 @@ fn kernels(r: f64) -> (f64, f64) {
     let w = 1.0 - half;
     (sine, w + (((1.0 - w) - half) + z * z * c))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::sin_cos;
+
+    fn worst(xs: impl Iterator<Item = f64>) -> f64 {
+        xs.map(|x| {
+            let ([sine], [cosine]) = sin_cos(&[x]);
+            let (s, c) = x.sin_cos();
+            (sine - s).abs().max((cosine - c).abs())
+        })
+        .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn agrees_with_the_standard_library() {
+        // Joint range densely, then the whole range in which no fallback helps.
+        assert!(worst((0..400_000).map(|i| (f64::from(i) - 200_000.0) * 3.3e-5)) <= f64::EPSILON);
+        assert!(worst((0..400_000).map(|i| (f64::from(i) - 200_000.0) * 0.499_999)) <= f64::EPSILON);
+    }
+
+    #[test]
+    fn right_angles_are_exact_to_rounding() {
+        for k in -100i32..100 {
+            let ([sine], [cosine]) = sin_cos(&[f64::from(k) * std::f64::consts::FRAC_PI_2]);
+            let expected = [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][k.rem_euclid(4) as usize];
+            assert!((sine - expected.0).abs() < 1e-14 && (cosine - expected.1).abs() < 1e-14, "{k}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_reduction_the_standard_library_answers() {
+        for x in [1e5 + 1.0, -1e300, f64::MAX] {
+            let ([sine], [cosine]) = sin_cos(&[x]);
+            assert_eq!((sine, cosine), x.sin_cos());
+        }
+        let (sines, _) = sin_cos(&[1.0, f64::NAN, f64::INFINITY]);
+        assert!(sines[0] == 1.0f64.sin() && sines[1].is_nan() && sines[2].is_nan());
+    }
+}
