@@ -97,12 +97,13 @@ fn draw_panel(
     }
     let total: u64 = heights.iter().sum();
     let tallest = heights.iter().copied().max().unwrap_or(1) as f64;
-    let bottom = 0.6;
+    // Room above the tallest bar for the names of the percentiles.
+    let (bottom, top) = (0.6, (tallest * 5.0).max(20.0));
     let mut chart = ChartBuilder::on(area)
         .margin_top(30)
         .x_label_area_size(if lowest { 46 } else { 22 })
         .y_label_area_size(70)
-        .build_cartesian_2d(first..last, (bottom..(tallest * 1.6).max(10.0)).log_scale())?;
+        .build_cartesian_2d(first..last, (bottom..top).log_scale())?;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
@@ -127,7 +128,6 @@ fn draw_panel(
     for (name, share) in [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)] {
         let Some(value) = distribution.quantile_us(share) else { continue };
         let x = shown(value).log10();
-        let top = (tallest * 1.6).max(10.0);
         chart.draw_series(std::iter::once(PathElement::new(
             vec![(x, bottom), (x, top)],
             ROBOT.mix(0.8).stroke_width(1),
