@@ -82,10 +82,11 @@ mod tests {
 
     #[test]
     fn right_angles_are_exact_to_rounding() {
+        // The argument itself is rounded: half a unit in the last place of 157 is 1.4e-14.
         for k in -100i32..100 {
             let ([sine], [cosine]) = sin_cos(&[f64::from(k) * std::f64::consts::FRAC_PI_2]);
             let expected = [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][k.rem_euclid(4) as usize];
-            assert!((sine - expected.0).abs() < 1e-14 && (cosine - expected.1).abs() < 1e-14, "{k}");
+            assert!((sine - expected.0).abs() < 2e-14 && (cosine - expected.1).abs() < 2e-14, "{k}");
         }
     }
 
