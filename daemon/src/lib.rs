@@ -1,4 +1,10 @@
 //! The real-time daemon of foretrace: one real-time thread, a learner, an ipc thread and a supervisor.
+//!
+//! [`run`] is the whole of it; `foretraced` and `foretrace daemon` are thin shells around it. In the order of a
+//! message's way: [`ports`] bring it in and out, [`rt`] is the loop around the pure follower, [`learner`] improves its
+//! weights, [`ipc`] tells others and hears them, [`supervisor`] starts and ends everything.
+//!
+//! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting allocator).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -6,3 +12,28 @@ pub mod alloc_count;
 pub mod rt;
 pub mod ports;
 pub mod learner;
+pub mod ipc;
+pub mod memory;
+pub mod options;
+pub mod supervisor;
+
+pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
+pub use supervisor::{DaemonError, ExitReport, run};
+
+#[cfg(test)]
+mod testing;
+
+/// Sends the daemon's log to stderr; `filter` as in `RUST_LOG`, for example `info` or `foretraced=debug`.
+///
+/// # Errors
+/// The filter cannot be read, or a log is set up already.
+pub fn log_to_stderr(filter: &str) -> Result<(), String> {
+    let filter = tracing_subscriber::EnvFilter::try_new(filter)
+        .map_err(|error| format!("--log {filter}: {error}; try error, warn, info, debug"))?;
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .try_init()
+        .map_err(|error| error.to_string())
+}

@@ -358,6 +358,23 @@ pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
     record
 }
 
+/// Fills in what a status says about the newest tick; ages are taken at `now`.
+pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, now: Stamp) {
+    let output = &newest.output;
+    status.mode = mode(output.mode).into();
+    status.fault = fault(output.stop_reason).into();
+    status.tick = newest.tick;
+    status.counters = counters(newest, ipc);
+    status.trust = output.trust.alpha.alpha();
+    status.trust_target = output.trust.target.alpha();
+    status.trust_reason = trust_reason(output.trust.reason).into();
+    status.predictor = predictor(output.predictor).into();
+    status.pen_age_ns = age_ns(now, output.pen_stamp);
+    status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
+    status.learner_version = output.weights_version;
+    status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
+}
+
 /// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.
 #[must_use]
 pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {

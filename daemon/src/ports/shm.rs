@@ -10,7 +10,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
-use foretrace_shm::{HeaderBounds, Message, Publisher, ServiceError, Services, Subscriber};
+use foretrace_shm::{ControlServer, HeaderBounds, Instance, Message, Publisher, ServiceError, Services, Subscriber};
 
 use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, convert};
 
@@ -78,6 +78,42 @@ impl Ports for ShmPorts {
     }
 }
 
+/// The ipc thread's ports.
+#[derive(Debug)]
+pub struct IpcPorts {
+    /// Tick records to whoever watches.
+    pub telemetry: Publisher<shm::TickRecord>,
+    /// Status to everybody.
+    pub status: Publisher<shm::Status>,
+    /// Requests from operators.
+    pub control: ControlServer,
+    /// Who is connected.
+    pub watch: PeerWatch,
+    config: Config,
+}
+
+impl IpcPorts {
+    /// Opens them in the calling thread; `daemon_id` goes into every answer.
+    ///
+    /// *Errors*: as the middleware's, see [`ServiceError`].
+    pub fn open(services: &Services, instance: &Instance, daemon_id: u64) -> Result<Self, ServiceError> {
+        let config = instance.config();
+        Ok(Self {
+            telemetry: services.telemetry.publisher()?,
+            status: services.status.publisher()?,
+            control: services.control.server(daemon_id)?,
+            watch: PeerWatch::open(&config)?,
+            config,
+        })
+    }
+
+    /// Removes what dead peers of this instance left behind; returns how many were cleaned away.
+    #[must_use]
+    pub fn clean_up_dead_peers(&self) -> u64 {
+        Node::<ipc::Service>::try_cleanup_dead_nodes(&self.config).cleanups
+    }
+}
+
 /// Sees which peers are connected to the real-time ports.
 ///
 /// A number of peers would not do: a killed peer is often cleaned away and replaced between two looks. Listing them
@@ -139,10 +175,4 @@ fn open<T: Message>(node: &Node<ipc::Service>) -> Result<PortFactory<ipc::Servic
     let failed = |detail| ServiceError::Middleware { service: T::SERVICE, detail };
     let name = T::SERVICE.try_into().map_err(|error| failed(format!("{error:?}")))?;
     node.service_builder(&name).publish_subscribe::<T>().open().map_err(|error| failed(error.to_string()))
-}
-
-/// Removes what dead peers of this instance left behind; returns how many were cleaned away.
-#[must_use]
-pub fn clean_up_dead_peers(config: &Config) -> u64 {
-    Node::<ipc::Service>::try_cleanup_dead_nodes(config).cleanups
 }

@@ -1,7 +1,7 @@
 //! What leaves the real-time thread besides commands: plain data about each tick, and answers to requests.
 
-use foretrace_control::follower::{Budget, Refusal, Request, Stage, StageClock, StepOutput};
-use foretrace_control::units::Stamp;
+use foretrace_control::follower::{Budget, Mode, Refusal, Request, Stage, StageClock, StepOutput};
+use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
@@ -172,4 +172,8 @@ pub struct Answered {
     pub token: u64,
     /// Whether it was carried out.
     pub outcome: Result<(), Refusal>,
+    /// Mode after the tick that answered.
+    pub mode: Mode,
+    /// Trust in that tick.
+    pub trust: Trust,
 }

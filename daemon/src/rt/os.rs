@@ -113,6 +113,15 @@ pub fn lock_memory() -> Result<(), Missing> {
     Err(lock_refused(&io::Error::last_os_error(), soft_limit(libc::RLIMIT_MEMLOCK)))
 }
 
+/// Leaves every signal to the other threads: a handler never runs inside a tick.
+pub fn block_signals() {
+    let mut all = MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: `all` is valid for writing.
+    unsafe { libc::sigfillset(all.as_mut_ptr()) };
+    // SAFETY: `all` was filled above; the old mask is not asked for. Neither call can fail with these arguments.
+    unsafe { libc::pthread_sigmask(libc::SIG_BLOCK, all.as_ptr(), ptr::null_mut()) };
+}
+
 /// Makes sleeps of the calling thread end within `ns` of their time; only matters outside SCHED_FIFO.
 ///
 /// # Errors

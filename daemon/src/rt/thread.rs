@@ -99,6 +99,7 @@ where
 
 /// Asks for what makes ticks punctual; says what was refused.
 fn take_rights(settings: &RtSettings) -> Vec<Missing> {
+    os::block_signals();
     os::prefault_stack();
     let rights =
         [settings.cpu.map(os::pin_to), settings.priority.map(os::set_fifo), Some(os::set_timer_slack(1))];

@@ -148,11 +148,15 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let sending = allocations().wrapping_sub(before_send);
         let finished = laps.sent(wake.started);
 
+        if weights.is_some_and(|weights| weights.version == output.weights_version) {
+            self.weights_since = Some(wake.release);
+        }
         self.settle(wake, &output, budget, finished, &laps);
         self.teach(&output);
         if let (Some(asked), Some(outcome)) = (asked, output.answer) {
             // As many answers fit as requests, and the ipc thread asks no faster than it hears.
-            let _ = self.rings.answered.push(Answered { token: asked.token, outcome });
+            let (mode, trust) = (output.mode, output.trust.alpha);
+            let _ = self.rings.answered.push(Answered { token: asked.token, outcome, mode, trust });
         }
         let ports = receiving.wrapping_add(sending);
         let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);

@@ -1,0 +1,333 @@
+//! The ipc thread: everything the loop has to say and to be asked, kept away from it.
+//!
+//! Contract: drains the loop's ring into telemetry, status and the log; serves requests; cleans up after dead peers.
+//! May block and allocate; the loop never waits for it. What could not be told is counted.
+
+pub mod allocation;
+pub mod narrator;
+pub mod requests;
+pub mod statistics;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, Sender};
+use tracing::{debug, error};
+
+use foretrace_control::follower::{Mode, Request};
+use foretrace_control::units::{Stamp, Trust};
+use foretrace_shm::{FaultReason, ServiceError, Status};
+
+use crate::alloc_count;
+use crate::learner::{LearnerBoard, LearnerEvent};
+use crate::ports::convert::{self, IpcTally};
+use crate::ports::shm::IpcPorts;
+use crate::rt::evidence::Evidence;
+use crate::rt::os;
+use crate::rt::tick::IpcRings;
+use allocation::AllocationJudge;
+use narrator::Narrator;
+use requests::{ReloadRequest, Requests};
+use statistics::{RateMeter, RunningRms, Spreads};
+
+/// Sleep between two rounds; the loop's ring holds a hundred times as much.
+const PAUSE: Duration = Duration::from_millis(4);
+/// Records taken in one round at most.
+const ROUND: usize = 1024;
+/// Time between two clean-ups of dead peers [ns].
+const CLEAN_NS: i64 = 1_000_000_000;
+
+/// What the thread has to know.
+#[derive(Debug, Clone, Copy)]
+pub struct IpcSettings {
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// Ticks that count neither in spreads nor in allocations.
+    pub warm_after_ticks: u64,
+    /// Every n-th tick is published.
+    pub telemetry_every: u64,
+    /// Time between two status messages [ns].
+    pub status_period_ns: u64,
+    /// Differs from start to start.
+    pub daemon_id: u64,
+    /// Hash of the settings.
+    pub settings_hash: u64,
+}
+
+/// What the supervisor tells the thread.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum IpcOrder {
+    /// These rights are missing, bits of the status.
+    Missing(u32),
+    /// A live setting for the loop.
+    Loop(Request),
+    /// Settings have changed.
+    Settings {
+        /// Their hash.
+        hash: u64,
+    },
+}
+
+/// What the thread needs besides its ports.
+#[derive(Debug)]
+pub struct IpcLinks {
+    /// To and from the loop.
+    pub rings: IpcRings,
+    /// What the learner shows.
+    pub board: Arc<LearnerBoard>,
+    /// What the learner tells.
+    pub learner: Receiver<LearnerEvent>,
+    /// What the supervisor tells.
+    pub orders: Receiver<IpcOrder>,
+    /// Reloads, to the supervisor.
+    pub reload: Sender<ReloadRequest>,
+    /// Time to end.
+    pub quit: Arc<AtomicBool>,
+}
+
+/// What is left to say when the thread ends.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct IpcSummary {
+    /// The last status.
+    pub status: Status,
+}
+
+/// Starts the thread; `opened` hears whether its ports could be opened.
+///
+/// # Errors
+/// The system refuses another thread.
+pub fn spawn(
+    open: impl FnOnce() -> Result<IpcPorts, ServiceError> + Send + 'static,
+    settings: IpcSettings,
+    links: IpcLinks,
+    opened: Sender<Result<(), ServiceError>>,
+) -> std::io::Result<JoinHandle<IpcSummary>> {
+    std::thread::Builder::new().name("foretrace-ipc".to_owned()).spawn(move || match open() {
+        Ok(ports) => {
+            // A supervisor that has gone away has no use for the news.
+            let _ = opened.send(Ok(()));
+            Ipc::new(ports, settings, links).run()
+        }
+        Err(error) => {
+            let _ = opened.send(Err(error));
+            IpcSummary::default()
+        }
+    })
+}
+
+struct Ipc {
+    ports: IpcPorts,
+    settings: IpcSettings,
+    links: IpcLinks,
+    requests: Requests,
+    narrator: Narrator,
+    judge: AllocationJudge,
+    spreads: Spreads,
+    rate: RateMeter,
+    rate_hz: f64,
+    predictor: RunningRms,
+    newest: Option<Evidence>,
+    telemetry_failed: u64,
+    settings_revision: u64,
+    missing: u32,
+    counted: bool,
+    started: Stamp,
+    next_status: Stamp,
+    last_clean: Stamp,
+}
+
+impl Ipc {
+    fn new(ports: IpcPorts, settings: IpcSettings, links: IpcLinks) -> Self {
+        let now = Stamp(os::monotonic_ns());
+        Self {
+            requests: Requests::new(links.reload.clone()),
+            ports,
+            settings,
+            links,
+            narrator: Narrator::default(),
+            judge: AllocationJudge::new(settings.warm_after_ticks),
+            spreads: Spreads::new(),
+            rate: RateMeter::default(),
+            rate_hz: 0.0,
+            // About the last ten seconds at a grid step of 10 ms.
+            predictor: RunningRms::new(1000.0),
+            newest: None,
+            telemetry_failed: 0,
+            settings_revision: 0,
+            missing: 0,
+            counted: alloc_count::is_installed(),
+            started: now,
+            next_status: now,
+            last_clean: now,
+        }
+    }
+
+    fn run(mut self) -> IpcSummary {
+        while !self.links.quit.load(Ordering::Acquire) {
+            self.round();
+            std::thread::sleep(PAUSE);
+        }
+        self.round();
+        let status = self.status(Stamp(os::monotonic_ns()));
+        self.publish(status);
+        IpcSummary { status }
+    }
+
+    fn round(&mut self) {
+        let now = Stamp(os::monotonic_ns());
+        while let Ok(order) = self.links.orders.try_recv() {
+            self.obey(order);
+        }
+        let mut changed = false;
+        for _ in 0..ROUND {
+            let Ok(evidence) = self.links.rings.evidence.pop() else { break };
+            changed |= self.learn_of(&evidence);
+        }
+        self.judge.look(now, self.ports.watch.fingerprint());
+        while let Ok(event) = self.links.learner.try_recv() {
+            self.narrator.learner(&event);
+        }
+        let (mode, trust) = self.mode_and_trust();
+        self.requests.serve(&mut self.ports.control, &mut self.links.rings, mode, trust);
+        if changed || now >= self.next_status {
+            self.next_status = now.plus_ns(self.settings.status_period_ns);
+            let status = self.status(now);
+            self.publish(status);
+        }
+        if now.since(self.last_clean) >= CLEAN_NS {
+            self.last_clean = now;
+            let cleaned = self.ports.clean_up_dead_peers();
+            if cleaned > 0 {
+                debug!("cleaned up after {cleaned} dead peers");
+            }
+        }
+    }
+
+    fn obey(&mut self, order: IpcOrder) {
+        match order {
+            IpcOrder::Missing(mask) => self.missing |= mask,
+            IpcOrder::Loop(request) => self.requests.change_setting(request, &mut self.links.rings),
+            IpcOrder::Settings { hash } => {
+                self.settings_revision += 1;
+                self.settings.settings_hash = hash;
+            }
+        }
+    }
+
+    /// Takes one tick in; returns whether the mode changed with it.
+    fn learn_of(&mut self, evidence: &Evidence) -> bool {
+        self.judge.tick(evidence);
+        self.rate_hz = self.rate.measure(evidence);
+        if evidence.tick > self.settings.warm_after_ticks {
+            self.spreads.add(&evidence.times);
+        }
+        if let Some(error) = evidence.output.predictor_error {
+            self.predictor.add(error);
+        }
+        if evidence.tick % self.settings.telemetry_every.max(1) == 0 {
+            let record = convert::tick_record(evidence, &self.tally());
+            if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
+                self.telemetry_failed += 1;
+            }
+        }
+        self.newest = Some(*evidence);
+        self.narrator.tick(evidence)
+    }
+
+    fn mode_and_trust(&self) -> (Mode, Trust) {
+        self.newest.map_or((Mode::Idle, Trust::NONE), |newest| (newest.output.mode, newest.output.trust.alpha))
+    }
+
+    fn tally(&self) -> IpcTally {
+        let judged = self.judge.totals();
+        let (requests, requests_refused) = self.requests.counts();
+        IpcTally {
+            telemetry_failed: self.telemetry_failed,
+            requests: requests + self.ports.control.rejections().total(),
+            requests_refused: requests_refused + self.ports.control.rejections().total(),
+            allocations: judged.unexplained,
+            connection_allocations: judged.connection,
+            connection_ticks: judged.connection_ticks,
+        }
+    }
+
+    fn status(&self, now: Stamp) -> Status {
+        let learner = self.links.board.view();
+        let mut status = Status {
+            daemon_id: self.settings.daemon_id,
+            pid: std::process::id(),
+            missing_rights: self.missing,
+            rate_hz: self.settings.rate_hz,
+            measured_rate_hz: self.rate_hz,
+            uptime_ns: now.0.saturating_sub(self.started.0),
+            settings_revision: self.settings_revision,
+            settings_hash: self.settings.settings_hash,
+            stages: self.spreads.percentiles(),
+            pen_age_ns: u64::MAX,
+            joint_state_age_ns: u64::MAX,
+            learner_updates: learner.updates,
+            learner_promotions: learner.promotions,
+            learner_rollbacks: learner.rollbacks,
+            learner_refused: learner.refused,
+            predictor_rms_m: self.predictor.value(),
+            // Not a number where nobody counts: a zero would be a claim.
+            allocations_per_tick: f64::NAN,
+            ..Status::default()
+        };
+        if let Some(newest) = &self.newest {
+            let tally = self.tally();
+            convert::newest_tick(&mut status, newest, &tally, now);
+            let warm = newest.tally.ticks.saturating_sub(self.settings.warm_after_ticks);
+            if self.counted {
+                status.allocations_per_tick = tally.allocations as f64 / warm.max(1) as f64;
+            }
+        }
+        if learner.failed && status.fault == u32::from(FaultReason::None) {
+            status.fault = FaultReason::Internal.into();
+        }
+        status
+    }
+
+    fn publish(&mut self, status: Status) {
+        if let Err(error) = self.ports.status.publish(os::monotonic_ns(), status) {
+            error!("status not published: {error}");
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use foretrace_control::follower::{Budget, Follower, NoClock, StepInput};
+    use foretrace_control::units::Stamp;
+
+    use crate::ports::{JOINTS, PortTally};
+    use crate::rt::cyclic::Wake;
+    use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+
+    /// An uneventful tick of an idle loop.
+    pub(crate) fn evidence(tick: u64) -> Evidence {
+        let settings = crate::testing::config().follower_settings();
+        let mut follower = Follower::<10, JOINTS>::new(settings).unwrap();
+        let now = Stamp(tick * 2_000_000);
+        let wake = Wake { index: tick, release: now, started: now, skipped: 0 };
+        Evidence {
+            tick,
+            wake,
+            finished: now,
+            deadline: now.plus_ns(2_000_000),
+            times: StageTimes::default(),
+            budget: Budget::default(),
+            pen_samples: 0,
+            measured: None,
+            not_sent: false,
+            weights_since: None,
+            port_allocations: 0,
+            law_allocations: 0,
+            output: follower.step(&StepInput::nothing(now), Budget::default(), &mut NoClock),
+            tally: LoopTally { ticks: tick, ..LoopTally::default() },
+            ports: PortTally::default(),
+        }
+    }
+}

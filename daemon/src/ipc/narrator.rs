@@ -1,0 +1,181 @@
+//! Turns plain data about ticks into lines of the log.
+//!
+//! Contract: changes are told at once, floods once per second with their number.
+
+use foretrace_control::follower::{Mode, StopReason};
+use foretrace_control::predict::PredictorKind;
+use foretrace_control::units::Stamp;
+use tracing::{info, warn};
+
+use crate::learner::LearnerEvent;
+use crate::ports::convert;
+use crate::rt::evidence::Evidence;
+
+/// Time between two lines about the same flood [ns].
+const FLOOD_NS: i64 = 1_000_000_000;
+
+/// What is counted between two lines about a flood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Troubles {
+    overruns: u64,
+    skipped: u64,
+    shed: u64,
+    not_sent: u64,
+    pen_rejected: u64,
+    pen_dropped: u64,
+    pen_deferred: u64,
+    joints_rejected: u64,
+    joints_dropped: u64,
+    evidence_dropped: u64,
+    learn_dropped: u64,
+    weights_refused: u64,
+    receive_failures: u64,
+}
+
+impl Troubles {
+    fn of(evidence: &Evidence) -> Self {
+        let (tally, ports) = (&evidence.tally, &evidence.ports);
+        let sum = |counts: &[u64]| counts.iter().fold(0_u64, |sum, n| sum.saturating_add(*n));
+        Self {
+            overruns: tally.overruns,
+            skipped: tally.skipped,
+            shed: tally.shed,
+            not_sent: ports.commands_failed,
+            pen_rejected: sum(&ports.pen_rejected),
+            pen_dropped: ports.pen_dropped,
+            pen_deferred: ports.pen_deferred,
+            joints_rejected: sum(&ports.joints_rejected),
+            joints_dropped: ports.joints_dropped,
+            evidence_dropped: tally.evidence_dropped,
+            learn_dropped: tally.learn_dropped,
+            weights_refused: tally.weights_refused,
+            receive_failures: ports.receive_failures,
+        }
+    }
+
+    /// Increases since `before`, those that are not zero, in words.
+    fn since(&self, before: &Self) -> Vec<String> {
+        [
+            ("ticks after their deadline", self.overruns, before.overruns),
+            ("whole periods lost", self.skipped, before.skipped),
+            ("solves shed for want of time", self.shed, before.shed),
+            ("commands not sent", self.not_sent, before.not_sent),
+            ("pen samples refused", self.pen_rejected, before.pen_rejected),
+            ("pen samples missing", self.pen_dropped, before.pen_dropped),
+            ("ticks with more pen samples than one takes", self.pen_deferred, before.pen_deferred),
+            ("joint states refused", self.joints_rejected, before.joints_rejected),
+            ("joint states missing", self.joints_dropped, before.joints_dropped),
+            ("tick records lost inside the daemon", self.evidence_dropped, before.evidence_dropped),
+            ("grid steps lost on the way to the learner", self.learn_dropped, before.learn_dropped),
+            ("sets of weights refused", self.weights_refused, before.weights_refused),
+            ("receives failed", self.receive_failures, before.receive_failures),
+        ]
+        .into_iter()
+        .filter(|(_, now, then)| now > then)
+        .map(|(what, now, then)| format!("{} {what}", now - then))
+        .collect()
+    }
+}
+
+/// Remembers what was told.
+#[derive(Debug, Default)]
+pub struct Narrator {
+    mode: Mode,
+    predictor: Option<PredictorKind>,
+    told: Troubles,
+    told_at: Stamp,
+    worst_wakeup_ns: u64,
+    worst_step_ns: u64,
+}
+
+impl Narrator {
+    /// Takes note of a tick; returns whether the mode changed with it.
+    pub fn tick(&mut self, evidence: &Evidence) -> bool {
+        let output = &evidence.output;
+        self.worst_wakeup_ns = self.worst_wakeup_ns.max(evidence.times.wakeup);
+        self.worst_step_ns = self.worst_step_ns.max(evidence.times.step);
+        let changed = output.mode != self.mode;
+        if changed {
+            let (from, to) = (convert::mode(self.mode).label(), convert::mode(output.mode).label());
+            match output.stop_reason {
+                StopReason::None => info!(tick = evidence.tick, "mode {from} -> {to}"),
+                StopReason::Requested => info!(tick = evidence.tick, "mode {from} -> {to}: as requested"),
+                reason => {
+                    let why = convert::fault(reason).label();
+                    warn!(tick = evidence.tick, "mode {from} -> {to}: {why}; arm again to go on");
+                }
+            }
+            self.mode = output.mode;
+        }
+        if self.predictor != Some(output.predictor) {
+            if self.predictor.is_some() {
+                info!(tick = evidence.tick, "predictor {} has taken over", output.predictor.name());
+            }
+            self.predictor = Some(output.predictor);
+        }
+        self.floods(evidence);
+        changed
+    }
+
+    fn floods(&mut self, evidence: &Evidence) {
+        let now = Troubles::of(evidence);
+        if now == self.told || evidence.finished.since(self.told_at) < FLOOD_NS {
+            return;
+        }
+        let lines = now.since(&self.told).join(", ");
+        warn!(
+            tick = evidence.tick,
+            worst_wakeup_us = self.worst_wakeup_ns / 1000,
+            worst_step_us = self.worst_step_ns / 1000,
+            "{lines}"
+        );
+        self.told = now;
+        self.told_at = evidence.finished;
+        self.worst_wakeup_ns = 0;
+        self.worst_step_ns = 0;
+    }
+
+    /// Tells what the learner did.
+    pub fn learner(&self, event: &LearnerEvent) {
+        match event {
+            LearnerEvent::Promoted(promotion) => info!(
+                version = promotion.weights.version,
+                error_before = promotion.error_leaving,
+                error_after = promotion.error_coming,
+                "weights {:?}",
+                promotion.cause
+            ),
+            LearnerEvent::Rules(Ok(())) => info!("learner follows new rules"),
+            LearnerEvent::Rules(Err(error)) => warn!("learner keeps its rules: {error}"),
+            LearnerEvent::Failed(text) => {
+                warn!("learner has failed ({text}); the loop goes on with the weights it has");
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ipc::tests::evidence;
+
+    #[test]
+    fn only_what_increased_is_told() {
+        let mut later = evidence(9);
+        later.tally.overruns = 3;
+        later.ports.pen_rejected = [1, 0, 2, 0, 0, 0, 0, 0, 0];
+        let lines = Troubles::of(&later).since(&Troubles::of(&evidence(1)));
+        assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
+        assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
+    }
+
+    #[test]
+    fn a_change_of_mode_is_noticed_once() {
+        let mut narrator = Narrator::default();
+        let mut evidence = evidence(1);
+        assert!(!narrator.tick(&evidence));
+        evidence.output.mode = Mode::Armed;
+        assert!(narrator.tick(&evidence));
+        assert!(!narrator.tick(&evidence));
+    }
+}

@@ -1,0 +1,191 @@
+//! Operators' requests: to the loop, to the supervisor, and the answers back.
+//!
+//! Contract: every request is answered once, by the loop's own word where the loop decides, at the latest after
+//! [`PATIENCE`]. What cannot be taken now is answered `Busy`.
+
+use std::time::{Duration, Instant};
+
+use crossbeam::channel::{self, Receiver, Sender, TryRecvError};
+use tracing::{info, warn};
+
+use foretrace_control::follower::{Mode, Request};
+use foretrace_control::units::Trust;
+use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus};
+
+use crate::ports::convert::{self, Asked as Meaning};
+use crate::rt::evidence::{Answered, Asked};
+use crate::rt::tick::IpcRings;
+
+/// Longest time an operator waits for the loop or the supervisor.
+pub const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A settings file to be read again; the answer is a line for people.
+#[derive(Debug)]
+pub struct ReloadRequest {
+    /// Where the outcome goes.
+    pub answer: Sender<ReloadOutcome>,
+}
+
+/// How a reload ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReloadOutcome {
+    /// Its kind.
+    pub status: ControlStatus,
+    /// What happened, or what is wrong.
+    pub text: String,
+}
+
+/// Who waits for an answer of the loop.
+#[derive(Debug)]
+enum Asker {
+    Operator(Call),
+    /// A reload has changed a live setting.
+    Settings(Request),
+}
+
+/// Open requests.
+#[derive(Debug)]
+pub struct Requests {
+    reload: Sender<ReloadRequest>,
+    next_token: u64,
+    at_loop: Vec<(u64, Instant, Asker)>,
+    at_supervisor: Vec<(Instant, Call, Receiver<ReloadOutcome>)>,
+    answered: u64,
+    refused: u64,
+}
+
+impl Requests {
+    /// Reloads go to the supervisor through `reload`.
+    #[must_use]
+    pub const fn new(reload: Sender<ReloadRequest>) -> Self {
+        Self {
+            reload,
+            next_token: 1,
+            at_loop: Vec::new(),
+            at_supervisor: Vec::new(),
+            answered: 0,
+            refused: 0,
+        }
+    }
+
+    /// Requests answered so far, and how many of them with a refusal.
+    #[must_use]
+    pub const fn counts(&self) -> (u64, u64) {
+        (self.answered, self.refused)
+    }
+
+    /// Takes new requests, and answers those whose answer has come or is overdue.
+    pub fn serve(&mut self, server: &mut ControlServer, rings: &mut IpcRings, mode: Mode, trust: Trust) {
+        // Bounded by the places that the service has.
+        for call in std::iter::from_fn(|| server.take()).take(16) {
+            self.take(call, rings, mode, trust);
+        }
+        while let Ok(answer) = rings.answered.pop() {
+            self.loop_answered(&answer);
+        }
+        self.supervisor_answered(mode, trust);
+        self.overdue(mode, trust);
+    }
+
+    /// Puts a live setting before the loop.
+    pub fn change_setting(&mut self, request: Request, rings: &mut IpcRings) {
+        if let Err(Asker::Settings(request)) = self.ask_loop(request, Asker::Settings(request), rings) {
+            warn!("the loop is too busy for {request:?}: reload once more");
+        }
+    }
+
+    fn take(&mut self, call: Call, rings: &mut IpcRings, mode: Mode, trust: Trust) {
+        match convert::asked(&call.request) {
+            Meaning::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
+            Meaning::Unsupported => {
+                let text = "this daemon does not know how to do that";
+                self.answer(call, ControlStatus::Unsupported, mode, trust, text);
+            }
+            Meaning::Reload => {
+                let (answer, outcome) = channel::bounded(1);
+                if self.reload.try_send(ReloadRequest { answer }).is_ok() {
+                    self.at_supervisor.push((Instant::now(), call, outcome));
+                } else {
+                    self.answer(call, ControlStatus::Busy, mode, trust, "another reload is under way");
+                }
+            }
+            Meaning::Loop(request) => {
+                if let Err(Asker::Operator(call)) = self.ask_loop(request, Asker::Operator(call), rings) {
+                    self.answer(call, ControlStatus::Busy, mode, trust, "too many requests: ask again");
+                }
+            }
+        }
+    }
+
+    fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
+        let token = self.next_token;
+        // As many answers fit into their ring as requests: never more of them on the way than that.
+        if self.at_loop.len() >= rings.answered.buffer().capacity()
+            || rings.asked.push(Asked { token, request }).is_err()
+        {
+            return Err(asker);
+        }
+        self.next_token += 1;
+        self.at_loop.push((token, Instant::now(), asker));
+        Ok(())
+    }
+
+    fn loop_answered(&mut self, answer: &Answered) {
+        let Some(place) = self.at_loop.iter().position(|(token, ..)| *token == answer.token) else { return };
+        let (_, _, asker) = self.at_loop.swap_remove(place);
+        match (asker, answer.outcome) {
+            (Asker::Operator(call), Ok(())) => {
+                // Stopping takes its time; everything else is done with the tick.
+                let follows = [u32::from(ControlOp::Disarm), u32::from(ControlOp::Stop)];
+                let status = if follows.contains(&call.request.op) && answer.mode != Mode::Idle {
+                    ControlStatus::Accepted
+                } else {
+                    ControlStatus::Ok
+                };
+                self.answer(call, status, answer.mode, answer.trust, "");
+            }
+            (Asker::Operator(call), Err(refusal)) => {
+                let (status, text) = convert::refusal(refusal);
+                self.answer(call, status, answer.mode, answer.trust, text);
+            }
+            (Asker::Settings(request), Ok(())) => info!("live setting in force: {request:?}"),
+            (Asker::Settings(request), Err(refusal)) => {
+                warn!("live setting refused: {request:?}: {}", convert::refusal(refusal).1);
+            }
+        }
+    }
+
+    fn supervisor_answered(&mut self, mode: Mode, trust: Trust) {
+        for (since, call, outcome) in std::mem::take(&mut self.at_supervisor) {
+            match outcome.try_recv() {
+                Ok(ReloadOutcome { status, text }) => self.answer(call, status, mode, trust, &text),
+                Err(TryRecvError::Empty) if since.elapsed() < PATIENCE => {
+                    self.at_supervisor.push((since, call, outcome));
+                }
+                Err(_) => self.answer(call, ControlStatus::Internal, mode, trust, "the reload got no answer"),
+            }
+        }
+    }
+
+    fn overdue(&mut self, mode: Mode, trust: Trust) {
+        while let Some(place) = self.at_loop.iter().position(|(_, since, _)| since.elapsed() > PATIENCE) {
+            if let (_, _, Asker::Operator(call)) = self.at_loop.swap_remove(place) {
+                self.answer(call, ControlStatus::Internal, mode, trust, "the loop did not answer in time");
+            }
+        }
+    }
+
+    fn answer(&mut self, call: Call, status: ControlStatus, mode: Mode, trust: Trust, text: &str) {
+        self.answered += 1;
+        let op = ControlOp::try_from(call.request.op).map_or("unknown", ControlOp::label);
+        let refused = i32::from(status) < 0;
+        if refused {
+            self.refused += 1;
+            info!("request {op}: {status}: {text}");
+        } else if call.request.op != u32::from(ControlOp::Query) {
+            info!("request {op}: {status}");
+        }
+        // An operator who has gone away needs no answer.
+        let _ = call.answer(status, trust.alpha(), convert::mode(mode).into(), text);
+    }
+}

@@ -1,0 +1,203 @@
+//! What a person may say when starting the daemon, and the settings that follow from it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use foretrace_config::{Config, ConfigError, Draft};
+
+/// Where settings come from: a file or a preset, with values put over it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// What everything else is put over.
+    pub base: Base,
+    /// Ticks per second instead of the file's; the grid step follows where it has to.
+    pub rate_hz: Option<u32>,
+    /// Keys and values, as in the file.
+    pub overrides: Vec<(String, String)>,
+}
+
+/// A file or a preset.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Base {
+    /// Path of a settings file.
+    File(PathBuf),
+    /// Name of an embedded preset.
+    Preset(String),
+}
+
+impl Source {
+    /// A preset as it is.
+    #[must_use]
+    pub fn preset(name: &str) -> Self {
+        Self { base: Base::Preset(name.to_owned()), rate_hz: None, overrides: Vec::new() }
+    }
+
+    /// A file as it is.
+    #[must_use]
+    pub fn file(path: impl Into<PathBuf>) -> Self {
+        Self { base: Base::File(path.into()), rate_hz: None, overrides: Vec::new() }
+    }
+
+    /// Puts a value over a key.
+    #[must_use]
+    pub fn with(mut self, key: &str, value: impl ToString) -> Self {
+        self.overrides.push((key.to_owned(), value.to_string()));
+        self
+    }
+
+    /// Reads and judges.
+    ///
+    /// # Errors
+    /// Everything that is wrong with the settings.
+    pub fn load(&self) -> Result<Config, ConfigError> {
+        let mut draft = match &self.base {
+            Base::File(path) => Draft::file(path),
+            Base::Preset(name) => Draft::preset(name),
+        };
+        if let Some(rate_hz) = self.rate_hz {
+            draft = draft.rate(rate_hz);
+        }
+        for (key, value) in &self.overrides {
+            draft = draft.set(key, value);
+        }
+        draft.finish()
+    }
+}
+
+/// Whether the loop asks the system for real-time rights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Rights {
+    /// As the settings say.
+    #[default]
+    Ask,
+    /// No priority, no CPU of its own, no spinning, no locked memory: for tests and small machines.
+    Leave,
+}
+
+/// Ends a running daemon from within the process, as a signal would from outside.
+#[derive(Debug, Clone, Default)]
+pub struct StopHandle(Arc<AtomicBool>);
+
+impl StopHandle {
+    /// Stops the arm smoothly, then ends the daemon.
+    pub fn stop(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether somebody asked for it since the last look.
+    pub(crate) fn take(&self) -> bool {
+        self.0.swap(false, Ordering::AcqRel)
+    }
+
+    pub(crate) fn flag(&self) -> Arc<AtomicBool> {
+        self.0.clone()
+    }
+}
+
+/// How to run.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where settings come from; read again at a reload.
+    pub source: Source,
+    /// Real-time rights.
+    pub rights: Rights,
+    /// SIGINT and SIGTERM end the daemon, SIGHUP reads the settings again. Off, only `stop` does.
+    pub signals: bool,
+    /// Ends the daemon.
+    pub stop: StopHandle,
+}
+
+impl Options {
+    /// Settings from `source`, everything else as a service wants it.
+    #[must_use]
+    pub fn new(source: Source) -> Self {
+        Self { source, rights: Rights::Ask, signals: true, stop: StopHandle::default() }
+    }
+}
+
+/// The command line of `foretraced`, and of `foretrace daemon`.
+#[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
+pub struct DaemonArgs {
+    /// Settings file
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
+    pub config: Option<PathBuf>,
+    /// Embedded settings: ur5 or ur5e
+    #[arg(long, value_name = "NAME", default_value = "ur5")]
+    pub preset: String,
+    /// Instance number, 0 to 99; programs that attach use the same
+    #[arg(long, value_name = "N")]
+    pub instance: Option<u32>,
+    /// Ticks per second: 125, 250, 500 or 1000
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<u32>,
+    /// Put VALUE over KEY of the settings, for example loop.spin_us=0; may be repeated
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
+    pub set: Vec<(String, String)>,
+    /// Ask for no real-time rights: no priority, no CPU of its own, no spinning, no locked memory
+    #[arg(long)]
+    pub no_rights: bool,
+}
+
+impl DaemonArgs {
+    /// What they mean.
+    #[must_use]
+    pub fn options(&self) -> Options {
+        let base = match &self.config {
+            Some(path) => Base::File(path.clone()),
+            None => Base::Preset(self.preset.clone()),
+        };
+        let mut overrides = self.set.clone();
+        if let Some(number) = self.instance {
+            overrides.push(("instance.number".to_owned(), number.to_string()));
+        }
+        let source = Source { base, rate_hz: self.rate, overrides };
+        let rights = if self.no_rights { Rights::Leave } else { Rights::Ask };
+        Options { rights, ..Options::new(source) }
+    }
+}
+
+fn key_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() => Ok((key.trim().to_owned(), value.trim().to_owned())),
+        _ => Err("expected KEY=VALUE, for example loop.rate_hz=250".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_stand_over_the_preset() {
+        let args = DaemonArgs {
+            config: None,
+            preset: "ur5e".to_owned(),
+            instance: Some(7),
+            rate: Some(250),
+            set: vec![("loop.spin_us".to_owned(), "0".to_owned())],
+            no_rights: true,
+        };
+        let options = args.options();
+        assert_eq!(options.rights, Rights::Leave);
+        let config = options.source.load().unwrap();
+        let settings = config.settings();
+        assert_eq!(settings.instance.number, 7);
+        assert_eq!(settings.control_loop.rate_hz, 250);
+        assert_eq!(settings.control_loop.spin_us, 0);
+        assert_eq!(settings.step_ns() % settings.period_ns(), 0);
+    }
+
+    #[test]
+    fn a_wrong_key_is_refused_by_name() {
+        let error = Source::preset("ur5").with("loop.rate_hertz", 500).load().unwrap_err();
+        assert!(error.to_string().contains("rate_hertz"), "{error}");
+    }
+
+    #[test]
+    fn an_override_without_a_value_is_refused() {
+        assert!(key_value("loop.rate_hz").is_err());
+        assert!(key_value("=5").is_err());
+        assert_eq!(key_value("a.b = 5").unwrap(), ("a.b".to_owned(), "5".to_owned()));
+    }
+}

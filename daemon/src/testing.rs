@@ -1,0 +1,8 @@
+//! What the tests of this crate share.
+
+use foretrace_config::Config;
+
+/// The preset of the UR5.
+pub(crate) fn config() -> Config {
+    Config::preset("ur5").unwrap()
+}
