@@ -117,7 +117,9 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     match instance.purge(&lock)? {
         Purge::Removed(0) => {}
         Purge::Removed(count) => info!("removed {count} leftovers of an earlier run"),
-        Purge::PeersAlive(pids) => info!("processes {pids:?} still use this instance: going on with its services"),
+        Purge::PeersAlive(pids) => {
+            info!("processes {pids:?} still use this instance: going on with its services")
+        }
     }
     memory::check_space()?;
     let (lock_back, session, services) = open_services(&instance, lock)?;
@@ -158,7 +160,8 @@ fn open_services(
         .name("foretrace-open".to_owned())
         .spawn(move || {
             let session = Session::create(&there, "foretraced", &lock);
-            let both = session.and_then(|session| Services::create(&session).map(|services| (session, services)));
+            let both =
+                session.and_then(|session| Services::create(&session).map(|services| (session, services)));
             let _ = done.send(both.map(|(session, services)| (lock, session, services)));
         })
         .map_err(|source| DaemonError::System { what: "starting a thread", source })?;
@@ -270,9 +273,33 @@ impl Daemon {
         let open = move || ShmPorts::open(&services);
         let (follower, orders) = (self.config.follower_settings(), self.rt_orders.clone());
         let spawned = match self.config.settings().mpc.horizon {
-            10 => thread::spawn(Follower::<10, JOINTS>::new(follower)?, open, rings, settings, orders, news_in, gone),
-            20 => thread::spawn(Follower::<20, JOINTS>::new(follower)?, open, rings, settings, orders, news_in, gone),
-            _ => thread::spawn(Follower::<30, JOINTS>::new(follower)?, open, rings, settings, orders, news_in, gone),
+            10 => thread::spawn(
+                Follower::<10, JOINTS>::new(follower)?,
+                open,
+                rings,
+                settings,
+                orders,
+                news_in,
+                gone,
+            ),
+            20 => thread::spawn(
+                Follower::<20, JOINTS>::new(follower)?,
+                open,
+                rings,
+                settings,
+                orders,
+                news_in,
+                gone,
+            ),
+            _ => thread::spawn(
+                Follower::<30, JOINTS>::new(follower)?,
+                open,
+                rings,
+                settings,
+                orders,
+                news_in,
+                gone,
+            ),
         };
         self.rt = Some(spawned.map_err(|source| DaemonError::System { what: "starting a thread", source })?);
 
@@ -388,8 +415,11 @@ impl Daemon {
         let order = LearnerOrder { enabled: after.learner.enabled, settings: new.learner_settings() };
         let _ = self.learner_orders.try_send(order);
         let keys: Vec<_> = change.keys.iter().map(|change| change.key.as_str()).collect();
-        let text =
-            if keys.is_empty() { "nothing has changed".to_owned() } else { format!("changed: {}", keys.join(", ")) };
+        let text = if keys.is_empty() {
+            "nothing has changed".to_owned()
+        } else {
+            format!("changed: {}", keys.join(", "))
+        };
         info!("settings reloaded, {text}");
         self.config = new;
         ReloadOutcome { status: ControlStatus::Ok, text }
@@ -494,7 +524,9 @@ fn ipc_settings(config: &Config) -> IpcSettings {
         telemetry_every: u64::from(settings.telemetry.every_ticks),
         status_period_ns: 1_000_000_000 / u64::from(settings.telemetry.status_hz.max(1)),
         // Two starts are never at the same nanosecond of one boot.
-        daemon_id: fnv1a(&[os::monotonic_ns().to_le_bytes(), u64::from(std::process::id()).to_le_bytes()].concat()),
+        daemon_id: fnv1a(
+            &[os::monotonic_ns().to_le_bytes(), u64::from(std::process::id()).to_le_bytes()].concat(),
+        ),
         settings_hash: settings_hash(config),
     }
 }

@@ -155,7 +155,10 @@ mod tests {
             }
             judge.tick(&tick(2, 39, 0));
             judge.look(Stamp(8 * MS), 2);
-            assert_eq!(judge.totals(), AllocationTotals { unexplained: 0, connection: 39, connection_ticks: 1 });
+            assert_eq!(
+                judge.totals(),
+                AllocationTotals { unexplained: 0, connection: 39, connection_ticks: 1 }
+            );
         }
     }
 

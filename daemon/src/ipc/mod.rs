@@ -237,7 +237,8 @@ impl Ipc {
     }
 
     fn mode_and_trust(&self) -> (Mode, Trust) {
-        self.newest.map_or((Mode::Idle, Trust::NONE), |newest| (newest.output.mode, newest.output.trust.alpha))
+        self.newest
+            .map_or((Mode::Idle, Trust::NONE), |newest| (newest.output.mode, newest.output.trust.alpha))
     }
 
     fn tally(&self) -> IpcTally {

@@ -43,12 +43,8 @@ impl Spreads {
             // An empty histogram has no quantiles; a bin's upper edge may lie above the largest value in it.
             let max = histogram.max();
             let at = |quantile| histogram.value_at_quantile(quantile).min(max) as u32;
-            *spread = Percentiles {
-                p50_ns: at(0.5),
-                p99_ns: at(0.99),
-                p99_9_ns: at(0.999),
-                max_ns: max as u32,
-            };
+            *spread =
+                Percentiles { p50_ns: at(0.5), p99_ns: at(0.99), p99_9_ns: at(0.999), max_ns: max as u32 };
         }
         all
     }
@@ -123,7 +119,8 @@ mod tests {
             spreads.add(&StageTimes { step: ns, ..StageTimes::default() });
         }
         let step = spreads.percentiles()[Stage::Step as usize];
-        for (found, expected) in [(step.p50_ns, 50_000.0), (step.p99_ns, 99_000.0), (step.p99_9_ns, 99_900.0)] {
+        for (found, expected) in [(step.p50_ns, 50_000.0), (step.p99_ns, 99_000.0), (step.p99_9_ns, 99_900.0)]
+        {
             assert!((f64::from(found) / expected - 1.0).abs() < 0.01, "{found} for {expected}");
         }
         assert!(step.max_ns >= 100_000 && step.max_ns < 101_000);

@@ -10,7 +10,9 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
-use foretrace_shm::{ControlServer, HeaderBounds, Instance, Message, Publisher, ServiceError, Services, Subscriber};
+use foretrace_shm::{
+    ControlServer, HeaderBounds, Instance, Message, Publisher, ServiceError, Services, Subscriber,
+};
 
 use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, convert};
 
@@ -103,7 +105,7 @@ impl IpcPorts {
             status: services.status.publisher()?,
             control: services.control.server(daemon_id)?,
             watch: PeerWatch::open(&config)?,
-            config,
+            config: config.clone(),
         })
     }
 
