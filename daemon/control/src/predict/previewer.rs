@@ -81,6 +81,9 @@ pub struct PreviewReport {
     pub limited: u32,
 }
 
+/// Normalised displacements beyond this are not taken for motion: a thousand times the typical one.
+const LARGEST_OBSERVED: f64 = 1000.0 * TARGET_RMS;
+
 /// All predictors behind one history, and the normaliser.
 #[derive(Debug, Clone)]
 pub struct Previewer {
@@ -133,9 +136,8 @@ impl Previewer {
     pub fn observe(&mut self, step: &GridStep) -> LearnStep {
         let follows = self.newest.is_some_and(|newest| newest.index.checked_add(1) == Some(step.index));
         let motion = match step.motion {
-            Motion::Continues if !follows || !step.displacement.iter().all(|d| d.is_finite()) => {
-                Motion::Start
-            }
+            Motion::Continues if !follows => Motion::Start,
+            Motion::Continues if !self.plausible(step) => Motion::Jump,
             given => given,
         };
         self.newest = Some(*step);
@@ -272,6 +274,11 @@ impl Previewer {
         self.hold.reset();
         self.constant_velocity.reset();
         self.dybm.reset();
+    }
+
+    /// NaN and what would drown the memory are no motion, whatever the pen tracker's gate let through.
+    fn plausible(&self, step: &GridStep) -> bool {
+        self.scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST_OBSERVED)
     }
 
     fn remember(&mut self, x: [f64; 2]) {
