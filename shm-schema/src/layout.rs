@@ -176,3 +176,70 @@ macro_rules! wire {
     };
 }
 pub(crate) use wire;
+
+#[cfg(test)]
+#[expect(unreachable_pub, reason = "the macro declares public types, as the crate needs them")]
+mod tests {
+    use super::*;
+
+    /// Layout hash of a type of this name with these fields.
+    macro_rules! hash_of {
+        ($($field:ident: $type:ty),+) => {{
+            wire! {
+                "test.ThingV1"
+                pub struct Thing { $(pub $field: $type),+ }
+            }
+            Thing::LAYOUT_HASH
+        }};
+    }
+
+    #[test]
+    fn fnv1a_gives_the_published_values() {
+        // Source: draft-eastlake-fnv, appendix C.
+        assert_eq!(fnv1a(b""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(fnv1a(b"foobar"), 0x8594_4171_f739_67e8);
+    }
+
+    #[test]
+    fn every_change_of_a_layout_changes_the_hash() {
+        let changed = [
+            hash_of!(a: u64, b: f64),
+            hash_of!(b: f64, a: u64),
+            hash_of!(a: f64, b: u64),
+            hash_of!(a: u64, c: f64),
+            hash_of!(a: u64, b: i64),
+            hash_of!(a: u64, b: [u32; 2]),
+            hash_of!(a: u64, b: [f32; 2]),
+            hash_of!(a: [u64; 1], b: f64),
+            hash_of!(a: u64, b: f64, c: u64),
+        ];
+        for (i, hash) in changed.iter().enumerate() {
+            assert!(!changed[..i].contains(hash), "variant {i}");
+        }
+        assert_eq!(hash_of!(a: u64, b: f64), changed[0]);
+    }
+
+    #[test]
+    fn a_change_inside_a_nested_type_changes_the_outer_hash() {
+        mod one {
+            use super::*;
+            wire! { "test.InnerV1" pub struct Inner { pub x: u32, pub y: f32 } }
+            wire! { "test.OuterV1" pub struct Outer { pub inner: Inner } }
+        }
+        mod two {
+            use super::*;
+            wire! { "test.InnerV1" pub struct Inner { pub x: f32, pub y: u32 } }
+            wire! { "test.OuterV1" pub struct Outer { pub inner: Inner } }
+        }
+        assert_ne!(one::Outer::LAYOUT_HASH, two::Outer::LAYOUT_HASH);
+    }
+
+    #[test]
+    fn implicit_padding_is_recognised() {
+        let field = |offset, size| Field { name: "x", offset, size, type_hash: 0 };
+        assert!(is_gapless(&[field(0, 4), field(4, 8)], 12));
+        assert!(!is_gapless(&[field(0, 4), field(8, 8)], 16));
+        assert!(!is_gapless(&[field(0, 8), field(8, 4)], 16));
+    }
+}

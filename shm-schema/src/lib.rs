@@ -12,6 +12,8 @@ pub mod layout;
 pub use layout::Wire;
 mod vocabulary;
 pub use vocabulary::*;
+mod robot_mode;
+pub use robot_mode::*;
 mod flags;
 pub use flags::*;
 mod check;
@@ -33,15 +35,11 @@ pub use control::*;
 mod clock;
 pub use clock::*;
 mod os;
-pub use os::effective_user;
-
-/// Joints on the wire. The control law may use fewer; unused joints are zero.
-pub const JOINTS: usize = 6;
-
-/// Axes of a position on the wire: x, y in the writing plane, z along its normal.
-pub const AXES: usize = 3;
+pub use os::{effective_user, shared_memory_free_bytes};
 mod instance;
 pub use instance::*;
+mod occupancy;
+pub use occupancy::*;
 mod session;
 pub use session::*;
 mod topic;
@@ -52,3 +50,9 @@ mod ports;
 pub use ports::*;
 mod control_ports;
 pub use control_ports::*;
+
+/// Joints on the wire. The control law may use fewer; unused joints are zero.
+pub const JOINTS: usize = 6;
+
+/// Axes of a position on the wire: x, y in the writing plane, z along its normal.
+pub const AXES: usize = 3;

@@ -1,4 +1,4 @@
-//! The two calls to the C library this crate needs. The only file here with `unsafe`.
+//! The calls to the C library this crate needs. The only file here with `unsafe`.
 
 /// CLOCK_MONOTONIC as nanoseconds since boot.
 pub(crate) fn clock_monotonic_ns() -> u64 {
@@ -16,4 +16,22 @@ pub(crate) fn clock_monotonic_ns() -> u64 {
 pub fn effective_user() -> u32 {
     // SAFETY: geteuid takes nothing, touches no memory of ours and cannot fail.
     unsafe { libc::geteuid() }
+}
+
+/// Bytes still free in /dev/shm; `None` where it cannot be told. A full /dev/shm kills at the first touch of a page.
+pub fn shared_memory_free_bytes() -> Option<u64> {
+    let mut found = std::mem::MaybeUninit::<libc::statvfs>::zeroed();
+    // SAFETY: the path is a terminated string and `found` has room for one statvfs.
+    let status = unsafe { libc::statvfs(c"/dev/shm".as_ptr(), found.as_mut_ptr()) };
+    // SAFETY: all-zero bytes are a valid statvfs, whether or not the call filled it.
+    let found = unsafe { found.assume_init() };
+    (status == 0).then(|| found.f_bavail.saturating_mul(found.f_frsize))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn there_is_room_in_shared_memory() {
+        assert!(super::shared_memory_free_bytes().unwrap() > 0);
+    }
 }

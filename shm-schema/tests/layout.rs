@@ -1,0 +1,247 @@
+//! Size, alignment, offset and size of every field, as literal numbers. If one of these tests fails, the layout has
+//! changed: raise the version in the type name, then change the numbers here.
+
+use foretrace_shm::*;
+
+fn pinned<T: Wire>(size: usize, align: usize, fields: &[(&str, usize, usize)], hash: u64) {
+    let name = std::any::type_name::<T>();
+    assert_eq!((size_of::<T>(), align_of::<T>()), (size, align), "{name}");
+    let found: Vec<_> = T::FIELDS.iter().map(|field| (field.name, field.offset, field.size)).collect();
+    assert_eq!(found, fields, "{name}");
+    assert_eq!(T::LAYOUT_HASH, hash, "{name}: the type of a field has changed");
+}
+
+#[test]
+fn layouts_are_those_of_version_1() {
+    pinned::<Header>(
+        24,
+        8,
+        &[("sequence", 0, 8), ("stamp_ns", 8, 8), ("boot_id", 16, 8)],
+        0x4596befcfdd6aef1,
+    );
+    pinned::<PenSample>(
+        64,
+        8,
+        &[
+            ("header", 0, 24),
+            ("device_stamp_ns", 24, 8),
+            ("x_m", 32, 8),
+            ("y_m", 40, 8),
+            ("pressure", 48, 4),
+            ("tilt_x_rad", 52, 4),
+            ("tilt_y_rad", 56, 4),
+            ("flags", 60, 4),
+        ],
+        0x218a2ce0e1479645,
+    );
+    pinned::<JointCommand>(
+        160,
+        8,
+        &[
+            ("header", 0, 24),
+            ("published_ns", 24, 8),
+            ("tick", 32, 8),
+            ("valid_until_ns", 40, 8),
+            ("pen_stamp_ns", 48, 8),
+            ("q", 56, 48),
+            ("qd", 104, 48),
+            ("mode", 152, 4),
+            ("flags", 156, 4),
+        ],
+        0xeb5c877197c6e565,
+    );
+    pinned::<JointState>(
+        208,
+        8,
+        &[
+            ("header", 0, 24),
+            ("robot_stamp_ns", 24, 8),
+            ("command_tick", 32, 8),
+            ("commands_received", 40, 8),
+            ("commands_refused", 48, 8),
+            ("q", 56, 48),
+            ("qd", 104, 48),
+            ("effort", 152, 48),
+            ("safety_mode", 200, 4),
+            ("robot_mode", 204, 4),
+        ],
+        0xea685e690195e491,
+    );
+    pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
+    pinned::<Rejections>(72, 8, &[("by_reason", 0, 72)], 0xc82e1bda91481e4d);
+    pinned::<Counters>(
+        360,
+        8,
+        &[
+            ("ticks", 0, 8),
+            ("overruns", 8, 8),
+            ("skipped_ticks", 16, 8),
+            ("shed_ticks", 24, 8),
+            ("commands_sent", 32, 8),
+            ("commands_failed", 40, 8),
+            ("pen_received", 48, 8),
+            ("pen_dropped", 56, 8),
+            ("pen_out_of_order", 64, 8),
+            ("pen_outliers", 72, 8),
+            ("pen_gaps", 80, 8),
+            ("pen_rejected", 88, 72),
+            ("joint_state_received", 160, 8),
+            ("joint_state_dropped", 168, 8),
+            ("joint_state_stale", 176, 8),
+            ("joint_state_rejected", 184, 72),
+            ("enable_rejected", 256, 8),
+            ("receive_failures", 264, 8),
+            ("telemetry_ring_dropped", 272, 8),
+            ("telemetry_failed", 280, 8),
+            ("learner_ring_dropped", 288, 8),
+            ("weights_refused", 296, 8),
+            ("requests", 304, 8),
+            ("requests_refused", 312, 8),
+            ("allocations", 320, 8),
+            ("connection_allocations", 328, 8),
+            ("connection_ticks", 336, 8),
+            ("page_faults_minor", 344, 8),
+            ("page_faults_major", 352, 8),
+        ],
+        0xbeae61f1e7ea6509,
+    );
+    pinned::<TickRecord>(
+        1048,
+        8,
+        &[
+            ("header", 0, 24),
+            ("tick", 24, 8),
+            ("release_ns", 32, 8),
+            ("command_stamp_ns", 40, 8),
+            ("slack_ns", 48, 8),
+            ("stage_ns", 56, 40),
+            ("budget_mpc_iterations", 96, 4),
+            ("budget_ik_iterations", 100, 4),
+            ("shed", 104, 4),
+            ("skipped_ticks", 108, 4),
+            ("pen_stamp_ns", 112, 8),
+            ("pen_age_ns", 120, 8),
+            ("pen_m", 128, 24),
+            ("pen_samples", 152, 4),
+            ("pen_flags", 156, 4),
+            ("joint_state_age_ns", 160, 8),
+            ("measured_q", 168, 48),
+            ("reference_m", 216, 24),
+            ("setpoint_m", 240, 24),
+            ("setpoint_mps", 264, 24),
+            ("setpoint_mps2", 288, 24),
+            ("jerk_mps3", 312, 24),
+            ("tool_m", 336, 24),
+            ("q", 360, 48),
+            ("qd", 408, 48),
+            ("trust", 456, 8),
+            ("trust_target", 464, 8),
+            ("confidence", 472, 8),
+            ("trust_reason", 480, 4),
+            ("rung", 484, 4),
+            ("mode", 488, 4),
+            ("fault", 492, 4),
+            ("health", 496, 4),
+            ("guard_mask", 500, 4),
+            ("guard_joints", 504, 4),
+            ("mpc_soft", 508, 4),
+            ("mpc_active", 512, 12),
+            ("mpc_iterations", 524, 12),
+            ("mpc_path", 536, 12),
+            ("ik_active", 548, 4),
+            ("ik_iterations", 552, 4),
+            ("ik_path", 556, 4),
+            ("mpc_residual", 560, 24),
+            ("ik_residual", 584, 8),
+            ("orientation_error_rad", 592, 8),
+            ("singularity_m", 600, 8),
+            ("predictor_error_m", 608, 8),
+            ("learner_version", 616, 8),
+            ("learner_age_ns", 624, 8),
+            ("predictor", 632, 4),
+            ("preview_steps", 636, 4),
+            ("allocations", 640, 4),
+            ("connections_changed", 644, 4),
+            ("counters", 648, 360),
+            ("ghost_m", 1008, 24),
+            ("ghost_error_m", 1032, 8),
+            ("ghost_predictor", 1040, 4),
+            ("reserved", 1044, 4),
+        ],
+        0xe91f0d49bcab0e24,
+    );
+    pinned::<Percentiles>(
+        16,
+        4,
+        &[("p50_ns", 0, 4), ("p99_ns", 4, 4), ("p99_9_ns", 8, 4), ("max_ns", 12, 4)],
+        0x1f3d04f1cb1a7002,
+    );
+    pinned::<Status>(
+        784,
+        8,
+        &[
+            ("header", 0, 24),
+            ("daemon_id", 24, 8),
+            ("pid", 32, 4),
+            ("mode", 36, 4),
+            ("fault", 40, 4),
+            ("missing_rights", 44, 4),
+            ("rate_hz", 48, 8),
+            ("measured_rate_hz", 56, 8),
+            ("tick", 64, 8),
+            ("uptime_ns", 72, 8),
+            ("settings_revision", 80, 8),
+            ("settings_hash", 88, 8),
+            ("stages", 96, 160),
+            ("counters", 256, 360),
+            ("trust", 616, 8),
+            ("trust_target", 624, 8),
+            ("trust_reason", 632, 4),
+            ("predictor", 636, 4),
+            ("pen_age_ns", 640, 8),
+            ("joint_state_age_ns", 648, 8),
+            ("learner_version", 656, 8),
+            ("learner_updates", 664, 8),
+            ("learner_promotions", 672, 8),
+            ("learner_rollbacks", 680, 8),
+            ("learner_refused", 688, 8),
+            ("learner_age_ns", 696, 8),
+            ("predictor_rms_m", 704, 8),
+            ("allocations_per_tick", 712, 8),
+            ("reserved", 720, 64),
+        ],
+        0xafebaaed6758efc3,
+    );
+    pinned::<ControlRequest>(
+        32,
+        8,
+        &[("token", 0, 8), ("boot_id", 8, 8), ("value", 16, 8), ("op", 24, 4), ("param", 28, 4)],
+        0xa689a555ac19dfef,
+    );
+    pinned::<ControlResponse>(
+        208,
+        8,
+        &[
+            ("token", 0, 8),
+            ("boot_id", 8, 8),
+            ("daemon_id", 16, 8),
+            ("value", 24, 8),
+            ("status", 32, 4),
+            ("detail", 36, 4),
+            ("message_len", 40, 4),
+            ("reserved", 44, 4),
+            ("message", 48, 160),
+        ],
+        0xa9d61ad46e5ce2f7,
+    );
+}
+
+#[test]
+fn every_message_fits_a_quarter_of_a_page_but_telemetry() {
+    assert!(size_of::<TickRecord>() <= 2048);
+    for size in
+        [size_of::<PenSample>(), size_of::<JointCommand>(), size_of::<JointState>(), size_of::<Status>()]
+    {
+        assert!(size <= 1024, "{size}");
+    }
+}
