@@ -26,7 +26,8 @@ fn handwriting(seed: u64, strokes: usize) -> Vec<GridStep> {
         let begin = velocity.len();
         velocity.resize(begin + 12 * pulses + 45, [0.0_f64; 2]);
         for pulse in 0..pulses {
-            let (angle, width) = (rng.random_range(0.0..6.28_f64), rng.random_range(4.0..8.0_f64));
+            let (angle, width) =
+                (rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(4.0..8.0_f64));
             let centre = 20.0 + 12.0 * pulse as f64 + rng.random_range(-3.0..3.0_f64);
             let speed = rng.random_range(0.5e-3..2.5e-3_f64);
             for (k, v) in velocity[begin..].iter_mut().enumerate() {
