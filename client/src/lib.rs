@@ -14,6 +14,7 @@
 //! ```
 
 #![forbid(unsafe_code)]
+#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
 mod attach;
 pub use attach::*;

@@ -29,7 +29,7 @@ const CONTROL_LAYOUT: u64 = ControlRequest::LAYOUT_HASH ^ ControlResponse::LAYOU
 impl ControlTopic {
     /// Create it, or take over one that living peers kept; for the daemon.
     ///
-    /// *Errors*: as [`Topic::create`].
+    /// *Errors*: as [`crate::Topic::create`].
     pub fn create(session: &Session) -> Result<Self, ServiceError> {
         let attributes = layout_required(CONTROL_SERVICE, CONTROL_LAYOUT)?;
         let factory = control_builder(session)?.open_or_create_with_attributes(&attributes).map_err(
@@ -52,7 +52,7 @@ impl ControlTopic {
 
     /// Open it; for everybody else.
     ///
-    /// *Errors*: as [`Topic::open`].
+    /// *Errors*: as [`crate::Topic::open`].
     pub fn open(session: &Session) -> Result<Self, ServiceError> {
         let factory = control_builder(session)?.open().map_err(|error| control_open_error(session, error))?;
         Self { factory }.verified()

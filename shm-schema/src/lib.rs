@@ -8,6 +8,8 @@
 //!
 //! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
 
+#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
+
 pub mod layout;
 pub use layout::Wire;
 mod vocabulary;
