@@ -444,3 +444,43 @@ fn seven_joints_follow_too() {
         assert!((q - home).abs() < 0.5, "drifted: {:?}", motion.q);
     }
 }
+
+/// IK and guard share the box: whatever the target does, the guard finds nothing to alter, close to limits too.
+#[test]
+fn the_guard_never_alters_the_ik() {
+    let chain = chain(UR5);
+    let mut rng = Pcg64::seed_from_u64(6);
+    for jerk in [None, Some([800.0; 6])] {
+        let mut arm = Arm::new(&chain, UR5_HOME, 20.0);
+        // Narrow joints: every one of them meets its limits.
+        let position = UR5_HOME.map(|q| [q - 0.2, q + 0.15]);
+        let mut limits = JointLimits::new(position, [1.5; 6], [20.0; 6]).unwrap();
+        limits = limits.with_stale_braking(5.0 * TICK_S, [10.0; 6]).unwrap();
+        if let Some(jerk) = jerk {
+            limits = limits.with_jerk(jerk).unwrap();
+        }
+        arm.ik = Ik::new(limits, *arm.ik.settings());
+        arm.guard = Guard::new(limits);
+        let start = arm.tool().0;
+        let mut at_limit = 0;
+        let mut target = ToolTarget::at_rest(start, -Vector3::z(), None);
+        for _ in 0..20_000 {
+            if rng.random_bool(0.01) {
+                let mut around = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));
+                target.position = start + around(0.4);
+                target.velocity = around(0.6);
+                target.axis = (-Vector3::z() + around(0.5)).normalize();
+                target.spin = Some(around(1.0));
+            }
+            arm.tick(&target);
+            let near = arm
+                .last
+                .q()
+                .iter()
+                .zip(position)
+                .any(|(q, [low, high])| *q < low + 0.005 || *q > high - 0.005);
+            at_limit += u32::from(near);
+        }
+        assert!(at_limit > 1_000, "{at_limit}");
+    }
+}
