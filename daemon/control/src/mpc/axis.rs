@@ -28,16 +28,6 @@ pub(super) struct AxisProblem<'a, const N: usize> {
     pub pull: Weights<N>,
 }
 
-const fn failed(status: QpStatus, iterations: u32) -> AxisReport {
-    AxisReport {
-        path: SolvePath::Failed,
-        status,
-        iterations,
-        active: ActiveLimits { jerk: 0, acceleration: 0, velocity: 0, position: 0, saturated: 0 },
-        kkt_residual: f64::NAN,
-    }
-}
-
 impl<const N: usize> AxisProblem<'_, N> {
     /// Linear term q = ∇½J at zero jerk, and its size, which the residuals are relative to: 1 + max |q|.
     /// `None` when anything that enters it is not finite.
@@ -57,7 +47,7 @@ impl<const N: usize> AxisProblem<'_, N> {
         max_iterations: u32,
     ) -> ([f64; N], AxisReport) {
         let Some((linear, scale)) = self.linear_term() else {
-            return ([0.0; N], failed(QpStatus::NotFinite, 0));
+            return ([0.0; N], AxisReport::failed(QpStatus::NotFinite, 0));
         };
         let mut jerks = self.cost.solve(&linear).map(|entry| -entry);
         let mut motion = rollout(&self.start, &jerks);
@@ -78,11 +68,11 @@ impl<const N: usize> AxisProblem<'_, N> {
             }
             motion = rollout(&self.start, &jerks);
         }
-        (jerks, failed(QpStatus::Uncertified, 0))
+        (jerks, AxisReport::failed(QpStatus::Uncertified, 0))
     }
 
     /// The active set from the unconstrained optimum `motion`.
-    fn constrained(
+    pub(super) fn constrained(
         &self,
         set: &mut DualActiveSet<4, N, N>,
         max_iterations: u32,
@@ -95,8 +85,10 @@ impl<const N: usize> AxisProblem<'_, N> {
         let [mut jerks, ..] = motion;
         match termination {
             Termination::Optimal => {}
-            Termination::IterationCap => return (jerks, failed(QpStatus::IterationCap, iterations)),
-            Termination::Infeasible => return (jerks, failed(QpStatus::Infeasible, iterations)),
+            Termination::IterationCap => {
+                return (jerks, AxisReport::failed(QpStatus::IterationCap, iterations));
+            }
+            Termination::Infeasible => return (jerks, AxisReport::failed(QpStatus::Infeasible, iterations)),
         }
         let mut kkt_residual = f64::NAN;
         for attempt in 0..=REFINEMENTS {

@@ -49,6 +49,7 @@ const INVERSION: f64 = 1e-4;
 /// The objective of one axis at one trust.
 #[derive(Debug, Clone)]
 pub struct Cost<const N: usize> {
+    gains: [Gains; 2],
     /// Squared gains (acceleration, velocity, position) x N, feedback then feedforward.
     feedback: Weights<N>,
     feedforward: Weights<N>,
@@ -74,6 +75,7 @@ impl<const N: usize> Cost<N> {
     pub fn new(condensed: &Condensed<N>, feedback: &Gains, feedforward: &Gains, effort: f64) -> Option<Self> {
         let (weights_feedback, weights_feedforward) = (squared(feedback), squared(feedforward));
         let mut cost = Self {
+            gains: [*feedback, *feedforward],
             feedback: weights_feedback,
             feedforward: weights_feedforward,
             hessian_feedback: hessian(condensed, &weights_feedback),
@@ -100,6 +102,20 @@ impl<const N: usize> Cost<N> {
             }
         }
         worst
+    }
+
+    /// The same objective at every α.
+    #[must_use]
+    pub(super) fn same_gains(&self, other: &Self) -> bool {
+        self.gains == other.gains && self.effort == other.effort
+    }
+
+    /// Take over what `other`, which has the same gains, computed for its α.
+    pub(super) fn copy_blend(&mut self, other: &Self) {
+        self.alpha = other.alpha;
+        self.weights = other.weights;
+        self.hessian = other.hessian;
+        self.inverse = other.inverse;
     }
 
     /// Blend the weights for `trust`; factor H anew if it depends on α and α has changed. `false` when that
@@ -157,6 +173,12 @@ impl<const N: usize> Cost<N> {
     #[must_use]
     pub const fn alpha(&self) -> f64 {
         self.alpha
+    }
+
+    /// β.
+    #[must_use]
+    pub const fn effort(&self) -> f64 {
+        self.effort
     }
 
     /// H (N x N).

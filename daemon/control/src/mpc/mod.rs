@@ -15,6 +15,7 @@ pub mod cost;
 pub mod limits;
 pub mod settings;
 pub mod plan;
+mod free;
 mod axis;
 
 pub use cost::Gains;
@@ -29,6 +30,7 @@ use crate::units::{AxisState, Trust};
 use axis::AxisProblem;
 use condense::Condensed;
 use cost::Cost;
+use free::{Free, FreeOptimum};
 use model::{Motion, Scale, rollout};
 
 /// The planner of three axes over `N` steps.
@@ -36,7 +38,11 @@ pub struct Mpc<const N: usize> {
     step_s: f64,
     scale: Scale,
     max_iterations: u32,
+    /// α of the costs; NaN before the first plan.
+    alpha: f64,
     axes: Box<[Axis<N>; 3]>,
+    free: Box<Free<N>>,
+    optimum: Box<FreeOptimum<N>>,
     set: Box<DualActiveSet<4, N, N>>,
 }
 
@@ -81,11 +87,15 @@ impl<const N: usize> Mpc<N> {
         let ([cx, cy, cz], [fx, fy, fz], [lx, ly, lz]) =
             (&settings.gains_feedback, &settings.gains_feedforward, &settings.axes);
         let axes = Box::new([axis(0, cx, fx, lx)?, axis(1, cy, fy, ly)?, axis(2, cz, fz, lz)?]);
+        let free = Box::new(Free::new(axes.each_ref().map(|axis| &axis.rows)));
         Ok(Self {
             step_s: settings.step_s,
             scale,
             max_iterations: settings.max_iterations,
+            alpha: f64::NAN,
             axes,
+            free,
+            optimum: Box::default(),
             set: Box::default(),
         })
     }
@@ -108,18 +118,53 @@ impl<const N: usize> Mpc<N> {
     ) -> PlanReport {
         let cap = self.max_iterations.min(max_iterations);
         let mut report = PlanReport::default();
+        if !self.set_trust(trust) {
+            report.axes = [AxisReport::failed(QpStatus::NotConvex, 0); 3];
+            return report;
+        }
+        self.free.solve(&self.scale, start, conservative, preview, &mut self.optimum);
         let mut jerks = [[0.0; N]; 3];
-        let references = start.iter().zip(conservative).zip(preview);
-        let results = report.axes.iter_mut().zip(&mut jerks);
-        for ((axis, ((start, conservative), preview)), (report, jerks)) in
-            self.axes.iter_mut().zip(references).zip(results)
-        {
-            *report = axis.solve(&self.scale, start, conservative, preview, trust, cap, &mut self.set, jerks);
+        let axes = self.axes.iter_mut().zip(start).zip(report.axes.iter_mut().zip(&mut jerks));
+        for (index, ((axis, start), (report, jerks))) in axes.enumerate() {
+            let kkt_residual = self.optimum.residual(index);
+            let normalised =
+                if axis.clarabel.is_none() && self.optimum.inside(index) && kkt_residual <= KKT_TOLERANCE {
+                    let (path, status) = (SolvePath::Gain, QpStatus::Optimal);
+                    *report = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
+                    self.optimum.jerks(index)
+                } else {
+                    let origin = start.position * self.scale.position;
+                    let (normalised, found) = axis.solve(&self.optimum, index, origin, cap, &mut self.set);
+                    *report = found;
+                    normalised
+                };
+            *jerks = normalised.map(|jerk| jerk * self.scale.jerk_inverse);
         }
         if report.usable() {
             *plan = Plan { step_s: self.step_s, start: *start, jerks };
         }
         report
+    }
+
+    /// Blend costs anew if α has changed; `false` when an H cannot be factored.
+    #[inline]
+    fn set_trust(&mut self, trust: Trust) -> bool {
+        if trust.alpha() == self.alpha {
+            return true;
+        }
+        let [x, y, z] = &mut *self.axes;
+        let mut sound = x.cost.set_trust(trust);
+        for (axis, same_as) in [(y, &*x), (z, &*x)] {
+            if axis.cost.same_gains(&same_as.cost) {
+                axis.cost.copy_blend(&same_as.cost);
+            } else {
+                sound &= axis.cost.set_trust(trust);
+            }
+        }
+        let [x, y, z] = &*self.axes;
+        self.free.set_costs([&x.cost, &y.cost, &z.cost], &self.scale);
+        self.alpha = if sound { trust.alpha() } else { f64::NAN };
+        sound
     }
 
     /// Δ [s].
@@ -130,40 +175,27 @@ impl<const N: usize> Mpc<N> {
 }
 
 impl<const N: usize> Axis<N> {
-    #[inline]
-    #[expect(clippy::too_many_arguments, reason = "the arguments of Mpc::plan, taken apart per axis")]
+    /// Solve one axis that its lane could not: limits are active, numbers are bad, or Clarabel was asked for.
+    /// `origin` [mm]: where positions count from. Returns normalised jerks.
     fn solve(
         &mut self,
-        scale: &Scale,
-        start: &AxisState,
-        conservative: &AxisState,
-        preview: &[AxisState; N],
-        trust: Trust,
+        optimum: &FreeOptimum<N>,
+        index: usize,
+        origin: f64,
         max_iterations: u32,
         set: &mut DualActiveSet<4, N, N>,
-        jerks: &mut [f64; N],
-    ) -> AxisReport {
-        if !self.cost.set_trust(trust) {
-            return AxisReport {
-                status: QpStatus::NotConvex,
-                kkt_residual: f64::NAN,
-                ..AxisReport::default()
-            };
+    ) -> ([f64; N], AxisReport) {
+        self.shift(origin);
+        let (start, pull) = (optimum.start(index), optimum.pull(index));
+        let problem = AxisProblem { cost: &self.cost, bounds: &self.shifted, start, pull };
+        if let Some(qp) = &mut self.clarabel {
+            return by_clarabel(&problem, qp);
         }
-        let origin = start.position;
-        self.shift(origin * scale.position);
-        let problem = AxisProblem {
-            cost: &self.cost,
-            bounds: &self.shifted,
-            start: scale.normalised(start, origin),
-            pull: pull(&self.cost, scale, origin, conservative, preview),
-        };
-        let (normalised, report) = match &mut self.clarabel {
-            None => problem.solve(set, max_iterations),
-            Some(qp) => by_clarabel(&problem, qp),
-        };
-        *jerks = normalised.map(|jerk| jerk * scale.jerk_inverse);
-        report
+        if optimum.residual(index) <= KKT_TOLERANCE {
+            problem.constrained(set, max_iterations, optimum.motion(index), optimum.scale(index))
+        } else {
+            problem.solve(set, max_iterations)
+        }
     }
 
     /// Count the position rows from `origin` [mm].
@@ -174,42 +206,6 @@ impl<const N: usize> Axis<N> {
         *lower = from_lower.map(|bound| bound - origin);
         *upper = from_upper.map(|bound| bound - origin);
     }
-}
-
-/// (1−α)G_c² x_c + αG_f² g, in the order acceleration, velocity, position.
-#[inline]
-fn pull<const N: usize>(
-    cost: &Cost<N>,
-    scale: &Scale,
-    origin: f64,
-    conservative: &AxisState,
-    preview: &[AxisState; N],
-) -> cost::Weights<N> {
-    let (feedback, feedforward) = cost.blended();
-    let [p, v, a] = scale.normalised(conservative, origin);
-    let [mut acceleration, mut velocity, mut position] = *feedback;
-    for weight in &mut acceleration {
-        *weight *= a;
-    }
-    for weight in &mut velocity {
-        *weight *= v;
-    }
-    for weight in &mut position {
-        *weight *= p;
-    }
-    // A predictor that is not trusted at all must not be able to spoil Hold.
-    if cost.alpha() > 0.0 {
-        let [on_acceleration, on_velocity, on_position] = feedforward;
-        let pulls = acceleration.iter_mut().zip(&mut velocity).zip(&mut position);
-        let weights = on_acceleration.iter().zip(on_velocity).zip(on_position);
-        for ((((pa, pv), pp), ((wa, wv), wp)), reference) in pulls.zip(weights).zip(preview) {
-            let [p, v, a] = scale.normalised(reference, origin);
-            *pa += wa * a;
-            *pv += wv * v;
-            *pp += wp * p;
-        }
-    }
-    [acceleration, velocity, position]
 }
 
 /// C̃: the rows of [`Motion`] as a 4N x N matrix, row by row.

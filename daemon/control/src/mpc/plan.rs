@@ -104,6 +104,13 @@ pub struct AxisReport {
     pub kkt_residual: f64,
 }
 
+impl AxisReport {
+    /// No usable solution, after `iterations` steps.
+    pub(super) fn failed(status: QpStatus, iterations: u32) -> Self {
+        Self { status, iterations, kkt_residual: f64::NAN, ..Self::default() }
+    }
+}
+
 /// How a plan was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PlanReport {

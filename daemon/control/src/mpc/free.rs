@@ -1,0 +1,426 @@
+//! The unconstrained optimum of all three axes at once, one axis per lane.
+//!
+//! The usual tick: no limit is active, and everything is two backward sweeps, one product with H⁻¹ and two
+//! forward sweeps over four-wide numbers that the compiler turns into vector instructions on any x86-64. Each
+//! lane says whether it keeps its limits and carries its certificate; a lane that does not is left to
+//! [`super::axis`]. Same equations and units as there.
+
+use std::array::from_fn;
+use std::ops::{Add, AddAssign, Mul, Sub};
+
+use super::cost::{Cost, Weights};
+use super::model::{Motion, Scale, State};
+use crate::qp::dual::Bounds;
+use crate::units::AxisState;
+
+/// One number per axis, and a zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lanes([f64; 4]);
+
+impl Lanes {
+    pub(super) const ZERO: Self = Self([0.0; 4]);
+
+    #[inline(always)]
+    fn of([x, y, z]: [f64; 3]) -> Self {
+        Self([x, y, z, 0.0])
+    }
+
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        let ([a, b, c, d], [e, g, h, i]) = (self.0, other.0);
+        Self([f(a, e), f(b, g), f(c, h), f(d, i)])
+    }
+
+    /// The larger; drops a NaN in `self`.
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+
+    /// The smaller; drops a NaN in `self`.
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a < b { a } else { b })
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    /// The number of axis 0, 1 or 2.
+    #[inline(always)]
+    pub(super) fn axis(self, axis: usize) -> f64 {
+        let [x, y, z, _] = self.0;
+        match axis {
+            0 => x,
+            1 => y,
+            _ => z,
+        }
+    }
+}
+
+impl Add for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+}
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+}
+
+impl Mul for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+}
+
+impl Mul<f64> for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, factor: f64) -> Self {
+        Self(self.0.map(|a| a * factor))
+    }
+}
+
+/// Weights and H⁻¹ of the three axes at one trust, side by side, with their limits.
+#[derive(Debug, Clone)]
+pub(super) struct Free<const N: usize> {
+    /// (1−α)G_c² and αG_f² with the factors from SI units multiplied in, and their normalised sum; per step
+    /// acceleration, velocity, position.
+    feedback: [[Lanes; 3]; N],
+    feedforward: [[Lanes; 3]; N],
+    weights: [[Lanes; 3]; N],
+    inverse: [[Lanes; N]; N],
+    effort: Lanes,
+    /// Largest jerk, acceleration and velocity; lowest and highest position [mm].
+    largest: [Lanes; 3],
+    workspace: [Lanes; 2],
+    reads_preview: bool,
+}
+
+/// What the three lanes came to.
+#[derive(Debug, Clone)]
+pub(super) struct FreeOptimum<const N: usize> {
+    /// Per step jerk, acceleration, velocity, position.
+    motion: [[Lanes; 4]; N],
+    /// Per step on acceleration, velocity, position.
+    pull: [[Lanes; 3]; N],
+    start: [Lanes; 3],
+    /// 1 + max |q|
+    scale: Lanes,
+    /// Sum of the absolute gradient at the optimum over `scale`: bounds its largest entry, and keeps a NaN.
+    residual: Lanes,
+    inside: [bool; 3],
+}
+
+impl<const N: usize> Free<N> {
+    /// Limits of the axes; the weights come with [`Free::set_costs`].
+    pub(super) fn new(bounds: [&Bounds<4, N>; 3]) -> Self {
+        // Limits are the same at every step.
+        let first = |rows: [f64; N]| rows.first().copied().unwrap_or(0.0);
+        let upper = bounds.map(|bounds| bounds.upper.map(first));
+        let lower = bounds.map(|bounds| bounds.lower.map(first));
+        let block = |rows: &[[f64; 4]; 3], pick: fn(&[f64; 4]) -> f64| {
+            let [x, y, z] = rows.each_ref().map(pick);
+            Lanes::of([x, y, z])
+        };
+        Self {
+            feedback: [[Lanes::ZERO; 3]; N],
+            feedforward: [[Lanes::ZERO; 3]; N],
+            weights: [[Lanes::ZERO; 3]; N],
+            inverse: [[Lanes::ZERO; N]; N],
+            effort: Lanes::ZERO,
+            largest: [
+                block(&upper, |[jerk, ..]| *jerk),
+                block(&upper, |[_, acceleration, ..]| *acceleration),
+                block(&upper, |[_, _, velocity, _]| *velocity),
+            ],
+            workspace: [block(&lower, |[.., position]| *position), block(&upper, |[.., position]| *position)],
+            reads_preview: false,
+        }
+    }
+
+    /// Take over weights and H⁻¹ after the trust has changed.
+    #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
+    pub(super) fn set_costs(&mut self, costs: [&Cost<N>; 3], scale: &Scale) {
+        let units = [scale.acceleration, scale.velocity, scale.position];
+        for i in 0..N {
+            for k in 0..3 {
+                let of =
+                    |weights: fn(&Cost<N>) -> &Weights<N>| Lanes::of(costs.map(|cost| weights(cost)[k][i]));
+                let (feedback, feedforward) = (of(|cost| cost.blended().0), of(|cost| cost.blended().1));
+                self.feedback[i][k] = feedback * units[k];
+                self.feedforward[i][k] = feedforward * units[k];
+                self.weights[i][k] = feedback + feedforward;
+            }
+            for j in 0..N {
+                self.inverse[i][j] = Lanes::of(costs.map(|cost| cost.inverse()[i][j]));
+            }
+        }
+        self.effort = Lanes::of(costs.map(Cost::effort));
+        self.reads_preview = costs.iter().any(|cost| cost.alpha() > 0.0);
+    }
+
+    /// Solve the three axes without limits, then test the limits and the gradient.
+    #[inline]
+    pub(super) fn solve(
+        &self,
+        scale: &Scale,
+        start: &[AxisState; 3],
+        conservative: &[AxisState; 3],
+        preview: &[[AxisState; N]; 3],
+        found: &mut FreeOptimum<N>,
+    ) {
+        let origin = Lanes::of(start.map(|state| state.position));
+        let velocity = Lanes::of(start.map(|state| state.velocity)) * scale.velocity;
+        let acceleration = Lanes::of(start.map(|state| state.acceleration)) * scale.acceleration;
+        found.start = [Lanes::ZERO, velocity, acceleration];
+
+        self.pull(origin, conservative, preview, &mut found.pull);
+
+        let linear = self.linear_term(velocity, acceleration, &found.pull);
+        let mut jerks = [Lanes::ZERO; N];
+        let mut largest = Lanes::ZERO;
+        for (column, q) in self.inverse.iter().zip(linear) {
+            for (jerk, entry) in jerks.iter_mut().zip(column) {
+                *jerk = *jerk - *entry * q;
+            }
+            largest = q.abs().max(largest);
+        }
+        found.scale = largest + Lanes([1.0; 4]);
+
+        let [lowest, highest] = self.workspace;
+        let origin = origin * scale.position;
+        found.inside =
+            self.roll(&jerks, velocity, acceleration, [lowest - origin, highest - origin], &mut found.motion);
+        let gradient = self.gradient_size(found);
+        found.residual = gradient.zip(found.scale, |gradient, scale| gradient / scale);
+    }
+
+    /// (1−α)G_c² x_c + αG_f² g, positions counted from `origin` [m].
+    #[inline(always)]
+    fn pull(
+        &self,
+        origin: Lanes,
+        conservative: &[AxisState; 3],
+        preview: &[[AxisState; N]; 3],
+        pull: &mut [[Lanes; 3]; N],
+    ) {
+        let held = [
+            Lanes::of(conservative.map(|state| state.acceleration)),
+            Lanes::of(conservative.map(|state| state.velocity)),
+            Lanes::of(conservative.map(|state| state.position)) - origin,
+        ];
+        for (pull, weights) in pull.iter_mut().zip(&self.feedback) {
+            *pull = from_weights(weights, &held);
+        }
+        // A predictor that is not trusted at all must not be able to spoil Hold.
+        if self.reads_preview {
+            let [px, py, pz] = preview;
+            let references = px.iter().zip(py).zip(pz);
+            for ((pull, weights), ((x, y), z)) in pull.iter_mut().zip(&self.feedforward).zip(references) {
+                let reference = [
+                    Lanes::of([x.acceleration, y.acceleration, z.acceleration]),
+                    Lanes::of([x.velocity, y.velocity, z.velocity]),
+                    Lanes::of([x.position, y.position, z.position]) - origin,
+                ];
+                let [a, v, p] = from_weights(weights, &reference);
+                let [on_acceleration, on_velocity, on_position] = pull;
+                *on_acceleration += a;
+                *on_velocity += v;
+                *on_position += p;
+            }
+        }
+    }
+
+    /// q = ∇½J at zero jerk.
+    #[inline(always)]
+    fn linear_term(&self, velocity: Lanes, acceleration: Lanes, pull: &[[Lanes; 3]; N]) -> [Lanes; N] {
+        let mut linear = [Lanes::ZERO; N];
+        // Without jerk the state at step i is A^i x₀; the sweep runs backwards from step N.
+        let mut sweep = Sweep::default();
+        let mut time = N as f64;
+        for ((q, weights), pull) in linear.iter_mut().zip(&self.weights).zip(pull).rev() {
+            let v = velocity + acceleration * time;
+            let p = velocity * time + acceleration * (0.5 * time * time);
+            *q = sweep.back(&[acceleration, v, p], weights, pull);
+            time -= 1.0;
+        }
+        linear
+    }
+
+    /// The forward sweep; whether each axis keeps its limits.
+    #[inline(always)]
+    fn roll(
+        &self,
+        jerks: &[Lanes; N],
+        mut velocity: Lanes,
+        mut acceleration: Lanes,
+        [lowest, highest]: [Lanes; 2],
+        motion: &mut [[Lanes; 4]; N],
+    ) -> [bool; 3] {
+        let mut position = Lanes::ZERO;
+        let mut extremes = [Lanes::ZERO; 3];
+        let (mut least, mut most) = (Lanes([f64::INFINITY; 4]), Lanes([f64::NEG_INFINITY; 4]));
+        for (u, motion) in jerks.iter().zip(motion) {
+            position += velocity + (acceleration * 0.5 + *u * (1.0 / 6.0));
+            velocity += acceleration + *u * 0.5;
+            acceleration += *u;
+            *motion = [*u, acceleration, velocity, position];
+            let [jerk, accelerated, fast] = &mut extremes;
+            *jerk = u.abs().max(*jerk);
+            *accelerated = acceleration.abs().max(*accelerated);
+            *fast = velocity.abs().max(*fast);
+            least = position.min(least);
+            most = position.max(most);
+        }
+        let mut inside = [true; 3];
+        let within = |value: Lanes, limit: Lanes, inside: &mut [bool; 3]| {
+            for (axis, inside) in inside.iter_mut().enumerate() {
+                *inside &= value.axis(axis) <= limit.axis(axis);
+            }
+        };
+        for (extreme, limit) in extremes.into_iter().zip(self.largest) {
+            within(extreme, limit, &mut inside);
+        }
+        within(lowest, least, &mut inside);
+        within(most, highest, &mut inside);
+        inside
+    }
+
+    /// Σ |∇½J| at the optimum.
+    #[inline(always)]
+    fn gradient_size(&self, found: &FreeOptimum<N>) -> Lanes {
+        let mut sweep = Sweep::default();
+        let mut sum = Lanes::ZERO;
+        for ((motion, weights), pull) in found.motion.iter().zip(&self.weights).zip(&found.pull).rev() {
+            let [u, a, v, p] = motion;
+            sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort * *u).abs();
+        }
+        sum
+    }
+}
+
+/// Adjoint state of the backward sweep: λ_i = f_i + Aᵀ λ_{i+1}.
+struct Sweep {
+    p: Lanes,
+    v: Lanes,
+    a: Lanes,
+}
+
+impl Default for Sweep {
+    fn default() -> Self {
+        Self { p: Lanes::ZERO, v: Lanes::ZERO, a: Lanes::ZERO }
+    }
+}
+
+impl Sweep {
+    /// One step back with the force of weighted errors at `state`; Bᵀλ.
+    #[inline(always)]
+    fn back(&mut self, state: &[Lanes; 3], weights: &[Lanes; 3], pull: &[Lanes; 3]) -> Lanes {
+        let ([a, v, p], [wa, wv, wp], [pa, pv, pp]) = (state, weights, pull);
+        self.a += self.v + (self.p * 0.5 + (*wa * *a - *pa));
+        self.v += self.p + (*wv * *v - *pv);
+        self.p += *wp * *p - *pp;
+        self.p * (1.0 / 6.0) + (self.v * 0.5 + self.a)
+    }
+}
+
+#[inline(always)]
+fn from_weights(weights: &[Lanes; 3], values: &[Lanes; 3]) -> [Lanes; 3] {
+    let ([wa, wv, wp], [a, v, p]) = (weights, values);
+    [*wa * *a, *wv * *v, *wp * *p]
+}
+
+impl<const N: usize> Default for FreeOptimum<N> {
+    fn default() -> Self {
+        Self {
+            motion: [[Lanes::ZERO; 4]; N],
+            pull: [[Lanes::ZERO; 3]; N],
+            start: [Lanes::ZERO; 3],
+            scale: Lanes::ZERO,
+            residual: Lanes::ZERO,
+            inside: [false; 3],
+        }
+    }
+}
+
+impl<const N: usize> FreeOptimum<N> {
+    /// The axis keeps every limit.
+    #[inline(always)]
+    pub(super) fn inside(&self, axis: usize) -> bool {
+        self.inside.get(axis).is_some_and(|inside| *inside)
+    }
+
+    /// Upper bound of the axis' stationarity residual; NaN for input that is not finite.
+    #[inline(always)]
+    pub(super) fn residual(&self, axis: usize) -> f64 {
+        self.residual.axis(axis)
+    }
+
+    /// What residuals are relative to.
+    pub(super) fn scale(&self, axis: usize) -> f64 {
+        self.scale.axis(axis)
+    }
+
+    /// Normalised state at the start.
+    pub(super) fn start(&self, axis: usize) -> State {
+        self.start.map(|lanes| lanes.axis(axis))
+    }
+
+    /// Jerks of the axis.
+    #[inline(always)]
+    pub(super) fn jerks(&self, axis: usize) -> [f64; N] {
+        let mut jerks = [0.0; N];
+        for (jerk, [u, ..]) in jerks.iter_mut().zip(&self.motion) {
+            *jerk = u.axis(axis);
+        }
+        jerks
+    }
+
+    /// Motion of the axis.
+    pub(super) fn motion(&self, axis: usize) -> Motion<N> {
+        let mut rows = [[0.0; N]; 4];
+        let [jerks, accelerations, velocities, positions] = &mut rows;
+        let to = jerks.iter_mut().zip(accelerations).zip(velocities).zip(positions);
+        for ((((jerk, acceleration), velocity), position), [u, a, v, p]) in to.zip(&self.motion) {
+            *jerk = u.axis(axis);
+            *acceleration = a.axis(axis);
+            *velocity = v.axis(axis);
+            *position = p.axis(axis);
+        }
+        rows
+    }
+
+    /// Pull on the axis.
+    pub(super) fn pull(&self, axis: usize) -> Weights<N> {
+        let columns: [[f64; 3]; N] =
+            from_fn(|i| self.pull.get(i).map_or([0.0; 3], |pull| pull.map(|lanes| lanes.axis(axis))));
+        let mut rows = [[0.0; N]; 3];
+        let [accelerations, velocities, positions] = &mut rows;
+        let to = accelerations.iter_mut().zip(velocities).zip(positions);
+        for (((acceleration, velocity), position), [a, v, p]) in to.zip(columns) {
+            *acceleration = a;
+            *velocity = v;
+            *position = p;
+        }
+        rows
+    }
+}
