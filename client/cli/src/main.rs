@@ -5,14 +5,18 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod os;
 mod failure;
 mod output;
-#[cfg(test)]
-mod spread;
+mod interrupt;
 mod settings;
+mod attach;
 mod config;
-#[cfg(test)]
 mod arm;
+mod play;
+mod request;
+mod status;
+mod bench;
 
 use std::process::ExitCode;
 
@@ -33,6 +37,13 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Play(play::PlayArgs),
+    /// Arms to plug into the loop
+    #[command(subcommand)]
+    Arm(arm::ArmCommand),
+    Request(request::RequestArgs),
+    Status(status::StatusArgs),
+    Bench(bench::BenchArgs),
     /// Judge a settings file, or show the settings in force
     #[command(subcommand)]
     Config(config::ConfigCommand),
@@ -51,6 +62,11 @@ fn main() -> ExitCode {
 
 fn run(command: &Command) -> Result<(), Failure> {
     match command {
+        Command::Play(args) => play::run(args),
+        Command::Arm(command) => arm::run(command),
+        Command::Request(args) => request::run(args),
+        Command::Status(args) => status::run(args),
+        Command::Bench(args) => bench::run(args),
         Command::Config(command) => config::run(command),
     }
 }

@@ -33,6 +33,10 @@ pub(crate) struct SettingsArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
 
+    /// Ticks per second of the loop: 125, 250, 500 or 1000; the grid step follows where it has to
+    #[arg(long = "loop-rate", value_name = "HZ")]
+    pub(crate) loop_rate: Option<u32>,
+
     #[command(flatten)]
     pub(crate) instance: InstanceArgs,
 }
@@ -49,6 +53,9 @@ impl SettingsArgs {
             Some(file) => Draft::file(file),
             None => Draft::preset(&self.preset),
         };
+        if let Some(rate_hz) = self.loop_rate {
+            draft = draft.rate(rate_hz);
+        }
         if let Some(number) = self.instance.instance {
             draft = draft.set("instance.number", &number.to_string());
         }

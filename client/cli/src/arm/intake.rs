@@ -10,10 +10,9 @@ use std::collections::VecDeque;
 use foretrace_control::guard::{CommandChecker, CommandStatistics, Commanded, consumer_state};
 use foretrace_control::ik::limit::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
+use foretrace_lab::arm::JOINTS;
 use foretrace_shm::{HeaderBounds, HeaderCheck, JointCommand, Validate, command_flags};
 use serde::Serialize;
-
-use super::model::JOINTS;
 
 /// A controller ignores targets that need more than this within one cycle [rad/s].
 const JUMP_RADPS: f64 = 20.0;

@@ -1,4 +1,18 @@
 //! `foretrace arm`: arms to plug into the loop.
 
-pub(crate) use foretrace_lab::arm as model;
 pub(crate) mod intake;
+mod sim;
+
+use crate::failure::Failure;
+
+/// `foretrace arm ...`
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum ArmCommand {
+    Sim(sim::SimArgs),
+}
+
+pub(crate) fn run(command: &ArmCommand) -> Result<(), Failure> {
+    match command {
+        ArmCommand::Sim(args) => sim::run(args),
+    }
+}

@@ -9,10 +9,12 @@ use std::path::Path;
 use foretrace_config::Settings;
 use foretrace_lab::data::{Character, DataSet, Recording, Split, load_csv, load_unipen, median_glyph_height};
 use foretrace_lab::path::{Anchor, Ink, Layout, PathSample, PenPath, Placement};
+use foretrace_lab::writer::text_path;
 
 use crate::failure::Failure;
 
-const REMEDY: &str = "give a UNIPEN file (.dat), a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
+const REMEDY: &str =
+    "give a UNIPEN file (.dat), a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
 
 /// How to lay ink into the plane.
 #[derive(Debug, Clone, clap::Args)]
@@ -94,6 +96,15 @@ impl Workspace {
     fn placement(&self, height_m: f64, layout: Layout, anchor: Anchor) -> Placement {
         Placement { centre_m: self.centre_m, size_m: self.size_m, glyph_height_m: height_m, layout, anchor }
     }
+}
+
+/// Rate of the built-in writer's tablet [Hz].
+const GLYPH_RATE_HZ: f64 = 200.0;
+
+fn glyphs(text: &str, args: &PathArgs, workspace: &Workspace) -> Result<Source, Failure> {
+    let placement = workspace.placement(args.height, Layout::Line, Anchor::Baseline);
+    let path = text_path(text, args.style, GLYPH_RATE_HZ, &placement).map_err(wrong)?;
+    Ok(Source { path, notes: Vec::new() })
 }
 
 fn recordings(names: &[String], args: &PathArgs, workspace: &Workspace) -> Result<Source, Failure> {

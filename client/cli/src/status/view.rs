@@ -97,7 +97,11 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.page_faults_major
     ));
     let missing: Vec<&str> = missing_rights::labels(status.missing_rights).collect();
-    let rights = if missing.is_empty() { "all granted".to_owned() } else { format!("missing: {}", missing.join(", ")) };
+    let rights = if missing.is_empty() {
+        "all granted".to_owned()
+    } else {
+        format!("missing: {}", missing.join(", "))
+    };
     line(format_args!("rights      {rights}"));
     page
 }

@@ -1,0 +1,338 @@
+//! `foretrace arm sim`: a simulated UR5 controller as a process of its own.
+//!
+//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine slept through are made up for, each with
+//! the command that was due then, because a real controller would not have slept. Outlives the daemon: without commands
+//! it brakes and stays, and follows again when a daemon comes back.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use foretrace_client::{
+    Commands, Foretrace, JointState, JointStates, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
+};
+use foretrace_control::units::Stamp;
+use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS, Joints};
+use serde::Serialize;
+
+use super::intake::{Intake, Refused};
+use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::os;
+use crate::output::{JsonArgs, note, say};
+use crate::settings::SettingsArgs;
+
+/// Simulate a UR5 behind its controller: receive joint commands, move like the arm, report joint states
+///
+/// The controller takes one command per cycle, adds one cycle of delay, a critically damped servo with the look-ahead as
+/// its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34 rad/s and 40 rad/s². It brakes by itself when
+/// commands stay away. Every command received is checked against the settings' limits; the result is printed at the end.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SimArgs {
+    /// Cycles per second of the controller [default: robot.controller_rate_hz of the settings]
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=2000))]
+    rate: Option<u32>,
+
+    /// Look-ahead of the servo in milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 30.0, value_parser = look_ahead)]
+    look_ahead: f64,
+
+    /// End after this many seconds; otherwise on Ctrl-C
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+
+    /// Seconds to wait for the daemon to come up
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    wait: f64,
+
+    /// Write every joint state as CSV: t_s (monotonic clock), q1..q6 [rad]
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+struct Report {
+    commands: CommandReport,
+    arm: ArmReport,
+}
+
+#[derive(Debug, Serialize)]
+struct CommandReport {
+    count: u64,
+    limit_violations: u64,
+    max_step_rad: f64,
+    max_velocity_radps: f64,
+    max_acceleration_radps2: f64,
+    accepted: u64,
+    refused: Refused,
+    lost: u64,
+    violations: ViolationReport,
+}
+
+#[derive(Debug, Serialize)]
+struct ViolationReport {
+    not_finite: u64,
+    stamp: u64,
+    position: u64,
+    velocity: u64,
+    acceleration: u64,
+    continuity: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct ArmReport {
+    rate_hz: f64,
+    cycles: u64,
+    /// Cycles that the machine slept through and that were made up for.
+    late_cycles: u64,
+    daemons: u64,
+}
+
+pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let interrupt = Interrupt::listen()?;
+    let config = args.settings.load()?;
+    let robot = config.robot();
+    let rate_hz = args.rate.unwrap_or(config.settings().robot.controller_rate_hz);
+    let cycle_s = 1.0 / f64::from(rate_hz);
+    let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, robot.home)
+        .ok_or_else(|| Failure::bad_input("robot.home_rad is not finite", "correct the settings"))?;
+    let model = ArmModel::at_rest(ArmSettings::ur5(cycle_s, args.look_ahead * 1e-3), robot.home);
+    let record = args.record.as_ref().map(Record::create).transpose()?;
+    let instance = instance_of(config.settings())?;
+    let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
+    let ports = Ports::open(&foretrace)?;
+    note!("arm: {rate_hz} Hz, look-ahead {} ms, instance {}", args.look_ahead, instance.number());
+
+    let mut sim = Simulation {
+        cycle_ns: 1_000_000_000 / u64::from(rate_hz),
+        model,
+        intake,
+        foretrace,
+        ports: Some(ports),
+        record,
+        cycles: 0,
+        late_cycles: 0,
+        daemons: 1,
+    };
+    sim.run(args.seconds, &interrupt);
+    if let Some(record) = sim.record.take() {
+        record.finish()?;
+    }
+    let report = sim.report(f64::from(rate_hz));
+    summary(&report);
+    args.json.write(&report)
+}
+
+/// The two handles of an arm.
+struct Ports {
+    commands: Commands,
+    states: JointStates,
+}
+
+impl Ports {
+    fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
+        Ok(Self {
+            commands: foretrace.commands(Commands::MAX_BUFFER).map_err(unattached)?,
+            states: foretrace.joint_states().map_err(unattached)?,
+        })
+    }
+}
+
+struct Simulation {
+    cycle_ns: u64,
+    model: ArmModel,
+    intake: Intake,
+    foretrace: Foretrace,
+    ports: Option<Ports>,
+    record: Option<Record>,
+    cycles: u64,
+    late_cycles: u64,
+    daemons: u64,
+}
+
+impl Simulation {
+    fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
+        let begin = monotonic_now_ns();
+        let end = seconds.map_or(u64::MAX, |s| begin.saturating_add((s.max(0.0) * 1e9) as u64));
+        let mut lookout = Lookout::new();
+        let mut due = begin + self.cycle_ns;
+        while due < end && !interrupt.is_set() {
+            os::sleep_until(due);
+            let now = monotonic_now_ns();
+            self.receive(Stamp(now));
+            let mut made = 0;
+            while due <= now {
+                self.cycle(due);
+                due += self.cycle_ns;
+                made += 1;
+            }
+            self.late_cycles += u64::saturating_sub(made, 1);
+            match lookout.look(&mut self.foretrace) {
+                News::None => {}
+                News::Gone => note!("arm: the daemon is gone; braking, and waiting for it"),
+                News::Back => {
+                    self.daemons += 1;
+                    note!("arm: a daemon took over");
+                }
+                News::Renewed => {
+                    self.daemons += 1;
+                    // The old handles hold places that the new ones need.
+                    self.ports = None;
+                    match Ports::open(&self.foretrace) {
+                        Ok(ports) => self.ports = Some(ports),
+                        Err(failure) => note!("{failure}"),
+                    }
+                    note!("arm: a new daemon is there");
+                }
+            }
+        }
+    }
+
+    fn receive(&mut self, now: Stamp) {
+        let intake = &mut self.intake;
+        if let Some(ports) = &mut self.ports {
+            ports.commands.drain(|command| {
+                intake.receive(command, now);
+            });
+        }
+    }
+
+    /// Reports the joints as they are at `due`, then moves through one cycle.
+    fn cycle(&mut self, due: u64) {
+        let joints = self.model.joints();
+        self.cycles += 1;
+        let refused = self.ports.as_ref().map_or(0, |ports| ports.commands.rejections().total());
+        let state = JointState {
+            robot_stamp_ns: self.cycles * self.cycle_ns,
+            command_tick: self.intake.newest_tick(),
+            commands_received: self.intake.accepted(),
+            commands_refused: self.intake.refused().total() + refused,
+            q: joints.q,
+            qd: joints.qd,
+            safety_mode: SafetyMode::Normal.into(),
+            robot_mode: RobotMode::Running.into(),
+            ..JointState::default()
+        };
+        if let Some(ports) = &mut self.ports {
+            // Without a daemon nobody listens; the lookout takes care of that.
+            let _ = ports.states.publish(due, state);
+        }
+        if let Some(record) = &mut self.record {
+            record.add(due, &joints);
+        }
+        let target = self.intake.target(Stamp(due));
+        self.model.cycle(target);
+    }
+
+    fn report(&self, rate_hz: f64) -> Report {
+        let seen = self.intake.statistics();
+        let broken = seen.violations;
+        let mut refused = self.intake.refused();
+        if let Some(ports) = &self.ports {
+            // The client library refuses first; what it refused never came to the intake.
+            refused.header += ports.commands.rejections().total();
+        }
+        Report {
+            commands: CommandReport {
+                count: seen.count,
+                limit_violations: seen.limit_violations,
+                max_step_rad: seen.max_step_rad,
+                max_velocity_radps: seen.max_velocity_radps,
+                max_acceleration_radps2: seen.max_acceleration_radps2,
+                accepted: self.intake.accepted(),
+                refused,
+                lost: self.intake.lost(),
+                violations: ViolationReport {
+                    not_finite: broken.not_finite,
+                    stamp: broken.stamp,
+                    position: broken.position,
+                    velocity: broken.velocity,
+                    acceleration: broken.acceleration,
+                    continuity: broken.continuity,
+                },
+            },
+            arm: ArmReport {
+                rate_hz,
+                cycles: self.cycles,
+                late_cycles: self.late_cycles,
+                daemons: self.daemons,
+            },
+        }
+    }
+}
+
+/// The joint states as a CSV file.
+struct Record {
+    path: PathBuf,
+    file: BufWriter<File>,
+    failed: Option<std::io::Error>,
+}
+
+impl Record {
+    fn create(path: &PathBuf) -> Result<Self, Failure> {
+        let wrong = |error| {
+            Failure::bad_input(format_args!("{}: {error}", path.display()), "give a writable --record FILE")
+        };
+        let mut file = BufWriter::with_capacity(1 << 16, File::create(path).map_err(wrong)?);
+        writeln!(file, "t_s,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad").map_err(wrong)?;
+        Ok(Self { path: path.clone(), file, failed: None })
+    }
+
+    fn add(&mut self, stamp_ns: u64, joints: &Joints) {
+        let [a, b, c, d, e, f] = joints.q;
+        let (s, ns) = (stamp_ns / 1_000_000_000, stamp_ns % 1_000_000_000);
+        let written = writeln!(self.file, "{s}.{ns:09},{a:.9},{b:.9},{c:.9},{d:.9},{e:.9},{f:.9}");
+        if let Err(error) = written {
+            self.failed.get_or_insert(error);
+        }
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        let flushed = self.file.flush();
+        match self.failed.take().map_or(flushed, Err) {
+            Ok(()) => Ok(()),
+            Err(error) => Err(Failure::failed(
+                format_args!("{}: {error}", self.path.display()),
+                "make room for the record",
+            )),
+        }
+    }
+}
+
+fn summary(report: &Report) {
+    let Report { commands, arm } = report;
+    say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
+    say!(
+        "commands    {} received, {} taken, {} refused, {} lost on the way",
+        commands.count,
+        commands.accepted,
+        commands.refused.total(),
+        commands.lost
+    );
+    say!("violations  {}", commands.limit_violations);
+    say!(
+        "largest     step {:.6} rad, velocity {:.4} rad/s, acceleration {:.3} rad/s²",
+        commands.max_step_rad,
+        commands.max_velocity_radps,
+        commands.max_acceleration_radps2
+    );
+}
+
+fn look_ahead(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(ms) if (1.0..=200.0).contains(&ms) => Ok(ms),
+        _ => Err("a number from 1 to 200; servoj takes 30 to 200".to_owned()),
+    }
+}
+
+const _: () = assert!(JOINTS == foretrace_client::JOINTS);

@@ -1,0 +1,101 @@
+//! From `--instance` and `--root` to an attachment, and from the client's errors to exit codes.
+
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Attachment, Foretrace, Instance, ServiceError};
+use foretrace_config::Settings;
+
+use crate::failure::{Cause, Failure};
+use crate::settings::InstanceArgs;
+
+/// How often a program that stays looks whether its daemon is still there.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+impl InstanceArgs {
+    /// The instance that is meant.
+    pub(crate) fn instance(&self) -> Result<Instance, Failure> {
+        let number = self.instance.unwrap_or(0);
+        match &self.root {
+            Some(root) => Instance::at(number, root),
+            None => Instance::new(number),
+        }
+        .map_err(|error| Failure::bad_input(error, ""))
+    }
+
+    /// Attaches to its daemon, which must be up.
+    pub(crate) fn attach(&self) -> Result<Foretrace, Failure> {
+        attach_within(&self.instance()?, Duration::ZERO)
+    }
+}
+
+/// The instance that the settings name.
+pub(crate) fn instance_of(settings: &Settings) -> Result<Instance, Failure> {
+    let number = Some(settings.instance.number);
+    InstanceArgs { instance: number, root: settings.instance.root_dir.as_ref().map(Into::into) }.instance()
+}
+
+/// Attaches, waiting up to `wait` for the daemon.
+pub(crate) fn attach_within(instance: &Instance, wait: Duration) -> Result<Foretrace, Failure> {
+    Foretrace::attach_within(instance, wait).map_err(unattached)
+}
+
+/// What a service's error means for the person at the keyboard.
+pub(crate) fn unattached(error: ServiceError) -> Failure {
+    let cause = match error {
+        ServiceError::NoDaemon { .. } => Cause::NoDaemon,
+        _ => Cause::Failed,
+    };
+    Failure::new(cause, error, "")
+}
+
+/// Keeps an eye on the daemon for programs that outlive it.
+#[derive(Debug)]
+pub(crate) struct Lookout {
+    next: Instant,
+    away: bool,
+}
+
+/// What changed since the last look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum News {
+    /// Nothing.
+    None,
+    /// The daemon is gone.
+    Gone,
+    /// A daemon is back, and the handles work on.
+    Back,
+    /// A daemon is back, and all handles must be made anew.
+    Renewed,
+}
+
+impl Lookout {
+    pub(crate) fn new() -> Self {
+        Self { next: Instant::now() + LOOK_EVERY, away: false }
+    }
+
+    /// Looks, at most four times per second; re-attaches where that is needed and possible.
+    pub(crate) fn look(&mut self, foretrace: &mut Foretrace) -> News {
+        let now = Instant::now();
+        if now < self.next {
+            return News::None;
+        }
+        self.next = now + LOOK_EVERY;
+        match foretrace.reattach_if_needed() {
+            Ok(Attachment::Renewed) => {
+                self.away = false;
+                News::Renewed
+            }
+            Ok(found) => {
+                let back = self.away || found == Attachment::TakenOver;
+                self.away = false;
+                if back { News::Back } else { News::None }
+            }
+            // Whatever stands in the way of a new daemon may pass: keep looking.
+            Err(_) if self.away => News::None,
+            Err(_) => {
+                self.away = true;
+                News::Gone
+            }
+        }
+    }
+}

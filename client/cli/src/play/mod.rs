@@ -1,0 +1,199 @@
+//! `foretrace play`: handwriting as if a pen wrote it now.
+//!
+//! Contract: every sample carries the instant at which the pen was there and is sent at that instant, by absolute
+//! sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do. Outlives the daemon.
+
+pub(crate) mod source;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use foretrace_client::{PenFeed, PenReading, monotonic_now_ns};
+use foretrace_lab::data::write_csv;
+use foretrace_lab::path::{PathSample, PenPath};
+use serde::Serialize;
+
+use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::os;
+use crate::output::{JsonArgs, note, say};
+use crate::settings::SettingsArgs;
+use source::PathArgs;
+
+/// A pen that will write soon: time to get ready.
+const LEAD_NS: u64 = 50_000_000;
+/// Longest sleep without looking for Ctrl-C.
+const NAP_NS: u64 = 100_000_000;
+
+/// Play handwriting into the loop, in real time, as a pen tablet would
+///
+/// SOURCE is one or more UNIPEN files, a data-set folder (with split.tsv: its test part), one CSV with the columns
+/// t_s,x_m,y_m,contact, or glyphs:TEXT for the built-in writer. Recorded ink is recentred into the workspace of the
+/// settings; where a recording has no hover between two strokes, a lift and travel is put in.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace play glyphs:Hello\n  foretrace play data/unipen-ced/data/001.dat --label K --loop\n  foretrace play path.csv --speed 0.5"
+)]
+pub(crate) struct PlayArgs {
+    /// What to play
+    #[arg(value_name = "SOURCE", required = true)]
+    sources: Vec<String>,
+
+    #[command(flatten)]
+    path: PathArgs,
+
+    /// Begin again at the end, until --seconds are over or Ctrl-C
+    #[arg(long = "loop")]
+    repeat: bool,
+
+    /// End after this many seconds
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+
+    /// Seconds to wait for the daemon to come up
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    wait: f64,
+
+    /// Write what was sent as CSV: t_s (monotonic clock), x_m, y_m, contact
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Default, Serialize)]
+struct Report {
+    samples: u64,
+    /// Sent while no daemon listened.
+    unheard: u64,
+    /// Refused by the shared memory.
+    failed: u64,
+    rate_hz: f64,
+    seconds: f64,
+    /// The latest that a sample was sent after its stamp [ms].
+    latest_ms: f64,
+}
+
+pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let interrupt = Interrupt::listen()?;
+    let config = args.settings.load()?;
+    let source = source::load(&args.sources, &args.path, config.settings())?;
+    for what in &source.notes {
+        note!("play: {what}");
+    }
+    let path = if args.repeat { source.path.closed() } else { source.path };
+    note!(
+        "play: {} samples at {:.0} Hz, {:.1} s{}, {} lifts put in",
+        path.samples.len(),
+        path.rate_hz,
+        path.duration_s(),
+        if args.repeat { ", over and over" } else { "" },
+        path.inserted_travels
+    );
+    let instance = instance_of(config.settings())?;
+    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
+    let feed = foretrace.pen_feed().map_err(unattached)?;
+    let begin = monotonic_now_ns() + LEAD_NS;
+    let mut player = Player {
+        feed: Some(feed),
+        report: Report { rate_hz: path.rate_hz, ..Report::default() },
+        sent: args.record.is_some().then(Vec::new),
+    };
+    let mut lookout = Lookout::new();
+    let turns = if args.repeat { usize::MAX } else { path.samples.len() };
+    let first_s = path.samples.first().map_or(0.0, |sample| sample.t_s);
+    for sample in path.cycle().take(turns) {
+        let after_s = sample.t_s - first_s;
+        let due = begin + (after_s * 1e9) as u64;
+        if args.seconds.is_some_and(|seconds| after_s >= seconds) || !slept_until(due, &interrupt) {
+            break;
+        }
+        player.send(due, &sample);
+        match lookout.look(&mut foretrace) {
+            News::None => {}
+            News::Gone => note!("play: the daemon is gone; playing on"),
+            News::Back => note!("play: a daemon took over"),
+            News::Renewed => {
+                // The old feed holds the place that the new one needs.
+                player.feed = None;
+                match foretrace.pen_feed() {
+                    Ok(feed) => player.feed = Some(feed),
+                    Err(error) => note!("{}", unattached(error)),
+                }
+                note!("play: a new daemon is there");
+            }
+        }
+        player.report.seconds = after_s;
+    }
+    if let (Some(file), Some(sent)) = (&args.record, player.sent) {
+        write_csv(file, &PenPath::from_samples(sent)).map_err(|error| {
+            Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")
+        })?;
+    }
+    let report = player.report;
+    say!(
+        "{} samples sent in {:.1} s, {} unheard, {} failed, at most {:.1} ms late",
+        report.samples,
+        report.seconds,
+        report.unheard,
+        report.failed,
+        report.latest_ms
+    );
+    args.json.write(&report)
+}
+
+struct Player {
+    feed: Option<PenFeed>,
+    report: Report,
+    sent: Option<Vec<PathSample>>,
+}
+
+impl Player {
+    fn send(&mut self, due: u64, sample: &PathSample) {
+        let reading = PenReading {
+            device_stamp_ns: due,
+            x_m: sample.x_m,
+            y_m: sample.y_m,
+            contact: sample.contact,
+            more_flags: foretrace_client::pen_flags::IN_RANGE,
+            ..PenReading::default()
+        };
+        match self.feed.as_mut().map(|feed| feed.send(reading)) {
+            Some(Ok(true)) => {}
+            Some(Ok(false)) | None => self.report.unheard += 1,
+            Some(Err(error)) => {
+                if self.report.failed == 0 {
+                    note!("play: {error}");
+                }
+                self.report.failed += 1;
+            }
+        }
+        self.report.samples += 1;
+        let late_ms = monotonic_now_ns().saturating_sub(due) as f64 * 1e-6;
+        self.report.latest_ms = self.report.latest_ms.max(late_ms);
+        if let Some(sent) = &mut self.sent {
+            sent.push(PathSample { t_s: due as f64 * 1e-9, ..*sample });
+        }
+    }
+}
+
+/// Sleeps in naps; false when the user wants to end.
+fn slept_until(due: u64, interrupt: &Interrupt) -> bool {
+    loop {
+        if interrupt.is_set() {
+            return false;
+        }
+        let now = monotonic_now_ns();
+        if now >= due {
+            return true;
+        }
+        os::sleep_until(due.min(now + NAP_NS));
+    }
+}

@@ -1,0 +1,141 @@
+//! `foretrace request`: ask the running daemon for something.
+
+use std::time::Duration;
+
+use foretrace_client::{ControlResponse, ControlStatus, Mode, PredictorId, RequestError, Requests};
+use serde_json::json;
+
+use crate::attach::unattached;
+use crate::failure::{Cause, Failure};
+use crate::output::{JsonArgs, say};
+use crate::settings::InstanceArgs;
+
+/// Ask the running daemon: arm, disarm, stop, set trust, switch the predictor, reload the settings
+#[derive(Debug, clap::Args)]
+pub(crate) struct RequestArgs {
+    #[command(subcommand)]
+    request: Request,
+
+    #[command(flatten)]
+    instance: InstanceArgs,
+
+    /// Seconds to wait for the answer
+    #[arg(long, value_name = "S", default_value_t = 2.0, global = true)]
+    timeout: f64,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+#[derive(Debug, Clone, PartialEq, clap::Subcommand)]
+enum Request {
+    /// Take over the arm at its measured joints; also the way out of a latched stop
+    Arm,
+    /// Stop smoothly and let go of the arm
+    Disarm,
+    /// Stop smoothly and stay stopped until armed again
+    Stop,
+    /// Fix the trust in the prediction by hand, or let the evidence decide
+    Trust {
+        /// 0 (hold only) to 1 (prediction only), or auto
+        #[arg(value_name = "VALUE|auto", value_parser = trust)]
+        value: Trust,
+    },
+    /// Predict with another predictor; trust goes through 0
+    Predictor {
+        /// hold, constant-velocity, dybm
+        #[arg(value_name = "NAME", value_parser = predictor)]
+        name: PredictorId,
+    },
+    /// Read the settings file again; only live settings may have changed
+    Reload,
+    /// Ask for mode and trust, changing nothing
+    Query,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Trust {
+    Auto,
+    By(f64),
+}
+
+pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let foretrace = args.instance.attach()?;
+    let mut requests = foretrace.requests().map_err(unattached)?;
+    let wait = Duration::from_secs_f64(args.timeout.clamp(0.01, 3600.0));
+    let answer = match ask(&mut requests, &args.request, wait) {
+        Ok(answer) => answer,
+        Err(error) => {
+            if let RequestError::Refused { status, message, detail, value } = &error {
+                args.json.write(&result(*status, message, *detail, *value))?;
+            }
+            return Err(refused(&error));
+        }
+    };
+    let mode = Mode::try_from(answer.detail).map_or("unknown", Mode::label);
+    say!("{answer} (mode {mode}, trust {:.2})", answer.value);
+    args.json.write(&result(answer.outcome(), &answer.text(), answer.detail, answer.value))
+}
+
+/// The failure that a request's error means.
+pub(crate) fn refused(error: &RequestError) -> Failure {
+    match error {
+        RequestError::Refused { .. } => Failure::new(Cause::Refused, error, "see `foretrace status`"),
+        RequestError::Invalid(_) => Failure::new(Cause::Usage, error, ""),
+        RequestError::NoAnswer(_) => Failure::failed(error, ""),
+    }
+}
+
+fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<ControlResponse, RequestError> {
+    match request {
+        Request::Arm => requests.arm(wait),
+        Request::Disarm => requests.disarm(wait),
+        Request::Stop => requests.stop(wait),
+        Request::Trust { value: Trust::Auto } => requests.trust_auto(wait),
+        Request::Trust { value: Trust::By(value) } => requests.set_trust(*value, wait),
+        Request::Predictor { name } => requests.switch_predictor(*name, wait),
+        Request::Reload => requests.reload(wait),
+        Request::Query => requests.query(wait),
+    }
+}
+
+fn result(status: ControlStatus, message: &str, detail: u32, value: f64) -> serde_json::Value {
+    let success = i32::from(status) >= 0;
+    json!({ "status": status.label(), "message": message, "success": success, "value": value, "detail": detail })
+}
+
+fn trust(text: &str) -> Result<Trust, String> {
+    match text.parse::<f64>() {
+        _ if text == "auto" => Ok(Trust::Auto),
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(Trust::By(value)),
+        _ => Err("a number from 0 to 1, or auto".to_owned()),
+    }
+}
+
+fn predictor(text: &str) -> Result<PredictorId, String> {
+    PredictorId::from_label(text).ok_or_else(|| {
+        let known: Vec<&str> = PredictorId::ALL.iter().map(|id| id.label()).collect();
+        format!("one of {}", known.join(", "))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trust_is_a_share_or_auto() {
+        assert_eq!(trust("auto"), Ok(Trust::Auto));
+        assert_eq!(trust("0.25"), Ok(Trust::By(0.25)));
+        for wrong in ["1.1", "-0.1", "nan", "inf", ""] {
+            assert!(trust(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn predictors_are_known_by_their_label() {
+        assert_eq!(predictor("constant-velocity"), Ok(PredictorId::ConstantVelocity));
+        assert!(predictor("oracle9").unwrap_err().contains("dybm"));
+    }
+}
