@@ -85,7 +85,7 @@ fn assert_viable(limits: &JointLimits<6>, motion: &JointMotion<6>) {
 fn the_box_is_never_empty_and_keeps_a_viable_state_viable() {
     let mut rng = Pcg64::seed_from_u64(1);
     for limits in [limits(), with_jerk()] {
-        for _ in 0..400_000 {
+        for _ in 0..200_000 {
             let motion = viable(&mut rng, &limits);
             let h = TICK_S * [0.1, 0.5, 1.0, 1.0, 3.0, 20.0, 50.0][rng.random_range(0..7usize)];
             let allowed = velocity_box(&motion, &limits, h);
@@ -129,7 +129,7 @@ fn viable_velocity_is_the_one_worked_by_hand() {
 fn outside_the_limits_the_box_leads_back() {
     let mut rng = Pcg64::seed_from_u64(2);
     let limits = limits();
-    for _ in 0..2_000 {
+    for _ in 0..200 {
         let mut motion = JointMotion::at_rest(std::array::from_fn(|_| rng.random_range(-9.0..9.0)));
         for i in 0..6 {
             motion.qd[i] = rng.random_range(-1.5..1.5) * limits.velocity()[i];
@@ -206,7 +206,7 @@ fn whatever_is_proposed_what_leaves_is_legal_and_viable() {
     for limits in [limits(), with_jerk()] {
         let guard = Guard::new(limits);
         let mut checker = CommandChecker::new(limits);
-        for _ in 0..40 {
+        for _ in 0..20 {
             let mut last = Commanded::new(Stamp(1_000_000_000), viable(&mut rng, &limits)).unwrap();
             checker.restart();
             let mut target = *last.q();
@@ -253,7 +253,7 @@ fn whatever_is_proposed_what_leaves_is_legal_and_viable() {
             }
         }
         assert_eq!(checker.statistics().limit_violations, 0);
-        assert_eq!(checker.statistics().count, 400_000);
+        assert_eq!(checker.statistics().count, 200_000);
     }
 }
 
@@ -369,7 +369,7 @@ fn stop_ends_at_exactly_zero_inside_all_hard_limits() {
     let mut rng = Pcg64::seed_from_u64(6);
     let mut states = 0u64;
     for limits in [limits(), with_jerk()] {
-        for _ in 0..6_000 {
+        for _ in 0..4_200 {
             let motion = viable(&mut rng, &limits);
             states += u64::from(stop(&limits, motion, |last, next| {
                 assert_viable(&limits, next);

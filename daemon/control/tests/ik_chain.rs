@@ -104,7 +104,7 @@ fn cases(cases: u32) -> ProptestConfig {
 }
 
 proptest! {
-    #![proptest_config(cases(2000))]
+    #![proptest_config(cases(1000))]
 
     #[test]
     fn pose_is_the_product_of_the_dh_matrices(q in joints()) {
@@ -165,7 +165,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(cases(300))]
+    #![proptest_config(cases(60))]
 
     #[test]
     fn damaged_descriptions_are_refused_without_panic(share in 0.0..1.0f64, with in "\\PC{0,12}") {
