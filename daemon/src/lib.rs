@@ -6,6 +6,7 @@
 //!
 //! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting allocator).
 
+#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod alloc_count;

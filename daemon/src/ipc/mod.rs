@@ -226,7 +226,7 @@ impl Ipc {
         if let Some(error) = evidence.output.predictor_error {
             self.predictor.add(error);
         }
-        if evidence.tick % self.settings.telemetry_every.max(1) == 0 {
+        if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
             let record = convert::tick_record(evidence, &self.tally());
             if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
                 self.telemetry_failed += 1;

@@ -38,7 +38,7 @@ pub struct ReloadOutcome {
 /// Who waits for an answer of the loop.
 #[derive(Debug)]
 enum Asker {
-    Operator(Call),
+    Operator(Box<Call>),
     /// A reload has changed a live setting.
     Settings(Request),
 }
@@ -110,8 +110,10 @@ impl Requests {
                 }
             }
             Meaning::Loop(request) => {
-                if let Err(Asker::Operator(call)) = self.ask_loop(request, Asker::Operator(call), rings) {
-                    self.answer(call, ControlStatus::Busy, mode, trust, "too many requests: ask again");
+                if let Err(Asker::Operator(call)) =
+                    self.ask_loop(request, Asker::Operator(Box::new(call)), rings)
+                {
+                    self.answer(*call, ControlStatus::Busy, mode, trust, "too many requests: ask again");
                 }
             }
         }
@@ -142,11 +144,11 @@ impl Requests {
                 } else {
                     ControlStatus::Ok
                 };
-                self.answer(call, status, answer.mode, answer.trust, "");
+                self.answer(*call, status, answer.mode, answer.trust, "");
             }
             (Asker::Operator(call), Err(refusal)) => {
                 let (status, text) = convert::refusal(refusal);
-                self.answer(call, status, answer.mode, answer.trust, text);
+                self.answer(*call, status, answer.mode, answer.trust, text);
             }
             (Asker::Settings(request), Ok(())) => info!("live setting in force: {request:?}"),
             (Asker::Settings(request), Err(refusal)) => {
@@ -170,7 +172,7 @@ impl Requests {
     fn overdue(&mut self, mode: Mode, trust: Trust) {
         while let Some(place) = self.at_loop.iter().position(|(_, since, _)| since.elapsed() > PATIENCE) {
             if let (_, _, Asker::Operator(call)) = self.at_loop.swap_remove(place) {
-                self.answer(call, ControlStatus::Internal, mode, trust, "the loop did not answer in time");
+                self.answer(*call, ControlStatus::Internal, mode, trust, "the loop did not answer in time");
             }
         }
     }

@@ -99,13 +99,13 @@ impl IpcPorts {
     ///
     /// *Errors*: as the middleware's, see [`ServiceError`].
     pub fn open(services: &Services, instance: &Instance, daemon_id: u64) -> Result<Self, ServiceError> {
-        let config = instance.config();
+        let config = instance.config().clone();
         Ok(Self {
             telemetry: services.telemetry.publisher()?,
             status: services.status.publisher()?,
             control: services.control.server(daemon_id)?,
             watch: PeerWatch::open(&config)?,
-            config: config.clone(),
+            config,
         })
     }
 

@@ -1,0 +1,184 @@
+//! The whole daemon, from outside: requests, refusals, reloads, second daemons, signals.
+
+mod support;
+
+use std::process::{Command, Stdio};
+
+use foretrace_shm::{ControlOp, ControlStatus, FaultReason, Mode, PredictorId, Purge, Services, Session};
+use foretraced::{DaemonError, Source};
+use support::{Operator, Place, Running, arm, pen, turn, until};
+
+#[test]
+fn arming_without_an_arm_is_refused_with_what_to_do() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let answer = operator.ask(ControlOp::Arm, 0.0, 0);
+    assert_eq!(answer.outcome(), ControlStatus::NoJointState);
+    assert!(answer.text().contains("foretrace arm sim"), "{}", answer.text());
+    let query = operator.ask(ControlOp::Query, 0.0, 0);
+    assert_eq!((query.outcome(), query.detail), (ControlStatus::Ok, u32::from(Mode::Idle)));
+    let status = operator.status_when("it counts requests", |status| status.counters.requests == 2);
+    assert_eq!(status.counters.requests_refused, 1);
+    let report = daemon.end().unwrap();
+    assert!(report.status.counters.ticks > 0);
+    assert_eq!(report.status.mode, u32::from(Mode::Idle));
+}
+
+#[test]
+fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let (_arm, _log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::Ok);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::WrongMode);
+    operator.status_when("trust grows", |status| status.trust > 0.9);
+    operator.ask(ControlOp::SetTrust, 0.25, 0);
+    operator.status_when("trust is 0.25", |status| (status.trust - 0.25).abs() < 1e-9);
+    operator.ask(ControlOp::TrustAuto, 0.0, 0);
+    let hold = u32::from(PredictorId::Hold);
+    assert!(operator.ask(ControlOp::SwitchPredictor, 0.0, hold).is_success());
+    operator.status_when("Hold has taken over", |status| status.predictor == hold);
+    let lstm = operator.ask(ControlOp::SwitchPredictor, 0.0, PredictorId::Lstm.into());
+    assert!(!lstm.is_success(), "{lstm}");
+    assert!(operator.ask(ControlOp::Stop, 0.0, 0).is_success());
+    let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
+    assert_eq!(stopped.fault, u32::from(FaultReason::None));
+    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
+    assert!(operator.ask(ControlOp::Disarm, 0.0, 0).is_success());
+    operator.status_when("it lets go", |status| status.mode == u32::from(Mode::Idle));
+    daemon.end().unwrap();
+}
+
+#[test]
+fn a_second_daemon_on_the_same_instance_is_refused_and_two_instances_live_side_by_side() {
+    let _turn = turn();
+    let (place, other) = (Place::new(), Place::new());
+    let daemon = Running::start(&place, place.source());
+    let refused = Running::start(&place, place.source()).end().unwrap_err();
+    assert!(matches!(refused, DaemonError::Instance(_)), "{refused}");
+    assert!(refused.to_string().contains(&std::process::id().to_string()), "{refused}");
+    let second = Running::start(&other, other.source());
+    Operator::attach(&place).status_when("the first runs", |status| status.tick > 0);
+    Operator::attach(&other).status_when("the second runs", |status| status.tick > 0);
+    second.end().unwrap();
+    daemon.end().unwrap();
+}
+
+#[test]
+fn a_reload_takes_live_settings_and_refuses_the_others() {
+    let _turn = turn();
+    let place = Place::new();
+    std::fs::create_dir_all(&place.root).unwrap();
+    std::fs::set_permissions(&place.root, std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
+    let file = place.root.join("settings.toml");
+    let write = |body: &str| {
+        let root = place.root.display();
+        let head =
+            format!("preset = \"ur5\"\n[instance]\nnumber = {}\nroot_dir = \"{root}\"\n", place.number);
+        std::fs::write(&file, head + body).unwrap();
+    };
+    write("[predictor]\nkind = \"hold\"\n");
+    let daemon = Running::start(&place, Source::file(&file));
+    let mut operator = Operator::attach(&place);
+    operator.status_when("it starts with Hold", |status| status.predictor == u32::from(PredictorId::Hold));
+
+    write("[predictor]\nkind = \"constant-velocity\"\n");
+    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    assert_eq!(answer.outcome(), ControlStatus::Ok, "{answer}");
+    assert!(answer.text().contains("predictor.kind"), "{answer}");
+    let wanted = u32::from(PredictorId::ConstantVelocity);
+    let status = operator.status_when("the new one takes over", |status| status.predictor == wanted);
+    assert_eq!(status.settings_revision, 1);
+
+    write("[predictor]\nkind = \"hold\"\n[loop]\npriority = 70\n");
+    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    assert_eq!(answer.outcome(), ControlStatus::NeedsRestart, "{answer}");
+    assert!(answer.text().contains("loop.priority"), "{answer}");
+
+    write("[predictor]\nkind = \"crystal-ball\"\n");
+    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    assert_eq!(answer.outcome(), ControlStatus::SettingsRejected, "{answer}");
+    let status = operator.status_when("nothing else changed", |status| status.tick > 0);
+    assert_eq!((status.predictor, status.settings_revision), (wanted, 1));
+    daemon.end().unwrap();
+}
+
+#[test]
+fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
+    let _turn = turn();
+    let place = Place::new();
+    let program = || {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_foretraced"));
+        program
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
+            .args(["--instance", &place.number.to_string()])
+            .stderr(Stdio::piped());
+        program
+    };
+    let wrong = program().args(["--rate", "333"]).output().unwrap();
+    let text = String::from_utf8_lossy(&wrong.stderr);
+    assert!(!wrong.status.success() && text.contains("loop.rate_hz") && !text.contains("panicked"), "{text}");
+
+    let child = program().spawn().unwrap();
+    let instance = place.instance();
+    let pid = until("the daemon comes up", || instance.daemon()).pid;
+    assert_eq!(pid, child.id());
+    let refused = program().output().unwrap();
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && text.contains(&format!("process {pid}")), "{text}");
+    assert!(Command::new("kill").args(["-TERM", &pid.to_string()]).status().unwrap().success());
+    let ended = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.success(), "{text}");
+    assert!(text.contains("stopping"), "{text}");
+    assert_eq!(instance.daemon(), None);
+    assert_eq!(instance.shared_memory().unwrap().segments, 0);
+}
+
+#[test]
+fn a_killed_daemon_leaves_nothing_that_hinders_the_next() {
+    let _turn = turn();
+    let place = Place::new();
+    let program = || {
+        Command::new(env!("CARGO_BIN_EXE_foretraced"))
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
+            .args(["--instance", &place.number.to_string()])
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    };
+    let instance = place.instance();
+    for _ in 0..3 {
+        let mut child = program();
+        until("the daemon comes up", || instance.daemon());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert_eq!(instance.daemon(), None);
+    }
+    let daemon = Running::start(&place, place.source());
+    Operator::attach(&place).status_when("the next one runs", |status| status.tick > 0);
+    daemon.end().unwrap();
+    let lock = instance.lock().unwrap();
+    assert!(matches!(instance.purge(&lock), Ok(Purge::Removed(_))));
+    assert_eq!(instance.shared_memory().unwrap().segments, 0);
+}
+
+#[test]
+fn peers_that_stay_find_the_restarted_daemon() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let session = Session::open(&place.instance(), "watcher").unwrap();
+    let services = Services::open(&session).unwrap();
+    daemon.end().unwrap();
+    let daemon = Running::start(&place, place.source());
+    let mut records = services.telemetry.subscriber(64, foretrace_shm::HeaderBounds::DEFAULT).unwrap();
+    until("records of the new daemon arrive", || records.latest(foretrace_shm::monotonic_now_ns()));
+    daemon.end().unwrap();
+}

@@ -1,0 +1,64 @@
+//! The real-time thread allocates nothing, over real shared memory, while peers come and go.
+
+mod support;
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use foretrace_shm::{ControlOp, ControlStatus, Mode};
+use foretraced::alloc_count::{self, CountingAllocator};
+use support::{Operator, Place, Running, arm, pen, turn};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+#[test]
+fn the_allocator_counts_per_thread() {
+    assert!(alloc_count::is_installed());
+    let before = alloc_count::allocations();
+    std::thread::spawn(|| drop(std::hint::black_box(vec![0_u8; 100]))).join().unwrap();
+    let spawning = alloc_count::allocations();
+    let kept = std::hint::black_box(vec![0_u8; 100]);
+    assert_eq!(alloc_count::allocations(), spawning + 1);
+    assert!(spawning > before);
+    drop(kept);
+}
+
+#[test]
+fn no_tick_allocates_while_the_arm_follows_and_peers_come_and_go() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let (arm, log) = arm(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::Ok);
+    for _ in 0..3 {
+        let pen = pen(&place);
+        operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
+        std::thread::sleep(Duration::from_millis(700));
+        drop(pen);
+    }
+    let learned = operator.status_when("it learns", |status| status.learner_updates > 20);
+    assert!(learned.tick > 500);
+    // Allocations at the ports are given a second to be explained by a peer that came or went.
+    std::thread::sleep(Duration::from_millis(1500));
+    let status = operator.status_when("it is judged", |_| true);
+    let counters = status.counters;
+    println!(
+        "{} ticks, {} allocations, {} in {} ticks with a connection; {} commands",
+        counters.ticks,
+        counters.allocations,
+        counters.connection_allocations,
+        counters.connection_ticks,
+        log.commands.load(Ordering::Relaxed),
+    );
+    assert_eq!(counters.allocations, 0);
+    assert_eq!(status.allocations_per_tick, 0.0);
+    assert!(counters.connection_allocations > 0, "three pens came and went unnoticed");
+    assert_eq!(counters.telemetry_ring_dropped + counters.learner_ring_dropped, 0);
+    assert_eq!(log.illegal.load(Ordering::Relaxed), 0);
+    assert!(log.commands.load(Ordering::Relaxed) > 500);
+    drop(arm);
+    daemon.end().unwrap();
+}
