@@ -7,6 +7,7 @@
 //! refuses and counts them); a valid one is followed by q + q̇·(now − stamp) until `valid_until`; after that the arm
 //! brakes by itself, so that a daemon that dies is harmless.
 
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
@@ -19,7 +20,17 @@ const CYCLE: Duration = Duration::from_millis(8);
 /// How hard the arm brakes by itself [rad/s²].
 const BRAKING: f64 = 10.0;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let number = arguments.next().map_or(Ok(0), |text| text.parse())?;
     let seconds = arguments.next().map_or(Ok(u64::MAX), |text| text.parse())?;

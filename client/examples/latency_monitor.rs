@@ -2,11 +2,22 @@
 //!
 //! `cargo run -p foretrace-client --example latency_monitor [INSTANCE] [SECONDS]`
 
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Attachment, Foretrace, Instance, Stage};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let number = arguments.next().map_or(Ok(0), |text| text.parse())?;
     let seconds: u64 = arguments.next().map_or(Ok(u64::MAX), |text| text.parse())?;

@@ -9,6 +9,7 @@
 
 use std::fs::File;
 use std::io::{BufRead, Read};
+use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use foretrace_client::{FeedError, Foretrace, Instance, PenFeed, PenReading, monotonic_now_ns, pen_flags};
@@ -26,7 +27,17 @@ const BTN_STYLUS: u16 = 0x14b;
 /// `struct input_event` of a 64-bit kernel: seconds, microseconds (i64), type, code (u16), value (i32).
 const EVENT_BYTES: usize = 24;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let device = arguments.next().ok_or("which device? give /dev/input/eventN, or - for standard input")?;
     let units_per_mm: f64 = arguments.next().map_or(Ok(100.0), |text| text.parse())?;

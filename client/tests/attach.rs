@@ -17,7 +17,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap() }
+        Self { folder: tempfile::tempdir_in("/tmp").unwrap() }
     }
 
     fn instance(&self) -> Instance {

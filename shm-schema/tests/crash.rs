@@ -69,7 +69,7 @@ fn wait_for<T>(mut look: impl FnMut() -> Option<T>) -> T {
 
 #[test]
 fn a_killed_daemon_is_noticed_replaced_and_cleaned_up_after() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir_in("/tmp").unwrap();
     let instance = Instance::at(0, folder.path().join("i")).unwrap();
     let (first, up) = start(&instance);
     assert_eq!(up, "up Removed(0)");

@@ -14,7 +14,7 @@ impl Rig {
         make: impl FnOnce(&Node<ipc::Service>) -> Box<dyn std::any::Any>,
         judge: impl FnOnce(ServiceError),
     ) {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir_in("/tmp").unwrap();
         let rig = Self { instance: Instance::at(0, folder.path().join("i")).unwrap(), _folder: folder };
         let mut lock = rig.instance.lock().unwrap();
         {

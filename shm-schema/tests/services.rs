@@ -14,7 +14,7 @@ struct Rig {
 
 impl Rig {
     fn bare() -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::at(0, folder.path().join("i")).unwrap();
         Self { services: None, lock: None, instance, folder }
     }
