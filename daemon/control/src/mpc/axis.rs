@@ -159,25 +159,29 @@ impl<const N: usize> AxisProblem<'_, N> {
         let forces = largest(multipliers.as_flattened());
         let stationarity = largest(gradient) / (scale + forces);
         let mut worst = 0.0_f64;
+        // Sums carry a NaN that a maximum would have dropped.
         let mut sum = stationarity;
         let limits = self.bounds.lower.as_flattened().iter().zip(self.bounds.upper.as_flattened());
         let prices = self.bounds.penalty.as_flattened().iter().zip(multipliers.as_flattened());
         for ((r, (lower, upper)), (penalty, z)) in motion.as_flattened().iter().zip(limits).zip(prices) {
+            sum += r;
             let (above, below) = (r - upper, lower - r);
-            let off = if *z == 0.0 {
-                above.max(below).max(0.0)
-            } else {
+            let off = if *z != 0.0 {
                 // Positive towards the inside: a held row is on its bound, a saturated one on or beyond it.
                 let short = if *z > 0.0 { -above } else { -below };
+                let excess = (z.abs() - penalty) / (scale + forces);
+                worst = worst.max(excess);
                 if z.abs() < *penalty { short.abs() } else { short.max(0.0) }
+            } else if above > 0.0 {
+                above
+            } else if below > 0.0 {
+                below
+            } else {
+                continue;
             };
-            let excess = ((z.abs() - penalty) / (scale + forces)).max(0.0);
-            let row = off / (1.0 + r.abs()) + excess;
-            sum += row;
-            worst = worst.max(row);
+            worst = worst.max(off / (1.0 + r.abs()));
         }
-        // The sum carries a NaN that the maximum would have dropped.
-        if sum.is_nan() { f64::NAN } else { worst.max(stationarity) }
+        if sum.is_finite() { worst.max(stationarity) } else { f64::NAN }
     }
 
     /// Rows with a multiplier, by kind.
@@ -201,11 +205,21 @@ impl<const N: usize> AxisProblem<'_, N> {
 /// Largest absolute entry; NaN if any is.
 #[inline]
 fn largest(entries: &[f64]) -> f64 {
-    let mut worst = 0.0_f64;
-    let mut sum = 0.0;
-    for entry in entries {
-        worst = worst.max(entry.abs());
-        sum += entry;
+    let (fours, rest) = entries.as_chunks::<4>();
+    let mut worst = [0.0_f64; 4];
+    let mut sums = [0.0; 4];
+    for four in fours {
+        for ((worst, sum), entry) in worst.iter_mut().zip(&mut sums).zip(four) {
+            let size = entry.abs();
+            *worst = if size > *worst { size } else { *worst };
+            *sum += size;
+        }
     }
-    if sum.is_nan() { f64::NAN } else { worst }
+    let (mut most, mut sum) = (0.0, sums.iter().sum::<f64>());
+    for size in worst.iter().copied().chain(rest.iter().map(|entry| entry.abs())) {
+        most = if size > most { size } else { most };
+        sum += size;
+    }
+    // The sum carries a NaN that the comparisons have dropped.
+    if sum.is_nan() { sum } else { most }
 }

@@ -6,98 +6,12 @@
 //! [`super::axis`]. Same equations and units as there.
 
 use std::array::from_fn;
-use std::ops::{Add, AddAssign, Mul, Sub};
 
 use super::cost::{Cost, Weights};
+use super::lanes::Lanes;
 use super::model::{Motion, Scale, State};
 use crate::qp::dual::Bounds;
 use crate::units::AxisState;
-
-/// One number per axis, and a zero.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Lanes([f64; 4]);
-
-impl Lanes {
-    pub(super) const ZERO: Self = Self([0.0; 4]);
-
-    #[inline(always)]
-    fn of([x, y, z]: [f64; 3]) -> Self {
-        Self([x, y, z, 0.0])
-    }
-
-    #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        let ([a, b, c, d], [e, g, h, i]) = (self.0, other.0);
-        Self([f(a, e), f(b, g), f(c, h), f(d, i)])
-    }
-
-    /// The larger; drops a NaN in `self`.
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a > b { a } else { b })
-    }
-
-    /// The smaller; drops a NaN in `self`.
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a < b { a } else { b })
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0.map(f64::abs))
-    }
-
-    /// The number of axis 0, 1 or 2.
-    #[inline(always)]
-    pub(super) fn axis(self, axis: usize) -> f64 {
-        let [x, y, z, _] = self.0;
-        match axis {
-            0 => x,
-            1 => y,
-            _ => z,
-        }
-    }
-}
-
-impl Add for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
-    }
-}
-
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl Sub for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
-    }
-}
-
-impl Mul for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| a * b)
-    }
-}
-
-impl Mul<f64> for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, factor: f64) -> Self {
-        Self(self.0.map(|a| a * factor))
-    }
-}
 
 /// Weights and H⁻¹ of the three axes at one trust, side by side, with their limits.
 #[derive(Debug, Clone)]
@@ -204,7 +118,7 @@ impl<const N: usize> Free<N> {
             }
             largest = q.abs().max(largest);
         }
-        found.scale = largest + Lanes([1.0; 4]);
+        found.scale = largest + Lanes::of([1.0; 3]);
 
         let [lowest, highest] = self.workspace;
         let origin = origin * scale.position;
@@ -278,7 +192,7 @@ impl<const N: usize> Free<N> {
     ) -> [bool; 3] {
         let mut position = Lanes::ZERO;
         let mut extremes = [Lanes::ZERO; 3];
-        let (mut least, mut most) = (Lanes([f64::INFINITY; 4]), Lanes([f64::NEG_INFINITY; 4]));
+        let (mut least, mut most) = (Lanes::of([f64::INFINITY; 3]), Lanes::of([f64::NEG_INFINITY; 3]));
         for (u, motion) in jerks.iter().zip(motion) {
             position += velocity + (acceleration * 0.5 + *u * (1.0 / 6.0));
             velocity += acceleration + *u * 0.5;

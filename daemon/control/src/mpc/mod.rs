@@ -15,6 +15,7 @@ pub mod cost;
 pub mod limits;
 pub mod settings;
 pub mod plan;
+mod lanes;
 mod free;
 mod axis;
 

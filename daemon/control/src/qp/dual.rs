@@ -177,19 +177,28 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
     }
 
     /// The row that breaks its present bounds most by weight, if any does by more than `tolerance`.
+    ///
+    /// Straight-line passes over all rows, four running maxima: the compiler vectorises both.
     #[inline]
     fn most_violated(&self, bounds: &Bounds<B, L>, tolerance: f64, value: &Rows<B, L>) -> Option<usize> {
-        let mut worst = 0.0;
-        let mut found = None;
-        let rows = value.as_flattened().iter().zip(self.lower.as_flattened()).zip(self.upper.as_flattened());
-        for (index, (((r, lower), upper), weight)) in rows.zip(bounds.weight.as_flattened()).enumerate() {
-            let violation = (r - upper).max(lower - r);
-            if violation > tolerance && violation * weight > worst {
-                worst = violation * weight;
-                found = Some(index);
+        let mut scores = [[0.0; L]; B];
+        let limits = self.lower.as_flattened().iter().zip(self.upper.as_flattened());
+        let rows = value.as_flattened().iter().zip(limits).zip(bounds.weight.as_flattened());
+        for (score, ((r, (lower, upper)), weight)) in scores.as_flattened_mut().iter_mut().zip(rows) {
+            let (above, below) = (r - upper, lower - r);
+            let violation = if above > below { above } else { below };
+            let weighted = violation * weight;
+            *score = if violation > tolerance { weighted } else { 0.0 };
+        }
+        let (fours, rest) = scores.as_flattened().as_chunks::<4>();
+        let mut worst = [0.0; 4];
+        for four in fours {
+            for (worst, score) in worst.iter_mut().zip(four) {
+                *worst = if *score > *worst { *score } else { *worst };
             }
         }
-        found
+        let worst = worst.iter().chain(rest).fold(0.0, |worst: f64, score| worst.max(*score));
+        if worst > 0.0 { scores.as_flattened().iter().position(|score| *score == worst) } else { None }
     }
 
     /// Raise or lower the multiplier of row `p` until its row meets its bound, or something blocks.
@@ -259,12 +268,12 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         }
 
         let signed = sign * length;
-        let mut direction = *column;
+        add_scaled(value, column, -signed);
         for slot in 0..count {
-            add_scaled(&mut direction, &self.columns[slot], -rate[slot]);
-            self.multiplier.as_flattened_mut()[self.row[slot]] -= signed * rate[slot];
+            let change = signed * rate[slot];
+            add_scaled(value, &self.columns[slot], change);
+            self.multiplier.as_flattened_mut()[self.row[slot]] -= change;
         }
-        add_scaled(value, &direction, -signed);
         let multiplier = z + signed;
         self.multiplier.as_flattened_mut()[p] = multiplier;
         match block {
