@@ -12,4 +12,5 @@ pub mod writer;
 pub mod path;
 pub mod arm;
 pub mod metrics;
+pub mod experiments;
 pub mod plot;

@@ -1,0 +1,77 @@
+//! Closed-loop experiments through the daemon's own control law: the paper's figures 2 and 3.
+
+mod closed_loop;
+mod fig2;
+mod fig3;
+mod letters;
+mod parallel;
+
+pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run};
+pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2};
+pub use fig3::{Fig3, Fig3Letter, fig3};
+pub use letters::{Labels, Letter, LetterError, letters};
+
+use foretrace_config::Config;
+use foretrace_control::follower::FollowerSettings;
+use foretrace_control::predict::PredictorKind;
+
+use crate::arm::{ArmSettings, JOINTS};
+
+/// Any failure of an experiment.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExperimentError {
+    /// A run.
+    #[error("letter {label:?} of writer {writer}: {error}")]
+    Run {
+        /// The letter.
+        label: String,
+        /// Who wrote it.
+        writer: String,
+        /// What went wrong.
+        error: RunError,
+    },
+    /// The settings.
+    #[error("{0}")]
+    Settings(String),
+    /// No letter is long enough.
+    #[error("no letter lasts {steps} grid steps; choose another label or set")]
+    TooShort {
+        /// Steps needed.
+        steps: u32,
+    },
+    /// No letter was ever scored.
+    #[error("no letter has pen-down samples to score")]
+    Nothing,
+}
+
+/// The loop of `config` in front of one of the experiments' arms.
+fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
+    let mut settings = config.follower_settings();
+    settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
+    if arm == ArmKind::Ideal {
+        settings.dead_time_ns = 0;
+    }
+    settings
+}
+
+/// The simulated arm whose controller runs at the loop's own rate.
+fn ur5_at(config: &Config) -> ArmSettings {
+    ArmSettings::ur5(config.settings().period_ns() as f64 * 1e-9, LOOK_AHEAD_S)
+}
+
+/// servoj's smallest look-ahead [s].
+const LOOK_AHEAD_S: f64 = 0.030;
+/// The pen rests above a letter's first point for this long, so that the tool starts there [s].
+const WAIT_S: f64 = 1.2;
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.len() / 2;
+    match (sorted.get(middle), sorted.len() % 2) {
+        (Some(high), 0) => 0.5 * (high + sorted.get(middle.wrapping_sub(1)).unwrap_or(high)),
+        (Some(value), _) => *value,
+        (None, _) => f64::NAN,
+    }
+}
