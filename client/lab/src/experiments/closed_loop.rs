@@ -4,7 +4,8 @@
 //! no delay. The learner, if there is one, takes each closed step at once, and its weights go live at the next tick.
 
 use foretrace_control::follower::{
-    Budget, Follower, FollowerError, FollowerSettings, JointReading, NoClock, Refusal, Request, StepInput, StepOutput,
+    Budget, Follower, FollowerError, FollowerSettings, JointReading, NoClock, Refusal, Request, StepInput,
+    StepOutput,
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
@@ -126,8 +127,14 @@ pub fn run<const N: usize>(
             Some(Request::Arm)
         };
         let joints = arm.reading(now);
-        let input =
-            StepInput { now, pen: &due, joints: Some(&joints), enable: None, request, weights: promoted.as_ref() };
+        let input = StepInput {
+            now,
+            pen: &due,
+            joints: Some(&joints),
+            enable: None,
+            request,
+            weights: promoted.as_ref(),
+        };
         let output = follower.step(&input, Budget::default(), &mut NoClock);
         promoted = None;
         if let (false, Some(answer)) = (armed, output.answer) {
@@ -183,7 +190,11 @@ fn feed(
 }
 
 /// The pen's displacements on the loop's own grid, as its tracker will see them: linear between samples.
-fn recorded_future<const N: usize>(pen: &[PenReading], step_ns: u64, follower: &Follower<N, JOINTS>) -> Oracle {
+fn recorded_future<const N: usize>(
+    pen: &[PenReading],
+    step_ns: u64,
+    follower: &Follower<N, JOINTS>,
+) -> Oracle {
     let plane = follower.settings().plane;
     let first_index = pen.first().map_or(0, |sample| sample.stamp.0.div_ceil(step_ns));
     let last_index = pen.last().map_or(0, |sample| sample.stamp.0 / step_ns);

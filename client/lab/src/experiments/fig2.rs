@@ -60,8 +60,10 @@ const PREDICTORS: [PredictorKind; 4] =
 ///
 /// *Errors*: see [`ExperimentError`].
 pub fn fig2(config: &Config, letters: &[Letter], done: impl FnMut()) -> Result<Fig2, ExperimentError> {
-    let jobs: Vec<_> =
-        [Fig2Arm::Ideal, Fig2Arm::Ur5].into_iter().flat_map(|arm| PREDICTORS.map(|kind| (arm, kind))).collect();
+    let jobs: Vec<_> = [Fig2Arm::Ideal, Fig2Arm::Ur5]
+        .into_iter()
+        .flat_map(|arm| PREDICTORS.map(|kind| (arm, kind)))
+        .collect();
     let finished = parallel::map(&jobs, |(arm, kind)| row(config, letters, *arm, *kind), done);
     let mut rows = Vec::with_capacity(jobs.len());
     let mut runs = Vec::with_capacity(jobs.len());
@@ -70,10 +72,13 @@ pub fn fig2(config: &Config, letters: &[Letter], done: impl FnMut()) -> Result<F
         rows.push(row);
         runs.push(run);
     }
-    let of_dybm = rows.iter().find(|row| row.predictor == PredictorKind::Dybm).ok_or(ExperimentError::Nothing)?;
+    let of_dybm =
+        rows.iter().find(|row| row.predictor == PredictorKind::Dybm).ok_or(ExperimentError::Nothing)?;
     let distance = |mse: &f64| if mse.is_nan() { f64::INFINITY } else { (mse - of_dybm.median_mse_m2).abs() };
     let typical = (0..letters.len())
-        .min_by(|a, b| distance(&of_dybm.letters_mse_m2[*a]).total_cmp(&distance(&of_dybm.letters_mse_m2[*b])))
+        .min_by(|a, b| {
+            distance(&of_dybm.letters_mse_m2[*a]).total_cmp(&distance(&of_dybm.letters_mse_m2[*b]))
+        })
         .ok_or(ExperimentError::Nothing)?;
     let typical_runs = runs.into_iter().map(|mut runs| runs.swap_remove(typical)).collect();
     Ok(Fig2 { rows, typical, typical_runs })
@@ -93,7 +98,8 @@ fn row(
     let home = config.robot().home;
     let mut learner = match predictor {
         PredictorKind::Dybm => Some(
-            Learner::new(config.learner_settings()).map_err(|error| ExperimentError::Settings(error.to_string()))?,
+            Learner::new(config.learner_settings())
+                .map_err(|error| ExperimentError::Settings(error.to_string()))?,
         ),
         _ => None,
     };

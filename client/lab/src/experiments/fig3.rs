@@ -14,7 +14,7 @@ use super::{ExperimentError, Letter, WAIT_S, median, settings_for};
 use crate::metrics::{ToolSample, error_series};
 
 /// First and last grid step of the ramp, counted from the letter's first sample.
-pub const RAMP_STEPS: [f64; 2] = [30.0, 40.0];
+pub(super) const RAMP_STEPS: [f64; 2] = [30.0, 40.0];
 /// Letters shorter than this many steps have too little outside the ramp to compare with.
 const SHORTEST_STEPS: u32 = 60;
 
@@ -54,8 +54,8 @@ pub struct Fig3 {
 pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Result<Fig3, ExperimentError> {
     let settings = settings_for(config, ArmKind::Ideal, PredictorKind::Dybm);
     let step_s = settings.mpc.step_s;
-    let mut learner =
-        Learner::new(config.learner_settings()).map_err(|error| ExperimentError::Settings(error.to_string()))?;
+    let mut learner = Learner::new(config.learner_settings())
+        .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();
     for (index, letter) in letters.iter().enumerate() {
         let path = &letter.path.samples;
@@ -96,8 +96,11 @@ fn judge(index: usize, letter: &Letter, run: &ClosedLoop, start_s: f64, step_s: 
     let end_s = letter.path.samples.last()?.t_s;
     let step = |t_s: f64| (t_s - start_s) / step_s;
     let written = |t_s: f64| t_s >= start_s && t_s <= end_s;
-    let commanded: Vec<ToolSample> =
-        run.ticks.iter().map(|tick| ToolSample { t_s: tick.t_s, x_m: tick.setpoint[0], y_m: tick.setpoint[1] }).collect();
+    let commanded: Vec<ToolSample> = run
+        .ticks
+        .iter()
+        .map(|tick| ToolSample { t_s: tick.t_s, x_m: tick.setpoint[0], y_m: tick.setpoint[1] })
+        .collect();
     let error_m: Vec<(f64, f64)> = error_series(&letter.path.samples, &commanded)
         .iter()
         .filter(|sample| written(sample.t_s))
@@ -113,7 +116,8 @@ fn judge(index: usize, letter: &Letter, run: &ClosedLoop, start_s: f64, step_s: 
             (step(pair[1].t_s), ax.hypot(ay))
         })
         .collect();
-    let moves: Vec<(f64, f64)> = error_m.windows(2).map(|pair| (pair[1].0, (pair[1].1 - pair[0].1).abs())).collect();
+    let moves: Vec<(f64, f64)> =
+        error_m.windows(2).map(|pair| (pair[1].0, (pair[1].1 - pair[0].1).abs())).collect();
     Some(Fig3Letter {
         index,
         max_jerk_ratio: inside_over_outside(&jerk_mps3)?,
@@ -127,7 +131,8 @@ fn judge(index: usize, letter: &Letter, run: &ClosedLoop, start_s: f64, step_s: 
 /// Largest value during the ramp over the largest outside.
 fn inside_over_outside(series: &[(f64, f64)]) -> Option<f64> {
     let largest = |inside: bool| {
-        let values = series.iter().filter(|(step, _)| (RAMP_STEPS[0]..=RAMP_STEPS[1]).contains(step) == inside);
+        let values =
+            series.iter().filter(|(step, _)| (RAMP_STEPS[0]..=RAMP_STEPS[1]).contains(step) == inside);
         values.map(|(_, value)| *value).max_by(f64::total_cmp)
     };
     let (inside, outside) = (largest(true)?, largest(false)?);

@@ -52,7 +52,11 @@ pub enum LetterError {
 /// `placement.glyph_height_m` high. Characters whose ink does not fit the workspace are left out and counted.
 ///
 /// *Errors*: no such label, no glyph with a height, an illegal placement.
-pub fn letters(set: &DataSet, labels: &Labels, placement: &Placement) -> Result<(Vec<Letter>, usize), LetterError> {
+pub fn letters(
+    set: &DataSet,
+    labels: &Labels,
+    placement: &Placement,
+) -> Result<(Vec<Letter>, usize), LetterError> {
     let chosen = |character: &Character| match labels {
         Labels::All => true,
         Labels::One(label) => character.label == *label,
@@ -67,7 +71,11 @@ pub fn letters(set: &DataSet, labels: &Labels, placement: &Placement) -> Result<
             let characters = std::slice::from_ref(character);
             match PenPath::from_ink(Ink { characters, rate_hz, median_height }, placement) {
                 Ok((path, left_out)) if left_out.is_empty() && path.samples.len() > 1 => {
-                    letters.push(Letter { label: character.label.clone(), writer: file.writer.clone(), path });
+                    letters.push(Letter {
+                        label: character.label.clone(),
+                        writer: file.writer.clone(),
+                        path,
+                    });
                 }
                 Ok(_) | Err(PathError::Nothing { .. }) => skipped += 1,
                 Err(error) => return Err(error.into()),
