@@ -46,7 +46,7 @@ section! {
         velocity_radps: Vec<f64> = Between(0.01, 10.0), Required, AtStart, "3.1 for a UR; 1.0 on a first run";
         /// Largest acceleration per joint.
         acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart,
-            "20 for a UR (the arm gives 40); 5 on a first run";
+            "40 for a UR, all its controller gives; 5 on a first run";
         /// Largest jerk per joint. Not set: the tool's jerk limit is the only one.
         jerk_radps3: Option<Vec<f64>> = Between(1.0, 1e6), Optional, AtStart, "nothing: leave it out";
         /// Deceleration per joint with which the hardware interface brakes by itself when commands stay away.

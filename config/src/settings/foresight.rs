@@ -90,7 +90,7 @@ section! {
         /// Delay d: the last d - 1 steps have weights of their own.
         delay: u32 = Between(2.0, 16.0), Required, AtStart, "9";
         /// Decay per step of each eligibility trace, one trace per entry.
-        decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.5, 0.9]";
+        decays: Vec<f64> = Between(0.0, 0.999), Required, AtStart, "[0.5]";
         /// What enters the traces: "newest", the newest displacement, or "delayed", the one that has passed
         /// the delay.
         trace_input: TraceChoice = Words(TraceChoice::WORDS), Default("\"delayed\""), AtStart, "\"delayed\"";
@@ -114,7 +114,7 @@ section! {
         enabled: bool = Flag, Default("true"), Live, "true";
         /// Weights before anything was learned: the last displacement goes on, fading by this factor per
         /// step. 0 starts from zero weights, as in the paper.
-        initial_persistence: f64 = Between(0.0, 1.0), Default("0.9"), AtStart, "0.9";
+        initial_persistence: f64 = Between(0.0, 1.0), Default("0.95"), AtStart, "0.95";
         /// Candidate and live weights are compared by their predictions this many steps ahead.
         lead_steps: u32 = Between(1.0, 16.0), Default("10"), AtStart, "10";
         /// Moving steps over which the comparison forgets.

@@ -92,7 +92,7 @@ fn the_narrower_of_urdf_and_settings_counts() {
 fn consumers_brake_after_the_valid_periods_at_the_configured_deceleration() {
     let limits = over_ur5("[loop]\nvalid_periods = 10\n").unwrap().robot().limits;
     assert!((limits.hold_s() - 0.02).abs() < 1e-15);
-    assert_eq!(limits.deceleration(), limits.acceleration());
+    assert_eq!(limits.deceleration(), &[20.0; 6]);
     let slower =
         over_ur5("[robot]\nstale_deceleration_radps2 = [5, 5, 5, 5, 5, 5]\n").unwrap().robot().limits;
     assert_eq!(slower.deceleration(), &[5.0; 6]);

@@ -6,6 +6,8 @@
 use foretrace_config::Config;
 use foretrace_control::learn::Learner;
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
 
 use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run};
 use super::{ExperimentError, Letter, WAIT_S, median, parallel, settings_for, ur5_at};
@@ -94,7 +96,11 @@ fn row(
         Fig2Arm::Ideal => ArmKind::Ideal,
         Fig2Arm::Ur5 => ArmKind::Ur5(ur5_at(config)),
     };
-    let settings = settings_for(config, kind, predictor);
+    let mut settings = settings_for(config, kind, predictor);
+    if predictor == PredictorKind::Hold {
+        // Feedback only is trust 0, not full trust in "it stands still".
+        settings.trust_request = TrustRequest::Manual(Trust::NONE);
+    }
     let home = config.robot().home;
     let mut learner = match predictor {
         PredictorKind::Dybm => Some(
