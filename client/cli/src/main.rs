@@ -11,11 +11,14 @@ mod output;
 mod interrupt;
 mod settings;
 mod attach;
+mod spread;
 mod config;
+mod daemon;
 mod arm;
 mod play;
 mod request;
 mod status;
+mod demo;
 mod bench;
 
 use std::process::ExitCode;
@@ -23,6 +26,11 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use failure::{EXIT_CODES, Failure};
+use foretraced::alloc_count::CountingAllocator;
+
+/// Lets the daemon count what its real-time thread allocates; costs one addition per allocation.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// Make a robot arm follow a hand that writes, ahead of time.
 ///
@@ -37,6 +45,8 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::DemoArgs),
+    Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
     /// Arms to plug into the loop
     #[command(subcommand)]
@@ -62,6 +72,8 @@ fn main() -> ExitCode {
 
 fn run(command: &Command) -> Result<(), Failure> {
     match command {
+        Command::Demo(args) => demo::run(args),
+        Command::Daemon(args) => daemon::run(args),
         Command::Play(args) => play::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use foretrace_config::{Config, ConfigError, Draft};
+use foretrace_config::{Config, ConfigError};
+use foretraced::{Base, Source};
 
 use crate::failure::Failure;
 
@@ -33,43 +34,42 @@ pub(crate) struct SettingsArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
 
-    /// Ticks per second of the loop: 125, 250, 500 or 1000; the grid step follows where it has to
-    #[arg(long = "loop-rate", value_name = "HZ")]
-    pub(crate) loop_rate: Option<u32>,
-
     #[command(flatten)]
     pub(crate) instance: InstanceArgs,
 }
 
 impl SettingsArgs {
-    /// Loads and judges the settings; `--instance`, `--root` and `--set` win over the file.
+    /// Loads and judges the settings.
     pub(crate) fn load(&self) -> Result<Config, Failure> {
-        self.draft()?.finish().map_err(|error| wrong(&error))
+        judged(&self.source()?)
     }
 
-    /// The settings before judgement, for commands with options of their own.
-    pub(crate) fn draft(&self) -> Result<Draft, Failure> {
-        let mut draft = match &self.config {
-            Some(file) => Draft::file(file),
-            None => Draft::preset(&self.preset),
+    /// Where the settings come from; `--instance`, `--root` and `--set` win over the file.
+    pub(crate) fn source(&self) -> Result<Source, Failure> {
+        let base = match &self.config {
+            Some(file) => Base::File(file.clone()),
+            None => Base::Preset(self.preset.clone()),
         };
-        if let Some(rate_hz) = self.loop_rate {
-            draft = draft.rate(rate_hz);
-        }
-        if let Some(number) = self.instance.instance {
-            draft = draft.set("instance.number", &number.to_string());
-        }
-        if let Some(root) = &self.instance.root {
-            draft = draft.set("instance.root_dir", &quoted(&root.to_string_lossy()));
-        }
+        let mut overrides = Vec::new();
         for pair in &self.set {
             let (key, value) = pair.split_once('=').ok_or_else(|| {
                 Failure::bad_input(format_args!("--set {pair} has no value"), "write --set KEY=VALUE")
             })?;
-            draft = draft.set(key.trim(), value.trim());
+            overrides.push((key.trim().to_owned(), value.trim().to_owned()));
         }
-        Ok(draft)
+        if let Some(number) = self.instance.instance {
+            overrides.push(("instance.number".to_owned(), number.to_string()));
+        }
+        if let Some(root) = &self.instance.root {
+            overrides.push(("instance.root_dir".to_owned(), quoted(&root.to_string_lossy())));
+        }
+        Ok(Source { base, rate_hz: None, overrides })
     }
+}
+
+/// Loads and judges the settings of `source`.
+pub(crate) fn judged(source: &Source) -> Result<Config, Failure> {
+    source.load().map_err(|error| wrong(&error))
 }
 
 /// The failure that tells everything that is wrong with the settings.

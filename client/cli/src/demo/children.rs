@@ -29,7 +29,8 @@ pub(crate) struct Child {
 impl Child {
     /// Starts `foretrace ARGUMENTS...`; `name` is for messages.
     pub(crate) fn start(name: &'static str, arguments: &[String]) -> Result<Self, Failure> {
-        let cannot = |error| Failure::failed(format_args!("cannot start the {name}: {error}"), "see the message");
+        let cannot =
+            |error| Failure::failed(format_args!("cannot start the {name}: {error}"), "see the message");
         let program = std::env::current_exe().map_err(cannot)?;
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());

@@ -1,1 +1,219 @@
-pub(crate) mod children;
+//! `foretrace demo`: the whole loop on this machine, every part a process of its own.
+//!
+//! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and everything is
+//! cleaned up whatever happens. The numbers come from the processes' own records, not from what the demo hoped for.
+
+mod scratch;
+mod children;
+mod crew;
+mod evidence;
+mod figures;
+mod folder;
+
+use std::path::PathBuf;
+
+use foretrace_config::Config;
+use foretraced::{Base, Source};
+
+use crate::attach::instance_of;
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::output::{JsonArgs, say};
+use crate::play::source::{self, PathArgs};
+use crate::settings::{SettingsArgs, judged};
+use crew::{Crew, Watch};
+use evidence::Evidence;
+use figures::SettingFigures;
+use scratch::Scratch;
+
+/// Run everything together: daemon, simulated arm and handwriting, then show how it went
+///
+/// Starts the daemon, a simulated UR5 and a pen player as separate processes on a private instance, arms the loop, lets
+/// the arm follow the pen, and ends by itself. Prints a short table and writes a report folder with pictures.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace demo\n  foretrace demo --pen glyphs:Hello --seconds 10 --trust 1\n  foretrace demo --pen data/unipen-ced --label K --rate 1000 --json -"
+)]
+pub(crate) struct DemoArgs {
+    /// How long the arm follows, in seconds
+    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = duration)]
+    seconds: f64,
+
+    /// Handwriting to follow, over and over: UNIPEN file, data-set folder, CSV, or glyphs:TEXT
+    #[arg(long, value_name = "SOURCE", default_value = "glyphs:foretrace")]
+    pen: String,
+
+    /// Predictor: hold, constant-velocity, dybm [default: as in the settings]
+    #[arg(long, value_name = "NAME")]
+    predictor: Option<String>,
+
+    /// Trust in the prediction: 0 (hold only) to 1 (prediction only), or auto [default: as in the settings]
+    #[arg(long, value_name = "V|auto")]
+    trust: Option<String>,
+
+    /// Ticks per second: 125, 250, 500 or 1000 [default: as in the settings]
+    #[arg(long, value_name = "HZ")]
+    rate: Option<u32>,
+
+    /// Cycles per second of the simulated arm's controller [default: as in the settings]
+    #[arg(long, value_name = "HZ")]
+    arm_rate: Option<u32>,
+
+    /// Ask for no real-time rights
+    #[arg(long)]
+    no_rights: bool,
+
+    /// Folder for the report
+    #[arg(long, value_name = "DIR", default_value = "foretrace-report")]
+    out: PathBuf,
+
+    #[command(flatten)]
+    path: PathArgs,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let interrupt = Interrupt::listen()?;
+    let scratch = Scratch::create()?;
+    let (source, config) = settings(args, &scratch)?;
+    let played = source::load(std::slice::from_ref(&args.pen), &args.path, config.settings())?;
+    let turn_s = played.path.closed().duration_s();
+
+    let evidence = performed(args, &source, &config, &scratch, &interrupt)?;
+    let scored = figures::scored(&evidence, config.settings())?;
+    let setting = SettingFigures {
+        pen: args.pen.clone(),
+        predictor: config.settings().predictor.kind.word(),
+        seconds: args.seconds,
+        settings: config.name().to_owned(),
+        optimised_build: !cfg!(debug_assertions),
+    };
+    let figures = figures::figures(&evidence, &scored, config.settings(), setting)?;
+    folder::write(&args.out, &figures, &evidence, &scored, turn_s)?;
+    for (name, value) in figures.rows() {
+        say!("{name:<10}{value}");
+    }
+    say!("{:<10}{}", "report", args.out.join("report.html").display());
+    args.json.write(&figures)?;
+    match figures.limit_violations() {
+        0 => Ok(()),
+        count => Err(Failure::failed(
+            format_args!("{count} commands broke a limit"),
+            "this is a fault of foretrace: please report it with the report folder",
+        )),
+    }
+}
+
+/// The settings of all processes: as asked for, on a private instance.
+fn settings(args: &DemoArgs, scratch: &Scratch) -> Result<(Source, Config), Failure> {
+    let mut source = args.settings.source()?;
+    source.rate_hz = args.rate.or(source.rate_hz);
+    if let Some(predictor) = &args.predictor {
+        source = source.with("predictor.kind", predictor);
+    }
+    source = match args.trust.as_deref() {
+        None => source,
+        Some("auto") => source.with("trust.mode", "auto"),
+        Some(value) => source.with("trust.mode", "manual").with("trust.value", value),
+    };
+    let root = format!("\"{}\"", scratch.root().display());
+    let source = source.with("instance.root_dir", root);
+    let config = judged(&source)?;
+    Ok((source, config))
+}
+
+/// Runs the processes and collects what they leave behind.
+fn performed(
+    args: &DemoArgs,
+    source: &Source,
+    config: &Config,
+    scratch: &Scratch,
+    interrupt: &Interrupt,
+) -> Result<Evidence, Failure> {
+    let instance = instance_of(config.settings())?;
+    let common = settings_arguments(source);
+    let file = |name: &str| scratch.file(name).display().to_string();
+    let mut crew = Crew::new(interrupt.clone(), args.seconds);
+
+    let mut daemon = words(&["daemon", "--log", "warn"]);
+    if args.no_rights {
+        daemon.push("--no-rights".to_owned());
+    }
+    daemon.extend(option("--rate", source.rate_hz));
+    daemon.extend(common.iter().cloned());
+    crew.start("daemon", &daemon)?;
+    let foretrace = crew.attached(&instance)?;
+    let mut watch = Watch::open(&foretrace)?;
+
+    let mut arm = words(&["arm", "sim", "--record", &file("arm.csv"), "--json", &file("arm.json")]);
+    arm.extend(option("--rate", args.arm_rate));
+    arm.extend(common.iter().cloned());
+    crew.start("arm", &arm)?;
+    crew.arm(&mut watch)?;
+
+    let mut player = words(&["play", "--loop", "--record", &file("pen.csv"), "--json", &file("pen.json")]);
+    player.extend(path_arguments(&args.path));
+    player.extend(common.iter().cloned());
+    player.extend(words(&["--", &args.pen]));
+    crew.start("player", &player)?;
+    crew.follow(&mut watch, args.seconds)?;
+
+    crew.end("player")?;
+    crew.let_go(&mut watch)?;
+    crew.end("arm")?;
+    let mut evidence = watch.last_words();
+    drop(foretrace);
+    crew.end("daemon")?;
+    crew.done();
+
+    let plane = config.follower_settings().plane;
+    evidence.pen = evidence::pen(&scratch.file("pen.csv"), &plane)?;
+    evidence.tool = evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
+    evidence.arm = evidence::report(&scratch.file("arm.json"))?;
+    evidence.player = evidence::report(&scratch.file("pen.json"))?;
+    Ok(evidence)
+}
+
+/// `source` as the options that lead to it, but for the rate, which only the daemon needs.
+fn settings_arguments(source: &Source) -> Vec<String> {
+    let mut out = match &source.base {
+        Base::File(file) => words(&["--config", &file.display().to_string()]),
+        Base::Preset(name) => words(&["--preset", name]),
+    };
+    for (key, value) in &source.overrides {
+        out.extend(["--set".to_owned(), format!("{key}={value}")]);
+    }
+    out
+}
+
+fn path_arguments(path: &PathArgs) -> Vec<String> {
+    let mut out = Vec::new();
+    out.extend(option("--height", Some(path.height)));
+    out.extend(option("--scale", Some(path.scale)));
+    out.extend(option("--speed", Some(path.speed)));
+    out.extend(option("--style", Some(path.style)));
+    out.extend(option("--label", path.label.as_ref()));
+    out.extend(option("--segments", path.segments.map(|(first, last)| format!("{first}-{last}"))));
+    out
+}
+
+fn option(name: &str, value: Option<impl ToString>) -> Vec<String> {
+    value.map_or_else(Vec::new, |value| vec![format!("{name}={}", value.to_string())])
+}
+
+fn words(words: &[&str]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).collect()
+}
+
+fn duration(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (1.0..=3600.0).contains(&seconds) => Ok(seconds),
+        _ => Err("a number of seconds from 1 to 3600".to_owned()),
+    }
+}

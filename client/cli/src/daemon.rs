@@ -1,0 +1,41 @@
+//! `foretrace daemon`: the real-time daemon, the same library that `foretraced` runs.
+
+use foretraced::{DaemonError, Options, Rights};
+
+use crate::failure::Failure;
+use crate::settings::{SettingsArgs, wrong};
+
+/// Run the real-time daemon in the foreground
+///
+/// It creates the instance's shared memory, waits for an arm and a pen, moves nothing before it is asked to
+/// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reads the settings again. Without
+/// real-time rights it runs on and says which are missing.
+#[derive(Debug, clap::Args)]
+pub(crate) struct DaemonArgs {
+    /// Ticks per second: 125, 250, 500 or 1000; the grid step follows where it has to
+    #[arg(long, value_name = "HZ")]
+    rate: Option<u32>,
+
+    /// Ask for no real-time rights: no priority, no CPU of its own, no spinning, no locked memory
+    #[arg(long)]
+    no_rights: bool,
+
+    /// What to log on stderr: error, warn, info, debug
+    #[arg(long, value_name = "FILTER", default_value = "info")]
+    log: String,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+pub(crate) fn run(args: &DaemonArgs) -> Result<(), Failure> {
+    foretraced::log_to_stderr(&args.log).map_err(|error| Failure::bad_input(error, ""))?;
+    let mut source = args.settings.source()?;
+    source.rate_hz = args.rate;
+    let rights = if args.no_rights { Rights::Leave } else { Rights::Ask };
+    match foretraced::run(&Options { rights, ..Options::new(source) }) {
+        Ok(_) => Ok(()),
+        Err(DaemonError::Config(error)) => Err(wrong(&error)),
+        Err(error) => Err(Failure::failed(error, "")),
+    }
+}

@@ -1,0 +1,250 @@
+//! The demo's processes on their way through a run: up, armed, following, let go, down.
+//!
+//! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew ends them all,
+//! the newest first.
+
+use std::time::{Duration, Instant};
+
+use foretrace_client::{
+    ControlStatus, Foretrace, Instance, Mode, RequestError, Requests, ServiceError, StatusReader, Telemetry,
+};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::children::Child;
+use super::evidence::{Evidence, TickNote};
+use crate::attach::unattached;
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::output::{may_draw, note};
+use crate::request::refused;
+
+/// A busy machine takes seconds to start three processes.
+const STARTING: Duration = Duration::from_secs(30);
+/// A jerk-limited stop takes well under a second.
+const STOPPING: Duration = Duration::from_secs(5);
+const ANSWER: Duration = Duration::from_secs(2);
+const STRIDE: Duration = Duration::from_millis(20);
+
+/// What is read from the daemon while it runs.
+pub(crate) struct Watch {
+    status: StatusReader,
+    telemetry: Telemetry,
+    requests: Requests,
+    pub(crate) evidence: Evidence,
+}
+
+impl Watch {
+    pub(crate) fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
+        Ok(Self {
+            status: foretrace.status().map_err(unattached)?,
+            telemetry: foretrace.telemetry().map_err(unattached)?,
+            requests: foretrace.requests().map_err(unattached)?,
+            evidence: Evidence::default(),
+        })
+    }
+
+    /// Takes in what came since the last look.
+    fn read(&mut self) {
+        let ticks = &mut self.evidence.ticks;
+        self.telemetry.drain(|record| ticks.push(TickNote::of(record)));
+        self.evidence.status = self.status.latest().copied().or(self.evidence.status);
+    }
+
+    /// The last words of the daemon about itself.
+    pub(crate) fn last_words(mut self) -> Evidence {
+        let last = self.status.next_within(ANSWER);
+        self.read();
+        self.evidence.status = last.or(self.evidence.status);
+        self.evidence.ticks_lost = self.telemetry.lost();
+        self.evidence
+    }
+
+    fn mode(&self) -> Option<Mode> {
+        self.evidence.status.and_then(|status| Mode::try_from(status.mode).ok())
+    }
+}
+
+/// The children and the progress bar.
+pub(crate) struct Crew {
+    interrupt: Interrupt,
+    children: Vec<(&'static str, Child)>,
+    bar: Option<ProgressBar>,
+}
+
+impl Crew {
+    pub(crate) fn new(interrupt: Interrupt, seconds: f64) -> Self {
+        let bar = may_draw().then(|| {
+            let bar = ProgressBar::new((seconds * 1e3) as u64);
+            if let Ok(style) = ProgressStyle::with_template("{msg:<34} {wide_bar} {percent:>3} %") {
+                bar.set_style(style);
+            }
+            bar
+        });
+        Self { interrupt, children: Vec::new(), bar }
+    }
+
+    /// Starts `foretrace ARGUMENTS...`.
+    pub(crate) fn start(&mut self, name: &'static str, arguments: &[String]) -> Result<(), Failure> {
+        self.say(&format!("starting the {name}"));
+        self.children.push((name, Child::start(name, arguments)?));
+        Ok(())
+    }
+
+    /// Waits for the daemon.
+    pub(crate) fn attached(&mut self, instance: &Instance) -> Result<Foretrace, Failure> {
+        let deadline = Instant::now() + STARTING;
+        loop {
+            self.check()?;
+            match Foretrace::attach_within(instance, STRIDE) {
+                Ok(foretrace) => return Ok(foretrace),
+                Err(ServiceError::NoDaemon { .. }) if Instant::now() < deadline => {}
+                Err(error) => return Err(unattached(error)),
+            }
+        }
+    }
+
+    /// Asks to arm until the arm has reported for duty.
+    pub(crate) fn arm(&mut self, watch: &mut Watch) -> Result<(), Failure> {
+        let deadline = Instant::now() + STARTING;
+        loop {
+            self.check()?;
+            match watch.requests.arm(ANSWER) {
+                Ok(_) => break,
+                Err(error) if may_pass(&error) && Instant::now() < deadline => std::thread::sleep(STRIDE),
+                Err(error) => return Err(refused(&error)),
+            }
+        }
+        watch.read();
+        // What was before is no part of the run.
+        watch.evidence.ticks.clear();
+        self.say("armed");
+        Ok(())
+    }
+
+    /// Lets the arm follow for `seconds`.
+    pub(crate) fn follow(&mut self, watch: &mut Watch, seconds: f64) -> Result<(), Failure> {
+        self.say("the arm follows the pen");
+        let mut begin = None;
+        let patience = Instant::now() + STARTING;
+        loop {
+            self.check()?;
+            watch.read();
+            let now = Instant::now();
+            match watch.mode() {
+                Some(Mode::Following) if begin.is_none() => begin = Some(now),
+                Some(Mode::Fault | Mode::Stopped) => return Err(self.stopped(watch)),
+                _ => {}
+            }
+            match begin {
+                None if now > patience => {
+                    return Err(Failure::failed(
+                        format_args!("the arm did not follow the pen within {} s", STARTING.as_secs()),
+                        "see the messages above",
+                    ));
+                }
+                Some(begin) if (now - begin).as_secs_f64() >= seconds => return Ok(()),
+                Some(begin) => {
+                    if let Some(bar) = &self.bar {
+                        bar.set_position((now - begin).as_millis() as u64);
+                    }
+                }
+                None => {}
+            }
+            std::thread::sleep(STRIDE);
+        }
+    }
+
+    /// Has the arm stopped smoothly and let go of.
+    pub(crate) fn let_go(&mut self, watch: &mut Watch) -> Result<(), Failure> {
+        watch.requests.disarm(ANSWER).map_err(|error| refused(&error))?;
+        let deadline = Instant::now() + STOPPING;
+        while watch.mode() != Some(Mode::Idle) {
+            self.check()?;
+            if Instant::now() > deadline {
+                return Err(Failure::failed("the arm was not let go in time", "see the messages above"));
+            }
+            watch.read();
+            std::thread::sleep(STRIDE);
+        }
+        Ok(())
+    }
+
+    /// Ends one child in order and passes on what it said.
+    pub(crate) fn end(&mut self, name: &str) -> Result<(), Failure> {
+        let Some(index) = self.children.iter().position(|(known, _)| *known == name) else { return Ok(()) };
+        let (name, mut child) = self.children.remove(index);
+        child.end()?;
+        for line in child.last_words() {
+            if line.contains("WARN") || line.contains("ERROR") {
+                self.say(&format!("{name}: {line}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the progress bar away.
+    pub(crate) fn done(self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn check(&mut self) -> Result<(), Failure> {
+        self.interrupt.check()?;
+        self.children.iter_mut().try_for_each(|(_, child)| child.expect_alive())
+    }
+
+    fn stopped(&mut self, watch: &Watch) -> Failure {
+        let reason = watch
+            .evidence
+            .status
+            .and_then(|status| foretrace_client::FaultReason::try_from(status.fault).ok());
+        let reason = reason.map_or("unknown", foretrace_client::FaultReason::label);
+        let words: String = self
+            .children
+            .iter_mut()
+            .flat_map(|(name, child)| {
+                child.last_words().into_iter().map(move |line| format!("\n  {name}: {line}"))
+            })
+            .collect();
+        Failure::failed(
+            format_args!("the daemon stopped the arm by itself ({reason}){words}"),
+            "a machine that stalls for long is the usual cause: try again, or raise safety.latch_after_ms",
+        )
+    }
+
+    fn say(&self, words: &str) {
+        match &self.bar {
+            Some(bar) => {
+                bar.set_message(words.to_owned());
+                bar.tick();
+            }
+            None => note!("demo: {words}"),
+        }
+    }
+}
+
+impl Drop for Crew {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+        while self.children.pop().is_some() {}
+    }
+}
+
+/// The arm has not reported yet, or is just about to.
+fn may_pass(error: &RequestError) -> bool {
+    match error {
+        RequestError::NoAnswer(_) => true,
+        other => matches!(
+            other.refusal(),
+            Some(
+                ControlStatus::NoJointState
+                    | ControlStatus::JointStateStale
+                    | ControlStatus::RobotNotReady
+                    | ControlStatus::Busy
+            )
+        ),
+    }
+}

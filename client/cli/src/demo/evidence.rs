@@ -1,0 +1,98 @@
+//! What a demo run left behind: tick records, the last status, and the records of arm and player.
+
+use std::path::Path;
+
+use foretrace_client::{Stage, Status, TickRecord};
+use foretrace_config::Config;
+use foretrace_control::follower::Plane;
+use foretrace_lab::data::load_csv;
+use foretrace_lab::metrics::ToolSample;
+use foretrace_lab::path::PathSample;
+use nalgebra::Vector3;
+
+use crate::failure::Failure;
+
+/// Everything collected while the loop ran.
+#[derive(Debug, Default)]
+pub(crate) struct Evidence {
+    /// Tick records since arming, thinned to what the report needs.
+    pub(crate) ticks: Vec<TickNote>,
+    /// Records that did not arrive here.
+    pub(crate) ticks_lost: u64,
+    /// The daemon's last words about itself.
+    pub(crate) status: Option<Status>,
+    /// The pen as it was sent, in the plane frame, host's clock.
+    pub(crate) pen: Vec<PathSample>,
+    /// The arm's tool as it was measured, in the plane frame, host's clock.
+    pub(crate) tool: Vec<ToolSample>,
+    /// The arm's own report.
+    pub(crate) arm: serde_json::Value,
+    /// The player's own report.
+    pub(crate) player: serde_json::Value,
+}
+
+/// One tick.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TickNote {
+    /// When it was released [s].
+    pub(crate) t_s: f64,
+    pub(crate) stage_ns: [u32; foretrace_shm::STAGES],
+    pub(crate) trust: f64,
+    pub(crate) health: u32,
+    pub(crate) mode: u32,
+}
+
+impl TickNote {
+    pub(crate) fn of(record: &TickRecord) -> Self {
+        Self {
+            t_s: record.release_ns as f64 * 1e-9,
+            stage_ns: record.stage_ns,
+            trust: record.trust,
+            health: record.health,
+            mode: record.mode,
+        }
+    }
+
+    pub(crate) fn stage_ns(&self, stage: Stage) -> u32 {
+        self.stage_ns.get(stage as usize).copied().unwrap_or(0)
+    }
+}
+
+/// The player's record in the plane frame.
+pub(crate) fn pen(file: &Path, plane: &Plane) -> Result<Vec<PathSample>, Failure> {
+    let sent =
+        load_csv(file).map_err(|error| Failure::failed(error, "the pen player left no usable record"))?;
+    let placed = sent.samples.into_iter().map(|sample| {
+        let [x_m, y_m] = plane.from_pen([sample.x_m, sample.y_m]);
+        PathSample { x_m, y_m, ..sample }
+    });
+    Ok(placed.collect())
+}
+
+/// The arm's record as positions of its tool in the plane frame.
+pub(crate) fn tool(file: &Path, config: &Config, plane: &Plane) -> Result<Vec<ToolSample>, Failure> {
+    let wrong = |what: &dyn std::fmt::Display| {
+        Failure::failed(format_args!("{}: {what}", file.display()), "the arm left no usable record")
+    };
+    let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+    let chain = &config.robot().chain;
+    let mut tool = Vec::new();
+    for (index, line) in text.lines().enumerate().skip(1) {
+        let numbers: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
+        let numbers = numbers.map_err(|error| wrong(&format_args!("line {}: {error}", index + 1)))?;
+        let [t_s, q @ ..] = numbers.as_slice() else { continue };
+        let q = q.try_into().map_err(|_| wrong(&format_args!("line {}: not six joints", index + 1)))?;
+        let at: Vector3<f64> = plane.point_from_base(&chain.forward(q).position);
+        tool.push(ToolSample { t_s: *t_s, x_m: at.x, y_m: at.y });
+    }
+    Ok(tool)
+}
+
+/// A child's own report.
+pub(crate) fn report(file: &Path) -> Result<serde_json::Value, Failure> {
+    let wrong = |what: &dyn std::fmt::Display| {
+        Failure::failed(format_args!("{}: {what}", file.display()), "a process of the demo left no report")
+    };
+    let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+    serde_json::from_str(&text).map_err(|error| wrong(&error))
+}

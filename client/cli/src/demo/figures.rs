@@ -1,0 +1,256 @@
+//! The numbers of a demo run.
+//!
+//! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the pen as the
+//! loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to the paper.
+
+use foretrace_client::{Mode, Stage, health};
+use foretrace_config::Settings;
+use foretrace_lab::metrics::{ErrorSample, ToolSample, error_series, tracking};
+use serde::Serialize;
+use serde_json::Value;
+
+use super::evidence::Evidence;
+use crate::failure::Failure;
+use crate::spread::{Quantiles, Spread};
+
+/// The result of a demo.
+#[derive(Debug, Serialize)]
+pub(crate) struct Figures {
+    #[serde(rename = "loop")]
+    pub(crate) control_loop: LoopFigures,
+    pub(crate) tracking: TrackingFigures,
+    pub(crate) commands: Value,
+    pub(crate) pen: PenFigures,
+    pub(crate) learner: LearnerFigures,
+    pub(crate) trust: TrustFigures,
+    pub(crate) arm: Value,
+    pub(crate) setting: SettingFigures,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct LoopFigures {
+    pub(crate) rate_hz: f64,
+    pub(crate) ticks: u64,
+    pub(crate) overruns: u64,
+    /// Overruns whose tick began so late that an ordinary step could not end in time.
+    pub(crate) overruns_by_wakeup: u64,
+    pub(crate) skipped_ticks: u64,
+    pub(crate) allocations_per_tick: f64,
+    pub(crate) connection_allocations: u64,
+    /// From the start of the tick to the command published.
+    pub(crate) step_us: Quantiles,
+    /// From the planned start of the tick to its real one.
+    pub(crate) wakeup_us: Quantiles,
+    pub(crate) missing_rights: Vec<&'static str>,
+    pub(crate) telemetry_lost: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct TrackingFigures {
+    pub(crate) mse_m2: f64,
+    pub(crate) rmse_m: f64,
+    pub(crate) max_m: f64,
+    pub(crate) lag_ms: f64,
+    /// What remains at that shift.
+    pub(crate) mse_at_lag_m2: f64,
+    pub(crate) samples: usize,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct PenFigures {
+    pub(crate) samples: u64,
+    pub(crate) rejected: u64,
+    pub(crate) dropped: u64,
+    pub(crate) gaps: u64,
+    pub(crate) unheard: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct LearnerFigures {
+    pub(crate) updates: u64,
+    pub(crate) promotions: u64,
+    pub(crate) rollbacks: u64,
+    pub(crate) refused: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct TrustFigures {
+    pub(crate) mean: f64,
+    pub(crate) last: f64,
+}
+
+/// What the run was.
+#[derive(Debug, Serialize)]
+pub(crate) struct SettingFigures {
+    pub(crate) pen: String,
+    pub(crate) predictor: &'static str,
+    pub(crate) seconds: f64,
+    pub(crate) settings: String,
+    pub(crate) optimised_build: bool,
+}
+
+/// The part of a run that counts, for the pictures.
+#[derive(Debug)]
+pub(crate) struct Scored {
+    pub(crate) tool: Vec<ToolSample>,
+    pub(crate) errors: Vec<ErrorSample>,
+}
+
+/// The tool from the first instant at which it had come as near to the pen as the loop wants it before lowering it.
+pub(crate) fn scored(evidence: &Evidence, settings: &Settings) -> Result<Scored, Failure> {
+    let near = settings.safety.approach_distance_m;
+    let following = evidence.ticks.iter().find(|tick| tick.mode == u32::from(Mode::Following));
+    let from_s = following.map(|tick| tick.t_s).unwrap_or(f64::INFINITY);
+    let errors = error_series(&evidence.pen, &evidence.tool);
+    let begin = errors.iter().position(|error| error.t_s >= from_s && error.error_m <= near);
+    let Some(errors) = begin.and_then(|begin| errors.get(begin..)) else {
+        return Err(Failure::failed(
+            "the arm never came near the pen",
+            "see the messages above; give it more --seconds, or look at the settings",
+        ));
+    };
+    let first_s = errors.first().map_or(f64::INFINITY, |error| error.t_s);
+    let tool = evidence.tool.iter().filter(|sample| sample.t_s >= first_s).copied().collect();
+    Ok(Scored { tool, errors: errors.to_vec() })
+}
+
+/// Recomputes everything that people ask about.
+pub(crate) fn figures(
+    evidence: &Evidence,
+    scored: &Scored,
+    settings: &Settings,
+    setting: SettingFigures,
+) -> Result<Figures, Failure> {
+    let status = evidence.status.ok_or_else(|| {
+        Failure::failed("the daemon said nothing about itself", "look at its messages above")
+    })?;
+    let counts = &status.counters;
+    let score = tracking(&evidence.pen, &scored.tool).ok_or_else(|| {
+        Failure::failed("the pen never touched the paper while the arm followed", "play something with ink")
+    })?;
+    let spread = |stage: Stage| {
+        let mut spread = Spread::new();
+        evidence.ticks.iter().for_each(|tick| spread.add_ns(u64::from(tick.stage_ns(stage))));
+        spread.quantiles()
+    };
+    let (step_us, wakeup_us) = (spread(Stage::Step), spread(Stage::Wakeup));
+    let period_us = 1e6 / f64::from(settings.control_loop.rate_hz);
+    let late = |ns: u32| f64::from(ns) * 1e-3 + step_us.p50 > period_us;
+    let by_wakeup = evidence
+        .ticks
+        .iter()
+        .filter(|tick| tick.health & health::OVERRUN != 0 && late(tick.stage_ns(Stage::Wakeup)));
+    let trusts = evidence.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
+    let (sum, count) = trusts.fold((0.0, 0_u32), |(sum, count), tick| (sum + tick.trust, count + 1));
+    let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_u64).unwrap_or(0);
+    Ok(Figures {
+        control_loop: LoopFigures {
+            rate_hz: status.rate_hz,
+            ticks: counts.ticks,
+            overruns: counts.overruns,
+            overruns_by_wakeup: by_wakeup.count() as u64,
+            skipped_ticks: counts.skipped_ticks,
+            allocations_per_tick: status.allocations_per_tick,
+            connection_allocations: counts.connection_allocations,
+            step_us,
+            wakeup_us,
+            missing_rights: foretrace_client::missing_rights::labels(status.missing_rights).collect(),
+            telemetry_lost: evidence.ticks_lost + counts.telemetry_ring_dropped,
+        },
+        tracking: TrackingFigures {
+            mse_m2: score.mse_m2,
+            rmse_m: score.rmse_m,
+            max_m: score.max_m,
+            lag_ms: score.lag_ms,
+            mse_at_lag_m2: score.mse_at_lag_m2,
+            samples: score.samples,
+        },
+        commands: evidence.arm.get("commands").cloned().unwrap_or(Value::Null),
+        pen: PenFigures {
+            samples: number(&evidence.player, "samples"),
+            rejected: counts.pen_rejected.total() + counts.pen_out_of_order + counts.pen_outliers,
+            dropped: counts.pen_dropped,
+            gaps: counts.pen_gaps,
+            unheard: number(&evidence.player, "unheard"),
+        },
+        learner: LearnerFigures {
+            updates: status.learner_updates,
+            promotions: status.learner_promotions,
+            rollbacks: status.learner_rollbacks,
+            refused: status.learner_refused,
+        },
+        trust: TrustFigures { mean: sum / f64::from(count.max(1)), last: status.trust },
+        arm: evidence.arm.get("arm").cloned().unwrap_or(Value::Null),
+        setting,
+    })
+}
+
+impl Figures {
+    /// Commands that broke a limit, as the arm counted.
+    pub(crate) fn limit_violations(&self) -> u64 {
+        self.commands.get("limit_violations").and_then(Value::as_u64).unwrap_or(0)
+    }
+
+    /// The table for people: what and how much.
+    pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
+        let Self { control_loop, tracking, commands, pen, learner, trust, .. } = self;
+        let spread = |q: &Quantiles| {
+            format!("p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} µs", q.p50, q.p99, q.p99_9, q.max)
+        };
+        let number = |key: &str| commands.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+        let mut rows = vec![
+            (
+                "loop",
+                format!(
+                    "{:.0} Hz, {} ticks, {} overruns ({} by late wake-up), {} periods skipped",
+                    control_loop.rate_hz,
+                    control_loop.ticks,
+                    control_loop.overruns,
+                    control_loop.overruns_by_wakeup,
+                    control_loop.skipped_ticks
+                ),
+            ),
+            ("step", spread(&control_loop.step_us)),
+            ("wake-up", spread(&control_loop.wakeup_us)),
+            (
+                "memory",
+                format!(
+                    "{:.4} allocations per tick, {} when ports connected",
+                    control_loop.allocations_per_tick, control_loop.connection_allocations
+                ),
+            ),
+            (
+                "tracking",
+                format!(
+                    "rms {:.2} mm, max {:.2} mm, arm {:.1} ms behind the pen",
+                    tracking.rmse_m * 1e3,
+                    tracking.max_m * 1e3,
+                    tracking.lag_ms
+                ),
+            ),
+            (
+                "commands",
+                format!(
+                    "{} received, {} limit violations; at most {:.3} rad/s, {:.2} rad/s²",
+                    number("count"),
+                    self.limit_violations(),
+                    number("max_velocity_radps"),
+                    number("max_acceleration_radps2")
+                ),
+            ),
+            ("pen", format!("{} samples, {} rejected, {} dropped", pen.samples, pen.rejected, pen.dropped)),
+            (
+                "learner",
+                format!(
+                    "{} updates, {} promotions, {} rollbacks",
+                    learner.updates, learner.promotions, learner.rollbacks
+                ),
+            ),
+            ("trust", format!("{:.2} on average while following", trust.mean)),
+        ];
+        if !control_loop.missing_rights.is_empty() {
+            rows.push(("rights", format!("missing: {}", control_loop.missing_rights.join(", "))));
+        }
+        rows
+    }
+}
