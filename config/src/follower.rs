@@ -5,7 +5,7 @@
 //! judged.
 
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
-use foretrace_control::ik::IkSettings;
+use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{InitialWeights, LearnError, Learner, LearnerSettings};
 use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
@@ -125,6 +125,7 @@ fn follower_settings(s: &Settings, robot: &Robot) -> FollowerSettings<JOINTS> {
         chain: robot.chain.clone(),
         limits: robot.limits,
         ik: ik(s, robot),
+        ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
         dead_time_ns: ns(s.timing.dead_time_ms),
         safety: SafetySettings {
             valid_periods: s.control_loop.valid_periods,
@@ -193,12 +194,17 @@ fn mpc(s: &Settings) -> MpcSettings {
             velocity: s.mpc.penalty.velocity,
             position: s.mpc.penalty.position,
         },
-        backend: match s.mpc.backend {
-            QpBackend::Exact => Backend::Exact,
-            QpBackend::Clarabel => Backend::Clarabel(ClarabelProfile::Default),
-            QpBackend::ClarabelTuned => Backend::Clarabel(ClarabelProfile::Tuned),
-        },
+        backend: profile(s.mpc.backend).map_or(Backend::Exact, Backend::Clarabel),
         max_iterations: s.mpc.max_iterations,
+    }
+}
+
+/// Clarabel's profile, if Clarabel is to solve.
+fn profile(backend: QpBackend) -> Option<ClarabelProfile> {
+    match backend {
+        QpBackend::Exact => None,
+        QpBackend::Clarabel => Some(ClarabelProfile::Default),
+        QpBackend::ClarabelTuned => Some(ClarabelProfile::Tuned),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
+use super::QpBackend;
 use crate::schema::{Legal::*, Presence::*, section};
 
 section! {
@@ -8,6 +9,9 @@ section! {
         /// Share of the tool's pose error that is removed per second; at most the rate of the loop. Not set:
         /// half the rate of the loop.
         gain_hz: Option<f64> = Between(0.1, 1000.0), Optional, AtStart, "nothing: leave it out";
+        /// Who solves for the joint velocities: "exact" (bounded time, no allocation), "clarabel" or
+        /// "clarabel-tuned" (for comparison; they allocate).
+        backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// A turn of the tool counts like a displacement at this distance from its tip.
         orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
         /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.

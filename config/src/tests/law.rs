@@ -1,7 +1,7 @@
 //! What the control law is built from: units and frames change as they should, and measured presets are kept.
 
 use foretrace_control::follower::{Follower, Plane};
-use foretrace_control::ik::IkSettings;
+use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{InitialWeights, LearnerSettings};
 use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
 use foretrace_control::pen::SpeedScaleSettings;
@@ -93,7 +93,11 @@ fn words_choose_what_they_say() {
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
     assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
     assert_eq!(config.learner_settings().initial, InitialWeights::Zero);
-    let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n").unwrap().follower_settings();
+    assert_eq!(law.ik_backend, IkBackend::Exact);
+    let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n[ik]\nbackend = \"clarabel\"\n")
+        .unwrap()
+        .follower_settings();
+    assert_eq!(tuned.ik_backend, IkBackend::Clarabel(ClarabelProfile::Default));
     assert_eq!(tuned.mpc.backend, Backend::Clarabel(ClarabelProfile::Tuned));
 }
 

@@ -112,7 +112,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);
         let pen_age = self.pen.age_ns(now);
-        if !pen_age.is_some_and(|age| age <= self.settings.trust.stale_after_ns) {
+        if pen_age.is_none_or(|age| age > self.settings.trust.stale_after_ns) {
             health.set(Health::PEN_STALE);
         }
         self.watch.heed_pen(pen_age);

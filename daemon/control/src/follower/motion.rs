@@ -111,7 +111,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             plane: settings.plane,
             chain: settings.chain.clone(),
             mpc: Mpc::new(&settings.mpc)?,
-            ik: Ik::new(settings.limits, settings.ik),
+            ik: Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?,
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
             held: None,

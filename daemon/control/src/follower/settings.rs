@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::plane::Plane;
-use crate::ik::{Chain, IkSettings, JointLimits};
+use crate::ik::{BackendError, Chain, IkBackend, IkSettings, JointLimits};
 use crate::mpc::{MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::predict::{DybmWeights, MAX_PREVIEW, PreviewError, PreviewSettings};
@@ -61,6 +61,8 @@ pub struct FollowerSettings<const J: usize> {
     pub limits: JointLimits<J>,
     /// Weights of the inverse kinematics.
     pub ik: IkSettings<J>,
+    /// Solver of the inverse kinematics.
+    pub ik_backend: IkBackend,
     /// Time from command to arm motion, τ [ns].
     pub dead_time_ns: u64,
     /// Bounds of time and motion.
@@ -128,6 +130,9 @@ pub enum FollowerError {
     /// The plan.
     #[error(transparent)]
     Mpc(#[from] MpcError),
+    /// The inverse kinematics.
+    #[error(transparent)]
+    Ik(#[from] BackendError),
     /// The predictor.
     #[error(transparent)]
     Preview(#[from] PreviewError),

@@ -6,7 +6,7 @@ use foretrace_control::follower::{
     StepInput, StepOutput,
 };
 use foretrace_control::guard::CommandChecker;
-use foretrace_control::ik::{Chain, IkSettings, JointLimits};
+use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
@@ -68,6 +68,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         chain,
         limits,
         ik: IkSettings::for_period(period_s, HOME),
+        ik_backend: IkBackend::Exact,
         dead_time_ns: 0,
         safety: SafetySettings {
             valid_periods: 5,
