@@ -5,7 +5,7 @@ mod support;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use foretrace_shm::{ControlOp, ControlStatus, Mode};
+use foretrace_shm::{ControlOp, ControlStatus, Mode, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
 use support::{Operator, Place, Running, arm, pen, turn};
 
@@ -52,6 +52,19 @@ fn no_tick_allocates_while_the_arm_follows_and_peers_come_and_go() {
         counters.connection_allocations,
         counters.connection_ticks,
         log.commands.load(Ordering::Relaxed),
+    );
+    for (stage, spread) in Stage::ALL.iter().zip(status.stages) {
+        let [p50, p99, p99_9, max] =
+            [spread.p50_ns, spread.p99_ns, spread.p99_9_ns, spread.max_ns].map(|ns| f64::from(ns) * 1e-3);
+        println!("{stage:>8} [us]: p50 {p50:8.2}  p99 {p99:8.2}  p99.9 {p99_9:8.2}  max {max:8.2}");
+    }
+    println!(
+        "{} overruns, {} periods lost, {} minor and {} major page faults, missing rights {:#b}",
+        counters.overruns,
+        counters.skipped_ticks,
+        counters.page_faults_minor,
+        counters.page_faults_major,
+        status.missing_rights,
     );
     assert_eq!(counters.allocations, 0);
     assert_eq!(status.allocations_per_tick, 0.0);
