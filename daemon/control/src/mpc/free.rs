@@ -109,16 +109,8 @@ impl<const N: usize> Free<N> {
 
         self.pull(origin, conservative, preview, &mut found.pull);
 
-        let linear = self.linear_term(velocity, acceleration, &found.pull);
         let mut jerks = [Lanes::ZERO; N];
-        let mut largest = Lanes::ZERO;
-        for (column, q) in self.inverse.iter().zip(linear) {
-            for (jerk, entry) in jerks.iter_mut().zip(column) {
-                *jerk = *jerk - *entry * q;
-            }
-            largest = q.abs().max(largest);
-        }
-        found.scale = largest + Lanes::of([1.0; 3]);
+        found.scale = self.unconstrained(velocity, acceleration, &found.pull, &mut jerks);
 
         let [lowest, highest] = self.workspace;
         let origin = origin * scale.position;
@@ -164,20 +156,35 @@ impl<const N: usize> Free<N> {
         }
     }
 
-    /// q = ∇½J at zero jerk.
+    /// −H⁻¹ q with q = ∇½J at zero jerk; returns 1 + max |q|.
     #[inline(always)]
-    fn linear_term(&self, velocity: Lanes, acceleration: Lanes, pull: &[[Lanes; 3]; N]) -> [Lanes; N] {
-        let mut linear = [Lanes::ZERO; N];
+    fn unconstrained(
+        &self,
+        velocity: Lanes,
+        acceleration: Lanes,
+        pull: &[[Lanes; 3]; N],
+        jerks: &mut [Lanes; N],
+    ) -> Lanes {
+        let mut largest = Lanes::ZERO;
         // Without jerk the state at step i is A^i x₀; the sweep runs backwards from step N.
         let mut sweep = Sweep::default();
         let mut time = N as f64;
+        let mut linear = [Lanes::ZERO; N];
         for ((q, weights), pull) in linear.iter_mut().zip(&self.weights).zip(pull).rev() {
             let v = velocity + acceleration * time;
             let p = velocity * time + acceleration * (0.5 * time * time);
             *q = sweep.back(&[acceleration, v, p], weights, pull);
+            largest = q.abs().max(largest);
             time -= 1.0;
         }
-        linear
+        for (jerk, row) in jerks.iter_mut().zip(&self.inverse) {
+            let mut sum = Lanes::ZERO;
+            for (entry, q) in row.iter().zip(&linear) {
+                sum = sum - *entry * *q;
+            }
+            *jerk = sum;
+        }
+        largest + Lanes::of([1.0; 3])
     }
 
     /// The forward sweep; whether each axis keeps its limits.

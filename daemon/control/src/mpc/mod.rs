@@ -142,7 +142,9 @@ impl<const N: usize> Mpc<N> {
             *jerks = normalised.map(|jerk| jerk * self.scale.jerk_inverse);
         }
         if report.usable() {
-            *plan = Plan { step_s: self.step_s, start: *start, jerks };
+            plan.step_s = self.step_s;
+            plan.start = *start;
+            plan.jerks = jerks;
         }
         report
     }
