@@ -20,6 +20,7 @@ mod request;
 mod status;
 mod demo;
 mod bench;
+mod lab;
 
 use std::process::ExitCode;
 
@@ -54,6 +55,9 @@ enum Command {
     Request(request::RequestArgs),
     Status(status::StatusArgs),
     Bench(bench::BenchArgs),
+    /// The paper's experiments on a data set
+    #[command(subcommand)]
+    Lab(lab::LabCommand),
     /// Judge a settings file, or show the settings in force
     #[command(subcommand)]
     Config(config::ConfigCommand),
@@ -79,6 +83,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Request(args) => request::run(args),
         Command::Status(args) => status::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Lab(command) => lab::run(command),
         Command::Config(command) => config::run(command),
     }
 }

@@ -84,8 +84,9 @@ impl Intake {
         })
     }
 
-    /// Takes or refuses a command that arrived at `now`; true when taken.
-    pub(crate) fn receive(&mut self, command: &JointCommand, now: Stamp) -> bool {
+    /// Takes or refuses a command read at `now` for the cycle due at `due` (earlier, where the machine slept); true
+    /// when taken.
+    pub(crate) fn receive(&mut self, command: &JointCommand, now: Stamp, due: Stamp) -> bool {
         let (lost, restarts) = (self.header.dropped(), self.header.restarts());
         if self.header.admit(&command.header, now.0).is_err() {
             self.refused.header += 1;
@@ -99,7 +100,7 @@ impl Intake {
             self.checker.restart();
         }
         self.checker.observe(stamp, valid_until, &command.q, &command.qd);
-        let Some(held) = self.judged(command, stamp, valid_until, now) else { return false };
+        let Some(held) = self.judged(command, stamp, valid_until, due) else { return false };
         self.accepted += 1;
         if self.held.len() >= Self::KEPT {
             self.held.pop_front();
@@ -144,13 +145,13 @@ impl Intake {
         command: &JointCommand,
         stamp: Stamp,
         valid_until: Stamp,
-        now: Stamp,
+        due: Stamp,
     ) -> Option<Held> {
         if command.validate().is_err() {
             self.refused.malformed += 1;
             return None;
         }
-        if valid_until < now {
+        if valid_until < due {
             self.refused.stale += 1;
             return None;
         }
@@ -180,6 +181,10 @@ mod tests {
 
     const BOOT: u64 = 7;
     const TICK_NS: u64 = 2_000_000;
+
+    fn receive(intake: &mut Intake, command: &JointCommand, now: Stamp) -> bool {
+        intake.receive(command, now, now)
+    }
 
     fn intake() -> Intake {
         let limits = JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [20.0; JOINTS]).unwrap();
@@ -214,7 +219,7 @@ mod tests {
         let mut intake = intake();
         let speed = 0.04;
         for k in 1..=10 {
-            assert!(intake.receive(&command(k, speed * 0.002 * k as f64, speed), at(k)));
+            assert!(receive(&mut intake, &command(k, speed * 0.002 * k as f64, speed), at(k)));
             // Half a tick before the stamp of the newest command.
             let target = intake.target(Stamp(at(k).0 + TICK_NS / 2))[0];
             assert!((target - speed * 0.002 * (k as f64 - 0.5)).abs() < 1e-12, "{target}");
@@ -226,7 +231,7 @@ mod tests {
     #[test]
     fn silence_is_answered_by_extrapolation_then_braking_to_rest() {
         let mut intake = intake();
-        assert!(intake.receive(&command(1, 0.0, 1.0), at(1)));
+        assert!(receive(&mut intake, &command(1, 0.0, 1.0), at(1)));
         let stamp = at(2);
         assert!((intake.target(stamp.plus_ns(10_000_000))[0] - 0.01).abs() < 1e-12);
         // 1 rad/s at 20 rad/s² stops within 50 ms and 25 mrad.
@@ -242,21 +247,21 @@ mod tests {
             header: Header { boot_id: 8, ..command(1, 0.0, 0.0).header },
             ..command(1, 0.0, 0.0)
         };
-        assert!(!intake.receive(&foreign, at(1)));
-        assert!(!intake.receive(&command(2, 0.0, 0.0), at(100)));
+        assert!(!receive(&mut intake, &foreign, at(1)));
+        assert!(!receive(&mut intake, &command(2, 0.0, 0.0), at(100)));
         let malformed = JointCommand { mode: 99, ..command(3, 0.0, 0.0) };
-        assert!(!intake.receive(&malformed, at(3)));
-        assert!(!intake.receive(&command(4, 0.5, 0.0), at(4)));
+        assert!(!receive(&mut intake, &malformed, at(3)));
+        assert!(!receive(&mut intake, &command(4, 0.5, 0.0), at(4)));
         assert_eq!(intake.refused(), Refused { header: 1, malformed: 1, stale: 1, jump: 1 });
         assert_eq!(intake.target(at(5)), [0.0; JOINTS]);
-        assert!(intake.receive(&command(6, 0.0, 0.0), at(6)));
+        assert!(receive(&mut intake, &command(6, 0.0, 0.0), at(6)));
     }
 
     #[test]
     fn illegal_command_is_counted_even_when_it_is_taken() {
         let mut intake = intake();
-        assert!(intake.receive(&command(1, 0.0, 0.0), at(1)));
-        assert!(intake.receive(&command(2, 0.008, 4.0), at(2)));
+        assert!(receive(&mut intake, &command(1, 0.0, 0.0), at(1)));
+        assert!(receive(&mut intake, &command(2, 0.008, 4.0), at(2)));
         let seen = intake.statistics();
         assert_eq!((seen.count, seen.limit_violations), (2, 1));
         assert!((seen.max_velocity_radps - 4.0).abs() < 1e-9);
@@ -268,7 +273,7 @@ mod tests {
         let mut intake = intake();
         let speed = 0.04;
         for k in 1..=10 {
-            assert!(intake.receive(&command(k, speed * 0.002 * k as f64, speed), at(5)));
+            assert!(receive(&mut intake, &command(k, speed * 0.002 * k as f64, speed), at(5)));
         }
         for k in 1..=10_u64 {
             let target = intake.target(at(k + 1))[0];
@@ -280,7 +285,7 @@ mod tests {
     fn disabled_command_stops_the_arm_where_it_says() {
         let mut intake = intake();
         let stop = JointCommand { flags: 0, ..command(1, 0.001, 1.0) };
-        assert!(intake.receive(&stop, at(1)));
+        assert!(receive(&mut intake, &stop, at(1)));
         assert_eq!(intake.target(at(500)), [0.001; JOINTS]);
     }
 }

@@ -169,7 +169,7 @@ impl Simulation {
         while due < end && !interrupt.is_set() {
             os::sleep_until(due);
             let now = monotonic_now_ns();
-            self.receive(Stamp(now));
+            self.receive(Stamp(now), Stamp(due));
             let mut made = 0;
             while due <= now {
                 self.cycle(due);
@@ -198,11 +198,11 @@ impl Simulation {
         }
     }
 
-    fn receive(&mut self, now: Stamp) {
+    fn receive(&mut self, now: Stamp, due: Stamp) {
         let intake = &mut self.intake;
         if let Some(ports) = &mut self.ports {
             ports.commands.drain(|command| {
-                intake.receive(command, now);
+                intake.receive(command, now, due);
             });
         }
     }

@@ -76,13 +76,13 @@ pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Re
 }
 
 /// The writing workspace in metres of the pen's own plane.
-struct Workspace {
+pub(crate) struct Workspace {
     centre_m: [f64; 2],
     size_m: [f64; 2],
 }
 
 impl Workspace {
-    fn of(settings: &Settings) -> Self {
+    pub(crate) fn of(settings: &Settings) -> Self {
         let plane = &settings.plane;
         let [x, y, _] = plane.workspace_m;
         let [x0, y0] = plane.pen_origin_m;
@@ -93,7 +93,7 @@ impl Workspace {
         }
     }
 
-    fn placement(&self, height_m: f64, layout: Layout, anchor: Anchor) -> Placement {
+    pub(crate) fn placement(&self, height_m: f64, layout: Layout, anchor: Anchor) -> Placement {
         Placement { centre_m: self.centre_m, size_m: self.size_m, glyph_height_m: height_m, layout, anchor }
     }
 }
@@ -103,7 +103,12 @@ const GLYPH_RATE_HZ: f64 = 200.0;
 
 fn glyphs(text: &str, args: &PathArgs, workspace: &Workspace) -> Result<Source, Failure> {
     let placement = workspace.placement(args.height, Layout::Line, Anchor::Baseline);
-    let path = text_path(text, args.style, GLYPH_RATE_HZ, &placement).map_err(wrong)?;
+    let mut path = text_path(text, args.style, GLYPH_RATE_HZ, &placement).map_err(wrong)?;
+    // A line begins at the left border: move the finished text to the middle.
+    if let Some([[left, _], [right, _]]) = path.bounds_m() {
+        let shift = workspace.centre_m[0] - 0.5 * (left + right);
+        path.samples.iter_mut().for_each(|sample| sample.x_m += shift);
+    }
     Ok(Source { path, notes: Vec::new() })
 }
 
@@ -179,7 +184,8 @@ fn has_extension(file: &str, extension: &str) -> bool {
     Path::new(file).extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A positive number for the command line.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value > 0.0 && value <= 1000.0 => Ok(value),
         _ => Err("a number above 0, at most 1000".to_owned()),

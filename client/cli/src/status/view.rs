@@ -189,7 +189,7 @@ fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
 }
 
 fn age_ms(ns: u64) -> Option<f64> {
-    (ns != u64::MAX).then(|| ns as f64 * 1e-6)
+    (ns != u64::MAX).then_some(ns as f64 * 1e-6)
 }
 
 fn milliseconds(ns: u64) -> String {

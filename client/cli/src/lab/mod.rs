@@ -1,0 +1,125 @@
+//! `foretrace lab`: the paper's experiments through the daemon's own control law.
+
+mod figures;
+
+use std::path::PathBuf;
+
+use foretrace_config::Config;
+use foretrace_lab::data::{DataSet, Split};
+use foretrace_lab::experiments::{Labels, Letter, letters};
+use foretrace_lab::path::{Anchor, Layout, Placement};
+use indicatif::ProgressBar;
+
+use crate::failure::Failure;
+use crate::output::{JsonArgs, may_draw, note};
+use crate::play::source::Workspace;
+use crate::settings::SettingsArgs;
+
+/// `foretrace lab ...`
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum LabCommand {
+    /// Figure 2 of the paper: feedback only, prediction and perfect foresight on letters of a data set
+    ///
+    /// Every letter of the test writers is written by the control law with each predictor, in front of an ideal arm and
+    /// in front of the simulated UR5. Errors are between tool and pen at the same instant, pen down.
+    Fig2(LabArgs),
+    /// Figure 3 of the paper: switching from feedback to prediction in steps 30 to 40 of a letter
+    ///
+    /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
+    Fig3(LabArgs),
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct LabArgs {
+    /// Data-set folder with split.tsv, data/ and include/
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+
+    /// Letters with this label, or all
+    #[arg(long, value_name = "LABEL|all", default_value = "K")]
+    label: String,
+
+    /// At most this many letters, in the order of the set
+    #[arg(long, value_name = "N")]
+    limit: Option<usize>,
+
+    /// Height of a median letter in metres of the pen's plane
+    #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = crate::play::source::positive)]
+    height: f64,
+
+    /// Folder for the pictures
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    out: PathBuf,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
+    match command {
+        LabCommand::Fig2(args) => Session::prepare(args)?.fig2(args),
+        LabCommand::Fig3(args) => Session::prepare(args)?.fig3(args),
+    }
+}
+
+/// Settings and letters of an experiment.
+struct Session {
+    config: Config,
+    letters: Vec<Letter>,
+    /// Name of the set and what was chosen from it.
+    title: String,
+}
+
+impl Session {
+    fn prepare(args: &LabArgs) -> Result<Self, Failure> {
+        args.json.claim_stdout();
+        let config = args.settings.load()?;
+        let wrong = |error: &dyn std::fmt::Display| {
+            Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")
+        };
+        let set = DataSet::load(&args.data, Split::Test, false).map_err(|error| wrong(&error))?;
+        for error in &set.errors {
+            note!("lab: {error}");
+        }
+        let labels = match args.label.as_str() {
+            "all" => Labels::All,
+            label => Labels::One(label.to_owned()),
+        };
+        let workspace = Workspace::of(config.settings());
+        let placement: Placement = workspace.placement(args.height, Layout::Centre, Anchor::Middle);
+        let (mut letters, skipped) = letters(&set, &labels, &placement).map_err(|error| wrong(&error))?;
+        if skipped > 0 {
+            note!("lab: {skipped} letters do not fit the workspace and are left out");
+        }
+        letters.truncate(args.limit.unwrap_or(usize::MAX));
+        let title = format!("{} letters {:?} of {}, test writers", letters.len(), args.label, set.name);
+        note!("lab: {title}");
+        Ok(Self { config, letters, title })
+    }
+}
+
+/// Steps of a long experiment, drawn where somebody watches.
+struct Progress(Option<ProgressBar>);
+
+impl Progress {
+    fn of(steps: usize) -> Self {
+        Self(may_draw().then(|| ProgressBar::new(steps as u64)))
+    }
+
+    fn step(&self) {
+        if let Some(bar) = &self.0 {
+            bar.inc(1);
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
