@@ -25,7 +25,7 @@ use crate::ipc::requests::{ReloadOutcome, ReloadRequest};
 use crate::ipc::{self, IpcLinks, IpcOrder, IpcSettings, IpcSummary};
 use crate::learner::{self, LearnerBoard, LearnerLinks, LearnerOrder};
 use crate::memory::{self, NoSpace, ReserveError};
-use crate::options::{Options, Rights};
+use crate::options::{Options, Rights, StopHandle};
 use crate::ports::shm::{IpcPorts, ShmPorts};
 use crate::ports::{JOINTS, convert};
 use crate::rt::cyclic::Rhythm;
@@ -94,8 +94,8 @@ pub enum DaemonError {
         /// What it said.
         cause: String,
     },
-    /// The arm did not come to rest in time.
-    #[error("the arm was not at rest {} s after the stop was asked for; ended all the same", STOPPING.as_secs())]
+    /// The arm did not come to rest in time, or nobody wanted to wait for it.
+    #[error("ended before the arm was at rest (at most {} s are waited for it): it brakes by itself", STOPPING.as_secs())]
     NotAtRest,
 }
 
@@ -129,7 +129,7 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     lock.announce().map_err(|source| DaemonError::System { what: "writing the lock file", source })?;
     daemon.greet(&instance);
     let outcome = daemon.watch(options);
-    let report = daemon.end(outcome);
+    let report = daemon.end(outcome, &options.stop);
 
     // Nobody may find services that are about to go.
     let _ = lock.withdraw();
@@ -254,7 +254,7 @@ impl Daemon {
         let started = started.and_then(|()| daemon.listen_to_signals(options));
         match started {
             Ok(()) => Ok(daemon),
-            Err(error) => daemon.end(Err(error)).and(Err(DaemonError::NotAtRest)),
+            Err(error) => daemon.end(Err(error), &options.stop).and(Err(DaemonError::NotAtRest)),
         }
     }
 
@@ -425,11 +425,19 @@ impl Daemon {
         ReloadOutcome { status: ControlStatus::Ok, text }
     }
 
-    /// Takes everything down; the first thing that went wrong is what is reported.
-    fn end(mut self, outcome: Result<(), DaemonError>) -> Result<ExitReport, DaemonError> {
+    /// Takes everything down; the first thing that went wrong is what is reported. Told to stop once more meanwhile, it
+    /// no longer waits for the arm.
+    fn end(mut self, outcome: Result<(), DaemonError>, stop: &StopHandle) -> Result<ExitReport, DaemonError> {
         let mut outcome = outcome;
         self.rt_orders.leave();
-        if !ended(self.rt.as_ref(), STOPPING) {
+        let impatient = || {
+            let again = stop.take();
+            if again {
+                warn!("told to stop once more: not waiting for the arm, which brakes by itself");
+            }
+            again
+        };
+        if !ended_unless(self.rt.as_ref(), STOPPING, impatient) {
             self.rt_orders.quit();
             outcome = outcome.and(Err(DaemonError::NotAtRest));
         }
@@ -476,9 +484,14 @@ fn heard<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
 
 /// Waits until a thread has ended, or was never there.
 fn ended<T>(thread: Option<&JoinHandle<T>>, patience: Duration) -> bool {
+    ended_unless(thread, patience, || false)
+}
+
+/// As [`ended`], but gives up early when `enough`.
+fn ended_unless<T>(thread: Option<&JoinHandle<T>>, patience: Duration, enough: impl Fn() -> bool) -> bool {
     let since = Instant::now();
     while thread.is_some_and(|thread| !thread.is_finished()) {
-        if since.elapsed() > patience {
+        if since.elapsed() > patience || enough() {
             return false;
         }
         std::thread::sleep(Duration::from_millis(2));

@@ -56,6 +56,30 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
 }
 
 #[test]
+fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_armed_again() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let (first, _log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
+    drop(first);
+    let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
+    assert_eq!(stopped.fault, u32::from(FaultReason::JointStateStale));
+    until("the arm is missed", || {
+        (operator.ask(ControlOp::Arm, 0.0, 0).outcome() == ControlStatus::JointStateStale).then_some(())
+    });
+    let (_second, log) = arm(&place);
+    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
+    operator.status_when("it follows again", |status| status.mode == u32::from(Mode::Following));
+    assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
+    daemon.end().unwrap();
+}
+
+#[test]
 fn a_second_daemon_on_the_same_instance_is_refused_and_two_instances_live_side_by_side() {
     let _turn = turn();
     let (place, other) = (Place::new(), Place::new());
@@ -132,10 +156,13 @@ fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
     let refused = program().output().unwrap();
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && text.contains(&format!("process {pid}")), "{text}");
+    assert!(Command::new("kill").args(["-HUP", &pid.to_string()]).status().unwrap().success());
+    std::thread::sleep(std::time::Duration::from_millis(200));
     assert!(Command::new("kill").args(["-TERM", &pid.to_string()]).status().unwrap().success());
     let ended = child.wait_with_output().unwrap();
     let text = String::from_utf8_lossy(&ended.stderr);
     assert!(ended.status.success(), "{text}");
+    assert!(text.contains("settings reloaded, nothing has changed"), "{text}");
     assert!(text.contains("stopping"), "{text}");
     assert_eq!(instance.daemon(), None);
     assert_eq!(instance.shared_memory().unwrap().segments, 0);

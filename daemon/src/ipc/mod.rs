@@ -39,6 +39,9 @@ const ROUND: usize = 1024;
 /// Time between two clean-ups of dead peers [ns].
 const CLEAN_NS: i64 = 1_000_000_000;
 
+/// A loop that says nothing for this long is in trouble [ns].
+const SILENCE_NS: i64 = 1_000_000_000;
+
 /// What the thread has to know.
 #[derive(Debug, Clone, Copy)]
 pub struct IpcSettings {
@@ -285,10 +288,15 @@ impl Ipc {
                 status.allocations_per_tick = tally.allocations as f64 / warm.max(1) as f64;
             }
         }
-        if learner.failed && status.fault == u32::from(FaultReason::None) {
+        if (learner.failed || self.loop_is_silent(now)) && status.fault == u32::from(FaultReason::None) {
             status.fault = FaultReason::Internal.into();
         }
         status
+    }
+
+    /// Whether the loop has not been heard of for a second: its thread is held up, or has ended.
+    fn loop_is_silent(&self, now: Stamp) -> bool {
+        self.newest.is_some_and(|newest| now.since(newest.finished) > SILENCE_NS)
     }
 
     fn publish(&mut self, status: Status) {

@@ -123,12 +123,9 @@ impl Narrator {
             return;
         }
         let lines = now.since(&self.told).join(", ");
-        warn!(
-            tick = evidence.tick,
-            worst_wakeup_us = self.worst_wakeup_ns / 1000,
-            worst_step_us = self.worst_step_ns / 1000,
-            "{lines}"
-        );
+        // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its step.
+        let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
+        warn!(tick = evidence.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
         self.told = now;
         self.told_at = evidence.finished;
         self.worst_wakeup_ns = 0;
