@@ -38,6 +38,14 @@ impl ArmSettings {
     }
 }
 
+impl ArmSettings {
+    /// Time from a target to the motion it asks for, at low frequency [s]: cycle, servo and joint loop.
+    #[must_use]
+    pub fn group_delay_s(&self) -> f64 {
+        self.cycle_s + self.look_ahead_s + self.joint_loop_s
+    }
+}
+
 /// Joint positions [rad] and velocities [rad/s].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Joints {

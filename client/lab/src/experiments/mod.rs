@@ -49,9 +49,10 @@ pub enum ExperimentError {
 fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
-    if arm == ArmKind::Ideal {
-        settings.dead_time_ns = 0;
-    }
+    settings.dead_time_ns = match arm {
+        ArmKind::Ideal => 0,
+        ArmKind::Ur5(arm) => (arm.group_delay_s() * 1e9).round() as u64,
+    };
     settings
 }
 
