@@ -16,10 +16,12 @@ pub mod learner;
 pub mod ipc;
 pub mod memory;
 pub mod options;
+pub mod error;
 pub mod supervisor;
 
+pub use error::DaemonError;
 pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
-pub use supervisor::{DaemonError, ExitReport, run};
+pub use supervisor::{ExitReport, run};
 
 #[cfg(test)]
 mod testing;

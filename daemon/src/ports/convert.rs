@@ -1,30 +1,25 @@
-//! Between the wire and the domain: the only file of the daemon that knows both vocabularies.
+//! Between the wire and the domain: the only place of the daemon that knows both vocabularies.
 //!
 //! Contract: pure, total, no allocation on the paths that the real-time thread takes (pen, joints, dead-man, command).
 //! Messages arrive validated; numbers that the wire has no place for are left out here and nowhere else.
 
-use foretrace_control::follower::{
-    EnableReading, Health, JointReading, Mode, Refusal, Request, Rung, StepOutput, StopReason,
-};
-use foretrace_control::guard::Reasons;
-use foretrace_control::ik::{IkReport, IkSource};
-use foretrace_control::mpc::{AxisReport, SolvePath};
+mod record;
+
+pub use record::{IpcTally, counters, newest_tick, stages, tick_record};
+
+use foretrace_control::follower::{EnableReading, JointReading, Mode, Refusal, Request, Rung, StopReason};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
-use foretrace_shm::{ControlOp, ControlRequest, ControlStatus, SolverPath, Stage};
+use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
 
-use super::{JOINTS, Outgoing, PortTally, REJECT_REASONS};
-use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+use super::{JOINTS, Outgoing, REJECT_REASONS};
 use crate::rt::os::Right;
 
 const _: () = assert!(JOINTS == shm::JOINTS);
 const _: () = assert!(REJECT_REASONS == shm::REJECT_REASONS);
-
-/// Stands for an unknown age or a residual that was not computed.
-const UNKNOWN: f64 = -1.0;
 
 /// A pen sample in metres of the device's plane.
 #[must_use]
@@ -221,261 +216,6 @@ pub const fn missing_right(right: Right) -> u32 {
         Right::TimerSlack => shm::missing_rights::TIMER_SLACK,
         Right::SharedMemory => shm::missing_rights::SHARED_MEMORY_RESERVED,
     }
-}
-
-/// What the ipc thread counts, or adds to what the loop counts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct IpcTally {
-    /// Records that could not be published.
-    pub telemetry_failed: u64,
-    /// Requests answered.
-    pub requests: u64,
-    /// Requests answered with a refusal.
-    pub requests_refused: u64,
-    /// Allocations of the loop after warm-up without a connection to explain them.
-    pub allocations: u64,
-    /// Allocations of the loop explained by a connection.
-    pub connection_allocations: u64,
-    /// Changes of the set of connected ports.
-    pub connection_ticks: u64,
-}
-
-/// All counters as they stand on the wire.
-#[must_use]
-pub fn counters(evidence: &Evidence, ipc: &IpcTally) -> shm::Counters {
-    let (
-        LoopTally { ticks, overruns, skipped, shed, joints_stale, evidence_dropped, learn_dropped, .. },
-        PortTally { pen_received, pen_dropped, joints_received, joints_dropped, commands_sent, .. },
-    ) = (evidence.tally, evidence.ports);
-    let pen = &evidence.output.pen_counters;
-    shm::Counters {
-        ticks,
-        overruns,
-        skipped_ticks: skipped,
-        shed_ticks: shed,
-        commands_sent,
-        commands_failed: evidence.ports.commands_failed,
-        pen_received,
-        pen_dropped,
-        pen_out_of_order: pen.repeats + pen.time_backwards,
-        pen_outliers: pen.outliers,
-        // The very first sample starts the grid too, and is no gap.
-        pen_gaps: pen.restarts.saturating_sub(1),
-        pen_rejected: pen_rejected(evidence),
-        joint_state_received: joints_received,
-        joint_state_dropped: joints_dropped,
-        joint_state_stale: joints_stale,
-        joint_state_rejected: shm::Rejections { by_reason: evidence.ports.joints_rejected },
-        enable_rejected: evidence.ports.enable_rejected,
-        receive_failures: evidence.ports.receive_failures,
-        telemetry_ring_dropped: evidence_dropped,
-        telemetry_failed: ipc.telemetry_failed,
-        learner_ring_dropped: learn_dropped + pen.overwritten,
-        weights_refused: evidence.tally.weights_refused,
-        requests: ipc.requests,
-        requests_refused: ipc.requests_refused,
-        allocations: ipc.allocations,
-        connection_allocations: ipc.connection_allocations,
-        connection_ticks: ipc.connection_ticks,
-        page_faults_minor: evidence.tally.faults_minor,
-        page_faults_major: evidence.tally.faults_major,
-    }
-}
-
-/// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of their own.
-fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
-    let pen = &evidence.output.pen_counters;
-    let mut rejected = shm::Rejections { by_reason: evidence.ports.pen_rejected };
-    let by_grid = [
-        (shm::RejectReason::NotFinite, pen.non_finite),
-        (shm::RejectReason::OutOfRange, pen.out_of_range),
-        (shm::RejectReason::FromTheFuture, pen.from_future),
-    ];
-    for (reason, count) in by_grid {
-        if let Some(total) = rejected.by_reason.get_mut(reason as usize) {
-            *total = total.saturating_add(count);
-        }
-    }
-    rejected
-}
-
-/// One tick's evidence as it is published.
-#[must_use]
-pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
-    let output = &evidence.output;
-    let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
-    let [pen_x, pen_y] = output.pen_position;
-    let now = evidence.wake.release;
-    let mut record = shm::TickRecord {
-        tick: evidence.tick,
-        release_ns: evidence.wake.release.0,
-        command_stamp_ns: output.command.map_or(0, |command| command.stamp.0),
-        slack_ns: evidence.deadline.since(evidence.finished),
-        budget_mpc_iterations: evidence.budget.max_iterations,
-        budget_ik_iterations: evidence.budget.max_iterations,
-        shed: evidence.budget.shed.into(),
-        skipped_ticks: u32::try_from(evidence.wake.skipped).unwrap_or(u32::MAX),
-        pen_stamp_ns: output.pen_stamp.map_or(0, |stamp| stamp.0),
-        pen_age_ns: age_ns(now, output.pen_stamp),
-        pen_m: [pen_x, pen_y, 0.0],
-        pen_samples: evidence.pen_samples,
-        pen_flags: flag(output.pen_contact, shm::pen_flags::CONTACT),
-        joint_state_age_ns: age_ns(now, evidence.measured.map(|(stamp, _)| stamp)),
-        measured_q: evidence.measured.map_or([0.0; JOINTS], |(_, q)| q),
-        reference_m: output.reference,
-        setpoint_m: output.setpoint.map(|axis| axis.position),
-        setpoint_mps: output.setpoint.map(|axis| axis.velocity),
-        setpoint_mps2: output.setpoint.map(|axis| axis.acceleration),
-        tool_m: output.tool,
-        q,
-        qd,
-        trust: output.trust.alpha.alpha(),
-        trust_target: output.trust.target.alpha(),
-        confidence: UNKNOWN,
-        trust_reason: trust_reason(output.trust.reason).into(),
-        rung: rung(output.rung).into(),
-        mode: mode(output.mode).into(),
-        fault: fault(output.stop_reason).into(),
-        health: health(evidence),
-        guard_mask: guard_mask(output.guard_altered),
-        mpc_active: output.axes.map(|axis| axis.active.total()),
-        mpc_iterations: output.axes.map(|axis| axis.iterations),
-        mpc_path: mpc_path(output),
-        mpc_residual: output.axes.map(|axis: AxisReport| known(axis.kkt_residual)),
-        predictor_error_m: output.predictor_error.map_or(UNKNOWN, known),
-        learner_version: output.weights_version,
-        learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
-        predictor: predictor(output.predictor).into(),
-        allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
-        connections_changed: (evidence.port_allocations > 0).into(),
-        counters: counters(evidence, ipc),
-        ..Default::default()
-    };
-    ik_report(&mut record, &output.ik, output);
-    for (stage, ns) in stages(&evidence.times) {
-        record.set_stage(stage, ns);
-    }
-    record
-}
-
-/// Fills in what a status says about the newest tick; ages are taken at `now`.
-pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, now: Stamp) {
-    let output = &newest.output;
-    status.mode = mode(output.mode).into();
-    status.fault = fault(output.stop_reason).into();
-    status.tick = newest.tick;
-    status.counters = counters(newest, ipc);
-    status.trust = output.trust.alpha.alpha();
-    status.trust_target = output.trust.target.alpha();
-    status.trust_reason = trust_reason(output.trust.reason).into();
-    status.predictor = predictor(output.predictor).into();
-    status.pen_age_ns = age_ns(now, output.pen_stamp);
-    status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
-    status.learner_version = output.weights_version;
-    status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
-}
-
-/// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.
-#[must_use]
-pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
-    [
-        (Stage::Wakeup, times.wakeup),
-        (Stage::Receive, times.receive),
-        (Stage::Pen, times.pen),
-        (Stage::Predict, times.predict),
-        (Stage::Trust, 0),
-        (Stage::Mpc, times.mpc),
-        (Stage::Ik, times.ik),
-        (Stage::Guard, times.guard),
-        (Stage::Send, times.send),
-        (Stage::Step, times.step),
-    ]
-}
-
-fn ik_report(record: &mut shm::TickRecord, report: &IkReport, output: &StepOutput<JOINTS>) {
-    let planned = solves(output);
-    record.ik_active = report.active.lower | report.active.upper;
-    record.ik_iterations = report.iterations;
-    record.ik_residual = known(report.kkt_residual);
-    record.ik_path = match report.source {
-        _ if !planned => SolverPath::NotRun,
-        IkSource::Optimum if report.iterations == 0 => SolverPath::Gain,
-        IkSource::Optimum => SolverPath::ActiveSet,
-        IkSource::Clamped | IkSource::Brake => SolverPath::Fallback,
-    }
-    .into();
-}
-
-/// Whether the plan and the joints of this tick were solved in it.
-fn solves(output: &StepOutput<JOINTS>) -> bool {
-    output.command.is_some() && matches!(output.rung, Rung::FreshPlan)
-}
-
-fn mpc_path(output: &StepOutput<JOINTS>) -> [u32; shm::AXES] {
-    let run = matches!(output.mode, Mode::Following | Mode::Holding);
-    output.axes.map(|axis| {
-        match axis.path {
-            _ if !run => SolverPath::NotRun,
-            _ if !solves(output) => SolverPath::Fallback,
-            SolvePath::Gain => SolverPath::Gain,
-            SolvePath::ActiveSet => SolverPath::ActiveSet,
-            SolvePath::Clarabel => SolverPath::Clarabel,
-            SolvePath::Failed => SolverPath::Fallback,
-        }
-        .into()
-    })
-}
-
-const fn rung(rung: Rung) -> shm::Rung {
-    match rung {
-        Rung::FreshPlan => shm::Rung::FreshPlan,
-        Rung::PreviousPlan => shm::Rung::PreviousPlan,
-        Rung::Stop => shm::Rung::Stop,
-        Rung::Hold => shm::Rung::Hold,
-    }
-}
-
-fn health(evidence: &Evidence) -> u32 {
-    use shm::health as wire;
-    let of = |bit, wire| flag(evidence.output.health.has(bit), wire);
-    of(Health::PEN_STALE, wire::PEN_STALE)
-        | of(Health::PEN_REJECTED, wire::PEN_REJECTED)
-        | of(Health::PEN_JUMP, wire::PEN_JUMP)
-        | of(Health::PREDICTOR_INVALID, wire::PREDICTOR_UNHEALTHY)
-        | of(Health::WEIGHTS_REFUSED, wire::WEIGHTS_REFUSED)
-        | of(Health::MPC_FAILED, wire::MPC_CAP)
-        | of(Health::FALLBACK, wire::MPC_FALLBACK)
-        | of(Health::IK_FAILED, wire::IK_CAP)
-        | of(Health::IK_LIMITED, wire::IK_CLIPPED)
-        | of(Health::GUARD_ALTERED, wire::GUARD_CLIPPED)
-        | of(Health::RESYNCHRONISED, wire::RESYNCHRONISED)
-        | of(Health::SHED, wire::SHED)
-        | of(Health::JOINTS_STALE, wire::JOINT_STATE_STALE)
-        | of(Health::ENABLE_MISSING, wire::DEAD_MAN)
-        | of(Health::TIME_LOST, wire::TIME_LOST)
-        | flag(evidence.finished > evidence.deadline, wire::OVERRUN)
-        | flag(evidence.not_sent, wire::COMMAND_NOT_SENT)
-        | flag(evidence.port_allocations > 0 || evidence.law_allocations > 0, wire::ALLOCATED)
-}
-
-fn guard_mask(reasons: u32) -> u32 {
-    use shm::guard_mask as wire;
-    let of = |reason: Reasons, bit| flag(reasons & u32::from(reason.bits()) != 0, bit);
-    of(Reasons::NOT_FINITE, wire::NOT_FINITE)
-        | of(Reasons::POSITION, wire::POSITION)
-        | of(Reasons::VELOCITY, wire::VELOCITY)
-        | of(Reasons::ACCELERATION, wire::ACCELERATION)
-        | of(Reasons::JERK, wire::JERK)
-        | of(Reasons::STAMP, wire::DISCONTINUOUS)
-        | of(Reasons::GAP, wire::DISCONTINUOUS)
-}
-
-fn age_ns(now: Stamp, stamp: Option<Stamp>) -> u64 {
-    stamp.map_or(u64::MAX, |stamp| now.0.saturating_sub(stamp.0))
-}
-
-const fn known(value: f64) -> f64 {
-    if value.is_nan() { UNKNOWN } else { value }
 }
 
 const fn flag(set: bool, bit: u32) -> u32 {

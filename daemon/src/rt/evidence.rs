@@ -115,9 +115,9 @@ pub struct LoopTally {
     pub port_allocations: u64,
     /// Allocations anywhere else in the tick.
     pub law_allocations: u64,
-    /// Page faults of the thread, without disk; read every few ticks.
+    /// Page faults of the thread since its first tick, without disk; read every few ticks.
     pub faults_minor: u64,
-    /// Page faults of the thread, with disk; read every few ticks.
+    /// Page faults of the thread since its first tick, with disk; read every few ticks.
     pub faults_major: u64,
 }
 

@@ -89,6 +89,8 @@ pub struct Tick<const N: usize, P> {
     usual_cost_ns: u64,
     measured: Option<(Stamp, [f64; JOINTS])>,
     weights_since: Option<Stamp>,
+    /// Page faults of the thread before its first tick.
+    faults_before: (u64, u64),
     tally: LoopTally,
     leaving: bool,
 }
@@ -107,6 +109,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             usual_cost_ns: 0,
             measured: None,
             weights_since: None,
+            faults_before: (0, 0),
             tally: LoopTally::default(),
             leaving: false,
         }
@@ -120,6 +123,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
     /// Runs the tick that `wake` began; returns the mode after it.
     pub fn run<C: Clock>(&mut self, wake: &Wake, clock: &C) -> Mode {
         let mut laps = LapClock::new(clock, wake);
+        if self.tally.ticks == 0 {
+            self.faults_before = os::page_faults();
+        }
         let allocated = allocations();
 
         self.ports.receive(wake.started, &mut self.inbox);
@@ -236,7 +242,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         tally.joints_stale += u64::from(output.health.has(Health::JOINTS_STALE));
         tally.weights_refused += u64::from(output.health.has(Health::WEIGHTS_REFUSED));
         if tally.ticks % FAULT_TICKS == 1 {
-            (tally.faults_minor, tally.faults_major) = os::page_faults();
+            let ((minor, major), (minor_before, major_before)) = (os::page_faults(), self.faults_before);
+            tally.faults_minor = minor.saturating_sub(minor_before);
+            tally.faults_major = major.saturating_sub(major_before);
         }
         if !budget.shed {
             let fading = self.usual_cost_ns - self.usual_cost_ns / 64;
@@ -255,215 +263,4 @@ impl<const N: usize, P: Ports> Tick<N, P> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::cell::Cell;
-
-    use foretrace_control::follower::{Refusal, Rung};
-    use foretrace_control::guard::CommandChecker;
-    use foretrace_control::pen::PenReading;
-
-    use super::*;
-    use crate::ports::PEN_PER_TICK;
-    use crate::ports::memory::{MemoryPeer, MemoryPorts, pair};
-    use crate::testing::config;
-
-    /// Each reading takes 100 ns; the tests add what a tick shall cost.
-    struct TestClock(Cell<u64>);
-
-    impl Clock for TestClock {
-        fn now(&self) -> Stamp {
-            self.0.set(self.0.get() + 100);
-            Stamp(self.0.get())
-        }
-        fn sleep_until(&self, instant: Stamp) {
-            self.0.set(self.0.get().max(instant.0));
-        }
-    }
-
-    struct Bench {
-        tick: Tick<10, MemoryPorts>,
-        peer: MemoryPeer,
-        ipc: IpcRings,
-        learner: LearnerRings,
-        clock: TestClock,
-        joints: JointReading<JOINTS>,
-        checker: CommandChecker<JOINTS>,
-        release: u64,
-        index: u64,
-    }
-
-    impl Bench {
-        fn new() -> Self {
-            let config = config();
-            let settings = config.follower_settings();
-            let checker = CommandChecker::new(settings.limits);
-            let q = settings.ik.home;
-            let (ports, peer) = pair();
-            let (rings, ipc, learner) = rings();
-            let tick = Tick::new(Follower::new(settings).unwrap(), ports, rings, 100);
-            let joints = JointReading { stamp: Stamp(0), q, qd: [0.0; JOINTS], motion_allowed: true };
-            let clock = TestClock(Cell::new(0));
-            Self { tick, peer, ipc, learner, clock, joints, checker, release: 10_000_000_000, index: 0 }
-        }
-
-        /// One period; the arm follows exactly.
-        fn run(&mut self, late_ns: u64) -> Evidence {
-            let period = self.tick.period_ns;
-            self.joints.stamp = Stamp(self.release);
-            self.peer.joints.push(self.joints).unwrap();
-            self.clock.0.set(self.release + late_ns);
-            let started = self.clock.now();
-            let wake = Wake { index: self.index, release: Stamp(self.release), started, skipped: 0 };
-            self.tick.run(&wake, &self.clock);
-            self.release += period;
-            self.index += 1;
-            while let Ok(outgoing) = self.peer.commands.pop() {
-                let command = outgoing.command;
-                assert!(self.checker.observe(command.stamp, command.valid_until, &command.q, &command.qd));
-                self.joints.q = command.q;
-                self.joints.qd = command.qd;
-            }
-            self.ipc.evidence.pop().unwrap()
-        }
-
-        fn ask(&mut self, token: u64, request: Request) -> Answered {
-            self.ipc.asked.push(Asked { token, request }).unwrap();
-            self.run(0);
-            self.ipc.answered.pop().unwrap()
-        }
-
-        fn pen(&mut self, position: [f64; 2]) {
-            let reading = PenReading { stamp: Stamp(self.release), position, contact: true };
-            self.peer.pen.push(reading).unwrap();
-        }
-
-        /// Follows a circle of 2 cm for `ticks`.
-        fn follow(&mut self, ticks: u64) -> Evidence {
-            let mut last = self.run(0);
-            for k in 0..ticks {
-                if k % 4 == 0 {
-                    let angle = k as f64 * 0.01;
-                    self.pen([0.02 * angle.cos(), 0.02 * angle.sin()]);
-                }
-                last = self.run(0);
-            }
-            last
-        }
-    }
-
-    #[test]
-    fn an_armed_loop_follows_the_pen_with_legal_commands() {
-        let mut bench = Bench::new();
-        let answer = bench.ask(7, Request::Arm);
-        assert_eq!((answer.token, answer.outcome, answer.mode), (7, Ok(()), Mode::Armed));
-        let last = bench.follow(1500);
-        assert_eq!(last.output.mode, Mode::Following);
-        assert_eq!(last.tally.ticks, 1502);
-        assert_eq!(last.ports.commands_sent, 1502);
-        assert_eq!(last.tally.overruns, 0);
-        assert!(last.times.step > 0 && last.finished > last.wake.started);
-        assert!(bench.learner.learn.slots() > 0);
-    }
-
-    #[test]
-    fn a_refused_request_comes_back_with_its_reason() {
-        let mut bench = Bench::new();
-        bench.joints.qd = [0.5; JOINTS];
-        assert_eq!(bench.ask(1, Request::Arm).outcome, Err(Refusal::ArmMoves));
-        bench.joints.qd = [0.0; JOINTS];
-        bench.joints.motion_allowed = false;
-        assert_eq!(bench.ask(2, Request::Arm).outcome, Err(Refusal::MotionNotAllowed));
-        bench.joints.motion_allowed = true;
-        assert_eq!(bench.ask(3, Request::Arm).outcome, Ok(()));
-        assert_eq!(bench.ask(4, Request::SetTrust(f64::NAN)).outcome, Err(Refusal::BadValue));
-    }
-
-    #[test]
-    fn a_flood_of_pen_samples_is_taken_in_portions_and_none_is_lost() {
-        let mut bench = Bench::new();
-        let flood = 3 * PEN_PER_TICK as u64 + 5;
-        for k in 0..flood {
-            let stamp = Stamp(bench.release - 1_000_000 + k * 1000);
-            bench.peer.pen.push(PenReading { stamp, position: [0.0; 2], contact: true }).unwrap();
-        }
-        let portions: Vec<_> = (0..5).map(|_| bench.run(0).pen_samples).collect();
-        assert_eq!(portions, [64, 64, 64, 5, 0]);
-        let last = bench.run(0);
-        assert_eq!((last.ports.pen_received, last.ports.pen_deferred), (flood, 3));
-    }
-
-    #[test]
-    fn a_tick_too_late_to_solve_sheds_and_says_so() {
-        let mut bench = Bench::new();
-        bench.ask(1, Request::Arm);
-        bench.follow(500);
-        let period = bench.tick.period_ns;
-        let late = bench.run(period - 200);
-        assert!(late.budget.shed);
-        assert_eq!(late.output.rung, Rung::PreviousPlan);
-        assert_eq!((late.tally.shed, late.tally.overruns), (1, 1));
-        assert!(!bench.run(0).budget.shed);
-    }
-
-    #[test]
-    fn a_slow_solver_is_not_shed_for_ever() {
-        let mut bench = Bench::new();
-        bench.tick.usual_cost_ns = 10 * bench.tick.period_ns;
-        assert!(!bench.run(0).budget.shed);
-    }
-
-    #[test]
-    fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
-        let mut bench = Bench::new();
-        for _ in 0..EVIDENCE + 10 {
-            let wake =
-                Wake { index: 0, release: Stamp(bench.release), started: Stamp(bench.release), skipped: 0 };
-            bench.clock.0.set(bench.release);
-            bench.tick.run(&wake, &bench.clock);
-            bench.release += bench.tick.period_ns;
-        }
-        assert_eq!(bench.tick.tally.evidence_dropped, 10);
-        let first = bench.ipc.evidence.pop().unwrap();
-        assert_eq!(first.tick, 1);
-    }
-
-    #[test]
-    fn of_several_weights_the_newest_is_used() {
-        let mut bench = Bench::new();
-        let weights = config().follower_settings().dybm_weights;
-        for version in 1..=3 {
-            bench.learner.weights.push(DybmWeights { version, ..weights }).unwrap();
-        }
-        let last = bench.run(0);
-        assert_eq!(last.output.weights_version, 3);
-        assert_eq!(last.weights_since, Some(last.wake.release));
-        assert_eq!(last.tally.weights_refused, 0);
-    }
-
-    #[test]
-    fn corrupted_weights_are_refused_and_counted() {
-        let mut bench = Bench::new();
-        let mut weights = config().follower_settings().dybm_weights;
-        weights.version = 9;
-        weights.parameters.bias = [f64::NAN, 0.0];
-        bench.learner.weights.push(weights).unwrap();
-        let last = bench.run(0);
-        assert_eq!((last.tally.weights_refused, last.weights_since), (1, None));
-        assert_ne!(last.output.weights_version, 9);
-    }
-
-    #[test]
-    fn a_leaving_loop_brings_the_arm_to_rest_and_lets_go() {
-        let mut bench = Bench::new();
-        bench.ask(1, Request::Arm);
-        bench.follow(800);
-        bench.tick.leave();
-        let mut ticks = 0;
-        while bench.run(0).output.mode != Mode::Idle {
-            ticks += 1;
-            assert!(ticks < 1000, "still in charge after {ticks} ticks");
-        }
-        assert!(ticks > 1, "an arm in motion cannot stop at once");
-        assert!(bench.joints.qd.iter().all(|qd| qd.abs() < 1e-9), "{:?}", bench.joints.qd);
-    }
-}
+mod tests;

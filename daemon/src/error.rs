@@ -1,0 +1,64 @@
+//! Why a daemon did not start, or did not end as it should: each with what to do about it.
+
+use foretrace_config::ConfigError;
+use foretrace_control::follower::FollowerError;
+use foretrace_control::learn::LearnError;
+use foretrace_shm::{InstanceError, ServiceError};
+
+use crate::memory::NoSpace;
+use crate::supervisor::{OPENING, STOPPING};
+
+/// Why a daemon did not start, or did not end as it should.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// The settings are wrong.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// The instance cannot be used; above all: another daemon has it.
+    #[error("{0}")]
+    Instance(#[from] InstanceError),
+    /// The services cannot be created.
+    #[error("{0}")]
+    Service(#[from] ServiceError),
+    /// /dev/shm is too small.
+    #[error("{0}")]
+    NoSpace(#[from] NoSpace),
+    /// The control law refuses the settings.
+    #[error("{0}")]
+    Follower(#[from] FollowerError),
+    /// The learner refuses the settings.
+    #[error("{0}")]
+    Learner(#[from] LearnError),
+    /// Opening shared memory hangs.
+    #[error(
+        "opening the shared memory of instance {number} takes longer than {} s: end all programs of this instance, \
+         then remove /dev/shm/{prefix}* and {root}/iox2", OPENING.as_secs()
+    )]
+    Hangs {
+        /// Number of the instance.
+        number: u32,
+        /// Prefix of its names.
+        prefix: String,
+        /// Its directory.
+        root: String,
+    },
+    /// The system refuses something.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A thread ended that should not have.
+    #[error("the {name} thread ended by a fault ({cause}); consumers of commands brake by themselves")]
+    ThreadDied {
+        /// Which.
+        name: &'static str,
+        /// What it said.
+        cause: String,
+    },
+    /// The arm did not come to rest in time, or nobody wanted to wait for it.
+    #[error("ended before the arm was at rest (at most {} s are waited for it): it brakes by itself", STOPPING.as_secs())]
+    NotAtRest,
+}
