@@ -18,7 +18,7 @@ static WORDS_TO_STDERR: AtomicBool = AtomicBool::new(false);
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct JsonArgs {
     /// Also write the result as JSON to FILE; '-' is stdout, which then carries JSON only
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", global = true)]
     pub(crate) json: Option<PathBuf>,
 }
 

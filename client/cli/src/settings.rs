@@ -11,11 +11,11 @@ use crate::failure::Failure;
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct InstanceArgs {
     /// Number of the daemon's instance; two daemons on one machine need two numbers [default: 0]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=99))]
+    #[arg(long, value_name = "N", global = true, value_parser = clap::value_parser!(u32).range(0..=99))]
     pub(crate) instance: Option<u32>,
 
     /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 60 bytes)
-    #[arg(long, value_name = "DIR", hide_short_help = true)]
+    #[arg(long, value_name = "DIR", global = true, hide_short_help = true)]
     pub(crate) root: Option<PathBuf>,
 }
 

@@ -232,6 +232,7 @@ fn stepping(config: &Config, workload: &Workload, samples: u32) -> Result<Row, F
     for way in WAYS {
         let mut settings = config.follower_settings();
         settings.mpc.backend = way.mpc();
+        settings.ik_backend = way.ik();
         let follower = Follower::<N, J>::new(settings).map_err(|error| Failure::bad_input(error, ""))?;
         followers.push(follower);
     }

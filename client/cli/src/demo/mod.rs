@@ -24,7 +24,7 @@ use crate::settings::{SettingsArgs, judged};
 use crew::{Crew, Watch};
 use evidence::Evidence;
 use figures::SettingFigures;
-use scratch::Scratch;
+use scratch::{Leftovers, Scratch};
 
 /// Run everything together: daemon, simulated arm and handwriting, then show how it went
 ///
@@ -137,6 +137,8 @@ fn performed(
     interrupt: &Interrupt,
 ) -> Result<Evidence, Failure> {
     let instance = instance_of(config.settings())?;
+    // Declared first, so that it goes last.
+    let _leftovers = Leftovers(instance.clone());
     let common = settings_arguments(source);
     let file = |name: &str| scratch.file(name).display().to_string();
     let mut crew = Crew::new(interrupt.clone(), args.seconds);

@@ -4,6 +4,8 @@ use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::PathBuf;
 
+use foretrace_client::Instance;
+
 use crate::failure::Failure;
 
 /// The folder; dropping it removes it.
@@ -38,5 +40,18 @@ impl Scratch {
 impl Drop for Scratch {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Dropping it, after all processes ended, removes what killed ones left of a private instance in /dev/shm.
+#[derive(Debug)]
+pub(crate) struct Leftovers(pub(crate) Instance);
+
+impl Drop for Leftovers {
+    fn drop(&mut self) {
+        let left = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        for entry in left.filter(|entry| entry.file_name().to_string_lossy().starts_with(self.0.prefix())) {
+            let _ = std::fs::remove_file(entry.path());
+        }
     }
 }

@@ -1,0 +1,90 @@
+//! `foretrace`: the one program people type, as a library so that tests can run it as a process of their own.
+//!
+//! Contract: one file per command; a command prints its result on stdout, or as JSON where `--json` says, and fails
+//! with one line on stderr and a documented exit code. Nothing here panics on input, on a closed pipe or on Ctrl-C.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod os;
+mod failure;
+mod output;
+mod interrupt;
+mod settings;
+mod attach;
+mod spread;
+mod config;
+mod daemon;
+mod arm;
+mod play;
+mod request;
+mod status;
+mod demo;
+mod bench;
+mod lab;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use failure::{EXIT_CODES, Failure};
+use foretraced::alloc_count::CountingAllocator;
+
+/// Lets the daemon count what its real-time thread allocates; costs one addition per allocation.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Make a robot arm follow a hand that writes, ahead of time.
+///
+/// A real-time daemon reads pen samples from shared memory, predicts where the pen will be when the arm gets there,
+/// plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
+#[derive(Debug, Parser)]
+#[command(name = "foretrace", version, after_help = EXIT_CODES, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::DemoArgs),
+    Daemon(daemon::DaemonArgs),
+    Play(play::PlayArgs),
+    /// Arms to plug into the loop
+    #[command(subcommand)]
+    Arm(arm::ArmCommand),
+    Request(request::RequestArgs),
+    Status(status::StatusArgs),
+    Bench(bench::BenchArgs),
+    /// The paper's experiments on a data set
+    #[command(subcommand)]
+    Lab(lab::LabCommand),
+    /// Judge a settings file, or show the settings in force
+    #[command(subcommand)]
+    Config(config::ConfigCommand),
+}
+
+/// Runs the program with the arguments of this process.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            output::note!("{failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Demo(args) => demo::run(args),
+        Command::Daemon(args) => daemon::run(args),
+        Command::Play(args) => play::run(args),
+        Command::Arm(command) => arm::run(command),
+        Command::Request(args) => request::run(args),
+        Command::Status(args) => status::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::Lab(command) => lab::run(command),
+        Command::Config(command) => config::run(command),
+    }
+}

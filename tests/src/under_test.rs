@@ -1,0 +1,7 @@
+//! The program `foretrace`, under a name of its own.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    foretrace::main()
+}

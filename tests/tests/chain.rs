@@ -1,0 +1,159 @@
+//! The whole chain over real shared memory: daemon, arm and player as processes, started, killed and started again.
+
+use foretrace_tests::{World, assert_refused, json, told, until};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
+
+/// Tick numbers, commands and the like as the status tells them.
+fn number(value: &serde_json::Value) -> u64 {
+    value.as_u64().unwrap_or_else(|| panic!("{value} is not a count"))
+}
+
+#[test]
+fn the_arm_follows_the_pen_and_no_command_breaks_a_limit() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let report = world.file("arm.json");
+    let record = world.file("arm.csv");
+    let arm = world
+        .armed_arm(0, &["--json", &report.display().to_string(), "--record", &record.display().to_string()]);
+    let played = world.run(0, &["play", "glyphs:Kx", "--json", "-"]);
+    assert!(played.status.success(), "{}", told(&played));
+    let sent: serde_json::Value = serde_json::from_slice(&played.stdout).expect("stdout carries JSON only");
+
+    let status = world.status(0);
+    assert_eq!(number(&status["pen"]["samples"]), number(&sent["samples"]), "{status}");
+    assert_eq!(number(&status["pen"]["rejected"]), 0, "{status}");
+    assert_eq!(number(&status["pen"]["dropped"]), 0, "{status}");
+    assert!(world.run(0, &["request", "disarm"]).status.success());
+    world.wait_for_mode(0, "idle");
+    arm.end();
+    daemon.end();
+
+    let report = json(&report);
+    assert!(number(&report["commands"]["count"]) > 100, "{report}");
+    assert_eq!(number(&report["commands"]["limit_violations"]), 0, "{report}");
+    assert_eq!(number(&report["commands"]["refused"]["jump"]), 0, "{report}");
+    // The letters are 30 mm high at half a metre from the base: some joint must have moved by more than 20 mrad.
+    let text = std::fs::read_to_string(record).unwrap();
+    let joints: Vec<Vec<f64>> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').skip(1).map(|number| number.parse().unwrap()).collect())
+        .collect();
+    let travel = |joint: usize| {
+        let values = joints.iter().map(|q| q[joint]);
+        values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+    };
+    assert!((0..6).map(travel).fold(0.0, f64::max) > 0.02, "the arm did not move");
+}
+
+#[test]
+fn a_killed_daemon_comes_back_while_arm_and_player_live_on() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let report = world.file("arm.json");
+    let mut arm = world.armed_arm(0, &["--json", &report.display().to_string()]);
+    let mut player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+
+    daemon.kill();
+    assert_refused(&world.run(0, &["status"]), 3, &["no daemon running"]);
+    arm.expect_alive();
+    player.expect_alive();
+
+    let daemon = world.daemon(0);
+    // A daemon that comes back moves nothing before it is asked to.
+    assert_eq!(world.status(0)["mode"], "idle");
+    world.arm(0, &mut arm);
+    world.wait_for_mode(0, "following");
+    let samples = number(&world.status(0)["pen"]["samples"]);
+    until("the pen is heard again", || (number(&world.status(0)["pen"]["samples"]) > samples).then_some(()));
+    player.end();
+    arm.end();
+    daemon.end();
+    let report = json(&report);
+    assert_eq!(number(&report["commands"]["limit_violations"]), 0, "{report}");
+    assert_eq!(number(&report["arm"]["daemons"]), 2, "{report}");
+}
+
+#[test]
+fn a_killed_player_can_be_replaced() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+    player.kill();
+    world.wait_for_mode(0, "holding");
+    let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+    player.end();
+    arm.end();
+    daemon.end();
+}
+
+#[test]
+fn a_killed_arm_stops_the_loop_until_it_is_armed_again() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+    arm.kill();
+    until("the daemon stops by itself", || {
+        let mode = world.status(0)["mode"].clone();
+        (mode == "fault" || mode == "stopped").then_some(())
+    });
+    let refused = until("the stop is over", || {
+        let asked = world.run(0, &["request", "arm"]);
+        (!String::from_utf8_lossy(&asked.stderr).contains("still being stopped")).then_some(asked)
+    });
+    assert_refused(&refused, 4, &["joint state"]);
+
+    let report = world.file("arm.json");
+    let arm = world.armed_arm(0, &["--json", &report.display().to_string()]);
+    world.wait_for_mode(0, "following");
+    player.end();
+    arm.end();
+    daemon.end();
+    assert_eq!(number(&json(&report)["commands"]["limit_violations"]), 0);
+}
+
+#[test]
+fn two_instances_do_not_hear_each_other() {
+    let world = World::new(PROGRAM);
+    let (left, right) = (world.daemon(0), world.daemon(1));
+    let (left_arm, right_arm) = (world.armed_arm(0, &[]), world.armed_arm(1, &[]));
+    let played = world.run(0, &["play", "glyphs:a"]);
+    assert!(played.status.success(), "{}", told(&played));
+    let (left_status, right_status) = (world.status(0), world.status(1));
+    assert!(number(&left_status["pen"]["samples"]) > 0, "{left_status}");
+    assert_eq!(number(&right_status["pen"]["samples"]), 0, "{right_status}");
+    assert_eq!(right_status["mode"], "armed");
+    assert!(world.run(1, &["request", "stop"]).status.success());
+    world.wait_for_mode(1, "stopped");
+    assert_ne!(world.status(0)["mode"], "stopped");
+    for process in [left_arm, right_arm, left, right] {
+        process.end();
+    }
+}
+
+#[test]
+fn trust_and_predictor_follow_requests() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+    assert!(world.run(0, &["request", "trust", "0.25"]).status.success());
+    until("trust is 0.25", || (world.status(0)["trust"]["value"] == 0.25).then_some(()));
+    assert!(world.run(0, &["request", "predictor", "constant-velocity"]).status.success());
+    until("the predictor is another", || {
+        (world.status(0)["predictor"]["name"] == "constant-velocity").then_some(())
+    });
+    assert_refused(&world.run(0, &["request", "predictor", "lstm"]), 4, &["refused"]);
+    for process in [player, arm, daemon] {
+        process.end();
+    }
+}

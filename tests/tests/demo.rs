@@ -1,0 +1,117 @@
+//! `foretrace demo` from start to end, and when things go wrong in the middle.
+
+use foretrace_tests::{World, assert_refused, json, shared_data, told, until};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
+
+/// Names of the demo's own in /dev/shm and /tmp.
+fn leftovers(pid: u32) -> Vec<String> {
+    let named = format!("foretrace-demo-{pid}");
+    let in_tmp = std::fs::read_dir("/tmp").unwrap().flatten().map(|entry| entry.file_name());
+    in_tmp.map(|name| name.to_string_lossy().into_owned()).filter(|name| name.starts_with(&named)).collect()
+}
+
+fn check_report(world: &World, folder: &str) -> serde_json::Value {
+    let report = json(&world.file(folder).join("report.json"));
+    for key in [
+        "/loop/rate_hz",
+        "/loop/ticks",
+        "/loop/overruns",
+        "/loop/allocations_per_tick",
+        "/loop/connection_allocations",
+        "/loop/step_us/p50",
+        "/loop/step_us/p99_9",
+        "/loop/wakeup_us/max",
+        "/tracking/mse_m2",
+        "/tracking/rmse_m",
+        "/tracking/max_m",
+        "/tracking/lag_ms",
+        "/commands/count",
+        "/commands/limit_violations",
+        "/commands/max_step_rad",
+        "/commands/max_velocity_radps",
+        "/commands/max_acceleration_radps2",
+        "/pen/samples",
+        "/pen/rejected",
+        "/pen/dropped",
+        "/learner/updates",
+        "/learner/promotions",
+        "/learner/rollbacks",
+    ] {
+        let value = report.pointer(key).unwrap_or_else(|| panic!("{key} is missing in {report}"));
+        assert!(value.is_number(), "{key} = {value}");
+    }
+    assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
+    assert_eq!(report["pen"]["rejected"], 0, "{report}");
+    for page in ["path.svg", "error.svg", "times.svg", "report.md", "report.html"] {
+        let size = std::fs::metadata(world.file(folder).join(page)).unwrap().len();
+        assert!(size > 300, "{page} has {size} bytes");
+    }
+    report
+}
+
+#[test]
+fn demo_ends_by_itself_with_a_whole_report_and_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let demo = world.start(0, &["demo", "--seconds", "3", "--no-rights", "--out", "report", "--json", "-"]);
+    let pid = demo.pid();
+    let output = demo.output();
+    assert!(output.status.success(), "{}", told(&output));
+    let printed: serde_json::Value =
+        serde_json::from_slice(&output.stdout).expect("stdout carries JSON only");
+    assert_eq!(printed, check_report(&world, "report"));
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn demo_plays_recorded_handwriting_of_both_sets() {
+    let world = World::new(PROGRAM);
+    for set in ["unipen-ced", "unipen-tos"] {
+        let Some(folder) = shared_data(set) else { return };
+        let table = std::fs::read_to_string(folder.join("split.tsv")).unwrap();
+        let file =
+            table.lines().skip(1).flat_map(|line| line.split('\t')).find(|cell| cell.ends_with(".dat"));
+        let pen = folder.join(file.expect("a file in the split table")).display().to_string();
+        let output = world.run(0, &["demo", "--seconds", "3", "--no-rights", "--out", set, "--pen", &pen]);
+        assert!(output.status.success(), "{set}: {}", told(&output));
+        check_report(&world, set);
+    }
+}
+
+#[test]
+fn interrupted_demo_ends_its_children_and_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "60", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    let children = || {
+        let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+        list.split_whitespace().filter_map(|pid| pid.parse::<u32>().ok()).collect::<Vec<_>>()
+    };
+    let family = until("the demo has its three children", || {
+        demo.expect_alive();
+        Some(children()).filter(|family| family.len() == 3)
+    });
+    demo.signal("-INT");
+    let output = demo.output();
+    assert_refused(&output, 130, &["interrupted"]);
+    for child in family {
+        assert!(!std::path::Path::new(&format!("/proc/{child}")).exists(), "child {child} is still there");
+    }
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn demo_whose_child_is_killed_says_which_and_ends() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "60", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    let arm = until("the demo has its arm", || {
+        demo.expect_alive();
+        let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+        list.split_whitespace().nth(1).map(str::to_owned)
+    });
+    let killed = std::process::Command::new("kill").args(["-KILL", &arm]).status().unwrap();
+    assert!(killed.success());
+    assert_refused(&demo.output(), 1, &["the arm ended early"]);
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
