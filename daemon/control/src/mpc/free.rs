@@ -8,21 +8,65 @@
 use std::array::from_fn;
 
 use super::cost::{Cost, Weights};
-use super::lanes::Lanes;
+use super::lanes::{Coefficient, Lanes};
 use super::model::{Motion, Scale, State};
 use crate::qp::dual::Bounds;
 use crate::units::AxisState;
 
 /// Weights and H⁻¹ of the three axes at one trust, side by side, with their limits.
 #[derive(Debug, Clone)]
-pub(super) struct Free<const N: usize> {
+pub(super) enum Free<const N: usize> {
+    /// All axes have the same gains.
+    Shared(Box<Blended<f64, N>>),
+    /// They have not.
+    Own(Box<Blended<Lanes, N>>),
+}
+
+impl<const N: usize> Free<N> {
+    /// Limits of the axes; the weights come with [`Free::set_costs`].
+    pub(super) fn new(bounds: [&Bounds<4, N>; 3], same_gains: bool) -> Self {
+        if same_gains {
+            Self::Shared(Box::new(Blended::new(bounds)))
+        } else {
+            Self::Own(Box::new(Blended::new(bounds)))
+        }
+    }
+
+    /// Take over weights and H⁻¹ after the trust has changed.
+    pub(super) fn set_costs(&mut self, costs: [&Cost<N>; 3], scale: &Scale) {
+        match self {
+            Self::Shared(blended) => blended.set_costs(costs, scale),
+            Self::Own(blended) => blended.set_costs(costs, scale),
+        }
+    }
+
+    /// Solve the three axes without limits, then test the limits and the gradient.
+    #[inline]
+    pub(super) fn solve(
+        &self,
+        scale: &Scale,
+        start: &[AxisState; 3],
+        conservative: &[AxisState; 3],
+        preview: &[[AxisState; N]; 3],
+        found: &mut FreeOptimum<N>,
+    ) {
+        match self {
+            Self::Shared(blended) => blended.solve(scale, start, conservative, preview, found),
+            Self::Own(blended) => blended.solve(scale, start, conservative, preview, found),
+        }
+    }
+}
+
+/// The numbers of [`Free`], with coefficients of kind `C`.
+#[derive(Debug, Clone)]
+pub(super) struct Blended<C, const N: usize> {
     /// (1−α)G_c² and αG_f² with the factors from SI units multiplied in, and their normalised sum; per step
     /// acceleration, velocity, position.
-    feedback: [[Lanes; 3]; N],
-    feedforward: [[Lanes; 3]; N],
-    weights: [[Lanes; 3]; N],
-    inverse: [[Lanes; N]; N],
-    effort: Lanes,
+    feedback: [[C; 3]; N],
+    feedforward: [[C; 3]; N],
+    weights: [[C; 3]; N],
+    inverse: [[C; N]; N],
+    effort: C,
     /// Largest jerk, acceleration and velocity; lowest and highest position [mm].
     largest: [Lanes; 3],
     workspace: [Lanes; 2],
@@ -44,9 +88,8 @@ pub(super) struct FreeOptimum<const N: usize> {
     inside: [bool; 3],
 }
 
-impl<const N: usize> Free<N> {
-    /// Limits of the axes; the weights come with [`Free::set_costs`].
-    pub(super) fn new(bounds: [&Bounds<4, N>; 3]) -> Self {
+impl<C: Coefficient, const N: usize> Blended<C, N> {
+    fn new(bounds: [&Bounds<4, N>; 3]) -> Self {
         // Limits are the same at every step.
         let first = |rows: [f64; N]| rows.first().copied().unwrap_or(0.0);
         let upper = bounds.map(|bounds| bounds.upper.map(first));
@@ -56,11 +99,11 @@ impl<const N: usize> Free<N> {
             Lanes::of([x, y, z])
         };
         Self {
-            feedback: [[Lanes::ZERO; 3]; N],
-            feedforward: [[Lanes::ZERO; 3]; N],
-            weights: [[Lanes::ZERO; 3]; N],
-            inverse: [[Lanes::ZERO; N]; N],
-            effort: Lanes::ZERO,
+            feedback: [[C::ZERO; 3]; N],
+            feedforward: [[C::ZERO; 3]; N],
+            weights: [[C::ZERO; 3]; N],
+            inverse: [[C::ZERO; N]; N],
+            effort: C::ZERO,
             largest: [
                 block(&upper, |[jerk, ..]| *jerk),
                 block(&upper, |[_, acceleration, ..]| *acceleration),
@@ -71,30 +114,27 @@ impl<const N: usize> Free<N> {
         }
     }
 
-    /// Take over weights and H⁻¹ after the trust has changed.
     #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
-    pub(super) fn set_costs(&mut self, costs: [&Cost<N>; 3], scale: &Scale) {
+    fn set_costs(&mut self, costs: [&Cost<N>; 3], scale: &Scale) {
         let units = [scale.acceleration, scale.velocity, scale.position];
         for i in 0..N {
             for k in 0..3 {
-                let of =
-                    |weights: fn(&Cost<N>) -> &Weights<N>| Lanes::of(costs.map(|cost| weights(cost)[k][i]));
+                let of = |weights: fn(&Cost<N>) -> &Weights<N>| costs.map(|cost| weights(cost)[k][i]);
                 let (feedback, feedforward) = (of(|cost| cost.blended().0), of(|cost| cost.blended().1));
-                self.feedback[i][k] = feedback * units[k];
-                self.feedforward[i][k] = feedforward * units[k];
-                self.weights[i][k] = feedback + feedforward;
+                self.feedback[i][k] = C::of(feedback.map(|weight| weight * units[k]));
+                self.feedforward[i][k] = C::of(feedforward.map(|weight| weight * units[k]));
+                self.weights[i][k] = C::of(from_fn(|axis| feedback[axis] + feedforward[axis]));
             }
             for j in 0..N {
-                self.inverse[i][j] = Lanes::of(costs.map(|cost| cost.inverse()[i][j]));
+                self.inverse[i][j] = C::of(costs.map(|cost| cost.inverse()[i][j]));
             }
         }
-        self.effort = Lanes::of(costs.map(Cost::effort));
+        self.effort = C::of(costs.map(Cost::effort));
         self.reads_preview = costs.iter().any(|cost| cost.alpha() > 0.0);
     }
 
-    /// Solve the three axes without limits, then test the limits and the gradient.
     #[inline]
-    pub(super) fn solve(
+    fn solve(
         &self,
         scale: &Scale,
         start: &[AxisState; 3],
@@ -180,7 +220,7 @@ impl<const N: usize> Free<N> {
         for (jerk, row) in jerks.iter_mut().zip(&self.inverse) {
             let mut sum = Lanes::ZERO;
             for (entry, q) in row.iter().zip(&linear) {
-                sum = sum - *entry * *q;
+                sum = sum - entry.times(*q);
             }
             *jerk = sum;
         }
@@ -233,7 +273,7 @@ impl<const N: usize> Free<N> {
         let mut sum = Lanes::ZERO;
         for ((motion, weights), pull) in found.motion.iter().zip(&self.weights).zip(&found.pull).rev() {
             let [u, a, v, p] = motion;
-            sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort * *u).abs();
+            sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort.times(*u)).abs();
         }
         sum
     }
@@ -255,19 +295,19 @@ impl Default for Sweep {
 impl Sweep {
     /// One step back with the force of weighted errors at `state`; Bᵀλ.
     #[inline(always)]
-    fn back(&mut self, state: &[Lanes; 3], weights: &[Lanes; 3], pull: &[Lanes; 3]) -> Lanes {
+    fn back<C: Coefficient>(&mut self, state: &[Lanes; 3], weights: &[C; 3], pull: &[Lanes; 3]) -> Lanes {
         let ([a, v, p], [wa, wv, wp], [pa, pv, pp]) = (state, weights, pull);
-        self.a += self.v + (self.p * 0.5 + (*wa * *a - *pa));
-        self.v += self.p + (*wv * *v - *pv);
-        self.p += *wp * *p - *pp;
+        self.a += self.v + (self.p * 0.5 + (wa.times(*a) - *pa));
+        self.v += self.p + (wv.times(*v) - *pv);
+        self.p += wp.times(*p) - *pp;
         self.p * (1.0 / 6.0) + (self.v * 0.5 + self.a)
     }
 }
 
 #[inline(always)]
-fn from_weights(weights: &[Lanes; 3], values: &[Lanes; 3]) -> [Lanes; 3] {
+fn from_weights<C: Coefficient>(weights: &[C; 3], values: &[Lanes; 3]) -> [Lanes; 3] {
     let ([wa, wv, wp], [a, v, p]) = (weights, values);
-    [*wa * *a, *wv * *v, *wp * *p]
+    [wa.times(*a), wv.times(*v), wp.times(*p)]
 }
 
 impl<const N: usize> Default for FreeOptimum<N> {

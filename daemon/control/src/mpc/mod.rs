@@ -42,7 +42,7 @@ pub struct Mpc<const N: usize> {
     /// α of the costs; NaN before the first plan.
     alpha: f64,
     axes: Box<[Axis<N>; 3]>,
-    free: Box<Free<N>>,
+    free: Free<N>,
     optimum: Box<FreeOptimum<N>>,
     set: Box<DualActiveSet<4, N, N>>,
 }
@@ -88,7 +88,9 @@ impl<const N: usize> Mpc<N> {
         let ([cx, cy, cz], [fx, fy, fz], [lx, ly, lz]) =
             (&settings.gains_feedback, &settings.gains_feedforward, &settings.axes);
         let axes = Box::new([axis(0, cx, fx, lx)?, axis(1, cy, fy, ly)?, axis(2, cz, fz, lz)?]);
-        let free = Box::new(Free::new(axes.each_ref().map(|axis| &axis.rows)));
+        let [x, y, z] = &*axes;
+        let same_gains = y.cost.same_gains(&x.cost) && z.cost.same_gains(&x.cost);
+        let free = Free::new(axes.each_ref().map(|axis| &axis.rows), same_gains);
         Ok(Self {
             step_s: settings.step_s,
             scale,
