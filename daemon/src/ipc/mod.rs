@@ -320,7 +320,7 @@ pub(crate) mod tests {
         let settings = crate::testing::config().follower_settings();
         let mut follower = Follower::<10, JOINTS>::new(settings).unwrap();
         let now = Stamp(tick * 2_000_000);
-        let wake = Wake { index: tick, release: now, started: now, skipped: 0 };
+        let wake = Wake { index: tick, due: now, release: now, started: now, skipped: 0 };
         Evidence {
             tick,
             wake,

@@ -13,6 +13,8 @@ use crate::rt::evidence::Evidence;
 
 /// Time between two lines about the same flood [ns].
 const FLOOD_NS: i64 = 1_000_000_000;
+/// What belongs together shows within this time of its first sign [ns].
+const GATHER_NS: i64 = 20_000_000;
 
 /// What is counted between two lines about a flood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -84,6 +86,8 @@ pub struct Narrator {
     predictor: Option<PredictorKind>,
     told: Troubles,
     told_at: Stamp,
+    /// When the first trouble showed that was not told yet.
+    since: Option<Stamp>,
     worst_wakeup_ns: u64,
     worst_step_ns: u64,
 }
@@ -119,9 +123,14 @@ impl Narrator {
 
     fn floods(&mut self, evidence: &Evidence) {
         let now = Troubles::of(evidence);
-        if now == self.told || evidence.finished.since(self.told_at) < FLOOD_NS {
+        if now == self.told {
             return;
         }
+        let since = *self.since.get_or_insert(evidence.finished);
+        if evidence.finished.since(self.told_at) < FLOOD_NS || evidence.finished.since(since) < GATHER_NS {
+            return;
+        }
+        self.since = None;
         let lines = now.since(&self.told).join(", ");
         // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its step.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);

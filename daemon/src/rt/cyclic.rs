@@ -31,7 +31,9 @@ pub struct Rhythm {
 pub struct Wake {
     /// Place of this tick's release on the lattice, counted from 0; skipped periods use up their numbers.
     pub index: u64,
-    /// When the tick was allowed to start.
+    /// The release that was waited for.
+    pub due: Stamp,
+    /// When the tick was allowed to start: `due`, or the last release that had come when the wait ended too late.
     pub release: Stamp,
     /// When it did start.
     pub started: Stamp,
@@ -40,10 +42,10 @@ pub struct Wake {
 }
 
 impl Wake {
-    /// Release to start [ns].
+    /// How long after the release that was waited for it started [ns]; skipped periods count.
     #[must_use]
     pub const fn latency_ns(&self) -> u64 {
-        self.started.0.saturating_sub(self.release.0)
+        self.started.0.saturating_sub(self.due.0)
     }
 
     /// When this tick must be done: the next release.
@@ -88,17 +90,27 @@ impl<C: Clock> Cyclic<C> {
 
     /// Waits for the next release and says what came of it.
     pub fn wait(&mut self) -> Wake {
-        let mut skipped = 0;
-        let late = self.clock.now().since(self.next_release);
-        if let Ok(late) = u64::try_from(late) {
-            skipped = late / self.rhythm.period_ns;
-        }
-        let release = self.next_release.plus_ns(skipped.saturating_mul(self.rhythm.period_ns));
+        // Periods can be lost twice: in the step before, and in a sleep that ends much too late.
+        let lost = self.periods_since(self.next_release, self.clock.now());
+        let due = self.after(self.next_release, lost);
+        let started = self.reach(due);
+        let overslept = self.periods_since(due, started);
+        let release = self.after(due, overslept);
+        let skipped = lost.saturating_add(overslept);
         let index = self.next_index.saturating_add(skipped);
-        let started = self.reach(release);
-        self.next_release = release.plus_ns(self.rhythm.period_ns);
+        self.next_release = self.after(release, 1);
         self.next_index = index.saturating_add(1);
-        Wake { index, release, started, skipped }
+        Wake { index, due, release, started, skipped }
+    }
+
+    /// Whole periods from `release` to `now`; 0 when `release` has not come.
+    fn periods_since(&self, release: Stamp, now: Stamp) -> u64 {
+        now.0.saturating_sub(release.0) / self.rhythm.period_ns
+    }
+
+    /// The release `periods` after `release`.
+    const fn after(&self, release: Stamp, periods: u64) -> Stamp {
+        release.plus_ns(periods.saturating_mul(self.rhythm.period_ns))
     }
 
     /// Sleeps to the margin, spins the rest; returns the first reading at or past `release`.
@@ -207,6 +219,19 @@ mod tests {
         assert_eq!(second.release.0, first.release.0 + 7 * PERIOD);
         assert_eq!(second.latency_ns(), 300);
         assert_eq!(second.release.0 % PERIOD, PHASE_NS);
+    }
+
+    #[test]
+    fn a_sleep_that_ends_periods_too_late_runs_for_the_last_release_and_shows_how_late_it_was() {
+        let clock = SimulatedClock { oversleep_ns: 5 * PERIOD + 400, ..SimulatedClock::at(0) };
+        let mut cyclic = Cyclic::new(clock, rhythm(0));
+        let wake = cyclic.wait();
+        assert_eq!((wake.skipped, wake.index), (5, 5));
+        assert_eq!(wake.due.0, 2 * PERIOD + PHASE_NS);
+        assert_eq!(wake.release.0, 7 * PERIOD + PHASE_NS);
+        assert_eq!(wake.latency_ns(), 5 * PERIOD + 400);
+        let next = cyclic.wait();
+        assert_eq!((next.due.0, next.index), (8 * PERIOD + PHASE_NS, 11));
     }
 
     #[test]

@@ -57,7 +57,13 @@ impl Bench {
         self.peer.joints.push(self.joints).unwrap();
         self.clock.0.set(self.release + late_ns);
         let started = self.clock.now();
-        let wake = Wake { index: self.index, release: Stamp(self.release), started, skipped: 0 };
+        let wake = Wake {
+            index: self.index,
+            due: Stamp(self.release),
+            release: Stamp(self.release),
+            started,
+            skipped: 0,
+        };
         self.tick.run(&wake, &self.clock);
         self.release += period;
         self.index += 1;
@@ -160,8 +166,13 @@ fn a_slow_solver_is_not_shed_for_ever() {
 fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
     let mut bench = Bench::new();
     for _ in 0..EVIDENCE + 10 {
-        let wake =
-            Wake { index: 0, release: Stamp(bench.release), started: Stamp(bench.release), skipped: 0 };
+        let wake = Wake {
+            index: 0,
+            due: Stamp(bench.release),
+            release: Stamp(bench.release),
+            started: Stamp(bench.release),
+            skipped: 0,
+        };
         bench.clock.0.set(bench.release);
         bench.tick.run(&wake, &bench.clock);
         bench.release += bench.tick.period_ns;
