@@ -242,6 +242,11 @@ impl Process {
         output
     }
 
+    /// Stops listening to its stdout, as `| head` does.
+    pub fn close_stdout(&mut self) {
+        self.child.stdout = None;
+    }
+
     /// Kills it without warning (SIGKILL).
     ///
     /// # Panics

@@ -64,6 +64,17 @@ fn demo_ends_by_itself_with_a_whole_report_and_leaves_nothing() {
 }
 
 #[test]
+fn demo_whose_output_nobody_reads_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "1", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    demo.close_stdout();
+    let output = demo.output();
+    assert!(output.status.success(), "{}", told(&output));
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
 fn demo_plays_recorded_handwriting_of_both_sets() {
     let world = World::new(PROGRAM);
     for set in ["unipen-ced", "unipen-tos"] {

@@ -1,9 +1,9 @@
-//! Ctrl-C and SIGTERM as a flag that loops look at. A second Ctrl-C ends the program at once.
+//! Ctrl-C, SIGTERM and SIGHUP as a flag that loops look at. A second Ctrl-C ends the program at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::failure::{Cause, Failure};
 
@@ -12,10 +12,10 @@ use crate::failure::{Cause, Failure};
 pub(crate) struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Takes over SIGINT and SIGTERM.
+    /// Takes over SIGINT, SIGTERM and, for terminals that close, SIGHUP.
     pub(crate) fn listen() -> Result<Self, Failure> {
         let flag = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             // Order matters: the first signal finds the flag down, the second one finds it up and exits.
             signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())
                 .and_then(|_| signal_hook::flag::register(signal, flag.clone()))

@@ -344,6 +344,19 @@ mod tests {
     }
 
     #[test]
+    fn recorded_loop_has_plans_with_and_without_active_limits() {
+        let config =
+            configured(&SettingsArgs { preset: "ur5".to_owned(), ..SettingsArgs::default() }).unwrap();
+        let pen = ["glyphs:Kx4".to_owned()];
+        let path = source::load(&pen, &PathArgs::default(), config.settings()).unwrap().path;
+        let workload = workload::record(&config, &path, 6.0).unwrap();
+        assert!(workload.ticks.iter().filter(|tick| tick.following).count() > 2000);
+        assert_eq!(workload.plannings.len(), workload.reachings.len());
+        assert!(planning(&config, &workload, 0..=0, 50).is_ok());
+        assert!(planning(&config, &workload, 3..=8, 50).is_ok());
+    }
+
+    #[test]
     fn every_way_gets_every_instance_once_per_round() {
         let mut seen = [0; 3];
         interleaved(&[(); 7], 300, |way, ()| {

@@ -254,3 +254,48 @@ impl Figures {
         rows
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo::evidence::TickNote;
+    use foretrace_lab::path::PathSample;
+
+    /// The pen stands still at 0; the tool comes from 100 mm away at 0.1 m/s and stays from t = 1 s on.
+    fn run() -> Evidence {
+        let pen =
+            (0..400).map(|k| PathSample { t_s: f64::from(k) * 0.005, x_m: 0.0, y_m: 0.0, contact: true });
+        let tool = (0..1000).map(|k| {
+            let t_s = f64::from(k) * 0.002;
+            ToolSample { t_s, x_m: (0.1 - 0.1 * t_s).max(0.0), y_m: 0.0 }
+        });
+        let tick = TickNote {
+            t_s: 0.1,
+            stage_ns: [1000; foretrace_shm::STAGES],
+            trust: 1.0,
+            health: 0,
+            mode: Mode::Following.into(),
+        };
+        Evidence { pen: pen.collect(), tool: tool.collect(), ticks: vec![tick], ..Evidence::default() }
+    }
+
+    #[test]
+    fn the_way_to_the_paper_is_not_scored() {
+        let config = foretrace_config::Config::preset("ur5").unwrap();
+        let near = config.settings().safety.approach_distance_m;
+        let scored = scored(&run(), config.settings()).unwrap();
+        assert!((scored.errors[0].error_m - near).abs() < 3e-4, "{:?}", scored.errors[0]);
+        assert!(scored.errors.iter().all(|error| error.error_m <= near));
+        assert_eq!(scored.tool[0].t_s, scored.errors[0].t_s);
+    }
+
+    #[test]
+    fn an_arm_that_never_comes_near_is_a_failure() {
+        let config = foretrace_config::Config::preset("ur5").unwrap();
+        let mut evidence = run();
+        evidence.tool.iter_mut().for_each(|sample| sample.y_m = 0.05);
+        assert!(scored(&evidence, config.settings()).unwrap_err().to_string().contains("never came near"));
+        evidence.ticks.clear();
+        assert!(scored(&evidence, config.settings()).is_err());
+    }
+}

@@ -95,6 +95,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
         optimised_build: !cfg!(debug_assertions),
     };
     let figures = figures::figures(&evidence, &scored, config.settings(), setting)?;
+    // Printing may end the program: nobody listens any more.
+    drop(scratch);
     folder::write(&args.out, &figures, &evidence, &scored, turn_s)?;
     for (name, value) in figures.rows() {
         say!("{name:<10}{value}");
@@ -217,5 +219,38 @@ fn duration(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if (1.0..=3600.0).contains(&seconds) => Ok(seconds),
         _ => Err("a number of seconds from 1 to 3600".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        settings: SettingsArgs,
+        #[command(flatten)]
+        path: PathArgs,
+    }
+
+    #[test]
+    fn children_get_the_settings_and_the_path_that_were_asked_for() {
+        let source =
+            Source::preset("ur5e").with("instance.root_dir", "\"/tmp/x y\"").with("trust.value", "0.5");
+        let path = PathArgs {
+            height: 0.02,
+            label: Some("K".to_owned()),
+            segments: Some((3, 9)),
+            ..PathArgs::default()
+        };
+        let arguments = [words(&["child"]), settings_arguments(&source), path_arguments(&path)].concat();
+        let line = Line::try_parse_from(arguments).unwrap();
+        assert_eq!(line.settings.source().unwrap(), source);
+        assert_eq!(
+            (line.path.height, line.path.label, line.path.segments),
+            (path.height, path.label, path.segments)
+        );
     }
 }
