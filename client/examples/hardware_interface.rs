@@ -38,7 +38,8 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut foretrace = Foretrace::attach_within(&Instance::new(number)?, Duration::from_secs(2))?;
     let mut commands = foretrace.commands(1)?;
     let mut states = foretrace.joint_states()?;
-    let mut drive = Drive { q: [0.0, -1.6, 1.6, -1.6, -1.6, 0.0], qd: [0.0; JOINTS] };
+    // Where the preset `ur5` expects the arm: above the paper, tool down.
+    let mut drive = Drive { q: [3.1416, -1.5, 2.1, -2.1708, -1.5708, 0.0], qd: [0.0; JOINTS] };
     println!("reporting to daemon {}; it moves once the daemon is armed", foretrace.daemon().pid);
 
     let mut next = Instant::now();
