@@ -5,7 +5,7 @@
 //! one backward sweep, cheaper than a dense N x 3N product.
 
 use super::condense::Condensed;
-use super::model::{Motion, adjoint};
+use super::model::{Motion, State, adjoint};
 use crate::qp::cholesky::{Cholesky, Square};
 use crate::units::Trust;
 
@@ -191,6 +191,36 @@ impl<const N: usize> Cost<N> {
     #[must_use]
     pub const fn inverse(&self) -> &Square<N> {
         &self.inverse
+    }
+
+    /// (1−α)G_c² x_c + αG_f² g, for `held` x_c and `references` g at steps 1 to N in normalised units.
+    #[must_use]
+    pub fn pull(&self, held: &State, references: impl Iterator<Item = State>) -> Weights<N> {
+        let (feedback, feedforward) = self.blended();
+        let mut pull = [[0.0; N]; 3];
+        let [on_acceleration, on_velocity, on_position] = &mut pull;
+        let [held_position, held_velocity, held_acceleration] = *held;
+        let [ca, cv, cp] = feedback;
+        let held = ca.iter().zip(cv).zip(cp);
+        let to = on_acceleration.iter_mut().zip(on_velocity).zip(on_position);
+        for (((a, v), p), ((ca, cv), cp)) in to.zip(held) {
+            (*a, *v, *p) = (ca * held_acceleration, cv * held_velocity, cp * held_position);
+        }
+        // A predictor that is not trusted at all must not be able to spoil Hold.
+        if self.alpha > 0.0 {
+            let [on_acceleration, on_velocity, on_position] = &mut pull;
+            let [fa, fv, fp] = feedforward;
+            let weights = fa.iter().zip(fv).zip(fp);
+            let to = on_acceleration.iter_mut().zip(on_velocity).zip(on_position);
+            for ((((a, v), p), ((fa, fv), fp)), [position, velocity, acceleration]) in
+                to.zip(weights).zip(references)
+            {
+                *a += fa * acceleration;
+                *v += fv * velocity;
+                *p += fp * position;
+            }
+        }
+        pull
     }
 
     /// (1−α)G_c² and αG_f², both in the order acceleration, velocity, position.

@@ -9,7 +9,7 @@ use std::array::from_fn;
 
 use super::cost::{Cost, Weights};
 use super::lanes::{Coefficient, Lanes};
-use super::model::{Motion, Scale, State};
+use super::model::{Scale, State};
 use crate::qp::dual::Bounds;
 use crate::units::AxisState;
 
@@ -48,11 +48,10 @@ impl<const N: usize> Free<N> {
         start: &[AxisState; 3],
         conservative: &[AxisState; 3],
         preview: &[[AxisState; N]; 3],
-        found: &mut FreeOptimum<N>,
-    ) {
+    ) -> FreeOptimum<N> {
         match self {
-            Self::Shared(blended) => blended.solve(scale, start, conservative, preview, found),
-            Self::Own(blended) => blended.solve(scale, start, conservative, preview, found),
+            Self::Shared(blended) => blended.solve(scale, start, conservative, preview),
+            Self::Own(blended) => blended.solve(scale, start, conservative, preview),
         }
     }
 }
@@ -76,10 +75,7 @@ pub(super) struct Blended<C, const N: usize> {
 /// What the three lanes came to.
 #[derive(Debug, Clone)]
 pub(super) struct FreeOptimum<const N: usize> {
-    /// Per step jerk, acceleration, velocity, position.
-    motion: [[Lanes; 4]; N],
-    /// Per step on acceleration, velocity, position.
-    pull: [[Lanes; 3]; N],
+    jerks: [Lanes; N],
     start: [Lanes; 3],
     /// 1 + max |q|
     scale: Lanes,
@@ -133,31 +129,32 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         self.reads_preview = costs.iter().any(|cost| cost.alpha() > 0.0);
     }
 
-    #[inline]
+    #[inline(always)]
     fn solve(
         &self,
         scale: &Scale,
         start: &[AxisState; 3],
         conservative: &[AxisState; 3],
         preview: &[[AxisState; N]; 3],
-        found: &mut FreeOptimum<N>,
-    ) {
+    ) -> FreeOptimum<N> {
         let origin = Lanes::of(start.map(|state| state.position));
         let velocity = Lanes::of(start.map(|state| state.velocity)) * scale.velocity;
         let acceleration = Lanes::of(start.map(|state| state.acceleration)) * scale.acceleration;
-        found.start = [Lanes::ZERO, velocity, acceleration];
 
-        self.pull(origin, conservative, preview, &mut found.pull);
+        let mut pull = [[Lanes::ZERO; 3]; N];
+        self.pull(origin, conservative, preview, &mut pull);
 
         let mut jerks = [Lanes::ZERO; N];
-        found.scale = self.unconstrained(velocity, acceleration, &found.pull, &mut jerks);
+        let size = self.unconstrained(velocity, acceleration, &pull, &mut jerks);
 
         let [lowest, highest] = self.workspace;
         let origin = origin * scale.position;
-        found.inside =
-            self.roll(&jerks, velocity, acceleration, [lowest - origin, highest - origin], &mut found.motion);
-        let gradient = self.gradient_size(found);
-        found.residual = gradient.zip(found.scale, |gradient, scale| gradient / scale);
+        let mut motion = [[Lanes::ZERO; 4]; N];
+        let inside =
+            self.roll(&jerks, velocity, acceleration, [lowest - origin, highest - origin], &mut motion);
+        let gradient = self.gradient_size(&motion, &pull);
+        let residual = gradient.zip(size, |gradient, size| gradient / size);
+        FreeOptimum { jerks, start: [Lanes::ZERO, velocity, acceleration], scale: size, residual, inside }
     }
 
     /// (1−α)G_c² x_c + αG_f² g, positions counted from `origin` [m].
@@ -268,10 +265,10 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
 
     /// Σ |∇½J| at the optimum.
     #[inline(always)]
-    fn gradient_size(&self, found: &FreeOptimum<N>) -> Lanes {
+    fn gradient_size(&self, motion: &[[Lanes; 4]; N], pull: &[[Lanes; 3]; N]) -> Lanes {
         let mut sweep = Sweep::default();
         let mut sum = Lanes::ZERO;
-        for ((motion, weights), pull) in found.motion.iter().zip(&self.weights).zip(&found.pull).rev() {
+        for ((motion, weights), pull) in motion.iter().zip(&self.weights).zip(pull).rev() {
             let [u, a, v, p] = motion;
             sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort.times(*u)).abs();
         }
@@ -310,19 +307,6 @@ fn from_weights<C: Coefficient>(weights: &[C; 3], values: &[Lanes; 3]) -> [Lanes
     [wa.times(*a), wv.times(*v), wp.times(*p)]
 }
 
-impl<const N: usize> Default for FreeOptimum<N> {
-    fn default() -> Self {
-        Self {
-            motion: [[Lanes::ZERO; 4]; N],
-            pull: [[Lanes::ZERO; 3]; N],
-            start: [Lanes::ZERO; 3],
-            scale: Lanes::ZERO,
-            residual: Lanes::ZERO,
-            inside: [false; 3],
-        }
-    }
-}
-
 impl<const N: usize> FreeOptimum<N> {
     /// The axis keeps every limit.
     #[inline(always)]
@@ -350,38 +334,9 @@ impl<const N: usize> FreeOptimum<N> {
     #[inline(always)]
     pub(super) fn jerks(&self, axis: usize) -> [f64; N] {
         let mut jerks = [0.0; N];
-        for (jerk, [u, ..]) in jerks.iter_mut().zip(&self.motion) {
+        for (jerk, u) in jerks.iter_mut().zip(&self.jerks) {
             *jerk = u.axis(axis);
         }
         jerks
-    }
-
-    /// Motion of the axis.
-    pub(super) fn motion(&self, axis: usize) -> Motion<N> {
-        let mut rows = [[0.0; N]; 4];
-        let [jerks, accelerations, velocities, positions] = &mut rows;
-        let to = jerks.iter_mut().zip(accelerations).zip(velocities).zip(positions);
-        for ((((jerk, acceleration), velocity), position), [u, a, v, p]) in to.zip(&self.motion) {
-            *jerk = u.axis(axis);
-            *acceleration = a.axis(axis);
-            *velocity = v.axis(axis);
-            *position = p.axis(axis);
-        }
-        rows
-    }
-
-    /// Pull on the axis.
-    pub(super) fn pull(&self, axis: usize) -> Weights<N> {
-        let columns: [[f64; 3]; N] =
-            from_fn(|i| self.pull.get(i).map_or([0.0; 3], |pull| pull.map(|lanes| lanes.axis(axis))));
-        let mut rows = [[0.0; N]; 3];
-        let [accelerations, velocities, positions] = &mut rows;
-        let to = accelerations.iter_mut().zip(velocities).zip(positions);
-        for (((acceleration, velocity), position), [a, v, p]) in to.zip(columns) {
-            *acceleration = a;
-            *velocity = v;
-            *position = p;
-        }
-        rows
     }
 }

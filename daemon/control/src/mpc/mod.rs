@@ -43,7 +43,6 @@ pub struct Mpc<const N: usize> {
     alpha: f64,
     axes: Box<[Axis<N>; 3]>,
     free: Free<N>,
-    optimum: Box<FreeOptimum<N>>,
     set: Box<DualActiveSet<4, N, N>>,
 }
 
@@ -98,7 +97,6 @@ impl<const N: usize> Mpc<N> {
             alpha: f64::NAN,
             axes,
             free,
-            optimum: Box::default(),
             set: Box::default(),
         })
     }
@@ -125,19 +123,21 @@ impl<const N: usize> Mpc<N> {
             report.axes = [AxisReport::failed(QpStatus::NotConvex, 0); 3];
             return report;
         }
-        self.free.solve(&self.scale, start, conservative, preview, &mut self.optimum);
+        let optimum = self.free.solve(&self.scale, start, conservative, preview);
         let mut jerks = [[0.0; N]; 3];
-        let axes = self.axes.iter_mut().zip(start).zip(report.axes.iter_mut().zip(&mut jerks));
-        for (index, ((axis, start), (report, jerks))) in axes.enumerate() {
-            let kkt_residual = self.optimum.residual(index);
+        let inputs = start.iter().zip(conservative.iter().zip(preview));
+        let axes = self.axes.iter_mut().zip(inputs).zip(report.axes.iter_mut().zip(&mut jerks));
+        for (index, ((axis, (start, (held, references))), (report, jerks))) in axes.enumerate() {
+            let kkt_residual = optimum.residual(index);
             let normalised =
-                if axis.clarabel.is_none() && self.optimum.inside(index) && kkt_residual <= KKT_TOLERANCE {
+                if axis.clarabel.is_none() && optimum.inside(index) && kkt_residual <= KKT_TOLERANCE {
                     let (path, status) = (SolvePath::Gain, QpStatus::Optimal);
                     *report = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
-                    self.optimum.jerks(index)
+                    optimum.jerks(index)
                 } else {
-                    let origin = start.position * self.scale.position;
-                    let (normalised, found) = axis.solve(&self.optimum, index, origin, cap, &mut self.set);
+                    let wanted = (held, references);
+                    let (normalised, found) =
+                        axis.solve(&optimum, index, &self.scale, start, wanted, cap, &mut self.set);
                     *report = found;
                     normalised
                 };
@@ -154,9 +154,12 @@ impl<const N: usize> Mpc<N> {
     /// Blend costs anew if α has changed; `false` when an H cannot be factored.
     #[inline]
     fn set_trust(&mut self, trust: Trust) -> bool {
-        if trust.alpha() == self.alpha {
-            return true;
-        }
+        trust.alpha() == self.alpha || self.blend(trust)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn blend(&mut self, trust: Trust) -> bool {
         let [x, y, z] = &mut *self.axes;
         let mut sound = x.cost.set_trust(trust);
         for (axis, same_as) in [(y, &*x), (z, &*x)] {
@@ -181,23 +184,33 @@ impl<const N: usize> Mpc<N> {
 
 impl<const N: usize> Axis<N> {
     /// Solve one axis that its lane could not: limits are active, numbers are bad, or Clarabel was asked for.
-    /// `origin` [mm]: where positions count from. Returns normalised jerks.
+    /// `wanted`: held target and references. Returns normalised jerks.
+    ///
+    /// Not inlined: the usual tick needs none of this code, and finds its own cold in the cache.
+    #[inline(never)]
     fn solve(
         &mut self,
         optimum: &FreeOptimum<N>,
         index: usize,
-        origin: f64,
+        scale: &Scale,
+        start: &AxisState,
+        (held, references): (&AxisState, &[AxisState; N]),
         max_iterations: u32,
         set: &mut DualActiveSet<4, N, N>,
     ) -> ([f64; N], AxisReport) {
-        self.shift(origin);
-        let (start, pull) = (optimum.start(index), optimum.pull(index));
+        self.shift(start.position * scale.position);
+        let pull = self.cost.pull(
+            &scale.normalised(held, start.position),
+            references.iter().map(|reference| scale.normalised(reference, start.position)),
+        );
+        let start = optimum.start(index);
         let problem = AxisProblem { cost: &self.cost, bounds: &self.shifted, start, pull };
         if let Some(qp) = &mut self.clarabel {
             return by_clarabel(&problem, qp);
         }
         if optimum.residual(index) <= KKT_TOLERANCE {
-            problem.constrained(set, max_iterations, optimum.motion(index), optimum.scale(index))
+            let motion = rollout(&start, &optimum.jerks(index));
+            problem.constrained(set, max_iterations, motion, optimum.scale(index))
         } else {
             problem.solve(set, max_iterations)
         }
