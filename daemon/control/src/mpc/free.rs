@@ -171,14 +171,16 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
             Lanes::of(conservative.map(|state| state.velocity)),
             Lanes::of(conservative.map(|state| state.position)) - origin,
         ];
-        for (pull, weights) in pull.iter_mut().zip(&self.feedback) {
+        for (pull, weights) in pull.iter_mut().zip(&self.feedback).take(rolled(N)) {
             *pull = from_weights(weights, &held);
         }
         // A predictor that is not trusted at all must not be able to spoil Hold.
         if self.reads_preview {
             let [px, py, pz] = preview;
             let references = px.iter().zip(py).zip(pz);
-            for ((pull, weights), ((x, y), z)) in pull.iter_mut().zip(&self.feedforward).zip(references) {
+            for ((pull, weights), ((x, y), z)) in
+                pull.iter_mut().zip(&self.feedforward).zip(references).take(rolled(N))
+            {
                 let reference = [
                     Lanes::of([x.acceleration, y.acceleration, z.acceleration]),
                     Lanes::of([x.velocity, y.velocity, z.velocity]),
@@ -207,14 +209,14 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         let mut sweep = Sweep::default();
         let mut time = N as f64;
         let mut linear = [Lanes::ZERO; N];
-        for ((q, weights), pull) in linear.iter_mut().zip(&self.weights).zip(pull).rev() {
+        for ((q, weights), pull) in linear.iter_mut().zip(&self.weights).zip(pull).rev().take(rolled(N)) {
             let v = velocity + acceleration * time;
             let p = velocity * time + acceleration * (0.5 * time * time);
             *q = sweep.back(&[acceleration, v, p], weights, pull);
             largest = q.abs().max(largest);
             time -= 1.0;
         }
-        for (jerk, row) in jerks.iter_mut().zip(&self.inverse) {
+        for (jerk, row) in jerks.iter_mut().zip(&self.inverse).take(rolled(N)) {
             let mut sum = Lanes::ZERO;
             for (entry, q) in row.iter().zip(&linear) {
                 sum = sum - entry.times(*q);
@@ -237,7 +239,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         let mut position = Lanes::ZERO;
         let mut extremes = [Lanes::ZERO; 3];
         let (mut least, mut most) = (Lanes::of([f64::INFINITY; 3]), Lanes::of([f64::NEG_INFINITY; 3]));
-        for (u, motion) in jerks.iter().zip(motion) {
+        for (u, motion) in jerks.iter().zip(motion).take(rolled(N)) {
             position += velocity + (acceleration * 0.5 + *u * (1.0 / 6.0));
             velocity += acceleration + *u * 0.5;
             acceleration += *u;
@@ -268,12 +270,20 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
     fn gradient_size(&self, motion: &[[Lanes; 4]; N], pull: &[[Lanes; 3]; N]) -> Lanes {
         let mut sweep = Sweep::default();
         let mut sum = Lanes::ZERO;
-        for ((motion, weights), pull) in motion.iter().zip(&self.weights).zip(pull).rev() {
+        for ((motion, weights), pull) in motion.iter().zip(&self.weights).zip(pull).rev().take(rolled(N)) {
             let [u, a, v, p] = motion;
             sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort.times(*u)).abs();
         }
         sum
     }
+}
+
+/// A loop bound that the compiler must not know.
+///
+/// Unrolled, the sweeps are kilobytes of code, and a tick finds code cold: fetching it takes longer than running it.
+#[inline(always)]
+fn rolled(steps: usize) -> usize {
+    std::hint::black_box(steps)
 }
 
 /// Adjoint state of the backward sweep: λ_i = f_i + Aᵀ λ_{i+1}.
