@@ -7,6 +7,7 @@
 //! refuses and counts them); a valid one is followed by q + q̇·(now − stamp) until `valid_until`; after that the arm
 //! brakes by itself, so that a daemon that dies is harmless.
 
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -39,7 +40,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut commands = foretrace.commands(1)?;
     let mut states = foretrace.joint_states()?;
     // Where the preset `ur5` expects the arm: above the paper, tool down.
-    let mut drive = Drive { q: [3.1416, -1.5, 2.1, -2.1708, -1.5708, 0.0], qd: [0.0; JOINTS] };
+    let mut drive = Drive { q: [PI, -1.5, 2.1, -2.1708, -FRAC_PI_2, 0.0], qd: [0.0; JOINTS] };
     println!("reporting to daemon {}; it moves once the daemon is armed", foretrace.daemon().pid);
 
     let mut next = Instant::now();

@@ -135,9 +135,9 @@ impl<const N: usize> Mpc<N> {
                     *report = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
                     optimum.jerks(index)
                 } else {
-                    let wanted = (held, references);
+                    let inputs = (start, held, references);
                     let (normalised, found) =
-                        axis.solve(&optimum, index, &self.scale, start, wanted, cap, &mut self.set);
+                        axis.solve(&optimum, index, &self.scale, inputs, cap, &mut self.set);
                     *report = found;
                     normalised
                 };
@@ -184,7 +184,7 @@ impl<const N: usize> Mpc<N> {
 
 impl<const N: usize> Axis<N> {
     /// Solve one axis that its lane could not: limits are active, numbers are bad, or Clarabel was asked for.
-    /// `wanted`: held target and references. Returns normalised jerks.
+    /// `inputs`: start, held target, references. Returns normalised jerks.
     ///
     /// Not inlined: the usual tick needs none of this code, and finds its own cold in the cache.
     #[inline(never)]
@@ -193,8 +193,7 @@ impl<const N: usize> Axis<N> {
         optimum: &FreeOptimum<N>,
         index: usize,
         scale: &Scale,
-        start: &AxisState,
-        (held, references): (&AxisState, &[AxisState; N]),
+        (start, held, references): (&AxisState, &AxisState, &[AxisState; N]),
         max_iterations: u32,
         set: &mut DualActiveSet<4, N, N>,
     ) -> ([f64; N], AxisReport) {
