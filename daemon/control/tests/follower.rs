@@ -184,7 +184,8 @@ fn disarming_stops_first_and_then_lets_go() {
 
 #[test]
 fn arming_refuses_what_could_jump() {
-    let refusals: [(Refusal, fn(&mut Bench)); 5] = [
+    type Case = (Refusal, fn(&mut Bench));
+    let refusals: [Case; 5] = [
         (Refusal::MotionNotAllowed, |bench| bench.joints.motion_allowed = false),
         (Refusal::ArmMoves, |bench| bench.joints.qd[2] = 0.2),
         (Refusal::OutsideJointLimits, |bench| bench.joints.q[5] = 7.0),
