@@ -78,7 +78,7 @@ fn demo_whose_output_nobody_reads_leaves_nothing() {
 fn demo_plays_recorded_handwriting_of_both_sets() {
     let world = World::new(PROGRAM);
     for set in ["unipen-ced", "unipen-tos"] {
-        let Some(folder) = shared_data(set) else { return };
+        let Some(folder) = shared_data(set) else { continue };
         let table = std::fs::read_to_string(folder.join("split.tsv")).unwrap();
         let file =
             table.lines().skip(1).flat_map(|line| line.split('\t')).find(|cell| cell.ends_with(".dat"));

@@ -2,7 +2,9 @@
 
 mod support;
 
-use foretrace_control::follower::{Budget, Health, Mode, Refusal, Request, Rung, StepInput, StopReason};
+use foretrace_control::follower::{
+    Budget, EnableReading, Health, Mode, Refusal, Request, Rung, StepInput, StepOutput, StopReason,
+};
 use foretrace_control::predict::{Oracle, PredictorKind};
 use foretrace_control::units::Stamp;
 use support::{Bench, PERIOD_NS, STEP_NS, settings};
@@ -235,4 +237,54 @@ fn the_same_inputs_give_the_same_commands_bit_for_bit() {
         bench.last.unwrap().q.map(f64::to_bits)
     };
     assert_eq!(run(), run());
+}
+
+/// One tick with a dead-man message.
+fn tick_enabled(bench: &mut Bench, stop: Option<bool>, request: Option<Request>) -> StepOutput<6> {
+    bench.joints.stamp = bench.now;
+    let joints = bench.joints;
+    let pen = [bench.pen([0.0, 0.0])];
+    let enable = stop.map(|stop| EnableReading { stamp: bench.now, stop });
+    let input =
+        StepInput { pen: &pen, joints: Some(&joints), enable, request, ..StepInput::nothing(bench.now) };
+    bench.step(&input, Budget::default())
+}
+
+#[test]
+fn a_dead_man_that_was_held_stops_the_arm_when_it_falls_silent() {
+    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    tick_enabled(&mut bench, Some(false), Some(Request::Arm));
+    for _ in 0..40 {
+        assert_eq!(tick_enabled(&mut bench, Some(false), None).mode, Mode::Following);
+    }
+    // 100 ms of silence, then a stop.
+    let modes: Vec<_> = (0..60).map(|_| tick_enabled(&mut bench, None, None)).collect();
+    assert_eq!(modes[40].mode, Mode::Following);
+    assert_eq!((modes[59].mode, modes[59].stop_reason), (Mode::Stopped, StopReason::EnableLost));
+}
+
+#[test]
+fn a_stop_from_the_dead_man_counts_even_if_it_was_never_held() {
+    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    tick_enabled(&mut bench, None, Some(Request::Arm));
+    tick_enabled(&mut bench, None, None);
+    let output = tick_enabled(&mut bench, Some(true), None);
+    assert_eq!((output.mode, output.stop_reason), (Mode::Stopped, StopReason::EnableLost));
+    for _ in 0..100 {
+        tick_enabled(&mut bench, None, None);
+    }
+    let refused = tick_enabled(&mut bench, None, Some(Request::Arm));
+    assert_eq!(refused.answer, Some(Err(Refusal::EnableMissing)));
+    let armed = tick_enabled(&mut bench, Some(false), Some(Request::Arm));
+    assert_eq!(armed.answer, Some(Ok(())));
+}
+
+#[test]
+fn where_the_dead_man_is_required_nothing_arms_without_it() {
+    let mut settings = settings(PredictorKind::Hold);
+    settings.safety.enable_required = true;
+    let mut bench = Bench::new(settings);
+    let refused = tick_enabled(&mut bench, None, Some(Request::Arm));
+    assert_eq!((refused.answer, refused.command), (Some(Err(Refusal::EnableMissing)), None));
+    assert_eq!(tick_enabled(&mut bench, Some(false), Some(Request::Arm)).answer, Some(Ok(())));
 }

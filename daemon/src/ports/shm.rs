@@ -8,6 +8,7 @@ use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeBuilder, SignalHa
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
+use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{
@@ -53,10 +54,22 @@ impl Ports for ShmPorts {
                 inbox.push_pen(convert::pen_reading(&sample));
             }
         }
-        inbox.joints = self.joints.latest(now.0).map(|state| convert::joint_reading(&state));
-        inbox.enable = self.enable.latest(now.0).map(|enable| convert::enable_reading(&enable));
+        // The newest counts, but a stop between two ticks must not be overtaken by what followed it.
+        let (mut allowed, mut stop) = (true, false);
+        self.joints.drain(now.0, |state| {
+            let reading = convert::joint_reading(&state);
+            allowed &= reading.motion_allowed;
+            inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
+        });
+        self.enable.drain(now.0, |enable| {
+            let reading = convert::enable_reading(&enable);
+            stop |= reading.stop;
+            inbox.enable = Some(EnableReading { stop, ..reading });
+        });
 
         let tally = &mut self.tally;
+        // An arm that came while nothing was commanded is connected now, not in the first tick that moves.
+        tally.commands_failed += u64::from(self.commands.connect().is_err());
         tally.pen_deferred += u64::from(taken == PEN_PER_TICK);
         tally.pen_received = self.pen.received();
         tally.pen_dropped = self.pen.dropped();

@@ -237,7 +237,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let tally = &mut self.tally;
         tally.ticks = tally.ticks.wrapping_add(1);
         tally.skipped = tally.skipped.saturating_add(wake.skipped);
-        tally.overruns += u64::from(finished > wake.deadline(self.period_ns));
+        // A tick that woke after its period was over missed its deadline too, however fast it then was.
+        tally.overruns += u64::from(wake.skipped > 0 || finished > wake.deadline(self.period_ns));
         tally.shed += u64::from(budget.shed);
         tally.joints_stale += u64::from(output.health.has(Health::JOINTS_STALE));
         tally.weights_refused += u64::from(output.health.has(Health::WEIGHTS_REFUSED));

@@ -16,6 +16,19 @@ const PICTURES: [(&str, &str); 3] = [
     ("times.svg", "Wake-up latency and the cost of a tick and its stages"),
 ];
 
+/// Makes sure that `folder` is there and can be written.
+pub(crate) fn prepare(folder: &Path) -> Result<(), Failure> {
+    let refused = |error: std::io::Error| {
+        Failure::bad_input(
+            format_args!("cannot write the report into {}: {error}", folder.display()),
+            "give a writable folder with --out",
+        )
+    };
+    std::fs::create_dir_all(folder).map_err(refused)?;
+    let probe = folder.join(".writable");
+    std::fs::write(&probe, []).and_then(|()| std::fs::remove_file(&probe)).map_err(refused)
+}
+
 /// Writes everything into `folder`, which is made if needed.
 ///
 /// `turn_s`: one repetition of the pen's path [s]; the overlay shows the last one.

@@ -79,6 +79,8 @@ pub(crate) struct DemoArgs {
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_stdout();
+    // A folder that cannot be written is better known before the run than after it.
+    folder::prepare(&args.out)?;
     let interrupt = Interrupt::listen()?;
     let scratch = Scratch::create()?;
     let (source, config) = settings(args, &scratch)?;
@@ -97,12 +99,12 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     let figures = figures::figures(&evidence, &scored, config.settings(), setting)?;
     // Printing may end the program: nobody listens any more.
     drop(scratch);
-    folder::write(&args.out, &figures, &evidence, &scored, turn_s)?;
     for (name, value) in figures.rows() {
         say!("{name:<10}{value}");
     }
-    say!("{:<10}{}", "report", args.out.join("report.html").display());
     args.json.write(&figures)?;
+    folder::write(&args.out, &figures, &evidence, &scored, turn_s)?;
+    say!("{:<10}{}", "report", args.out.join("report.html").display());
     match figures.limit_violations() {
         0 => Ok(()),
         count => Err(Failure::failed(

@@ -90,7 +90,7 @@ impl<const J: usize> Watch<J> {
         }
         let held = self.enable_held(now);
         self.enable_honoured |= held && self.mode != Mode::Idle;
-        let lost = !held && (self.settings.enable_required || self.enable_honoured);
+        let lost = self.enable_stops() || !held && (self.settings.enable_required || self.enable_honoured);
         if lost {
             health.set(Health::ENABLE_MISSING);
         }
@@ -160,7 +160,7 @@ impl<const J: usize> Watch<J> {
         if !joints.qd.iter().all(|qd| qd.abs() <= self.settings.arm_max_speed) {
             return Err(Refusal::ArmMoves);
         }
-        if self.settings.enable_required && !self.enable_held(now) {
+        if self.enable_stops() || self.settings.enable_required && !self.enable_held(now) {
             return Err(Refusal::EnableMissing);
         }
         Ok(*joints)
@@ -172,6 +172,11 @@ impl<const J: usize> Watch<J> {
         self.reason = StopReason::None;
         self.letting_go = false;
         self.enable_honoured = self.enable_held(now);
+    }
+
+    /// The operator let go: the last word stands, however old, until the switch is held again.
+    fn enable_stops(&self) -> bool {
+        self.enable.is_some_and(|enable| enable.stop)
     }
 
     fn joints_fresh(&self, now: Stamp) -> bool {
