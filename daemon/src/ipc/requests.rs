@@ -9,8 +9,8 @@ use crossbeam::channel::{self, Receiver, Sender, TryRecvError};
 use tracing::{info, warn};
 
 use foretrace_control::follower::{Mode, Request};
-use foretrace_control::units::Trust;
-use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus};
+use foretrace_control::units::{Stamp, Trust};
+use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now_ns};
 
 use crate::ports::convert::{self, Asked as Meaning};
 use crate::rt::evidence::{Answered, Asked};
@@ -123,7 +123,7 @@ impl Requests {
         let token = self.next_token;
         // As many answers fit into their ring as requests: never more of them on the way than that.
         if self.at_loop.len() >= rings.answered.buffer().capacity()
-            || rings.asked.push(Asked { token, request }).is_err()
+            || rings.asked.push(Asked { token, request, stamp: Stamp(monotonic_now_ns()) }).is_err()
         {
             return Err(asker);
         }

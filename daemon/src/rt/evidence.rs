@@ -163,6 +163,20 @@ pub struct Asked {
     pub token: u64,
     /// What is asked for.
     pub request: Request,
+    /// When it was asked.
+    pub stamp: Stamp,
+}
+
+/// A loop that stood still for longer than this must not start what the operator has been told has failed [ns]; below the
+/// ipc thread's patience.
+const REQUEST_LIFE_NS: i64 = 1_000_000_000;
+
+impl Asked {
+    /// Too old to be carried out at `now`. A stop is never too old.
+    #[must_use]
+    pub fn is_expired(&self, now: Stamp) -> bool {
+        !matches!(self.request, Request::Stop | Request::Disarm) && now.since(self.stamp) > REQUEST_LIFE_NS
+    }
 }
 
 /// The loop's answer.

@@ -131,6 +131,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.ports.receive(wake.started, &mut self.inbox);
         let receiving = allocations().wrapping_sub(allocated);
         let asked = if self.leaving { None } else { self.rings.asked.pop().ok() };
+        // Not answered, so that the operator is told what is true: the loop did not answer in time.
+        let asked = asked.filter(|asked| !asked.is_expired(wake.started));
         let request = if self.leaving { Some(Request::Disarm) } else { asked.map(|asked| asked.request) };
         let weights = self.newest_weights();
         if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {

@@ -32,6 +32,7 @@ use scratch::{Leftovers, Scratch};
 /// the arm follow the pen, and ends by itself. Prints a short table and writes a report folder with pictures.
 #[derive(Debug, clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Examples:\n  foretrace demo\n  foretrace demo --pen glyphs:Hello --seconds 10 --trust 1\n  foretrace demo --pen data/unipen-ced --label K --rate 1000 --json -"
 )]
 pub(crate) struct DemoArgs {

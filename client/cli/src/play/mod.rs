@@ -33,6 +33,7 @@ const NAP_NS: u64 = 100_000_000;
 /// settings; where a recording has no hover between two strokes, a lift and travel is put in.
 #[derive(Debug, clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Examples:\n  foretrace play glyphs:Hello\n  foretrace play data/unipen-ced/data/001.dat --label K --loop\n  foretrace play path.csv --speed 0.5"
 )]
 pub(crate) struct PlayArgs {

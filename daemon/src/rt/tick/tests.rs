@@ -77,7 +77,7 @@ impl Bench {
     }
 
     fn ask(&mut self, token: u64, request: Request) -> Answered {
-        self.ipc.asked.push(Asked { token, request }).unwrap();
+        self.ipc.asked.push(Asked { token, request, stamp: Stamp(self.release) }).unwrap();
         self.run(0);
         self.ipc.answered.pop().unwrap()
     }
@@ -205,6 +205,20 @@ fn corrupted_weights_are_refused_and_counted() {
     let last = bench.run(0);
     assert_eq!((last.tally.weights_refused, last.weights_since), (1, None));
     assert_ne!(last.output.weights_version, 9);
+}
+
+#[test]
+fn a_request_that_waited_too_long_is_not_carried_out_but_a_stop_is() {
+    let mut bench = Bench::new();
+    let long_ago = Stamp(bench.release - 1_500_000_000);
+    bench.ipc.asked.push(Asked { token: 1, request: Request::Arm, stamp: long_ago }).unwrap();
+    bench.run(0);
+    assert!(bench.ipc.answered.pop().is_err(), "an arm request of 1.5 s ago was carried out");
+    // The first joint state has come with the first tick.
+    assert_eq!(bench.ask(2, Request::Arm).outcome, Ok(()));
+    bench.ipc.asked.push(Asked { token: 3, request: Request::Stop, stamp: long_ago }).unwrap();
+    bench.run(0);
+    assert_eq!(bench.ipc.answered.pop().unwrap().mode, Mode::Stopped);
 }
 
 #[test]
