@@ -102,7 +102,8 @@ fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<Con
 
 fn result(status: ControlStatus, message: &str, detail: u32, value: f64) -> serde_json::Value {
     let success = i32::from(status) >= 0;
-    json!({ "status": status.label(), "message": message, "success": success, "value": value, "detail": detail })
+    let mode = Mode::try_from(detail).map_or("unknown", Mode::label);
+    json!({ "status": status.label(), "message": message, "success": success, "mode": mode, "trust": value })
 }
 
 fn trust(text: &str) -> Result<Trust, String> {
