@@ -5,7 +5,7 @@
 //! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
 
 use std::fs::{File, Permissions};
-use std::io::Read;
+use std::io::{Read, Write as _};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -358,7 +358,7 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    eprintln!("skipped: {} is not there (set FORETRACE_SHARED)", folder.display());
+    let _ = writeln!(std::io::stderr(), "skipped: {} is not there (set FORETRACE_SHARED)", folder.display());
     None
 }
 
