@@ -13,4 +13,5 @@ pub mod path;
 pub mod arm;
 pub mod metrics;
 pub mod experiments;
+pub mod prediction;
 pub mod plot;
