@@ -15,3 +15,4 @@ pub mod metrics;
 pub mod experiments;
 pub mod prediction;
 pub mod plot;
+mod parallel;

@@ -10,8 +10,9 @@ use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
 use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run};
-use super::{ExperimentError, Letter, WAIT_S, median, parallel, settings_for, ur5_at};
+use super::{ExperimentError, Letter, WAIT_S, median, settings_for, ur5_at};
 use crate::metrics::tracking;
+use crate::parallel;
 
 /// With and without the arm's lag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,6 @@ mod closed_loop;
 mod fig2;
 mod fig3;
 mod letters;
-mod parallel;
 
 pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run};
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2};

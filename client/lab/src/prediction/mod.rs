@@ -4,5 +4,17 @@
 //! their state before each sequence and carry parameters over. Absent: training of networks and the closed loop.
 
 mod sequence;
+mod set;
+mod model;
+mod scaled;
+mod registry;
+mod score;
+mod run;
 
+pub use model::{Contestant, LinearDybm, OnScoredSet, Plain, constant_velocity, zero};
+pub use registry::{Built, CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, NAMES, Setting};
+pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train};
+pub use scaled::Scaled;
+pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
 pub use sequence::{PADDING_STEPS, Sequence, sequences};
+pub use set::Set;

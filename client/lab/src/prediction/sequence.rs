@@ -66,7 +66,7 @@ impl Sequence {
     #[must_use]
     pub fn within_stroke(&self, t: usize) -> bool {
         let jumps = |t: usize| self.jump.get(t).copied().unwrap_or(false);
-        !jumps(t) && !(t > 0 && jumps(t - 1))
+        !(jumps(t) || t > 0 && jumps(t - 1))
     }
 }
 

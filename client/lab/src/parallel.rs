@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
 /// Runs `work` on every job; `done` hears of each finished one.
-pub(super) fn map<J: Sync, R: Send>(
+pub(crate) fn map<J: Sync, R: Send>(
     jobs: &[J],
     work: impl Fn(&J) -> R + Sync,
     mut done: impl FnMut(),

@@ -1,0 +1,111 @@
+//! `Contestant`: a predictor in the tables' terms, in the set's raw units per sample.
+//!
+//! Contract: `start_sequence` forgets the history and keeps parameters; `observe` takes one real displacement (and
+//! learns from it, in a model that learns online); `preview` takes `&self`, so a roll-out changes nothing. A model
+//! sees neither labels nor anything ahead of the step it predicts.
+
+use foretrace_control::predict::{
+    ConstantVelocity, DybmLearner, DybmSettings, DybmWeights, Hold, Predictor, WeightsError, dybm,
+};
+
+/// A predictor that takes part in a table.
+pub trait Contestant: Send {
+    /// Forgets the history; parameters carry over.
+    fn start_sequence(&mut self);
+
+    /// Takes in one displacement [raw units per sample] and learns from it, if the model learns and is not frozen.
+    fn observe(&mut self, v: [f64; 2]);
+
+    /// Predicts the next `out.len()` displacements [raw units per sample].
+    fn preview(&self, out: &mut [[f64; 2]]);
+
+    /// Fills `out[i]` with the radius [raw units] about the predicted position i+1 steps ahead that should hold the true
+    /// one with probability `share`; `false` (and `out` as it was) for models without error bands.
+    fn bands(&self, _share: f64, _out: &mut [f64]) -> bool {
+        false
+    }
+
+    /// Training is over; a model that does not learn on the scored set stops learning.
+    fn end_training(&mut self) {}
+}
+
+/// A predictor of the control law that reads raw units as they come.
+#[derive(Debug, Clone)]
+pub struct Plain<P>(pub P);
+
+impl<P: Predictor + Send> Contestant for Plain<P> {
+    fn start_sequence(&mut self) {
+        self.0.reset();
+    }
+
+    fn observe(&mut self, v: [f64; 2]) {
+        self.0.observe(v);
+    }
+
+    fn preview(&self, out: &mut [[f64; 2]]) {
+        self.0.preview(out);
+    }
+}
+
+/// The pen stays where it is.
+#[must_use]
+pub fn zero() -> Plain<Hold> {
+    Plain(Hold)
+}
+
+/// The pen repeats its last displacement: the paper's baseline.
+#[must_use]
+pub fn constant_velocity() -> Plain<ConstantVelocity> {
+    Plain(ConstantVelocity::default())
+}
+
+/// Whether a model goes on learning while it is scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OnScoredSet {
+    /// Parameters as the training passes left them.
+    Frozen,
+    /// Every observed step is learned from.
+    Learns,
+}
+
+/// A linear DyBM.
+#[derive(Debug, Clone)]
+pub struct LinearDybm {
+    learner: DybmLearner,
+    on_scored: OnScoredSet,
+    learning: bool,
+}
+
+impl LinearDybm {
+    /// Starts at zero parameters.
+    ///
+    /// # Errors
+    /// Settings out of bounds.
+    pub fn new(settings: DybmSettings, on_scored: OnScoredSet) -> Result<Self, WeightsError> {
+        // Step and input scale of the weights are not used here: the tables are in raw units.
+        let learner = DybmLearner::new(settings, DybmWeights::zero(0, settings.shape))?;
+        Ok(Self { learner, on_scored, learning: true })
+    }
+}
+
+impl Contestant for LinearDybm {
+    fn start_sequence(&mut self) {
+        self.learner.reset_state();
+    }
+
+    fn observe(&mut self, v: [f64; 2]) {
+        if self.learning {
+            self.learner.learn(v);
+        } else {
+            self.learner.observe(v);
+        }
+    }
+
+    fn preview(&self, out: &mut [[f64; 2]]) {
+        dybm::roll_out(self.learner.weights(), *self.learner.state(), f64::INFINITY, out);
+    }
+
+    fn end_training(&mut self) {
+        self.learning = self.on_scored == OnScoredSet::Learns;
+    }
+}

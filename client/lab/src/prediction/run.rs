@@ -1,0 +1,188 @@
+//! Models against a set: training passes, previews of every step, times, and the rows of a table.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::model::Contestant;
+use super::registry::{CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, Setting};
+use super::score::{HORIZON, LEADS, Tally, median, share_below};
+use super::{Sequence, Set};
+use crate::parallel;
+
+/// What a model did on a set.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its name.
+    pub model: String,
+    /// Errors per sequence, in the order of the set.
+    pub tallies: Vec<Tally>,
+    /// Observing (learning included) and previewing 10 steps, median over sequences [µs per step].
+    pub us_per_step: Option<f64>,
+    /// One training pass, mean over the passes made here [s].
+    pub train_s_per_epoch: Option<f64>,
+    /// What the reader must know about this row.
+    pub note: Option<String>,
+}
+
+impl Run {
+    /// MSE of every sequence [raw units²].
+    #[must_use]
+    pub fn per_sequence(&self) -> Vec<f64> {
+        self.tallies.iter().map(|t| t.mse().unwrap_or(f64::NAN)).collect()
+    }
+
+    /// All sequences together.
+    #[must_use]
+    pub fn pooled(&self) -> Tally {
+        self.tallies.iter().fold(Tally::default(), |mut sum, tally| {
+            sum.merge(tally);
+            sum
+        })
+    }
+}
+
+/// One row of a table; `null` in JSON where unknown or not a number.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Name of the model.
+    pub model: String,
+    /// Mean squared error one step ahead [raw units²].
+    pub mse: Option<f64>,
+    /// The same within strokes.
+    pub within: Option<f64>,
+    /// Median over sequences of their MSE.
+    pub median: Option<f64>,
+    /// Sequences below constant velocity [%].
+    pub ps_b: Option<f64>,
+    /// Sequences below the reference LSTM(10) [%].
+    pub ps_lstm: Option<f64>,
+    /// Displacement error at 1, 2, 5 and 10 steps [raw units²].
+    pub vel_mse: ByLead,
+    /// Position error at 1, 2, 5 and 10 steps [raw units²].
+    pub pos_mse: ByLead,
+    /// RMS of the 2-D position error after 10 steps without a jump [mm].
+    pub rms_mm_10: Option<f64>,
+    /// Observing, learning included, and previewing 10 steps [µs].
+    pub us_per_step: Option<f64>,
+    /// One training pass [s].
+    pub train_s_per_epoch: Option<f64>,
+}
+
+/// Values at 1, 2, 5 and 10 steps.
+pub type ByLead = BTreeMap<Lead, Option<f64>>;
+
+/// A lead in steps; text as the key of JSON objects, ordered as a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(transparent)]
+pub struct Lead(pub usize);
+
+impl Row {
+    /// The row of `run`, compared with the baseline's and the reference LSTM's errors per sequence.
+    #[must_use]
+    pub fn of(run: &Run, baseline: Option<&[f64]>, lstm: Option<&[f64]>) -> Self {
+        let errors = run.per_sequence();
+        let pooled = run.pooled();
+        let by_lead = |means: &[super::score::Mean; 4]| {
+            LEADS.iter().zip(means).map(|(lead, mean)| (Lead(*lead), mean.get())).collect()
+        };
+        Self {
+            model: run.model.clone(),
+            mse: pooled.mse(),
+            within: pooled.within.get(),
+            median: median(errors.iter().copied()),
+            ps_b: baseline.and_then(|b| share_below(&errors, b)),
+            ps_lstm: lstm.and_then(|l| share_below(&errors, l)),
+            vel_mse: by_lead(&pooled.velocity),
+            pos_mse: by_lead(&pooled.position),
+            rms_mm_10: pooled.clean_mm2.get().map(f64::sqrt),
+            us_per_step: run.us_per_step,
+            train_s_per_epoch: run.train_s_per_epoch,
+        }
+    }
+}
+
+/// Trains and scores `models` on `set`, one thread per model; `done` hears of every finished sequence.
+///
+/// Constant velocity and the reference LSTM(10) run in any case, for PS-B and PS-LSTM; they get rows only where chosen.
+///
+/// # Errors
+/// A model that cannot be built for this set.
+pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Scored, ModelError> {
+    let mut jobs: Vec<Model> = models.to_vec();
+    for name in [CONSTANT_VELOCITY, LSTM_REFERENCE] {
+        if !jobs.iter().any(|m| m.name() == name) {
+            jobs.extend(Model::named(name).ok());
+        }
+    }
+    let runs = parallel::map(&jobs, |model| run(model, set, done), || ());
+    let runs: Vec<Run> = runs.into_iter().collect::<Result<_, _>>()?;
+    let errors_of = |name: &str| runs.iter().find(|r| r.model == name).map(Run::per_sequence);
+    let (baseline, lstm) = (errors_of(CONSTANT_VELOCITY), errors_of(LSTM_REFERENCE));
+    let chosen = runs.iter().take(models.len());
+    let rows = chosen.map(|r| Row::of(r, baseline.as_deref(), lstm.as_deref())).collect();
+    Ok(Scored { rows, runs })
+}
+
+/// Rows of the chosen models, and the runs behind them (the baselines' last, where they were not chosen).
+#[derive(Debug, Clone)]
+pub struct Scored {
+    /// In the order asked for.
+    pub rows: Vec<Row>,
+    /// In the same order.
+    pub runs: Vec<Run>,
+}
+
+/// Trains and scores one model.
+///
+/// # Errors
+/// The model cannot be built for this set.
+pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, ModelError> {
+    let (mut contestant, note) = model.build(&Setting::of(set))?;
+    let passes = if set.cold { 0 } else { model.passes() };
+    let train_s_per_epoch = train(&mut *contestant, &set.train, passes);
+    let mut times_us = Vec::with_capacity(set.scored.len());
+    let mut tallies = Vec::with_capacity(set.scored.len());
+    let mut previews = Vec::new();
+    for sequence in &set.scored {
+        let started = Instant::now();
+        preview_all(&mut *contestant, sequence, &mut previews);
+        times_us.push(started.elapsed().as_secs_f64() * 1e6 / sequence.v.len().max(1) as f64);
+        tallies.push(Tally::of(sequence, &previews));
+        done();
+    }
+    let us_per_step = median(times_us);
+    Ok(Run { model: model.name().to_owned(), tallies, us_per_step, train_s_per_epoch, note })
+}
+
+/// Passes over the train sequences; the mean time of one [s], `None` without any.
+pub fn train(contestant: &mut dyn Contestant, sequences: &[Sequence], passes: usize) -> Option<f64> {
+    let started = Instant::now();
+    for _ in 0..passes {
+        for sequence in sequences {
+            contestant.start_sequence();
+            sequence.v.iter().for_each(|v| contestant.observe(*v));
+        }
+    }
+    contestant.end_training();
+    (passes > 0 && !sequences.is_empty()).then(|| started.elapsed().as_secs_f64() / passes as f64)
+}
+
+/// Walks through a sequence: `previews[t]` is made after v[0..=t]; the last step is observed, too.
+pub fn preview_all(
+    contestant: &mut dyn Contestant,
+    sequence: &Sequence,
+    previews: &mut Vec<[[f64; 2]; HORIZON]>,
+) {
+    previews.clear();
+    contestant.start_sequence();
+    for (index, v) in sequence.v.iter().enumerate() {
+        contestant.observe(*v);
+        if index + 1 < sequence.v.len() {
+            let mut preview = [[0.0; 2]; HORIZON];
+            contestant.preview(&mut preview);
+            previews.push(preview);
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! `Set`: what a table is made of: the scored sequences of a data set and those to train on.
+
+use std::path::Path;
+
+use super::{Sequence, sequences};
+use crate::data::{DataSet, SetError, Split};
+
+/// Scored and train sequences of one data set.
+#[derive(Debug, Clone)]
+pub struct Set {
+    /// Name of the folder.
+    pub name: String,
+    /// Which part is scored, as chosen.
+    pub split: String,
+    /// Sequences to score.
+    pub scored: Vec<Sequence>,
+    /// Sequences for training passes; empty where the set has none or the scored ones are among them.
+    pub train: Vec<Sequence>,
+    /// Models that learn online start without training passes.
+    pub cold: bool,
+    /// Files that were left out, with reasons.
+    pub refused: Vec<String>,
+}
+
+impl Set {
+    /// Loads the part `split` of the set in `folder` to score, and its train part to learn from.
+    ///
+    /// # Errors
+    /// [`SetError`]: a folder, table or part that cannot be read.
+    pub fn load(folder: &Path, split: Split, cold: bool) -> Result<Self, SetError> {
+        let scored = DataSet::load(folder, split, false)?;
+        let train = if split == Split::Test && !cold {
+            DataSet::load(folder, Split::Train, false).ok()
+        } else {
+            None
+        };
+        let errors = scored.errors.iter().chain(train.iter().flat_map(|t| &t.errors));
+        Ok(Self {
+            name: scored.name.clone(),
+            split: format!("{split:?}").to_lowercase(),
+            scored: sequences(&scored),
+            train: train.as_ref().map(sequences).unwrap_or_default(),
+            cold,
+            refused: errors.map(ToString::to_string).collect(),
+        })
+    }
+}

@@ -1,0 +1,136 @@
+//! Table 1 against the reference numbers and per-sequence errors, where the shared data is there.
+//!
+//! Sources of the numbers: the tables of the reference run (its program is not here) and `fixtures/reference`.
+
+use foretrace_lab::data::Split;
+use foretrace_lab::prediction::{Model, Row, Scored, Set, score, share_below};
+use std::collections::HashMap;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+fn shared() -> Option<PathBuf> {
+    let folder = std::env::var_os("FORETRACE_SHARED")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
+    if folder.join("data").is_dir() {
+        return Some(folder);
+    }
+    // Past the capture of the test runner: a skipped test must be seen.
+    let _ =
+        writeln!(std::io::stderr(), "skipped: no shared data at {} (set FORETRACE_SHARED)", folder.display());
+    None
+}
+
+fn scored(set: &Set, names: &str) -> Scored {
+    score(&Model::list(names).unwrap(), set, &|| ()).unwrap()
+}
+
+fn row<'a>(scored: &'a Scored, model: &str) -> &'a Row {
+    scored.rows.iter().find(|r| r.model == model).unwrap()
+}
+
+#[track_caller]
+fn close(what: &str, got: Option<f64>, wanted: f64, tolerance: f64) {
+    let got = got.unwrap_or(f64::NAN);
+    assert!((got - wanted).abs() <= tolerance, "{what}: {got}, not {wanted} +- {tolerance}");
+}
+
+/// Errors per sequence of the reference: file and segment to the columns after `steps`.
+fn reference(shared: &Path, name: &str) -> HashMap<(String, usize), Vec<f64>> {
+    let table = shared.join(format!("fixtures/reference/{name}-test-per-sequence.tsv"));
+    let rows = std::fs::read_to_string(table).unwrap();
+    rows.lines()
+        .skip(1)
+        .map(|line| {
+            let cells: Vec<&str> = line.split('\t').collect();
+            let errors = cells[4..].iter().map(|cell| cell.parse().unwrap()).collect();
+            ((cells[0].to_owned(), cells[1].parse().unwrap()), errors)
+        })
+        .collect()
+}
+
+/// Errors of one column in the order of the set.
+fn column(set: &Set, table: &HashMap<(String, usize), Vec<f64>>, index: usize) -> Vec<f64> {
+    set.scored.iter().map(|s| table[&(s.file.clone(), s.segment)][index]).collect()
+}
+
+#[track_caller]
+fn agree(what: &str, ours: &[f64], theirs: &[f64]) {
+    assert_eq!(ours.len(), theirs.len(), "{what}");
+    for (index, (ours, theirs)) in ours.iter().zip(theirs).enumerate() {
+        // The table is rounded to 9 digits.
+        assert!(
+            (ours - theirs).abs() <= 1e-6 * theirs.abs(),
+            "{what}, sequence {index}: {ours}, not {theirs}"
+        );
+    }
+}
+
+#[test]
+fn baselines_on_unipen_ced_are_those_of_the_reference() {
+    let Some(shared) = shared() else { return };
+    let set = Set::load(&shared.join("data/unipen-ced"), Split::Test, true).unwrap();
+    let scored = scored(&set, "zero,constant-velocity");
+    let steps: usize = set.scored.iter().map(|s| s.v.len() - 1).sum();
+    assert_eq!((set.scored.len(), steps), (3021, 243_052));
+    let zero = row(&scored, "zero");
+    close("zero", zero.mse, 89.244, 0.002);
+    close("zero within", zero.within, 30.921, 0.002);
+    close("zero median", zero.median, 38.339, 0.002);
+    close("zero PS-B", zero.ps_b, 31.1, 0.05);
+    close("zero RMS", zero.rms_mm_10, 1.475, 0.0006);
+    let baseline = row(&scored, "constant-velocity");
+    close("constant velocity", baseline.mse, 120.070, 0.002);
+    close("constant velocity within", baseline.within, 5.258, 0.002);
+    close("constant velocity median", baseline.median, 7.418, 0.002);
+    close("constant velocity PS-B", baseline.ps_b, 0.0, 0.0);
+    close("constant velocity RMS", baseline.rms_mm_10, 1.128, 0.0006);
+    let rounded = |row: &Row| -> Vec<Option<f64>> {
+        let leads = row.vel_mse.values().chain(row.pos_mse.values());
+        leads
+            .enumerate()
+            .map(|(i, v)| v.map(|v| if i < 4 { (v * 10.0).round() / 10.0 } else { v.round() }))
+            .collect()
+    };
+    let wanted = |values: [f64; 8]| values.map(Some).to_vec();
+    assert_eq!(rounded(zero), wanted([89.2, 90.2, 93.0, 98.0, 89.0, 240.0, 1035.0, 3269.0]));
+    assert_eq!(rounded(baseline), wanted([120.1, 125.1, 145.3, 182.0, 120.0, 372.0, 2080.0, 8968.0]));
+    let table = reference(&shared, "unipen-ced");
+    agree("zero", &scored.runs[0].per_sequence(), &column(&set, &table, 0));
+    agree("constant velocity", &scored.runs[1].per_sequence(), &column(&set, &table, 1));
+}
+
+#[test]
+fn baselines_on_unipen_tos_are_those_of_the_reference() {
+    let Some(shared) = shared() else { return };
+    let set = Set::load(&shared.join("data/unipen-tos"), Split::Test, true).unwrap();
+    let scored = scored(&set, "zero,constant-velocity");
+    let (zero, baseline) = (row(&scored, "zero"), row(&scored, "constant-velocity"));
+    close("zero", zero.mse, 5.153, 0.001);
+    close("zero within", zero.within, 1.540, 0.001);
+    close("zero median", zero.median, 2.667, 0.001);
+    close("zero PS-B", zero.ps_b, 72.7, 0.05);
+    close("constant velocity", baseline.mse, 8.525, 0.001);
+    close("constant velocity within", baseline.within, 1.342, 0.001);
+    close("constant velocity median", baseline.median, 2.312, 0.001);
+    let table = reference(&shared, "unipen-tos");
+    let errors = [scored.runs[0].per_sequence(), scored.runs[1].per_sequence()];
+    agree("zero", &errors[0], &column(&set, &table, 0));
+    agree("constant velocity", &errors[1], &column(&set, &table, 1));
+    // The reference's LSTM(10) of this set has only its errors here, not its weights.
+    let lstm = column(&set, &table, 2);
+    close("zero PS-LSTM", share_below(&errors[0], &lstm), 4.6, 0.05);
+    close("constant velocity PS-LSTM", share_below(&errors[1], &lstm), 1.4, 0.05);
+}
+
+#[test]
+fn boltzmann_machines_on_unipen_ced_are_those_of_the_reference() {
+    let Some(shared) = shared() else { return };
+    let set = Set::load(&shared.join("data/unipen-ced"), Split::Test, false).unwrap();
+    let scored = scored(&set, "dybm-offline,dybm-online");
+    close("offline", row(&scored, "dybm-offline").mse, 73.533, 0.002);
+    close("offline within", row(&scored, "dybm-offline").within, 11.704, 0.002);
+    close("offline PS-B", row(&scored, "dybm-offline").ps_b, 38.0, 0.05);
+    close("online", row(&scored, "dybm-online").mse, 72.814, 0.002);
+    close("online within", row(&scored, "dybm-online").within, 11.467, 0.002);
+    close("online PS-B", row(&scored, "dybm-online").ps_b, 37.9, 0.05);
+}
