@@ -1,4 +1,4 @@
-//! Report pictures as SVG: pen and robot path, error with trust, histograms, lines.
+//! Report pictures as SVG: pen and robot path, error with trust, histograms, lines, bars, points.
 //!
 //! Pure functions from data to one file, written whole or not at all (temporary file, then rename). Values that
 //! are not finite are left out. Units of the arguments are SI; the pictures choose mm, ms or µs for reading.
@@ -7,10 +7,14 @@ mod canvas;
 mod overlay;
 mod panels;
 mod histogram;
+mod bars;
+mod scatter;
 
+pub use bars::{Bars, Best, bar_table};
 pub use histogram::{Distribution, histograms};
 pub use overlay::{Cell, letter_grid, path_overlay};
 pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, trust_ramp};
+pub use scatter::{Named, scatter};
 
 use std::path::{Path, PathBuf};
 

@@ -32,13 +32,17 @@ fn every_picture_is_whole_svg_with_its_title_and_leaves_no_other_file() {
     histograms(&at("3.svg"), "Title & co", "", &[distribution]).unwrap();
     lines(&at("4.svg"), "Title & co", "", ("x", "y"), &[line]).unwrap();
     trust_ramp(&at("5.svg"), "Title & co", "", ramp).unwrap();
-    for i in 0..6 {
+    let bars = Bars { label: "mse", values: vec![Some(2.0), None, Some(1.0)], digits: 2, best: Best::Lowest };
+    bar_table(&at("6.svg"), "Title & co", "", &["a", "b", "c"], &[bars]).unwrap();
+    let named = [Named { name: "<K>", point: (1.0, -0.5) }, Named { name: "O", point: (2.0, 0.5) }];
+    scatter(&at("7.svg"), "Title & co", "", ("x", "y"), &named).unwrap();
+    for i in 0..8 {
         let svg = std::fs::read_to_string(at(&format!("{i}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{i}");
         assert!(svg.contains("Title &amp; co"), "{i}");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{i}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 8);
 }
 
 #[test]
@@ -57,10 +61,17 @@ fn hostile_data_draws_or_is_refused_but_never_panics() {
         let _ = histograms(&file, "", "", &[Distribution::from_values_us("", odd[..count].iter().copied())]);
         let line = Line { label: "", points: &points[..count], mark: Mark::Solid };
         let _ = lines(&file, "", "", ("", ""), &[line]);
+        let values = odd[..count].iter().map(|v| Some(*v)).collect();
+        let bars = Bars { label: "", values, digits: 3, best: Best::Highest };
+        let _ = bar_table(&file, "", "", &[""; 7][..count], &[bars]);
+        let named: Vec<Named<'_>> = points[..count].iter().map(|p| Named { name: "", point: *p }).collect();
+        let _ = scatter(&file, "", "", ("", ""), &named);
     }
     assert!(matches!(path_overlay(&file, "", "", &[], &[]), Err(PlotError::Empty { .. })));
     assert!(matches!(histograms(&file, "", "", &[]), Err(PlotError::Empty { .. })));
     assert!(matches!(lines(&file, "", "", ("", ""), &[]), Err(PlotError::Empty { .. })));
+    assert!(matches!(bar_table(&file, "", "", &[], &[]), Err(PlotError::Empty { .. })));
+    assert!(matches!(scatter(&file, "", "", ("", ""), &[]), Err(PlotError::Empty { .. })));
     let nowhere = folder.path().join("no/such/folder.svg");
     assert!(matches!(path_overlay(&nowhere, "", "", &pen(), &[]), Err(PlotError::Writing { .. })));
 }

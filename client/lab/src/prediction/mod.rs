@@ -10,7 +10,11 @@ mod scaled;
 mod registry;
 mod score;
 mod run;
+mod by_label;
 
+pub use by_label::{
+    Correlation, LabelRow, MIN_SEQUENCES, by_label, correlations, curviness_of, gains, glyph_height,
+};
 pub use model::{Contestant, LinearDybm, OnScoredSet, Plain, constant_velocity, zero};
 pub use registry::{Built, CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, NAMES, Setting};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train};
