@@ -68,7 +68,7 @@ fn agree(what: &str, ours: &[f64], theirs: &[f64]) {
 #[test]
 fn baselines_on_unipen_ced_are_those_of_the_reference() {
     let Some(shared) = shared() else { return };
-    let set = Set::load(&shared.join("data/unipen-ced"), Split::Test, true).unwrap();
+    let set = Set::load(&shared.join("data/unipen-ced"), &Split::test(), true).unwrap();
     let scored = scored(&set, "zero,constant-velocity");
     let steps: usize = set.scored.iter().map(|s| s.v.len() - 1).sum();
     assert_eq!((set.scored.len(), steps), (3021, 243_052));
@@ -102,7 +102,7 @@ fn baselines_on_unipen_ced_are_those_of_the_reference() {
 #[test]
 fn baselines_on_unipen_tos_are_those_of_the_reference() {
     let Some(shared) = shared() else { return };
-    let set = Set::load(&shared.join("data/unipen-tos"), Split::Test, true).unwrap();
+    let set = Set::load(&shared.join("data/unipen-tos"), &Split::test(), true).unwrap();
     let scored = scored(&set, "zero,constant-velocity");
     let (zero, baseline) = (row(&scored, "zero"), row(&scored, "constant-velocity"));
     close("zero", zero.mse, 5.153, 0.001);
@@ -125,7 +125,7 @@ fn baselines_on_unipen_tos_are_those_of_the_reference() {
 #[test]
 fn boltzmann_machines_on_unipen_ced_are_those_of_the_reference() {
     let Some(shared) = shared() else { return };
-    let set = Set::load(&shared.join("data/unipen-ced"), Split::Test, false).unwrap();
+    let set = Set::load(&shared.join("data/unipen-ced"), &Split::test(), false).unwrap();
     let scored = scored(&set, "dybm-offline,dybm-online");
     close("offline", row(&scored, "dybm-offline").mse, 73.533, 0.002);
     close("offline within", row(&scored, "dybm-offline").within, 11.704, 0.002);

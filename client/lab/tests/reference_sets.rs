@@ -21,7 +21,7 @@ fn shared() -> Option<PathBuf> {
 fn every_test_sequence_has_the_label_and_length_of_the_reference() {
     let Some(shared) = shared() else { return };
     for (name, sequences) in [("unipen-ced", 3021), ("unipen-tos", 2319)] {
-        let set = DataSet::load(&shared.join("data").join(name), Split::Test, true).unwrap();
+        let set = DataSet::load(&shared.join("data").join(name), &Split::test(), true).unwrap();
         let table = shared.join(format!("fixtures/reference/{name}-test-per-sequence.tsv"));
         let table = std::fs::read_to_string(table).unwrap();
         let expected: Vec<Vec<&str>> = table.lines().skip(1).map(|l| l.split('\t').collect()).collect();
@@ -50,11 +50,11 @@ fn every_test_sequence_has_the_label_and_length_of_the_reference() {
 #[test]
 fn sets_have_the_numbers_their_readmes_state() {
     let Some(shared) = shared() else { return };
-    let train = DataSet::load(&shared.join("data/unipen-ced"), Split::Train, true).unwrap();
+    let train = DataSet::load(&shared.join("data/unipen-ced"), &Split::train(), true).unwrap();
     let points: usize = train.characters().map(|c| c.pen_down_points().count()).sum();
     assert_eq!((train.files.len(), train.characters().count(), points), (18, 3200, 218_689));
     assert_eq!(median_glyph_height(train.characters()), Some(176.0));
-    let tos = DataSet::load(&shared.join("data/unipen-tos"), Split::All, true).unwrap();
+    let tos = DataSet::load(&shared.join("data/unipen-tos"), &Split::All, true).unwrap();
     let points: usize = tos.characters().map(|c| c.pen_down_points().count()).sum();
     assert_eq!((tos.files.len(), tos.characters().count(), points), (108, 5025, 615_636));
     assert!(tos.files.iter().all(|f| f.recording.rate_hz == 200.0));
@@ -65,7 +65,7 @@ fn sets_have_the_numbers_their_readmes_state() {
 fn real_recordings_become_paths_inside_the_workspace_without_leaps() {
     let Some(shared) = shared() else { return };
     for name in ["unipen-ced", "unipen-tos"] {
-        let set = DataSet::load(&shared.join("data").join(name), Split::Test, false).unwrap();
+        let set = DataSet::load(&shared.join("data").join(name), &Split::test(), false).unwrap();
         let median_height = median_glyph_height(set.characters()).unwrap();
         let placement = Placement::default();
         for file in &set.files {

@@ -31,9 +31,13 @@ pub(crate) enum LabCommand {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct LabArgs {
-    /// Data-set folder with split.tsv, data/ and include/
+    /// Data-set folder
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+
+    /// Which part of the set: a word of its split.tsv, or all
+    #[arg(long, value_name = "WORD", default_value = "test")]
+    split: Split,
 
     /// Letters with this label, or all
     #[arg(long, value_name = "LABEL|all", default_value = "K")]
@@ -80,7 +84,7 @@ impl Session {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")
         };
-        let set = DataSet::load(&args.data, Split::Test, false).map_err(|error| wrong(&error))?;
+        let set = DataSet::load(&args.data, &args.split, false).map_err(|error| wrong(&error))?;
         for error in &set.errors {
             note!("lab: {error}");
         }
@@ -95,7 +99,10 @@ impl Session {
             note!("lab: {skipped} letters do not fit the workspace and are left out");
         }
         letters.truncate(args.limit.unwrap_or(usize::MAX));
-        let title = format!("{} letters {:?} of {}, test writers", letters.len(), args.label, set.name);
+        let title = match &args.split {
+            Split::All => format!("{} letters {:?} of {}", letters.len(), args.label, set.name),
+            part => format!("{} letters {:?} of {}, {part} part", letters.len(), args.label, set.name),
+        };
         note!("lab: {title}");
         Ok(Self { config, letters, title })
     }

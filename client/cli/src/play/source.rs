@@ -7,14 +7,15 @@ use std::fmt::Display;
 use std::path::Path;
 
 use foretrace_config::Settings;
-use foretrace_lab::data::{Character, DataSet, Recording, Split, load_csv, load_unipen, median_glyph_height};
+use foretrace_lab::data::{
+    Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height,
+};
 use foretrace_lab::path::{Anchor, Ink, Layout, PathSample, PenPath, Placement};
 use foretrace_lab::writer::text_path;
 
 use crate::failure::Failure;
 
-const REMEDY: &str =
-    "give a UNIPEN file (.dat), a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
+const REMEDY: &str = "give a recording, a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
 
 /// How to lay ink into the plane.
 #[derive(Debug, Clone, clap::Args)]
@@ -118,11 +119,13 @@ fn recordings(names: &[String], args: &PathArgs, workspace: &Workspace) -> Resul
     for name in names {
         let path = Path::new(name);
         if path.is_dir() {
-            let set = DataSet::load(path, Split::Test, false).map_err(wrong)?;
+            let words = DataSet::splits(path).map_err(wrong)?;
+            let split = if words.iter().any(|word| word == "test") { Split::test() } else { Split::All };
+            let set = DataSet::load(path, &split, false).map_err(wrong)?;
             notes.extend(set.errors.iter().map(ToString::to_string));
             recordings.extend(set.files.into_iter().map(|file| file.recording));
         } else {
-            recordings.push(load_unipen(path).map_err(wrong)?);
+            recordings.push(load_recording(path).map_err(wrong)?);
         }
     }
     let Some(rate_hz) = recordings.first().map(|recording| recording.rate_hz) else {

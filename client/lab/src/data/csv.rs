@@ -3,6 +3,7 @@
 //! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
 //! 0, 1, false or true. Empty lines and lines starting with `#` are skipped. Times rise strictly.
 
+use super::{Character, Component, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
 use std::fmt::Write as _;
 use std::io;
@@ -11,6 +12,8 @@ use std::path::{Path, PathBuf};
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
 const TIME_MAX_S: f64 = 1e7;
 const POSITION_MAX_M: f64 = 100.0;
+/// Longer steps are gaps, as in [`PenPath`].
+const GAP_PERIODS: f64 = 4.0;
 
 /// A CSV path that was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -78,6 +81,42 @@ pub fn load_csv(path: &Path) -> Result<PenPath, CsvError> {
     parse_csv(&text, path)
 }
 
+/// Reads a CSV path as a recording: one character without a label, a component per change of contact and per gap.
+///
+/// *Errors*: as [`load_csv`].
+pub(super) fn load_csv_recording(path: &Path) -> Result<Recording, CsvError> {
+    let pen = load_csv(path)?;
+    let gap_s = GAP_PERIODS / pen.rate_hz;
+    let mut components: Vec<Component> = Vec::new();
+    let mut last: Option<PathSample> = None;
+    for sample in &pen.samples {
+        let point = [sample.x_m, sample.y_m];
+        let elapsed_s = last.map(|last| sample.t_s - last.t_s).filter(|elapsed| *elapsed > gap_s);
+        match components.last_mut() {
+            Some(open) if elapsed_s.is_none() && open.contact == sample.contact => open.points.push(point),
+            _ => components.push(Component {
+                contact: sample.contact,
+                points: vec![point],
+                dt_before_s: elapsed_s,
+            }),
+        }
+        last = Some(*sample);
+    }
+    Ok(Recording {
+        source: path.to_path_buf(),
+        rate_hz: pen.rate_hz,
+        rate_assumed: false,
+        units_per_m: Some([1.0; 2]),
+        quantity: Quantity::Position,
+        segments: vec![Character { components, ..Character::default() }],
+    })
+}
+
+/// Whether the text begins as this format does.
+pub(super) fn begins_csv(text: &str) -> bool {
+    content_lines(text).next().is_some_and(|(_, line)| column_order(line).is_some())
+}
+
 /// Writes `path` in the form that [`load_csv`] reads.
 ///
 /// # Errors
@@ -92,12 +131,7 @@ pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
 }
 
 fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
-    let mut lines = text
-        .trim_start_matches('\u{feff}')
-        .lines()
-        .enumerate()
-        .map(|(i, l)| (i + 1, l.trim()))
-        .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+    let mut lines = content_lines(text);
     let (line, header) = lines.next().unwrap_or((1, ""));
     let order = column_order(header).ok_or_else(|| CsvError::Header {
         file: file.to_path_buf(),
@@ -143,6 +177,11 @@ fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
         return Err(CsvError::TooShort { file: file.to_path_buf(), samples: samples.len() });
     }
     Ok(PenPath::from_samples(samples))
+}
+
+fn content_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
+    lines.map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
 }
 
 fn column_order(header: &str) -> Option<[usize; 4]> {

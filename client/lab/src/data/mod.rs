@@ -1,37 +1,58 @@
-//! Recorded handwriting as it comes from files: UNIPEN ink and plain CSV paths.
+//! Recorded handwriting as it comes from files, and sets of such files with their splits.
 //!
-//! Points stay in the device's own units and order, repeats included; scaling into the writing plane is
-//! [`crate::path`]'s business. Absent here: the MATLAB and UCI text formats.
+//! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats included and
+//! finite; whatever is wrong with a file is said with file, line and reason. Scaling into the writing plane is
+//! [`crate::path`]'s business.
 
 pub mod unipen;
-pub mod set;
 pub mod csv;
+mod format;
+mod split;
+mod set;
 
 pub use csv::{CsvError, load_csv, write_csv};
-pub use set::{DataSet, SetError, Split};
+pub use format::{FileError, Format, Refusal, load_recording};
+pub use set::{DataSet, SetError, SetFile};
+pub use split::Split;
 pub use unipen::{UnipenError, load_unipen};
 
 use std::path::PathBuf;
 
-/// One file of ink: its characters in the order of their `.SEGMENT` lines.
+/// One file of ink: its characters in file order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// The file it was read from.
     pub source: PathBuf,
     /// Sampling rate of the device [Hz].
     pub rate_hz: f64,
+    /// The file does not state the rate; the format's usual one was taken.
+    pub rate_assumed: bool,
     /// Device units per metre along x and y, where the file states both.
     pub units_per_m: Option<[f64; 2]>,
+    /// What the device or its publisher wrote down.
+    pub quantity: Quantity,
     /// The characters, in file order.
     pub segments: Vec<Character>,
 }
 
+/// What a file holds per sample. Points are positions in either case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Positions, as measured.
+    Position,
+    /// Velocities, summed up here from (0, 0) with unit time step: differences of neighbouring points are the published
+    /// numbers (to rounding), so T velocities make T + 1 points.
+    Velocity,
+}
+
 /// One labelled character.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Character {
-    /// What was written; may be longer than one `char`.
+    /// What was written; may be longer than one `char`; empty where the file has no label.
     pub label: String,
-    /// The n-th `.SEGMENT CHARACTER` of its file, from 0.
+    /// Who wrote it, unique within a set; empty where nothing says so. A split table's word goes before the file's.
+    pub writer: String,
+    /// The n-th character of its file, from 0.
     pub segment_index: usize,
     /// Strokes and hover paths in the order of writing.
     pub components: Vec<Component>,

@@ -17,7 +17,7 @@ pub enum Labels {
 pub struct Letter {
     /// Its label.
     pub label: String,
-    /// Writer, as in the split table.
+    /// Writer; empty where unknown.
     pub writer: String,
     /// Its path, beginning at its first sample.
     pub path: PenPath,
@@ -73,7 +73,7 @@ pub fn letters(
                 Ok((path, left_out)) if left_out.is_empty() && path.samples.len() > 1 => {
                     letters.push(Letter {
                         label: character.label.clone(),
-                        writer: file.writer.clone(),
+                        writer: character.writer.clone(),
                         path,
                     });
                 }

@@ -9,7 +9,7 @@ fn component(contact: bool, dt_before_s: Option<f64>, points: &[[f64; 2]]) -> Co
 }
 
 fn character(label: &str, components: Vec<Component>) -> Character {
-    Character { label: label.to_owned(), segment_index: 0, components }
+    Character { label: label.to_owned(), components, ..Character::default() }
 }
 
 /// A character 100 units high, so that one unit becomes 0.3 mm at the default glyph height.

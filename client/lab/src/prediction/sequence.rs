@@ -4,8 +4,7 @@
 //! two strokes stays in as one large step (`jump`); five zero steps follow. Repeated points and dummies are kept, pen
 //! events and hover paths are dropped. Characters without pen-down points make no sequence.
 
-use crate::data::set::SetFile;
-use crate::data::{Character, DataSet};
+use crate::data::{Character, DataSet, SetFile};
 
 /// Zero steps appended to each sequence: the pen at rest.
 pub const PADDING_STEPS: usize = 5;
@@ -57,7 +56,7 @@ impl Sequence {
             v,
             jump,
             rate_hz: file.recording.rate_hz,
-            rate_assumed: false,
+            rate_assumed: file.recording.rate_assumed,
             units_per_m: file.recording.units_per_m,
         })
     }
@@ -82,17 +81,20 @@ pub fn sequences(set: &DataSet) -> Vec<Sequence> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Component, Recording};
+    use crate::data::{Component, Quantity, Recording};
 
     fn set(components: Vec<Component>) -> DataSet {
-        let character = Character { label: "x".to_owned(), segment_index: 3, components };
+        let character =
+            Character { label: "x".to_owned(), segment_index: 3, components, ..Character::default() };
         let recording = Recording {
             source: "a.dat".into(),
             rate_hz: 200.0,
+            rate_assumed: false,
             units_per_m: Some([50_000.0; 2]),
+            quantity: Quantity::Position,
             segments: vec![character],
         };
-        let file = SetFile { file: "data/a.dat".to_owned(), writer: String::new(), recording };
+        let file = SetFile { file: "data/a.dat".to_owned(), recording };
         DataSet { name: "set".to_owned(), files: vec![file], errors: Vec::new() }
     }
 

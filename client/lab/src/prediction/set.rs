@@ -27,17 +27,17 @@ impl Set {
     ///
     /// # Errors
     /// [`SetError`]: a folder, table or part that cannot be read.
-    pub fn load(folder: &Path, split: Split, cold: bool) -> Result<Self, SetError> {
+    pub fn load(folder: &Path, split: &Split, cold: bool) -> Result<Self, SetError> {
         let scored = DataSet::load(folder, split, false)?;
-        let train = if split == Split::Test && !cold {
-            DataSet::load(folder, Split::Train, false).ok()
+        let train = if *split == Split::test() && !cold {
+            DataSet::load(folder, &Split::train(), false).ok()
         } else {
             None
         };
         let errors = scored.errors.iter().chain(train.iter().flat_map(|t| &t.errors));
         Ok(Self {
             name: scored.name.clone(),
-            split: format!("{split:?}").to_lowercase(),
+            split: split.to_string(),
             scored: sequences(&scored),
             train: train.as_ref().map(sequences).unwrap_or_default(),
             cold,

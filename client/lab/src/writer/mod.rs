@@ -12,7 +12,7 @@ mod lognormal;
 
 pub use hand::Style;
 
-use crate::data::{Character, Recording};
+use crate::data::{Character, Quantity, Recording};
 use crate::path::{Anchor, Ink, PathError, PenPath, Placement};
 use hand::Hand;
 use std::path::PathBuf;
@@ -92,10 +92,16 @@ pub fn write_with(text: &str, style: &Style, rate_hz: f64) -> Result<Recording, 
             None if glyph.is_whitespace() => Vec::new(),
             None => return Err(WriterError::UnknownGlyph { glyph, index, legal: glyphs() }),
         };
-        segments.push(Character { label: glyph.to_string(), segment_index: index, components });
+        segments.push(Character {
+            label: glyph.to_string(),
+            segment_index: index,
+            components,
+            ..Character::default()
+        });
     }
     let source = PathBuf::from(format!("glyphs:{text}"));
-    Ok(Recording { source, rate_hz, units_per_m: None, segments })
+    let quantity = Quantity::Position;
+    Ok(Recording { source, rate_hz, rate_assumed: false, units_per_m: None, quantity, segments })
 }
 
 /// Writes `text` straight into the workspace; capitals get the placement's glyph height.

@@ -11,7 +11,7 @@ mod error;
 
 pub use error::{Reason, UnipenError};
 
-use super::{Character, Component, Recording};
+use super::{Character, Component, Quantity, Recording};
 use error::At;
 use segment::{Segment, parse_segment};
 use std::path::{Path, PathBuf};
@@ -198,9 +198,17 @@ impl Ink {
         let mut segments = Vec::with_capacity(self.segments.len());
         for (segment_index, (at, segment)) in self.segments.into_iter().enumerate() {
             let components = segment.cut(&self.components, &mut budget).map_err(|reason| at.fails(reason))?;
-            segments.push(Character { label: segment.label, segment_index, components });
+            let writer = String::new();
+            segments.push(Character { label: segment.label, writer, segment_index, components });
         }
-        Ok(Recording { source: path.to_path_buf(), rate_hz, units_per_m, segments })
+        Ok(Recording {
+            source: path.to_path_buf(),
+            rate_hz,
+            rate_assumed: false,
+            units_per_m,
+            quantity: Quantity::Position,
+            segments,
+        })
     }
 }
 

@@ -1,0 +1,145 @@
+//! The formats of recordings: told apart by contents, loaded into one form.
+
+use super::{CsvError, Recording, UnipenError, load_unipen};
+use std::fmt;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+/// How much of a file decides what it is.
+const SNIFFED_BYTES: u64 = 64 << 10;
+
+/// A format of recordings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Format {
+    /// UNIPEN 1.0 text, the pendigits dialect included.
+    Unipen,
+    /// Plain CSV with `t_s,x_m,y_m,contact`, foretrace's own recordings included.
+    Csv,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unipen => "UNIPEN",
+            Self::Csv => "CSV",
+        })
+    }
+}
+
+/// A file that could not be read as a recording.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileError {
+    /// As UNIPEN.
+    #[error(transparent)]
+    Unipen(#[from] UnipenError),
+    /// As CSV.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
+    /// As any other format, or as none.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+}
+
+/// What is wrong with a file, and where.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}{}: {reason}", file.display(), LineSuffix(*line))]
+pub struct Refusal {
+    /// The file.
+    pub file: PathBuf,
+    /// Line from 1; 0 when it concerns the file as a whole.
+    pub line: usize,
+    /// What is wrong and what would be right.
+    pub reason: String,
+}
+
+impl Refusal {
+    /// A refusal of `file` as a whole.
+    pub(super) fn whole(file: &Path, reason: impl Into<String>) -> Self {
+        Self { file: file.to_path_buf(), line: 0, reason: reason.into() }
+    }
+}
+
+/// `:line`, or nothing for line 0.
+struct LineSuffix(usize);
+
+impl fmt::Display for LineSuffix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0 == 0 { Ok(()) } else { write!(f, ":{}", self.0) }
+    }
+}
+
+/// Loads a recording of any known format; contents decide which, names only where contents do not tell.
+///
+/// # Errors
+/// [`FileError`] with file, line and reason; a file of no known format is refused with the formats there are.
+pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
+    match Format::of_file(path)?.or_else(|| Format::of_name(path)) {
+        Some(format) => format.load(path),
+        None => Err(Refusal::whole(
+            path,
+            format!("not a recording in a known format; legal: {}", Format::ALL_NAMES),
+        )
+        .into()),
+    }
+}
+
+impl Format {
+    /// For messages.
+    pub(super) const ALL_NAMES: &str = "UNIPEN text, or CSV with the columns t_s,x_m,y_m,contact";
+
+    /// The part that a file's name tells in sets that are published without a table.
+    pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
+        let path = Path::new(file);
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        match (self, extension) {
+            (Self::Unipen, "tra") => Some("train"),
+            (Self::Unipen, "tes") => Some("test"),
+            _ => None,
+        }
+    }
+
+    /// Loads `path` as this format.
+    pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
+        match self {
+            Self::Unipen => Ok(load_unipen(path)?),
+            Self::Csv => Ok(super::csv::load_csv_recording(path)?),
+        }
+    }
+
+    /// What the beginning of a file says; `None` when it is no recording. Errors where the file cannot be read.
+    pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
+        let unreadable = |why: String| Refusal::whole(path, format!("cannot read the file: {why}"));
+        if !std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?.is_file() {
+            return Err(unreadable("not a regular file".to_owned()));
+        }
+        let mut head = Vec::new();
+        std::fs::File::open(path)
+            .and_then(|file| file.take(SNIFFED_BYTES).read_to_end(&mut head))
+            .map_err(|e| unreadable(e.to_string()))?;
+        Ok(Self::of_contents(&head))
+    }
+
+    fn of_contents(head: &[u8]) -> Option<Self> {
+        let text = String::from_utf8_lossy(head);
+        if super::csv::begins_csv(&text) {
+            return Some(Self::Csv);
+        }
+        const INK: [&str; 4] = [".SEGMENT", ".PEN_DOWN", ".INCLUDE", ".HIERARCHY"];
+        text.lines()
+            .any(|line| {
+                INK.iter().any(|k| line.split_whitespace().next() == Some(k) && line.starts_with('.'))
+            })
+            .then_some(Self::Unipen)
+    }
+
+    /// What the file's name suggests.
+    pub(super) fn of_name(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "dat" | "tra" | "tes" | "upn" => Some(Self::Unipen),
+            "csv" => Some(Self::Csv),
+            _ => None,
+        }
+    }
+}

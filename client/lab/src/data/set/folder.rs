@@ -1,0 +1,84 @@
+//! A folder without a table: every file of its one format, in order of name.
+//!
+//! Hidden files, links to folders and folders named `include` (UNIPEN's library) are passed over.
+
+use super::{Row, SetError};
+use crate::data::Format;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+const DEPTH_MAX: usize = 16;
+const FILES_MAX: usize = 200_000;
+
+/// The recordings below `folder`, by name, with the parts that their names tell.
+pub(super) fn find(folder: &Path) -> Result<Vec<Row>, SetError> {
+    let mut files = Vec::new();
+    walk(folder, "", 0, &mut files)?;
+    files.sort();
+    let told: Vec<Option<Format>> =
+        files.iter().map(|f| Format::of_file(&folder.join(f)).unwrap_or_default()).collect();
+    let named: Vec<Option<Format>> = files.iter().map(|f| Format::of_name(Path::new(f))).collect();
+    // Names decide only where no contents do: then every file is bad, and each can say why.
+    let format = match only(folder, &files, &told)? {
+        Some(format) => format,
+        None => only(folder, &files, &named)?
+            .ok_or_else(|| SetError::NoFormat { folder: folder.to_path_buf() })?,
+    };
+    let rows = files.into_iter().zip(told.into_iter().zip(named));
+    Ok(rows
+        .filter(|(_, (told, named))| told.or(*named) == Some(format))
+        .map(|(file, _)| Row {
+            word: format.natural_split(&file).map(str::to_owned),
+            file,
+            writer: String::new(),
+            format: Some(format),
+        })
+        .collect())
+}
+
+/// The one format of the files; `None` when no file has one.
+fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<Option<Format>, SetError> {
+    let mut first: BTreeMap<Format, &String> = BTreeMap::new();
+    for (file, format) in files.iter().zip(formats) {
+        if let Some(format) = format {
+            first.entry(*format).or_insert(file);
+        }
+    }
+    if first.len() > 1 {
+        let found: Vec<String> = first.iter().map(|(format, file)| format!("{format}: {file}")).collect();
+        return Err(SetError::Ambiguous { folder: folder.to_path_buf(), found: found.join(", ") });
+    }
+    Ok(first.into_keys().next())
+}
+
+fn walk(root: &Path, below: &str, depth: usize, files: &mut Vec<String>) -> Result<(), SetError> {
+    let folder = root.join(below);
+    let unreadable = |why: String| SetError::Unreadable {
+        path: folder.clone(),
+        why: format!("cannot read the folder: {why}"),
+    };
+    if depth > DEPTH_MAX {
+        return Err(unreadable(format!("nested deeper than {DEPTH_MAX} folders")));
+    }
+    for entry in std::fs::read_dir(&folder).map_err(|e| unreadable(e.to_string()))? {
+        let entry = entry.map_err(|e| unreadable(e.to_string()))?;
+        // Names that are not UTF-8 cannot be written into a table either.
+        let Ok(name) = entry.file_name().into_string() else { continue };
+        let kind = entry.file_type().map_err(|e| unreadable(e.to_string()))?;
+        let path = if below.is_empty() { name.clone() } else { format!("{below}/{name}") };
+        if name.starts_with('.') {
+            continue;
+        }
+        if kind.is_dir() {
+            if name != "include" {
+                walk(root, &path, depth + 1, files)?;
+            }
+        } else if root.join(&path).is_file() {
+            if files.len() == FILES_MAX {
+                return Err(unreadable(format!("more than {FILES_MAX} files; name them in a split.tsv")));
+            }
+            files.push(path);
+        }
+    }
+    Ok(())
+}

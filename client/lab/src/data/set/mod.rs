@@ -1,0 +1,201 @@
+//! A set: a folder of recordings in one format, and the parts it is split into.
+//!
+//! `split.tsv` beside the files names a part per file. Without it, published sets have the parts that their file
+//! names tell, and every other folder is one part.
+
+mod folder;
+mod table;
+
+use super::{Character, FileError, Format, Recording, Split};
+use std::path::{Path, PathBuf};
+
+/// The recordings of one part of a set, and what could not be read.
+#[derive(Debug, Clone)]
+pub struct DataSet {
+    /// Name of the folder.
+    pub name: String,
+    /// One per readable file, in the order of `split.tsv`, or by name without one.
+    pub files: Vec<SetFile>,
+    /// One per unreadable file; empty after a strict load.
+    pub errors: Vec<FileError>,
+}
+
+/// A recording of a set.
+#[derive(Debug, Clone)]
+pub struct SetFile {
+    /// Path relative to the set's folder, as written in `split.tsv`.
+    pub file: String,
+    /// The ink.
+    pub recording: Recording,
+}
+
+/// A set that could not be loaded.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SetError {
+    /// The folder or its `split.tsv` cannot be read.
+    #[error("{}: {why}", path.display())]
+    Unreadable {
+        /// Folder or table.
+        path: PathBuf,
+        /// The reason.
+        why: String,
+    },
+    /// A row or header of `split.tsv` that does not fit.
+    #[error("{}:{line}: {why}", file.display())]
+    Row {
+        /// The table.
+        file: PathBuf,
+        /// Line from 1.
+        line: usize,
+        /// What does not fit and what would.
+        why: String,
+    },
+    /// No file of a known format.
+    #[error("{}: no recording in this folder; a set is a folder of {}", folder.display(), Format::ALL_NAMES)]
+    NoFormat {
+        /// The set.
+        folder: PathBuf,
+    },
+    /// Files of more than one format and no table that says which belong.
+    #[error(
+        "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in a \
+             split.tsv with the columns set and file", folder.display()
+    )]
+    Ambiguous {
+        /// The set.
+        folder: PathBuf,
+        /// The formats, each with a file of it.
+        found: String,
+    },
+    /// A part that the set does not have.
+    #[error("{}: no split {wanted:?}; it has: {}", folder.display(), words.join(", "))]
+    NoSuchSplit {
+        /// The set.
+        folder: PathBuf,
+        /// As asked for.
+        wanted: String,
+        /// What there is, `all` included.
+        words: Vec<String>,
+    },
+    /// A strict load met a bad file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// Nothing readable is left.
+    #[error("{}: no readable file in this split ({bad} refused{})", folder.display(), first_suffix(first.as_deref()))]
+    Empty {
+        /// The set.
+        folder: PathBuf,
+        /// How many files were refused.
+        bad: usize,
+        /// The first refusal.
+        first: Option<Box<FileError>>,
+    },
+}
+
+fn first_suffix(first: Option<&FileError>) -> String {
+    first.map(|e| format!("; first: {e}")).unwrap_or_default()
+}
+
+/// A file of a set before it is loaded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Row {
+    /// Relative to the folder.
+    file: String,
+    /// The part it belongs to, where the table or its name says one.
+    word: Option<String>,
+    /// From the table, else empty.
+    writer: String,
+    /// Known from the folder as a whole; `None`: to be found out from the file.
+    format: Option<Format>,
+}
+
+impl DataSet {
+    /// Loads one part of the set in `folder`.
+    ///
+    /// Not strict: bad files are listed in `errors` and left out. Strict: the first bad file is the error.
+    ///
+    /// # Errors
+    /// [`SetError`]: the folder or its table is missing or malformed, its format is unknown or ambiguous, it has no
+    /// such part, no file of it is readable, or (strict) any file is bad.
+    pub fn load(folder: &Path, split: &Split, strict: bool) -> Result<Self, SetError> {
+        let rows = rows(folder)?;
+        if let Split::Named(wanted) = split
+            && !rows.iter().any(|row| split.takes(row.word.as_deref()))
+        {
+            let (folder, wanted) = (folder.to_path_buf(), wanted.clone());
+            return Err(SetError::NoSuchSplit { folder, wanted, words: words(&rows) });
+        }
+        let mut set = Self { name: name(folder), files: Vec::new(), errors: Vec::new() };
+        let mut seen = std::collections::HashSet::new();
+        for row in rows.into_iter().filter(|row| split.takes(row.word.as_deref())) {
+            // A file may stand in several parts; of all together it is one.
+            if !seen.insert(row.file.clone()) {
+                continue;
+            }
+            match row.load(folder) {
+                Ok(file) => set.files.push(file),
+                Err(error) if strict => return Err(error.into()),
+                Err(error) => set.errors.push(error),
+            }
+        }
+        if set.files.is_empty() {
+            let (bad, first) = (set.errors.len(), set.errors.first().cloned().map(Box::new));
+            return Err(SetError::Empty { folder: folder.to_path_buf(), bad, first });
+        }
+        Ok(set)
+    }
+
+    /// The words that [`DataSet::load`] takes for this folder: its parts in order of appearance, then `all`.
+    ///
+    /// # Errors
+    /// [`SetError`]: the folder or its table is missing or malformed, or its format unknown or ambiguous.
+    pub fn splits(folder: &Path) -> Result<Vec<String>, SetError> {
+        Ok(words(&rows(folder)?))
+    }
+
+    /// All characters of the loaded files, in order.
+    pub fn characters(&self) -> impl Iterator<Item = &Character> {
+        self.files.iter().flat_map(|f| &f.recording.segments)
+    }
+}
+
+/// The folder's own name, also where it is given as `.`.
+fn name(folder: &Path) -> String {
+    let named = folder.file_name().map(|n| n.to_string_lossy().into_owned());
+    named
+        .or_else(|| Some(folder.canonicalize().ok()?.file_name()?.to_string_lossy().into_owned()))
+        .unwrap_or_default()
+}
+
+fn rows(folder: &Path) -> Result<Vec<Row>, SetError> {
+    let table = folder.join("split.tsv");
+    if table.symlink_metadata().is_ok() { table::read(&table) } else { folder::find(folder) }
+}
+
+fn words(rows: &[Row]) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    for word in rows.iter().filter_map(|row| row.word.as_ref()).filter(|word| *word != "all") {
+        if !words.contains(word) {
+            words.push(word.clone());
+        }
+    }
+    words.push("all".to_owned());
+    words
+}
+
+impl Row {
+    fn load(self, folder: &Path) -> Result<SetFile, FileError> {
+        let path = folder.join(&self.file);
+        let mut recording = match self.format {
+            Some(format) => format.load(&path)?,
+            None => super::load_recording(&path)?,
+        };
+        if !self.writer.is_empty() {
+            for character in &mut recording.segments {
+                character.writer.clone_from(&self.writer);
+            }
+        }
+        Ok(SetFile { file: self.file, recording })
+    }
+}

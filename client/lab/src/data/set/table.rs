@@ -1,0 +1,84 @@
+//! `split.tsv`: tab-separated, a header that names at least the columns `set` and `file` (optional `writer`).
+//!
+//! Any word may stand in `set`; `file` is relative to the folder. Further columns are for people.
+
+use super::{Row, SetError};
+use std::path::{Component, Path};
+
+const BYTES_MAX: u64 = 64 << 20;
+
+/// The rows of the table at `path`, in order.
+pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
+    let unreadable = |why: String| SetError::Unreadable {
+        path: path.to_path_buf(),
+        why: format!("cannot read the split table: {why}"),
+    };
+    let meta = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?;
+    if !meta.is_file() {
+        return Err(unreadable("not a regular file".to_owned()));
+    }
+    if meta.len() > BYTES_MAX {
+        return Err(unreadable(format!("{} bytes; at most {BYTES_MAX} are read", meta.len())));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| unreadable(e.to_string()))?;
+    parse(&text).map_err(|(line, why)| SetError::Row { file: path.to_path_buf(), line, why })
+}
+
+fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
+    let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, l)| (i + 1, l));
+    let header: Vec<&str> =
+        lines.next().map(|(_, l)| l.split('\t').map(str::trim).collect()).unwrap_or_default();
+    let column = |name: &str| header.iter().position(|h| *h == name);
+    let (Some(set), Some(file)) = (column("set"), column("file")) else {
+        return Err((1, format!("the header must name the columns set and file, found {header:?}")));
+    };
+    let mut rows = Vec::new();
+    for (line, text) in lines.filter(|(_, l)| !l.trim().is_empty()) {
+        let cells: Vec<&str> = text.split('\t').map(str::trim).collect();
+        let cell = |i: usize| cells.get(i).copied().unwrap_or_default();
+        let (word, file) = (cell(set), cell(file));
+        if word.is_empty() {
+            return Err((
+                line,
+                "the column set is empty; write a word, for example train or test".to_owned(),
+            ));
+        }
+        if file.is_empty() || !Path::new(file).components().all(|p| matches!(p, Component::Normal(_))) {
+            return Err((line, format!("file {file:?} is not a path below the set's folder")));
+        }
+        let writer = column("writer").map(cell).unwrap_or_default().to_owned();
+        rows.push(Row { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_word_may_stand_in_any_column_order() {
+        let rows = parse("file\tnote\tset\r\na/b.dat\tx\tvalidation\r\n\nc.dat\t\tfold 3\n").unwrap();
+        let seen: Vec<_> = rows.iter().map(|r| (r.file.as_str(), r.word.as_deref())).collect();
+        assert_eq!(seen, [("a/b.dat", Some("validation")), ("c.dat", Some("fold 3"))]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_said_with_its_line() {
+        for (text, wanted) in [
+            ("", (1, "the header must name the columns set and file, found []")),
+            (
+                "set\twriter\n",
+                (1, "the header must name the columns set and file, found [\"set\", \"writer\"]"),
+            ),
+            ("set\tfile\ntrain\t../x\n", (2, "file \"../x\" is not a path below the set's folder")),
+            ("set\tfile\ntrain\n", (2, "file \"\" is not a path below the set's folder")),
+            (
+                "set\tfile\na\tb\n\tx\n",
+                (3, "the column set is empty; write a word, for example train or test"),
+            ),
+        ] {
+            assert_eq!(parse(text).unwrap_err(), (wanted.0, wanted.1.to_owned()));
+        }
+    }
+}
