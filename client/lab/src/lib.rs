@@ -15,4 +15,5 @@ pub mod metrics;
 pub mod experiments;
 pub mod prediction;
 pub mod plot;
+pub mod whole;
 mod parallel;

@@ -16,6 +16,7 @@ pub use overlay::{Cell, letter_grid, path_overlay};
 pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, trust_ramp};
 pub use scatter::{Named, scatter};
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A picture that was not written.
@@ -48,17 +49,10 @@ pub enum PlotError {
     },
 }
 
-/// Writes `text` to a neighbour of `file` and renames it, so that no reader ever sees half a picture.
+/// Writes a picture whole or not at all.
 fn write_whole(file: &Path, text: &str) -> Result<(), PlotError> {
-    let mut name = file.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.partial", std::process::id()));
-    let partial = file.with_file_name(name);
-    let written = std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, file));
-    written.map_err(|e| {
-        // The rename's failure is what counts; a left-over is only untidy.
-        let _ = std::fs::remove_file(&partial);
-        PlotError::Writing { file: file.to_path_buf(), why: e.to_string() }
-    })
+    let written = crate::whole::write(file, |out| out.write_all(text.as_bytes()));
+    written.map_err(|e| PlotError::Writing { file: file.to_path_buf(), why: e.to_string() })
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod registry;
 mod score;
 mod run;
 mod by_label;
+pub mod lead_time;
 
 pub use by_label::{
     Correlation, LabelRow, MIN_SEQUENCES, by_label, correlations, curviness_of, gains, glyph_height,

@@ -45,3 +45,12 @@ impl Set {
         })
     }
 }
+
+impl Set {
+    /// Millimetres per raw unit along x and y, where the whole set agrees on them.
+    #[must_use]
+    pub fn mm_per_unit(&self) -> Option<[f64; 2]> {
+        let first = self.scored.first()?.units_per_m?;
+        self.scored.iter().all(|s| s.units_per_m == Some(first)).then(|| first.map(|per_m| 1e3 / per_m))
+    }
+}

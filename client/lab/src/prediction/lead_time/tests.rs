@@ -1,0 +1,169 @@
+use super::*;
+use crate::prediction::{Model, Sequence, Set};
+use std::path::Path;
+
+/// A character of one stroke at 100 Hz along `points`, or of several where `jumps` names the steps between them.
+fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> Sequence {
+    let mut v: Vec<[f64; 2]> = points.windows(2).map(|p| [p[1][0] - p[0][0], p[1][1] - p[0][1]]).collect();
+    v.extend([[0.0; 2]; 5]);
+    Sequence {
+        file: "data/a.dat".to_owned(),
+        segment,
+        label: "x".to_owned(),
+        jump: (0..v.len()).map(|t| jumps.contains(&t)).collect(),
+        v,
+        rate_hz: 100.0,
+        rate_assumed: false,
+        units_per_m: Some([2000.0; 2]),
+    }
+}
+
+fn set(scored: Vec<Sequence>) -> Set {
+    let (name, split) = ("pens".to_owned(), "test".to_owned());
+    Set { name, split, scored, train: Vec::new(), cold: false, refused: Vec::new() }
+}
+
+fn arc() -> Vec<[f64; 2]> {
+    (0..60).map(|i| [3.0 * f64::from(i), 0.05 * f64::from(i * i)]).collect()
+}
+
+fn models(names: &str) -> Vec<Entrant> {
+    Model::list(names).unwrap().into_iter().map(Entrant::Model).collect()
+}
+
+#[test]
+fn straight_even_motion_is_missed_by_hold_and_met_by_constant_velocity() {
+    // 2 raw units = 1 mm per 10 ms; y grows by 1.
+    let points: Vec<[f64; 2]> = (0..40).map(|i| [2.0 * f64::from(i), f64::from(i)]).collect();
+    let (boards, standings) =
+        compare(&models("zero,constant-velocity"), &[set(vec![character(0, &points, &[])])], &|| ()).unwrap();
+    let [zero, repeat] = &boards[0].models[..] else { panic!("two lanes") };
+    let step_mm = 1.25_f64.sqrt();
+    for (index, row) in zero.leads.iter().enumerate() {
+        let missed = step_mm * (index + 1) as f64;
+        assert!((row.rms.unwrap() - missed).abs() < 1e-9 && (row.along_mean.unwrap() + missed).abs() < 1e-9);
+        assert!(row.cross_rms.unwrap() < 1e-6, "{row:?}");
+        // Instants at 2, 4 ... and targets up to point 39.
+        assert_eq!(row.targets as usize, (39 - (index + 1)) / 2);
+    }
+    assert!(repeat.leads.iter().all(|row| row.rms.unwrap() < 1e-9));
+    assert_eq!((boards[0].unit.as_str(), boards[0].glyph_height), ("mm", Some(19.5)));
+    assert_eq!((standings[0].model.as_str(), standings[1].rms_over_zero), ("constant-velocity", Some(1.0)));
+}
+
+#[test]
+fn windows_end_with_their_stroke_and_do_not_start_on_a_jump() {
+    let targets = Targets::of(&[character(0, &arc(), &[29])]);
+    for instant in &targets.instants {
+        for lead in instant.scored() {
+            let target = instant.point + lead + 1;
+            // Step 29 leads from point 29 to point 30; a window from point 30 would start with it.
+            assert!(target <= 29 || instant.point > 30, "{instant:?} {lead}");
+            assert!(target <= 59);
+        }
+    }
+    let scored: usize = targets.instants.iter().map(|i| i.scored().count()).sum();
+    let wanted = (2..=28).step_by(2).map(|t| (29 - t).min(20)).sum::<usize>()
+        + (32..=58).step_by(2).map(|t| (59 - t).min(20)).sum::<usize>();
+    assert_eq!(scored, wanted);
+}
+
+#[test]
+fn devices_of_other_rates_share_the_time_axis() {
+    // 133 Hz: 10 ms are 1.33 samples; the path between them is straight.
+    let mut odd = character(0, &(0..60).map(|i| [f64::from(i), 0.0]).collect::<Vec<_>>(), &[]);
+    odd.rate_hz = 133.0;
+    let targets = Targets::of(std::slice::from_ref(&odd));
+    let instant = targets.instants[0];
+    assert_eq!(instant.point, 3);
+    let truth = targets.truth(0, instant.point, 4).unwrap();
+    assert!((truth.position[0] - 6.65).abs() < 1e-9 && truth.position[1] == 0.0);
+    let (boards, _) = compare(&models("constant-velocity"), &[set(vec![odd])], &|| ()).unwrap();
+    assert!(boards[0].models[0].leads.iter().all(|row| row.rms.unwrap() < 1e-9));
+}
+
+/// What somebody else would do with the exported files: constant velocity in a few lines of their own.
+fn answered(folder: &Path, bands: bool) -> String {
+    let points = std::fs::read_to_string(folder.join("pens-points.csv")).unwrap();
+    let points: Vec<Vec<String>> =
+        points.lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect();
+    let at = |segment: &str, t: usize| -> [f64; 2] {
+        let row = points.iter().find(|p| p[1] == segment && p[2] == t.to_string()).unwrap();
+        [row[4].parse().unwrap(), row[5].parse().unwrap()]
+    };
+    let targets = std::fs::read_to_string(folder.join("pens-targets.csv")).unwrap();
+    let mut text =
+        String::from(if bands { "x,y,lead,file,segment,t,r50,r90\n" } else { "x,y,lead,file,segment,t\n" });
+    for row in targets.lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let (t, lead): (usize, f64) = (cells[2].parse().unwrap(), cells[3].parse().unwrap());
+        let (now, before) = (at(cells[1], t), at(cells[1], t - 1));
+        let ahead = |i: usize| now[i] + (now[i] - before[i]) * lead / 10.0;
+        let radii = if bands { ",0,1e9" } else { "" };
+        text += &format!("{},{},{lead},{},{},{t}{radii}\n", ahead(0), ahead(1), cells[0], cells[1]);
+    }
+    text
+}
+
+#[test]
+fn predictions_from_elsewhere_score_like_the_same_model_here() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = set(vec![character(0, &arc(), &[29]), character(4, &arc()[..33], &[])]);
+    export(folder.path(), "pens", &set.scored).unwrap();
+    let text = answered(folder.path(), true);
+    let predictions = Predictions::parse(&text, Path::new("mine.csv")).unwrap();
+    let mut entrants = models("constant-velocity");
+    entrants.push(Entrant::File { name: "mine".to_owned(), predictions });
+    let (boards, standings) = compare(&entrants, &[set], &|| ()).unwrap();
+    let [here, mine] = &boards[0].models[..] else { panic!("two lanes") };
+    for (a, b) in here.leads.iter().zip(&mine.leads) {
+        assert_eq!(a.targets, b.targets);
+        for (a, b) in
+            [(a.rms, b.rms), (a.along_mean, b.along_mean), (a.cross_rms, b.cross_rms), (a.median, b.median)]
+        {
+            assert!((a.unwrap() - b.unwrap()).abs() < 1e-6, "{a:?} {b:?}");
+        }
+        assert_eq!((a.coverage_50, b.coverage_90), (None, Some(100.0)));
+        assert!(b.coverage_50.unwrap() < 100.0);
+    }
+    assert_eq!(standings.len(), 2);
+}
+
+#[test]
+fn wrong_predictions_are_refused_with_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = set(vec![character(0, &arc(), &[])]);
+    export(folder.path(), "pens", &set.scored).unwrap();
+    let whole = answered(folder.path(), false);
+    let says = |text: &str, words: &[&str]| {
+        let error = match Predictions::parse(text, Path::new("mine.csv")) {
+            Err(error) => error.to_string(),
+            Ok(predictions) => {
+                let entrant = Entrant::File { name: "mine".to_owned(), predictions };
+                compare(&[entrant], std::slice::from_ref(&set), &|| ()).unwrap_err().to_string()
+            }
+        };
+        for word in words {
+            assert!(error.contains(word), "{error}\nlacks {word}");
+        }
+    };
+    let header = "file,segment,t,lead,x,y\n";
+    says("file,segment,t,x,y\n", &["mine.csv:1", "lead"]);
+    says("", &["mine.csv:1", "header"]);
+    says(&format!("{header}data/a.dat,0,2,10,nan,1\n"), &["mine.csv:2", "x is \"nan\"", "legal"]);
+    says(&format!("{header}data/a.dat,0,2,10,1\n"), &["mine.csv:2", "y is \"\""]);
+    says(&format!("{header}\ndata/a.dat,0,2,15,1,1\n"), &["mine.csv:3", "lead is \"15\"", "200"]);
+    says(&format!("{header}data/a.dat,-1,2,10,1,1\n"), &["mine.csv:2", "segment is \"-1\""]);
+    says(&format!("{header}data/a.dat,0,3,10,1,1\n"), &["mine.csv:2", "t 3", "no target"]);
+    says(&format!("{header}\"b,c.dat\",0,2,10,1,1\n"), &["mine.csv:2", "b,c.dat", "none of the sets"]);
+    let lines: Vec<&str> = whole.lines().collect();
+    says(&lines[..lines.len() - 2].join("\n"), &["mine.csv", "2 of", "t 56, lead 30", "--export-targets"]);
+    says(&format!("{whole}{}\n", lines[7]), &[&format!("mine.csv:{}", lines.len() + 1), "before"]);
+}
+
+proptest::proptest! {
+    #[test]
+    fn no_text_makes_the_reader_panic(text in "(file,segment,t,lead,x,y\n)?[0-9.,eE\"\\-\nnaif#\u{e9} ]{0,200}") {
+        let _ = Predictions::parse(&text, Path::new("mine.csv"));
+    }
+}
