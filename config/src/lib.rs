@@ -15,6 +15,7 @@ mod schema;
 mod value;
 pub mod settings;
 pub mod presets;
+pub mod models;
 mod layers;
 mod check;
 mod robot;

@@ -1,0 +1,136 @@
+//! What can be wrong with a model file: one variant per bound that can be broken, each with file, place and remedy.
+
+use foretrace_control::predict::LstmError;
+
+/// Why a model was not loaded or saved.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The operating system refused.
+    #[error("{file}: cannot be {what} ({why}): {remedy}")]
+    File {
+        /// The file.
+        file: String,
+        /// "read" or "written".
+        what: &'static str,
+        /// What the operating system said.
+        why: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// Larger than any model.
+    #[error("{file}: has {bytes} bytes, models have at most {limit}: is this a model of foretrace?")]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// Its size.
+        bytes: u64,
+        /// Largest size that is read.
+        limit: u64,
+    },
+    /// Not in the safetensors format.
+    #[error(
+        "{file}: not a safetensors file, {what}: save the model with `safetensors.torch.save_file` or `foretrace lab train`"
+    )]
+    Format {
+        /// The file.
+        file: String,
+        /// What is broken, with byte positions.
+        what: String,
+    },
+    /// A tensor that the network needs is not there.
+    #[error(
+        "{file}: tensor {tensor} is missing, the file has {found}: name the tensors as PyTorch does ({needed})"
+    )]
+    Missing {
+        /// The file.
+        file: String,
+        /// Its name.
+        tensor: &'static str,
+        /// The names that are there.
+        found: String,
+        /// The names that are needed.
+        needed: String,
+    },
+    /// A tensor that the network does not have.
+    #[error(
+        "{file}: tensor {tensor} is unknown, the network has {needed}: remove it, or let its name begin with `extra.`"
+    )]
+    Unknown {
+        /// The file.
+        file: String,
+        /// Its name.
+        tensor: String,
+        /// The names that are needed.
+        needed: String,
+    },
+    /// A number format that is not read.
+    #[error(
+        "{file}: tensor {tensor} is of dtype {found}, legal are F32 and F64: convert it with `.float()` before saving"
+    )]
+    DType {
+        /// The file.
+        file: String,
+        /// Its name.
+        tensor: String,
+        /// As written.
+        found: String,
+    },
+    /// A tensor of another shape.
+    #[error("{file}: tensor {tensor} has shape {found:?}, needed is {wanted}: {remedy}")]
+    Shape {
+        /// The file.
+        file: String,
+        /// Its name.
+        tensor: String,
+        /// As written.
+        found: Vec<usize>,
+        /// What fits, and where that comes from.
+        wanted: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// Metadata that must be there.
+    #[error(
+        "{file}: metadata key `{key}` is missing: save the model with metadata={{\"input_scale\": \"10.13\", \"step_ns\": \"5000000\"}} \
+         (RMS and step in ns of the displacements it was trained on)"
+    )]
+    MissingKey {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
+    },
+    /// Metadata that cannot be read.
+    #[error(
+        "{file}: metadata key `{key}` = {value:?} cannot be read, legal is {legal}: correct it and save again"
+    )]
+    Key {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// As written.
+        value: String,
+        /// What is legal.
+        legal: String,
+    },
+    /// The network itself was refused: a size, a NaN, another loop.
+    #[error("{file}: {why}")]
+    Refused {
+        /// The file.
+        file: String,
+        /// By the control law.
+        why: LstmError,
+    },
+    /// Neither a shipped model nor a file.
+    #[error(
+        "{name:?} is neither a shipped model ({known}) nor a file: name one of them, or a .safetensors file"
+    )]
+    NoSuchModel {
+        /// As asked for.
+        name: String,
+        /// The shipped ones.
+        known: String,
+    },
+}

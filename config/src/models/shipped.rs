@@ -1,0 +1,55 @@
+//! Models that are part of the program, each with its card: data, licence and citation, split, seed, scores.
+
+use super::lstm::{Assumed, LstmModel};
+use super::problem::ModelError;
+
+/// One shipped model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shipped {
+    /// As one asks for it.
+    pub name: &'static str,
+    /// The safetensors file.
+    pub bytes: &'static [u8],
+    /// The model card, Markdown.
+    pub card: &'static str,
+}
+
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        [$(Shipped {
+            name: $name,
+            bytes: include_bytes!(concat!("../../models/", $name, ".safetensors")),
+            card: include_str!(concat!("../../models/", $name, ".md")),
+        }),*]
+    };
+}
+
+/// All of them.
+const MODELS: &[Shipped] = &shipped!["lstm10-reference"];
+
+impl Shipped {
+    /// The model as an LSTM.
+    ///
+    /// *Errors*: it is another kind of model.
+    pub fn lstm(&self) -> Result<LstmModel, ModelError> {
+        LstmModel::parse(self.name, self.bytes, Assumed::default())
+    }
+
+    /// Every shipped model.
+    #[must_use]
+    pub const fn all() -> &'static [Self] {
+        MODELS
+    }
+}
+
+/// The model of that name.
+#[must_use]
+pub fn shipped(name: &str) -> Option<&'static Shipped> {
+    MODELS.iter().find(|model| model.name == name)
+}
+
+/// The names of all shipped models, for a message.
+#[must_use]
+pub fn shipped_names() -> String {
+    MODELS.iter().map(|model| model.name).collect::<Vec<_>>().join(", ")
+}
