@@ -172,6 +172,7 @@ mod tests {
 
     use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
+    use foretrace_control::predict::ModelParameters;
 
     use super::*;
 

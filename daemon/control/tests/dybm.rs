@@ -5,7 +5,7 @@ use foretrace_control::predict::dybm::{
     DybmLearner, DybmSettings, DybmShape, DybmWeights, MAX_DELAY, MAX_TRACES, Optimiser, Parameters,
     TraceInput, WeightsError,
 };
-use foretrace_control::predict::{Dybm, Predictor};
+use foretrace_control::predict::{Dybm, OnlineModel, Predictor};
 use serde_json::Value;
 
 /// The reference and this implementation sum in another order; parameters reach about 10.

@@ -5,7 +5,9 @@ use foretrace_control::learn::{
     InitialWeights, LearnError, LearnStep, Learner, LearnerSettings, MAX_LEAD, PromotionCause,
 };
 use foretrace_control::pen::{GridStep, Motion};
-use foretrace_control::predict::{DybmWeights, Optimiser, PredictorKind, PreviewSettings, Previewer};
+use foretrace_control::predict::{
+    DybmWeights, ModelParameters, Optimiser, PredictorKind, PreviewSettings, Previewer,
+};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -5,7 +5,8 @@
 //! sees neither labels nor anything ahead of the step it predicts.
 
 use foretrace_control::predict::{
-    ConstantVelocity, DybmLearner, DybmSettings, DybmWeights, Hold, Predictor, WeightsError, dybm,
+    ConstantVelocity, DybmLearner, DybmSettings, DybmWeights, Hold, OnlineModel, Predictor, WeightsError,
+    dybm,
 };
 
 /// A predictor that takes part in a table.

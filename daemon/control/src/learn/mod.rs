@@ -12,7 +12,9 @@ use thiserror::Error;
 
 use crate::pen::Motion;
 use crate::predict::dybm::{DybmShape, TraceInput};
-use crate::predict::{DybmLearner, DybmSettings, DybmWeights, Optimiser, WeightsError};
+use crate::predict::{
+    DybmLearner, DybmSettings, DybmWeights, ModelParameters, OnlineModel, Optimiser, WeightsError,
+};
 use shadow::{Contenders, Shadow};
 
 /// What the learner needs of one grid step; made by [`crate::predict::Previewer::observe`].
@@ -259,9 +261,7 @@ impl Learner {
     ///
     /// *Errors*: invalid weights or weights that do not fit; the candidate stays.
     pub fn propose(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
-        weights.validate()?;
-        self.live.accepts(weights)?;
-        self.candidate.restart_from(weights);
+        self.candidate.restart_from(weights)?;
         self.shadow.restart();
         Ok(())
     }
@@ -308,7 +308,8 @@ impl Learner {
         }
         if self.candidate.weights().validate().is_err() {
             self.counters.poisoned += 1;
-            self.candidate.restart_from(&self.live);
+            // Cannot fail: live weights were valid and of this shape when they became live.
+            let _ = self.candidate.restart_from(&self.live);
             self.shadow.restart();
         }
     }
@@ -350,7 +351,8 @@ impl Learner {
     }
 
     fn continue_from_live(&mut self) {
-        self.candidate.continue_from(&self.live);
+        // Cannot fail: live weights were valid and of this shape when they became live.
+        let _ = self.candidate.continue_from(&self.live);
         self.shadow.restart();
     }
 }

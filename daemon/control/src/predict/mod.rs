@@ -9,14 +9,16 @@ mod hold;
 mod constant_velocity;
 mod oracle;
 pub mod activation;
+mod online;
 pub mod dybm;
 pub mod lstm;
 mod previewer;
 
 pub use constant_velocity::ConstantVelocity;
-pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser, WeightsError};
+pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
+pub use online::{ModelParameters, OnlineModel, WeightsError};
 pub use oracle::Oracle;
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 

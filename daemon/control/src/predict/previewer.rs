@@ -10,7 +10,9 @@
 
 use thiserror::Error;
 
-use super::{ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, Oracle, Predictor, PredictorKind};
+use super::{
+    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelParameters, Oracle, Predictor, PredictorKind,
+};
 use super::{WeightsError, dybm};
 use crate::learn::LearnStep;
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};

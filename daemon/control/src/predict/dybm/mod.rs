@@ -7,11 +7,18 @@
 //! Source: Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
 
 mod weights;
+mod optimiser;
 mod learner;
 
-pub use learner::{DybmLearner, DybmSettings, Optimiser};
-pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput, WeightsError};
+pub use super::online::WeightsError;
+pub use learner::{DybmLearner, DybmSettings};
+pub use optimiser::Optimiser;
+pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput};
 
+pub(crate) use learner::{Ascent, difference};
+pub(crate) use optimiser::{Group, Powers, Pull};
+
+use super::online::ModelParameters;
 use super::{Predictor, shortened};
 
 /// Largest delay; the FIFO holds one input less.
@@ -49,6 +56,19 @@ impl DybmState {
         for slot in self.fifo.iter_mut().take(held) {
             std::mem::swap(slot, &mut carried);
         }
+    }
+
+    /// Every held input times `error`: the gradients of W and V (that of b is `error` itself).
+    #[inline]
+    pub(crate) fn outer(&self, shape: &DybmShape, error: [f64; 2]) -> Parameters {
+        let [dx, dy] = error;
+        let mut gradient = Parameters { bias: error, ..Parameters::ZERO };
+        let fifo = gradient.fifo.iter_mut().zip(&self.fifo).take(shape.fifo_len());
+        let traces = gradient.traces.iter_mut().zip(&self.traces).take(shape.traces);
+        for (matrix, [x, y]) in fifo.chain(traces) {
+            *matrix = [[x * dx, x * dy], [y * dx, y * dy]];
+        }
+        gradient
     }
 }
 

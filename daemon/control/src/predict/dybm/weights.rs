@@ -1,7 +1,6 @@
 //! `DybmWeights`: plain parameters that can be copied between threads whole, with what they were made for.
 
-use thiserror::Error;
-
+use super::super::online::{ModelParameters, WeightsError};
 use super::{DybmState, MAX_DELAY, MAX_FIFO, MAX_TRACES};
 use crate::pen::TARGET_RMS;
 
@@ -55,10 +54,10 @@ impl DybmShape {
     /// *Errors*: the first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         if !(2..=MAX_DELAY).contains(&self.delay) {
-            return Err(WeightsError::Delay { got: self.delay });
+            return Err(WeightsError::Delay { got: self.delay, max: MAX_DELAY });
         }
         if !(1..=MAX_TRACES).contains(&self.traces) {
-            return Err(WeightsError::Traces { got: self.traces });
+            return Err(WeightsError::Traces { got: self.traces, max: MAX_TRACES });
         }
         match self.decays().find(|rate| !(0.0 <= *rate && *rate < 1.0)) {
             Some(got) => Err(WeightsError::Decay { got }),
@@ -111,75 +110,6 @@ pub struct DybmWeights {
     pub parameters: Parameters,
 }
 
-/// Weights that must not reach the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum WeightsError {
-    /// Delay outside its bounds.
-    #[error("DyBM delay is {got} steps, legal are 2 to {MAX_DELAY}")]
-    Delay {
-        /// As given.
-        got: usize,
-    },
-    /// Number of traces outside its bounds.
-    #[error("DyBM has {got} decay rates, legal are 1 to {MAX_TRACES}")]
-    Traces {
-        /// As given.
-        got: usize,
-    },
-    /// A trace would never forget, or is not a number.
-    #[error("DyBM decay rate is {got}, legal are 0 to below 1")]
-    Decay {
-        /// As given.
-        got: f64,
-    },
-    /// A parameter is NaN, infinite or absurdly large.
-    #[error("DyBM parameter is {got}, legal are finite values within ±{limit}", limit = DybmWeights::MAX_MAGNITUDE)]
-    Magnitude {
-        /// The parameter.
-        got: f64,
-    },
-    /// The learning rate or another optimiser number is not usable.
-    #[error("DyBM optimiser setting {name} is {got}, legal are {min} to {max}")]
-    Optimiser {
-        /// Which.
-        name: &'static str,
-        /// As given.
-        got: f64,
-        /// Smallest legal value.
-        min: f64,
-        /// Largest legal value.
-        max: f64,
-    },
-    /// Learned at another grid step.
-    #[error(
-        "DyBM weights are for a grid step of {got_ns} ns, the loop runs at {loop_ns} ns: retrain or change the step"
-    )]
-    Step {
-        /// Of the weights [ns].
-        got_ns: u64,
-        /// Of the loop [ns].
-        loop_ns: u64,
-    },
-    /// Learned on displacements normalised otherwise.
-    #[error("DyBM weights are for inputs of RMS {got}, the loop feeds RMS {wanted}: retrain")]
-    InputScale {
-        /// Of the weights.
-        got: f64,
-        /// Of the loop.
-        wanted: f64,
-    },
-    /// Another delay or other decay rates: the memory would not fit.
-    #[error(
-        "DyBM weights have another shape than the loop's (delay {got_delay}, loop {loop_delay}, or decay rates)"
-    )]
-    Shape {
-        /// Delay of the weights.
-        got_delay: usize,
-        /// Delay of the loop.
-        loop_delay: usize,
-    },
-}
-
 impl DybmWeights {
     /// Largest magnitude of a parameter: 100 times what repeats a displacement.
     pub const MAX_MAGNITUDE: f64 = 100.0;
@@ -218,40 +148,37 @@ impl DybmWeights {
         }
         mean
     }
+}
 
-    /// Checks that every number is usable.
-    ///
-    /// *Errors*: the first bound that is broken.
-    pub fn validate(&self) -> Result<(), WeightsError> {
-        self.shape.validate()?;
-        match self.parameters.iter().find(|p| p.is_nan() || p.abs() > Self::MAX_MAGNITUDE) {
-            Some(got) => Err(WeightsError::Magnitude { got }),
-            None => Ok(()),
-        }
+impl ModelParameters for DybmWeights {
+    const MODEL: &'static str = "DyBM";
+
+    fn version(&self) -> u64 {
+        self.version
     }
 
-    /// Checks that `other` may replace these weights in a running loop.
-    ///
-    /// *Errors*: another grid step, input scale or shape.
-    pub fn accepts(&self, other: &Self) -> Result<(), WeightsError> {
+    fn with_version(self, version: u64) -> Self {
+        Self { version, ..self }
+    }
+
+    fn step_ns(&self) -> u64 {
+        self.step_ns
+    }
+
+    fn input_scale(&self) -> f64 {
+        self.input_scale
+    }
+
+    fn validate(&self) -> Result<(), WeightsError> {
+        self.shape.validate()?;
+        WeightsError::all_within(Self::MODEL, Self::MAX_MAGNITUDE, self.parameters.iter())
+    }
+
+    fn accepts(&self, other: &Self) -> Result<(), WeightsError> {
         other.fits(self.step_ns)?;
         if other.shape != self.shape {
             let (got_delay, loop_delay) = (other.shape.delay, self.shape.delay);
             return Err(WeightsError::Shape { got_delay, loop_delay });
-        }
-        Ok(())
-    }
-
-    /// Checks that these weights were made for a loop with grid step `loop_ns` [ns].
-    ///
-    /// *Errors*: another grid step or input scale.
-    pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
-        if self.step_ns != loop_ns {
-            return Err(WeightsError::Step { got_ns: self.step_ns, loop_ns });
-        }
-        let matches = (self.input_scale - TARGET_RMS).abs() <= 1e-9 * TARGET_RMS;
-        if !matches {
-            return Err(WeightsError::InputScale { got: self.input_scale, wanted: TARGET_RMS });
         }
         Ok(())
     }

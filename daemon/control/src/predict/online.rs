@@ -1,0 +1,231 @@
+//! `OnlineModel`: what every model that learns from the pen offers, so that the learner, the lab and replay treat all alike.
+//!
+//! Contract: parameters (θ), memory of the pen, and the learner's own accumulators are three things. Parameters are plain
+//! copies that may cross threads; memory empties when the pen is interrupted; accumulators never leave the learner.
+//! `learn` is one function for training offline and online. No allocation, no clock.
+
+use std::fmt::Debug;
+
+use thiserror::Error;
+
+use crate::pen::TARGET_RMS;
+
+/// Parameters of a model with what they were made for; they reach the loop whole or not at all.
+pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
+    /// Name in messages.
+    const MODEL: &'static str;
+
+    /// Counts every change of the live parameters.
+    fn version(&self) -> u64;
+
+    /// The same parameters under another version.
+    #[must_use]
+    fn with_version(self, version: u64) -> Self;
+
+    /// Δ they were learned at [ns].
+    fn step_ns(&self) -> u64;
+
+    /// RMS per component of the displacements they were learned on.
+    fn input_scale(&self) -> f64;
+
+    /// Checks that every number is usable.
+    ///
+    /// *Errors*: the first bound that is broken; NaN and infinity break all of them.
+    fn validate(&self) -> Result<(), WeightsError>;
+
+    /// Checks that `other` may replace these in a running loop; says nothing about its numbers (see `validate`).
+    ///
+    /// *Errors*: another grid step, input scale or shape.
+    fn accepts(&self, other: &Self) -> Result<(), WeightsError>;
+
+    /// Checks that these were made for a loop with grid step `loop_ns` [ns].
+    ///
+    /// *Errors*: another grid step or input scale.
+    fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
+        let (model, got_ns, got) = (Self::MODEL, self.step_ns(), self.input_scale());
+        if got_ns != loop_ns {
+            return Err(WeightsError::Step { model, got_ns, loop_ns });
+        }
+        let matches = (got - TARGET_RMS).abs() <= 1e-9 * TARGET_RMS;
+        if !matches {
+            return Err(WeightsError::InputScale { model, got, wanted: TARGET_RMS });
+        }
+        Ok(())
+    }
+}
+
+/// A model of the pen that learns one step at a time.
+pub trait OnlineModel {
+    /// θ; whole sets of it are exchanged between threads.
+    type Parameters: ModelParameters;
+    /// What it remembers of the pen, and nothing else.
+    type Memory: Copy + PartialEq + Debug;
+
+    /// Learns from one real displacement, then remembers it; returns the prediction made before seeing it.
+    fn learn(&mut self, x: [f64; 2]) -> [f64; 2];
+
+    /// Remembers a displacement without learning from it.
+    fn observe(&mut self, x: [f64; 2]);
+
+    /// Forgets the history; parameters and accumulators stay.
+    fn reset_state(&mut self);
+
+    /// Present parameters.
+    fn parameters(&self) -> &Self::Parameters;
+
+    /// Present memory.
+    fn memory(&self) -> &Self::Memory;
+
+    /// Replaces the parameters; accumulators and memory stay, so that learning goes on at the pace it had reached.
+    ///
+    /// *Errors*: parameters that are invalid or do not fit; the old ones stay.
+    fn continue_from(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
+
+    /// Replaces the parameters and forgets the accumulators; memory stays.
+    ///
+    /// *Errors*: as `continue_from`; nothing changes then.
+    fn restart_from(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
+
+    /// Predicts `out.len()` steps with any `parameters` from a *copy* of `memory`, each prediction (no longer than `limit`)
+    /// fed back.
+    fn preview_from(
+        &self,
+        parameters: &Self::Parameters,
+        memory: &Self::Memory,
+        limit: f64,
+        out: &mut [[f64; 2]],
+    );
+
+    /// Predicts `out.len()` steps from the present parameters and memory.
+    fn preview(&self, out: &mut [[f64; 2]]) {
+        self.preview_from(self.parameters(), self.memory(), f64::INFINITY, out);
+    }
+}
+
+/// Parameters or settings that must not reach the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum WeightsError {
+    /// Delay outside its bounds.
+    #[error("DyBM delay is {got} steps, legal are 2 to {max}")]
+    Delay {
+        /// As given.
+        got: usize,
+        /// Longest.
+        max: usize,
+    },
+    /// Number of traces outside its bounds.
+    #[error("DyBM has {got} decay rates, legal are 1 to {max}")]
+    Traces {
+        /// As given.
+        got: usize,
+        /// Most.
+        max: usize,
+    },
+    /// A trace would never forget, or is not a number.
+    #[error("DyBM decay rate is {got}, legal are 0 to below 1")]
+    Decay {
+        /// As given.
+        got: f64,
+    },
+    /// A parameter is NaN, infinite or absurdly large.
+    #[error("{model} parameter is {got}, legal are finite values within ±{limit}")]
+    Magnitude {
+        /// Whose.
+        model: &'static str,
+        /// The parameter.
+        got: f64,
+        /// Largest legal magnitude.
+        limit: f64,
+    },
+    /// A number of the learning rule is not usable.
+    #[error("{model} setting {name} is {got}, legal are {min} to {max}")]
+    Setting {
+        /// Whose.
+        model: &'static str,
+        /// Which.
+        name: &'static str,
+        /// As given.
+        got: f64,
+        /// Smallest legal value.
+        min: f64,
+        /// Largest legal value.
+        max: f64,
+    },
+    /// Learned at another grid step.
+    #[error(
+        "{model} weights are for a step of {got_ns} ns, the loop runs at {loop_ns} ns: retrain, or change the step"
+    )]
+    Step {
+        /// Whose.
+        model: &'static str,
+        /// Of the weights [ns].
+        got_ns: u64,
+        /// Of the loop [ns].
+        loop_ns: u64,
+    },
+    /// Learned on displacements normalised otherwise.
+    #[error("{model} weights are for inputs of RMS {got}, the loop feeds RMS {wanted}: retrain")]
+    InputScale {
+        /// Whose.
+        model: &'static str,
+        /// Of the weights.
+        got: f64,
+        /// Of the loop.
+        wanted: f64,
+    },
+    /// Another delay or other decay rates: the memory would not fit.
+    #[error(
+        "DyBM weights have another shape than the loop's (delay {got_delay}, loop {loop_delay}, or decay rates)"
+    )]
+    Shape {
+        /// Delay of the weights.
+        got_delay: usize,
+        /// Delay of the loop.
+        loop_delay: usize,
+    },
+    /// A read-out learned on another reservoir means nothing here.
+    #[error(
+        "DyBM+ESN weights belong to reservoir {got:#018x}, the loop has {wanted:#018x}: use the same seed, leak and radius"
+    )]
+    Reservoir {
+        /// Digest of the weights' reservoir.
+        got: u64,
+        /// Digest of the loop's.
+        wanted: u64,
+    },
+    /// A reservoir without usable dynamics.
+    #[error("reservoir's recurrent matrix has spectral radius {got}: choose another seed")]
+    Radius {
+        /// As computed.
+        got: f64,
+    },
+}
+
+impl WeightsError {
+    /// `got` lies within `min` … `max`.
+    ///
+    /// *Errors*: [`WeightsError::Setting`] otherwise, and for NaN.
+    pub(crate) fn bounded(
+        model: &'static str,
+        name: &'static str,
+        got: f64,
+        min: f64,
+        max: f64,
+    ) -> Result<(), Self> {
+        if min <= got && got <= max { Ok(()) } else { Err(Self::Setting { model, name, got, min, max }) }
+    }
+
+    /// Every number lies within ±`limit`.
+    ///
+    /// *Errors*: [`WeightsError::Magnitude`] with the first that does not, NaN included.
+    pub(crate) fn all_within(
+        model: &'static str,
+        limit: f64,
+        mut numbers: impl Iterator<Item = f64>,
+    ) -> Result<(), Self> {
+        match numbers.find(|number| !(number.abs() <= limit)) {
+            Some(got) => Err(Self::Magnitude { model, got, limit }),
+            None => Ok(()),
+        }
+    }
+}
