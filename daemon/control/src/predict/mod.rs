@@ -12,10 +12,12 @@ pub mod activation;
 mod online;
 pub mod dybm;
 pub mod lstm;
+pub mod esn;
 mod previewer;
 
 pub use constant_velocity::ConstantVelocity;
 pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser};
+pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
 pub use online::{ModelParameters, OnlineModel, WeightsError};
