@@ -13,8 +13,10 @@ mod online;
 pub mod dybm;
 pub mod lstm;
 pub mod esn;
+pub mod ar_rls;
 mod previewer;
 
+pub use ar_rls::{ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights};
 pub use constant_velocity::ConstantVelocity;
 pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser};
 pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
