@@ -1,15 +1,17 @@
 //! The DyBM against IBM's reference implementation: stored numbers of whole learning runs.
 //! Sequence, hyper-parameters and semantics: `fixtures/dybm/*.json`, dumped from the reference used as a black box.
 
+#[path = "support/dybm.rs"]
+mod reference;
+
 use foretrace_control::predict::dybm::{
-    DybmLearner, DybmSettings, DybmShape, DybmWeights, MAX_DELAY, MAX_TRACES, Optimiser, Parameters,
-    TraceInput, WeightsError,
+    DybmLearner, DybmSettings, DybmShape, DybmWeights, MAX_DELAY, MAX_TRACES, Optimiser, TraceInput,
+    WeightsError,
 };
 use foretrace_control::predict::{Dybm, OnlineModel, Predictor};
+use reference::{close, numbers, pairs, parameters_differ_by, settings, worst};
 use serde_json::Value;
 
-/// The reference and this implementation sum in another order; parameters reach about 10.
-const TOLERANCE: f64 = 1e-9;
 const STEP_NS: u64 = 10_000_000;
 
 const FIXTURES: [(&str, &str); 5] = [
@@ -19,60 +21,6 @@ const FIXTURES: [(&str, &str); 5] = [
     ("rmsprop_d3_k1", include_str!("fixtures/dybm/linear_rmsprop_d3_k1.json")),
     ("adam_d3_k1", include_str!("fixtures/dybm/linear_adam_d3_k1.json")),
 ];
-
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(items) => items.iter().flat_map(numbers).collect(),
-        other => vec![other.as_f64().unwrap_or_else(|| panic!("not a number: {other}"))],
-    }
-}
-
-fn pairs(value: &Value) -> Vec<[f64; 2]> {
-    value.as_array().unwrap().iter().map(|pair| numbers(pair).try_into().unwrap()).collect()
-}
-
-fn settings(meta: &Value) -> DybmSettings {
-    let number = |key: &str| meta[key].as_f64().unwrap_or_else(|| panic!("meta.{key} missing"));
-    let optimiser = match meta["optimizer"].as_str().unwrap() {
-        "AdaGrad" => Optimiser::AdaGrad { rate: number("rate"), delta: number("delta") },
-        "RMSProp" => {
-            Optimiser::RmsProp { rate: number("rate"), gamma: number("gamma"), delta: number("delta") }
-        }
-        "ADAM" => Optimiser::Adam {
-            rate: number("rate"),
-            beta: number("beta"),
-            gamma: number("gamma"),
-            epsilon: number("epsilon"),
-        },
-        other => panic!("optimiser {other}"),
-    };
-    let trace_input = match meta["insert_to_etrace"].as_str().unwrap() {
-        "wo_delay" => TraceInput::Newest,
-        "w_delay" => TraceInput::Delayed,
-        other => panic!("insert_to_etrace {other}"),
-    };
-    let delay = meta["delay"].as_u64().unwrap() as usize;
-    let shape = DybmShape::new(delay, &numbers(&meta["decay_rates"]), trace_input);
-    DybmSettings { shape, optimiser, l1: number("L1"), l2: number("L2") }
-}
-
-/// Largest difference between stored and own numbers, as flat lists of the same length.
-fn worst(stored: &[f64], own: &[f64]) -> f64 {
-    assert_eq!(stored.len(), own.len(), "different sizes");
-    stored.iter().zip(own).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-}
-
-fn parameters_differ_by(stored: &Value, own: &Parameters, shape: &DybmShape) -> f64 {
-    let fifo: Vec<f64> = own.fifo[..shape.fifo_len()].iter().flatten().flatten().copied().collect();
-    let traces: Vec<f64> = own.traces[..shape.traces].iter().flatten().flatten().copied().collect();
-    worst(&numbers(&stored["b"]), &own.bias)
-        .max(worst(&numbers(&stored["W"]), &fifo))
-        .max(worst(&numbers(&stored["V"]), &traces))
-}
-
-fn close(name: &str, what: &str, difference: f64) {
-    assert!(difference <= TOLERANCE, "{name}: {what} is off by {difference:e}");
-}
 
 #[test]
 fn learning_reproduces_the_reference_step_by_step() {

@@ -60,6 +60,10 @@ impl Ascent {
         Self { settings, second: Parameters::ZERO, first: Parameters::ZERO, powers: Powers::START }
     }
 
+    pub(crate) fn settings(&self) -> &DybmSettings {
+        &self.settings
+    }
+
     pub(crate) fn second_moments(&self) -> &Parameters {
         &self.second
     }

@@ -9,8 +9,10 @@
 mod weights;
 mod optimiser;
 mod learner;
+mod gaussian;
 
 pub use super::online::WeightsError;
+pub use gaussian::{GaussianDybmLearner, GaussianDybmWeights};
 pub use learner::{DybmLearner, DybmSettings};
 pub use optimiser::Optimiser;
 pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput};

@@ -7,9 +7,11 @@
 mod reservoir;
 mod weights;
 mod learner;
+mod rnn_gaussian;
 
 pub use learner::{DybmEsnLearner, DybmEsnSettings, ReadoutRule};
 pub use reservoir::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
+pub use rnn_gaussian::RnnGaussianDybmLearner;
 pub use weights::DybmEsnWeights;
 
 use std::sync::Arc;
