@@ -1,7 +1,8 @@
 //! The loaders against every sequence of the reference tables, where the shared data is there.
 
-use foretrace_lab::data::{DataSet, Split, median_glyph_height};
+use foretrace_lab::data::{DataSet, Quantity, Split, median_glyph_height};
 use foretrace_lab::path::{Ink, PenPath, Placement};
+use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -89,5 +90,72 @@ fn real_recordings_become_paths_inside_the_workspace_without_leaps() {
                 left > -0.15 - margin && right < 0.15 + margin && low > -0.1 - margin && high < 0.1 + margin
             );
         }
+    }
+}
+
+/// Pooled mean squared error of constant velocity over steps 1.., mean over components, five zero steps appended.
+fn constant_velocity_mse(set: &DataSet) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for character in set.characters() {
+        let points: Vec<[f64; 2]> = character.pen_down_points().collect();
+        let mut v: Vec<[f64; 2]> = points.windows(2).map(|p| [0, 1].map(|k| p[1][k] - p[0][k])).collect();
+        v.resize(v.len() + 5, [0.0; 2]);
+        for pair in v.windows(2) {
+            sum += (0..2).map(|k| (pair[1][k] - pair[0][k]).powi(2)).sum::<f64>();
+            count += 2.0;
+        }
+    }
+    sum / count
+}
+
+#[test]
+fn pendigits_has_its_published_parts() {
+    let Some(shared) = shared() else { return };
+    let folder = shared.join("data/pendigits-orig");
+    assert_eq!(DataSet::splits(&folder).unwrap(), ["test", "train", "all"]);
+    let parts = [(Split::train(), 7494, 304_216, 30), (Split::test(), 3498, 138_578, 14)];
+    for (part, digits, points, writers) in parts {
+        let set = DataSet::load(&folder, &part, true).unwrap();
+        let found: usize = set.characters().map(|c| c.pen_down_points().count()).sum();
+        let names: BTreeSet<&str> = set.characters().map(|c| c.writer.as_str()).collect();
+        assert_eq!((set.characters().count(), found, names.len()), (digits, points, writers), "{part}");
+        assert!(set.characters().all(|c| matches!(c.label.as_bytes(), [b'0'..=b'9'])));
+        let recording = &set.files[0].recording;
+        assert_eq!(
+            (recording.rate_hz, recording.rate_assumed, recording.units_per_m),
+            (100.0, true, None),
+            "{part}"
+        );
+        if part == Split::test() {
+            // As in the table of reference numbers.
+            assert_eq!(format!("{:.2}", constant_velocity_mse(&set)), "43.10");
+        }
+    }
+    let all = DataSet::load(&folder, &Split::All, true).unwrap();
+    let names: BTreeSet<&str> = all.characters().map(|c| c.writer.as_str()).collect();
+    assert_eq!((all.characters().count(), names.len()), (7494 + 3498, 44));
+}
+
+#[test]
+fn character_trajectories_have_their_published_parts() {
+    let Some(shared) = shared() else { return };
+    let folder = shared.join("data/character-trajectories");
+    assert_eq!(DataSet::splits(&folder).unwrap(), ["train", "test", "all"]);
+    let letters = "abcdeghlmnopqrsuvwyz".chars().map(String::from).collect::<Vec<_>>();
+    // Lengths without padding; those with it are what the set's description states.
+    let parts = [
+        (Split::train(), letters, [61, 182, 172_394], "0.01381"),
+        (Split::test(), vec![String::new()], [60, 175, 170_545], "0.01424"),
+    ];
+    for (part, labels, lengths, mse) in parts {
+        let set = DataSet::load(&folder, &part, true).unwrap();
+        let found: BTreeSet<&str> = set.characters().map(|c| c.label.as_str()).collect();
+        assert_eq!(found.into_iter().collect::<Vec<_>>(), labels, "{part}");
+        let steps = || set.characters().map(|c| c.pen_down_points().count() - 1);
+        let found = [steps().min().unwrap(), steps().max().unwrap(), steps().sum()];
+        assert_eq!((set.characters().count(), found), (1429, lengths), "{part}");
+        assert_eq!(format!("{:.5}", constant_velocity_mse(&set)), mse, "{part}");
+        let recording = &set.files[0].recording;
+        assert_eq!((recording.quantity, recording.rate_hz), (Quantity::Velocity, 200.0));
     }
 }

@@ -1,5 +1,6 @@
 //! The formats of recordings: told apart by contents, loaded into one form.
 
+use super::mat::{begins_mat, load_mat};
 use super::{CsvError, Recording, UnipenError, load_unipen};
 use std::fmt;
 use std::io::Read as _;
@@ -14,6 +15,8 @@ const SNIFFED_BYTES: u64 = 64 << 10;
 pub enum Format {
     /// UNIPEN 1.0 text, the pendigits dialect included.
     Unipen,
+    /// MATLAB v5 with UCI Character Trajectories.
+    Mat,
     /// Plain CSV with `t_s,x_m,y_m,contact`, foretrace's own recordings included.
     Csv,
 }
@@ -22,6 +25,7 @@ impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Unipen => "UNIPEN",
+            Self::Mat => "MATLAB v5",
             Self::Csv => "CSV",
         })
     }
@@ -87,15 +91,19 @@ pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
 
 impl Format {
     /// For messages.
-    pub(super) const ALL_NAMES: &str = "UNIPEN text, or CSV with the columns t_s,x_m,y_m,contact";
+    pub(super) const ALL_NAMES: &str =
+        "UNIPEN text, MATLAB v5 (UCI Character Trajectories), or CSV with the columns t_s,x_m,y_m,contact";
 
     /// The part that a file's name tells in sets that are published without a table.
     pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
         let path = Path::new(file);
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let [extension, stem] =
+            [path.extension(), path.file_stem()].map(|s| s.and_then(|s| s.to_str()).unwrap_or_default());
         match (self, extension) {
             (Self::Unipen, "tra") => Some("train"),
             (Self::Unipen, "tes") => Some("test"),
+            (Self::Mat, _) if stem.ends_with("train") => Some("train"),
+            (Self::Mat, _) if stem.ends_with("test") => Some("test"),
             _ => None,
         }
     }
@@ -104,24 +112,23 @@ impl Format {
     pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
         match self {
             Self::Unipen => Ok(load_unipen(path)?),
+            Self::Mat => Ok(load_mat(path)?),
             Self::Csv => Ok(super::csv::load_csv_recording(path)?),
         }
     }
 
     /// What the beginning of a file says; `None` when it is no recording. Errors where the file cannot be read.
     pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
-        let unreadable = |why: String| Refusal::whole(path, format!("cannot read the file: {why}"));
-        if !std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?.is_file() {
-            return Err(unreadable("not a regular file".to_owned()));
-        }
+        let file = open(path)?;
         let mut head = Vec::new();
-        std::fs::File::open(path)
-            .and_then(|file| file.take(SNIFFED_BYTES).read_to_end(&mut head))
-            .map_err(|e| unreadable(e.to_string()))?;
+        file.take(SNIFFED_BYTES).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
         Ok(Self::of_contents(&head))
     }
 
     fn of_contents(head: &[u8]) -> Option<Self> {
+        if begins_mat(head) {
+            return Some(Self::Mat);
+        }
         let text = String::from_utf8_lossy(head);
         if super::csv::begins_csv(&text) {
             return Some(Self::Csv);
@@ -138,8 +145,34 @@ impl Format {
     pub(super) fn of_name(path: &Path) -> Option<Self> {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "dat" | "tra" | "tes" | "upn" => Some(Self::Unipen),
+            "mat" => Some(Self::Mat),
             "csv" => Some(Self::Csv),
             _ => None,
         }
     }
+}
+
+fn unreadable(path: &Path, why: impl fmt::Display) -> Refusal {
+    Refusal::whole(path, format!("cannot read the file: {why}"))
+}
+
+/// Opens a regular file: a pipe or device could keep a reader for ever.
+fn open(path: &Path) -> Result<std::fs::File, Refusal> {
+    if !std::fs::metadata(path).map_err(|e| unreadable(path, e))?.is_file() {
+        return Err(unreadable(path, "not a regular file"));
+    }
+    std::fs::File::open(path).map_err(|e| unreadable(path, e))
+}
+
+/// The whole of a regular file of at most `limit` bytes.
+pub(super) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, Refusal> {
+    let mut bytes = Vec::new();
+    open(path)?.take(limit + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
+    if bytes.len() as u64 > limit {
+        return Err(Refusal::whole(
+            path,
+            format!("the file has more than {limit} bytes, which is the most that is read"),
+        ));
+    }
+    Ok(bytes)
 }

@@ -6,6 +6,7 @@
 
 pub mod unipen;
 pub mod csv;
+mod mat;
 mod format;
 mod split;
 mod set;

@@ -2,6 +2,11 @@
 //!
 //! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0` counts.
 //! Columns other than X and Y are skipped; the time base is `.POINTS_PER_SECOND`.
+//!
+//! A file with `.SEGMENT DIGIT` is of UCI's pendigits set, which leaves its header file out: columns X Y, 100 Hz
+//! (assumed: its description says "100 milliseconds", which some 40 points per digit rule out), unit unknown, and
+//! `.COMMENT label writer serial` below each segment. Writers are numbered anew in each of its files, so the file's
+//! extension goes before the number.
 //! Absent: hierarchies other than CHARACTER, per-point time columns, writing of UNIPEN.
 //! Source: Guyon et al., "UNIPEN project of on-line data exchange and recognizer benchmarks", ICPR 1994.
 
@@ -22,7 +27,11 @@ const INCLUDE_DEPTH_MAX: usize = 16;
 const COORDINATE_MAX: f64 = 1e9;
 // Real files hold counter overflows of 22 days; they are read, and shortened where a path is made of them.
 const GAP_MAX_MS: f64 = 4_294_967_295.0;
-const SEGMENT_POINTS_MAX: usize = 50_000_000;
+const SEGMENT_POINTS_MAX: usize = 20_000_000;
+/// What a component costs beside its points, counted in points.
+const COMPONENT_COST: usize = 4;
+const BYTES_MAX: u64 = 256 << 20;
+const PENDIGITS_RATE_HZ: f64 = 100.0;
 
 /// Reads a UNIPEN file and everything it includes.
 ///
@@ -41,7 +50,10 @@ pub fn load_unipen(path: &Path) -> Result<Recording, UnipenError> {
 /// Everything collected from the file and its includes, in order of appearance.
 #[derive(Default)]
 struct Ink {
+    /// Extension of the file, if it is of the pendigits set.
+    pendigits: Option<String>,
     includes: usize,
+    bytes: u64,
     columns: Option<Columns>,
     rate_hz: Option<f64>,
     per_mm: [Option<f64>; 2],
@@ -49,6 +61,8 @@ struct Ink {
     open: Option<Component>,
     gap_s: Option<f64>,
     segments: Vec<(At, Segment)>,
+    /// Of the newest `.WRITER_ID`.
+    writer: String,
 }
 
 /// Where x and y stand in a row of numbers.
@@ -62,8 +76,19 @@ struct Columns {
 impl Ink {
     fn read_file(&mut self, root: &Path, path: &Path, stack: &mut Vec<PathBuf>) -> Result<(), UnipenError> {
         let text = text::read_latin1(path)?;
+        self.bytes += text.len() as u64;
+        if self.bytes > BYTES_MAX {
+            let reason = Reason::TooLarge { bytes: self.bytes, limit: BYTES_MAX };
+            return Err(At::new(path, 0).fails(reason));
+        }
         stack.push(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
-        for statement in read_statements(&text) {
+        let statements = read_statements(&text);
+        if stack.len() == 1 && statements.iter().any(|s| s.keyword == ".SEGMENT" && s.first() == "DIGIT") {
+            let extension = path.extension().map(|e| e.to_string_lossy().into_owned());
+            self.pendigits = Some(extension.unwrap_or_default());
+            self.columns = Some(Columns { width: 2, x: 0, y: 1 });
+        }
+        for statement in statements {
             let at = At::new(path, statement.line);
             if statement.keyword == ".INCLUDE" {
                 self.include(root, &statement, at, stack)?;
@@ -82,13 +107,16 @@ impl Ink {
         at: At,
         stack: &mut Vec<PathBuf>,
     ) -> Result<(), UnipenError> {
-        let wanted = statement.tokens().next().map(|(_, t)| t).unwrap_or_default();
+        let wanted = statement.first();
         self.includes += 1;
         if self.includes > INCLUDES_MAX || stack.len() >= INCLUDE_DEPTH_MAX {
             let reason = Reason::TooManyIncludes { files: INCLUDES_MAX, depth: INCLUDE_DEPTH_MAX };
             return Err(at.fails(reason));
         }
         let Some(file) = resolve_include(root, wanted).map_err(|reason| at.fails(reason))? else {
+            if self.pendigits.is_some() {
+                return Ok(());
+            }
             return Err(at.fails(Reason::MissingInclude { wanted: wanted.to_owned() }));
         };
         if stack.contains(&file.canonicalize().unwrap_or_else(|_| file.clone())) {
@@ -107,13 +135,30 @@ impl Ink {
             ".PEN_UP" => self.pen(false, statement, &at)?,
             ".DT" => self.gap(statement, &at)?,
             ".SEGMENT" => {
-                if let Some(segment) = parse_segment(statement).map_err(|reason| at.fails(reason))? {
+                if let Some(mut segment) = parse_segment(statement).map_err(|reason| at.fails(reason))? {
+                    segment.writer.clone_from(&self.writer);
                     self.segments.push((at, segment));
                 }
             }
+            ".WRITER_ID" => self.writer = text::shortened(statement.first()),
+            ".COMMENT" => self.comment(statement),
             _ => {}
         }
         Ok(())
+    }
+
+    /// `.COMMENT label writer serial` of pendigits; other comments are for people.
+    fn comment(&mut self, statement: &Statement<'_>) {
+        let (Some(extension), Some((_, segment))) = (&self.pendigits, self.segments.last_mut()) else {
+            return;
+        };
+        let words: Vec<&str> = statement.tokens().map(|(_, t)| t).take(4).collect();
+        if let [label, writer, _serial] = words[..]
+            && label == segment.label
+        {
+            let dash = if extension.is_empty() { "" } else { "-" };
+            segment.writer = text::shortened(&format!("{extension}{dash}{writer}"));
+        }
     }
 
     /// Starts a new component; an empty one leaves no trace.
@@ -189,7 +234,8 @@ impl Ink {
         if self.segments.is_empty() {
             return Err(whole.fails(Reason::NoCharacters));
         }
-        let rate_hz = self.rate_hz.ok_or_else(|| whole.fails(Reason::NoRate))?;
+        let usual_hz = self.pendigits.as_ref().map(|_| PENDIGITS_RATE_HZ);
+        let rate_hz = self.rate_hz.or(usual_hz).ok_or_else(|| whole.fails(Reason::NoRate))?;
         let units_per_m = match self.per_mm {
             [Some(x), Some(y)] => Some([x * 1e3, y * 1e3]),
             _ => None,
@@ -198,13 +244,14 @@ impl Ink {
         let mut segments = Vec::with_capacity(self.segments.len());
         for (segment_index, (at, segment)) in self.segments.into_iter().enumerate() {
             let components = segment.cut(&self.components, &mut budget).map_err(|reason| at.fails(reason))?;
-            let writer = String::new();
+            // A file may name its writer below the segments too.
+            let writer = if segment.writer.is_empty() { self.writer.clone() } else { segment.writer };
             segments.push(Character { label: segment.label, writer, segment_index, components });
         }
         Ok(Recording {
             source: path.to_path_buf(),
             rate_hz,
-            rate_assumed: false,
+            rate_assumed: self.rate_hz.is_none(),
             units_per_m,
             quantity: Quantity::Position,
             segments,

@@ -10,6 +10,8 @@ use crate::data::Component;
 /// A parsed `.SEGMENT CHARACTER`.
 pub(super) struct Segment {
     pub(super) label: String,
+    /// Empty until something names it.
+    pub(super) writer: String,
     ranges: Vec<Range>,
 }
 
@@ -22,7 +24,8 @@ struct Range {
 
 /// `None` for the hierarchies above characters (words, lines, ...).
 pub(super) fn parse_segment(statement: &Statement<'_>) -> Result<Option<Segment>, Reason> {
-    if statement.tokens().next().map(|(_, t)| t) != Some("CHARACTER") {
+    // DIGIT is what pendigits calls its characters.
+    if !matches!(statement.first(), "CHARACTER" | "DIGIT") {
         return Ok(None);
     }
     let whole: Vec<&str> = statement.lines().map(|(_, text)| text).collect();
@@ -39,7 +42,7 @@ pub(super) fn parse_segment(statement: &Statement<'_>) -> Result<Option<Segment>
         delimiter.push_str(more);
     }
     let ranges = delimiter.split(',').map(range).collect::<Result<_, _>>()?;
-    Ok(Some(Segment { label, ranges }))
+    Ok(Some(Segment { label, writer: String::new(), ranges }))
 }
 
 impl Segment {
@@ -63,7 +66,7 @@ impl Segment {
                     count,
                 })?;
                 *budget = budget
-                    .checked_sub(points.len())
+                    .checked_sub(points.len() + super::COMPONENT_COST)
                     .ok_or(Reason::TooManyPoints { limit: super::SEGMENT_POINTS_MAX })?;
                 cut.push(Component {
                     contact: whole.contact,

@@ -20,6 +20,11 @@ impl<'t> Statement<'t> {
         self.body.iter().enumerate().map(|(i, text)| (self.line + i, *text))
     }
 
+    /// The first argument; empty where there is none.
+    pub(super) fn first(&self) -> &'t str {
+        self.tokens().next().map(|(_, t)| t).unwrap_or_default()
+    }
+
     /// The arguments separated by white space, with their lines.
     pub(super) fn tokens(&self) -> impl Iterator<Item = (usize, &'t str)> + '_ {
         self.lines().flat_map(|(line, text)| text.split_whitespace().map(move |t| (line, t)))
