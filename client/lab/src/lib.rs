@@ -14,6 +14,7 @@ pub mod arm;
 pub mod metrics;
 pub mod experiments;
 pub mod prediction;
+pub mod train;
 pub mod plot;
 pub mod whole;
 mod parallel;

@@ -1,0 +1,289 @@
+//! Gradients and scores of whole batches, the groups of eight sequences shared out to threads.
+//!
+//! Contract: groups are formed and summed in an order that depends on the batch alone, so results are the same bit for
+//! bit for any number of threads and any width of vector instructions.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+
+use multiversion::multiversion;
+
+use super::corpus::Strokes;
+use super::group::Group;
+use super::loss::{Objective, Padding, PreparedLoss};
+use super::parameters::{Network, Packed, PackedGradient};
+use super::real::{LANES, Real};
+
+/// What a training computes with, the same for each batch.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// The network.
+    pub network: Network,
+    /// What is minimised.
+    pub objective: Objective,
+    /// Raw displacements are divided by this.
+    pub scale: f64,
+}
+
+/// Errors of the next step over many sequences, per component.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Scores {
+    /// The objective, padding masked.
+    pub loss: f64,
+    /// Mean squared error [raw units^2], as the tables' pooled MSE.
+    pub mse: f64,
+    /// The same without jump targets and the steps right after one.
+    pub within: f64,
+}
+
+/// Sums behind [`Scores`] and a gradient.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    loss: f64,
+    weight: f64,
+    squares: [f64; 2],
+    counts: [f64; 2],
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self) {
+        self.loss += other.loss;
+        self.weight += other.weight;
+        for i in 0..2 {
+            self.squares[i] += other.squares[i];
+            self.counts[i] += other.counts[i];
+        }
+    }
+}
+
+/// One group's share of a batch.
+struct Job<F> {
+    corpus: Arc<Vec<Strokes>>,
+    lanes: Vec<usize>,
+    longest: usize,
+    packed: Arc<Packed<F>>,
+    /// Takes the gradient; `None`: scores only.
+    gradient: Option<PackedGradient<F>>,
+    place: usize,
+}
+
+struct Done<F> {
+    place: usize,
+    sums: Sums,
+    gradient: Option<PackedGradient<F>>,
+}
+
+/// One thread's tools.
+struct Worker<F> {
+    setup: Arc<Setup>,
+    /// The objective as scores use it.
+    masked: Objective,
+    loss: PreparedLoss<F>,
+    group: Group<F>,
+}
+
+impl<F: Real> Worker<F> {
+    fn new(setup: &Arc<Setup>) -> Self {
+        Self {
+            setup: setup.clone(),
+            masked: Objective { padding: Padding::Masked, ..setup.objective.clone() },
+            loss: setup.objective.prepared(),
+            group: Group::new(setup.network.shape),
+        }
+    }
+
+    fn work(&mut self, mut job: Job<F>) -> Done<F> {
+        let Setup { network, objective, scale } = &*self.setup;
+        let lanes: Vec<&Strokes> = job.lanes.iter().filter_map(|&i| job.corpus.get(i)).collect();
+        let objective = if job.gradient.is_some() { objective } else { &self.masked };
+        let weight = self.group.load(network, objective, *scale, &lanes, job.longest);
+        let mut sums = Sums { weight, ..Sums::default() };
+        if let Some(gradient) = &mut job.gradient {
+            gradient.clear();
+            sums.loss = descend(&mut self.group, network, &job.packed, &self.loss, gradient);
+        } else {
+            run(&mut self.group, network, &job.packed);
+            self.add_errors(&lanes, &mut sums);
+            sums.loss = self.group.score(&self.loss);
+        }
+        Done { place: job.place, sums, gradient: job.gradient }
+    }
+
+    fn add_errors(&self, lanes: &[&Strokes], sums: &mut Sums) {
+        let scale = self.setup.scale;
+        for (l, strokes) in lanes.iter().enumerate() {
+            for t in 1..strokes.v.len() {
+                let [a, b] = self.group.first_lead(t - 1, l);
+                let [x, y] = strokes.v[t];
+                let square = (a * scale - x).powi(2) + (b * scale - y).powi(2);
+                let within = !strokes.jumps(t) && !strokes.jumps(t - 1);
+                for (kind, counted) in [true, within].into_iter().enumerate() {
+                    if counted {
+                        sums.squares[kind] += square;
+                        sums.counts[kind] += 2.0;
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn descend<F: Real>(
+    group: &mut Group<F>,
+    network: &Network,
+    packed: &Packed<F>,
+    loss: &PreparedLoss<F>,
+    gradient: &mut PackedGradient<F>,
+) -> f64 {
+    group.forward(network, packed);
+    let total = group.score(loss);
+    group.backward(packed, gradient);
+    total
+}
+
+#[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn run<F: Real>(group: &mut Group<F>, network: &Network, packed: &Packed<F>) {
+    group.forward(network, packed);
+}
+
+/// Computes gradients and scores of one [`Setup`]; threads live as long as it does.
+pub struct Engine<F> {
+    setup: Arc<Setup>,
+    own: Worker<F>,
+    helpers: Vec<(Sender<Job<F>>, JoinHandle<()>)>,
+    results: Receiver<Done<F>>,
+    packed: Arc<Packed<F>>,
+    spare: Vec<PackedGradient<F>>,
+}
+
+impl<F: Real> Engine<F> {
+    /// An engine on `threads` threads, the caller's among them.
+    #[must_use]
+    pub fn new(setup: Setup, threads: usize) -> Self {
+        let setup = Arc::new(setup);
+        let (sender, results) = channel();
+        let helpers = (1..threads.max(1))
+            .map(|_| {
+                let (jobs, inbox) = channel::<Job<F>>();
+                let (mut worker, results) = (Worker::new(&setup), sender.clone());
+                let thread = std::thread::spawn(move || {
+                    for job in inbox {
+                        // Nobody listens any more: the engine is gone.
+                        if results.send(worker.work(job)).is_err() {
+                            return;
+                        }
+                    }
+                });
+                (jobs, thread)
+            })
+            .collect();
+        let own = Worker::new(&setup);
+        Self { setup, own, helpers, results, packed: Arc::new(Packed::default()), spare: Vec::new() }
+    }
+
+    /// The setup it was made for.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// The objective on the sequences `batch` of `corpus`, and its gradient into `gradient`.
+    pub fn gradient(
+        &mut self,
+        parameters: &[F],
+        corpus: &Arc<Vec<Strokes>>,
+        batch: &[usize],
+        gradient: &mut [F],
+    ) -> f64 {
+        let done = self.share_out(parameters, corpus, batch, true);
+        gradient.fill(F::default());
+        let mut sums = Sums::default();
+        for part in done {
+            sums.add(&part.sums);
+            if let Some(part) = part.gradient {
+                part.add_to(self.setup.network.shape, gradient);
+                self.spare.push(part);
+            }
+        }
+        // A batch without a single target has neither loss nor gradient.
+        let share = if sums.weight > 0.0 { 1.0 / sums.weight } else { 0.0 };
+        for g in gradient {
+            *g = *g * F::of(share);
+        }
+        sums.loss * share
+    }
+
+    /// Scores over the sequences `chosen` of `corpus`; no gradient.
+    pub fn scores(&mut self, parameters: &[F], corpus: &Arc<Vec<Strokes>>, chosen: &[usize]) -> Scores {
+        let mut sums = Sums::default();
+        for part in self.share_out(parameters, corpus, chosen, false) {
+            sums.add(&part.sums);
+        }
+        let mean = |sum: f64, count: f64| if count > 0.0 { sum / count } else { f64::NAN };
+        Scores {
+            loss: mean(sums.loss, sums.weight),
+            mse: mean(sums.squares[0], sums.counts[0]),
+            within: mean(sums.squares[1], sums.counts[1]),
+        }
+    }
+
+    fn share_out(
+        &mut self,
+        parameters: &[F],
+        corpus: &Arc<Vec<Strokes>>,
+        chosen: &[usize],
+        with_gradient: bool,
+    ) -> Vec<Done<F>> {
+        let length = |&i: &usize| corpus.get(i).map_or(0, |s| s.v.len());
+        let mut order = chosen.to_vec();
+        // Sequences of about the same length share a group: fewer idle lanes.
+        order.sort_by_key(|i| std::cmp::Reverse(length(i)));
+        let longest = order.first().map_or(0, length);
+        Arc::make_mut(&mut self.packed).fill(self.setup.network.shape, parameters);
+        let mut done: Vec<Option<Done<F>>> = Vec::new();
+        let mut own = Vec::new();
+        let mut away = 0;
+        for (place, lanes) in order.chunks(LANES).enumerate() {
+            let shape = self.setup.network.shape;
+            let job = Job {
+                corpus: corpus.clone(),
+                lanes: lanes.to_vec(),
+                longest,
+                packed: self.packed.clone(),
+                gradient: with_gradient
+                    .then(|| self.spare.pop().unwrap_or_else(|| PackedGradient::zero(shape))),
+                place,
+            };
+            done.push(None);
+            match place.checked_rem(self.helpers.len() + 1) {
+                Some(turn @ 1..) => match self.helpers[turn - 1].0.send(job) {
+                    Ok(()) => away += 1,
+                    Err(back) => own.push(back.0),
+                },
+                _ => own.push(job),
+            }
+        }
+        for job in own {
+            let part = self.own.work(job);
+            let place = part.place;
+            done[place] = Some(part);
+        }
+        for part in self.results.iter().take(away) {
+            let place = part.place;
+            done[place] = Some(part);
+        }
+        done.into_iter().flatten().collect()
+    }
+}
+
+impl<F> Drop for Engine<F> {
+    fn drop(&mut self) {
+        for (jobs, thread) in self.helpers.drain(..) {
+            drop(jobs);
+            // A helper that panicked has nothing left to say.
+            let _ = thread.join();
+        }
+    }
+}
