@@ -45,7 +45,7 @@ impl JsonArgs {
             quietly(io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()));
             return Ok(());
         }
-        std::fs::write(path, text).map_err(|error| {
+        foretrace_lab::whole::write(path, |out| out.write_all(text.as_bytes())).map_err(|error| {
             Failure::failed(
                 format_args!("cannot write {}: {error}", path.display()),
                 "give a writable --json FILE",

@@ -1,6 +1,10 @@
 //! `foretrace lab`: the paper's experiments through the daemon's own control law.
 
 mod figures;
+mod table;
+mod table1;
+mod evaluate;
+mod leadtime;
 
 use std::path::PathBuf;
 
@@ -27,6 +31,18 @@ pub(crate) enum LabCommand {
     ///
     /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
     Fig3(LabArgs),
+    /// Table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
+    ///
+    /// Models that learn online make three passes over the train writers first. PS-B and PS-LSTM are the shares of
+    /// sequences with a smaller error than constant velocity and than the reference LSTM(10).
+    Table1(table1::Table1Args),
+    /// Any predictor on any part of any data set, also without a train part
+    Evaluate(evaluate::EvaluateArgs),
+    /// Error against look-ahead time, 10 to 200 ms, on devices of any rate: a leaderboard for pen prediction
+    ///
+    /// Others take part with an LSTM (lstm:FILE.safetensors) or with predictions (file:PREDICTIONS.csv) for the targets
+    /// that --export-targets writes.
+    Leadtime(leadtime::LeadtimeArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -66,6 +82,9 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
     match command {
         LabCommand::Fig2(args) => Session::prepare(args)?.fig2(args),
         LabCommand::Fig3(args) => Session::prepare(args)?.fig3(args),
+        LabCommand::Table1(args) => table1::run(args),
+        LabCommand::Evaluate(args) => evaluate::run(args),
+        LabCommand::Leadtime(args) => leadtime::run(args),
     }
 }
 

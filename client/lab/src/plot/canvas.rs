@@ -17,13 +17,19 @@ pub(super) const PEN: RGBColor = RGBColor(0x1f, 0x3b, 0x73);
 pub(super) const ROBOT: RGBColor = RGBColor(0xe4, 0x6c, 0x0a);
 pub(super) const TRUST: RGBColor = RGBColor(0x1b, 0x9e, 0x77);
 /// For further series; distinguishable also with colour-blind eyes.
-pub(super) const SERIES: [RGBColor; 6] = [
+pub(super) const SERIES: [RGBColor; 12] = [
     RGBColor(0x1f, 0x3b, 0x73),
     RGBColor(0xe4, 0x6c, 0x0a),
     RGBColor(0x1b, 0x9e, 0x77),
     RGBColor(0xb0, 0x3a, 0x8c),
     RGBColor(0x4c, 0x9b, 0xd6),
     RGBColor(0x8a, 0x6d, 0x1f),
+    RGBColor(0xc0, 0x39, 0x2b),
+    RGBColor(0x6b, 0x72, 0x80),
+    RGBColor(0x7a, 0x5c, 0xc2),
+    RGBColor(0x2f, 0x9e, 0x44),
+    RGBColor(0xd9, 0x9a, 0x00),
+    RGBColor(0x0b, 0x72, 0x85),
 ];
 
 const TITLE_PX: i32 = 22;
@@ -64,8 +70,8 @@ pub(super) fn picture(
     let drawn = (|| {
         let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
         root.fill(&WHITE)?;
-        let (head, body) = root.split_vertically(head_px(subtitle, legend));
-        title_block(&head, title, subtitle, legend)?;
+        let (head, body) = root.split_vertically(head_px(subtitle, legend, size.0));
+        title_block(&head, title, subtitle, legend, size.0)?;
         draw(&body.margin(0, MARGIN_PX / 2, MARGIN_PX / 2, MARGIN_PX))?;
         root.present()?;
         Ok::<(), Box<dyn std::error::Error>>(())
@@ -74,12 +80,28 @@ pub(super) fn picture(
     write_whole(file, &svg)
 }
 
-/// Height that the title block takes [px].
-pub(super) fn head_px(subtitle: &str, legend: &[Key<'_>]) -> i32 {
-    56 + if subtitle.is_empty() { 0 } else { 22 } + if legend.is_empty() { 0 } else { 26 }
+/// Height that the title block of a picture of this width takes [px].
+pub(super) fn head_px(subtitle: &str, legend: &[Key<'_>], width: u32) -> i32 {
+    let legend_px = legend_places(legend, width).last().map_or(0, |(_, row)| 26 * (row + 1));
+    56 + if subtitle.is_empty() { 0 } else { 22 } + legend_px
 }
 
-fn title_block(area: &Area<'_>, title: &str, subtitle: &str, legend: &[Key<'_>]) -> DrawResult {
+/// x [px] and row of every legend entry; a row that is full is followed by another.
+fn legend_places(legend: &[Key<'_>], width: u32) -> Vec<(i32, i32)> {
+    let (mut x, mut row) = (MARGIN_PX, 0);
+    let place = |key: &Key<'_>| {
+        let wide = 34 + text_width(key.label);
+        if x > MARGIN_PX && x + wide > width as i32 - MARGIN_PX {
+            (x, row) = (MARGIN_PX, row + 1);
+        }
+        let at = (x, row);
+        x += wide + 26;
+        at
+    };
+    legend.iter().map(place).collect()
+}
+
+fn title_block(area: &Area<'_>, title: &str, subtitle: &str, legend: &[Key<'_>], width: u32) -> DrawResult {
     let font = ("sans-serif", TITLE_PX).into_font().style(FontStyle::Bold);
     area.draw(&Text::new(title.to_owned(), (MARGIN_PX, 18), font.color(&INK)))?;
     let mut y = 50;
@@ -87,11 +109,10 @@ fn title_block(area: &Area<'_>, title: &str, subtitle: &str, legend: &[Key<'_>])
         area.draw(&Text::new(subtitle.to_owned(), (MARGIN_PX, y), text(&MUTED)))?;
         y += 22;
     }
-    let mut x = MARGIN_PX;
-    for key in legend {
+    for (key, (x, row)) in legend.iter().zip(legend_places(legend, width)) {
+        let y = y + 26 * row;
         area.draw(&PathElement::new(vec![(x, y + 8), (x + 26, y + 8)], key.stroke()))?;
         area.draw(&Text::new(key.label.to_owned(), (x + 34, y), text(&INK)))?;
-        x += 34 + text_width(key.label) + 26;
     }
     Ok(())
 }

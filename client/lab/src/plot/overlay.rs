@@ -55,7 +55,7 @@ pub fn path_overlay(
     let (cx, cy) = ((left + right) / 2.0, (low + high) / 2.0);
     let (half_x, half_y) = (scale * inner_px / 2.0, scale * height_px / 2.0);
     let legend = runs.legend();
-    let head = super::canvas::head_px(subtitle, &legend);
+    let head = super::canvas::head_px(subtitle, &legend, WIDTH_PX);
     let size = (WIDTH_PX, height_px as u32 + head as u32 + 76);
     picture(file, size, title, subtitle, &legend, |area| {
         let mut chart = ChartBuilder::on(area)
@@ -91,7 +91,7 @@ pub fn letter_grid(file: &Path, title: &str, subtitle: &str, cells: &[Cell<'_>])
     let rows = drawable.len().div_ceil(columns);
     let cell_px = (WIDTH_PX / columns as u32).min(320);
     let legend = drawable.first().map(|(_, runs, _)| runs.legend()).unwrap_or_default();
-    let head = super::canvas::head_px(subtitle, &legend) as u32;
+    let head = super::canvas::head_px(subtitle, &legend, WIDTH_PX) as u32;
     let size = (WIDTH_PX, head + rows as u32 * cell_px + 24);
     let half = span.max(1e-6) * 0.56;
     picture(file, size, title, subtitle, &legend, |area| {

@@ -18,7 +18,7 @@ pub use by_label::{
 };
 pub use model::{Contestant, LinearDybm, OnScoredSet, Plain, constant_velocity, zero};
 pub use registry::{Built, CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, NAMES, Setting};
-pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train};
+pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};
 pub use scaled::Scaled;
 pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
 pub use sequence::{PADDING_STEPS, Sequence, sequences};

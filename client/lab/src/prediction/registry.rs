@@ -145,6 +145,15 @@ impl Model {
         }
     }
 
+    /// It is of no use without training: weights from a file, or parameters that stay as training left them.
+    #[must_use]
+    pub fn needs_training(&self) -> bool {
+        match self.kind {
+            Kind::Zero | Kind::ConstantVelocity | Kind::Dybm(OnScoredSet::Learns) => false,
+            Kind::Dybm(OnScoredSet::Frozen) => true,
+        }
+    }
+
     /// Builds it for a set.
     ///
     /// # Errors

@@ -103,19 +103,14 @@ impl Row {
     }
 }
 
-/// Trains and scores `models` on `set`, one thread per model; `done` hears of every finished sequence.
+/// Trains and scores `models` on `set`, one thread per model; `done` hears of every sequence trained on or scored.
 ///
 /// Constant velocity and the reference LSTM(10) run in any case, for PS-B and PS-LSTM; they get rows only where chosen.
 ///
 /// # Errors
 /// A model that cannot be built for this set.
 pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Scored, ModelError> {
-    let mut jobs: Vec<Model> = models.to_vec();
-    for name in [CONSTANT_VELOCITY, LSTM_REFERENCE] {
-        if !jobs.iter().any(|m| m.name() == name) {
-            jobs.extend(Model::named(name).ok());
-        }
-    }
+    let jobs = with_references(models);
     let runs = parallel::map(&jobs, |model| run(model, set, done), || ());
     let runs: Vec<Run> = runs.into_iter().collect::<Result<_, _>>()?;
     let errors_of = |name: &str| runs.iter().find(|r| r.model == name).map(Run::per_sequence);
@@ -123,6 +118,24 @@ pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Sc
     let chosen = runs.iter().take(models.len());
     let rows = chosen.map(|r| Row::of(r, baseline.as_deref(), lstm.as_deref())).collect();
     Ok(Scored { rows, runs })
+}
+
+/// How often `done` is called by [`score`].
+#[must_use]
+pub fn work(models: &[Model], set: &Set) -> usize {
+    let passes = |model: &Model| if set.cold { 0 } else { model.passes() };
+    with_references(models).iter().map(|model| set.scored.len() + passes(model) * set.train.len()).sum()
+}
+
+/// The chosen models, then those that the others are measured against.
+fn with_references(models: &[Model]) -> Vec<Model> {
+    let mut jobs = models.to_vec();
+    for name in [CONSTANT_VELOCITY, LSTM_REFERENCE] {
+        if !jobs.iter().any(|m| m.name() == name) {
+            jobs.extend(Model::named(name).ok());
+        }
+    }
+    jobs
 }
 
 /// Rows of the chosen models, and the runs behind them (the baselines' last, where they were not chosen).
@@ -141,7 +154,7 @@ pub struct Scored {
 pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, ModelError> {
     let (mut contestant, note) = model.build(&Setting::of(set))?;
     let passes = if set.cold { 0 } else { model.passes() };
-    let train_s_per_epoch = train(&mut *contestant, &set.train, passes);
+    let train_s_per_epoch = train(&mut *contestant, &set.train, passes, done);
     let mut times_us = Vec::with_capacity(set.scored.len());
     let mut tallies = Vec::with_capacity(set.scored.len());
     let mut previews = Vec::new();
@@ -156,13 +169,19 @@ pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, Mo
     Ok(Run { model: model.name().to_owned(), tallies, us_per_step, train_s_per_epoch, note })
 }
 
-/// Passes over the train sequences; the mean time of one [s], `None` without any.
-pub fn train(contestant: &mut dyn Contestant, sequences: &[Sequence], passes: usize) -> Option<f64> {
+/// Passes over the train sequences, then the end of training; the mean time of one pass [s], `None` without any.
+pub fn train(
+    contestant: &mut dyn Contestant,
+    sequences: &[Sequence],
+    passes: usize,
+    done: &(dyn Fn() + Sync),
+) -> Option<f64> {
     let started = Instant::now();
     for _ in 0..passes {
         for sequence in sequences {
             contestant.start_sequence();
             sequence.v.iter().for_each(|v| contestant.observe(*v));
+            done();
         }
     }
     contestant.end_training();

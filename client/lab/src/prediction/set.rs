@@ -23,17 +23,24 @@ pub struct Set {
 }
 
 impl Set {
-    /// Loads the part `split` of the set in `folder` to score, and its train part to learn from.
+    /// Loads the part `split` of the set in `folder` to score, and its part `train` to learn from.
+    ///
+    /// Nothing is learned from beforehand where the scored part is `train` itself or `all`: it would be learned from
+    /// what is scored.
     ///
     /// # Errors
     /// [`SetError`]: a folder, table or part that cannot be read.
     pub fn load(folder: &Path, split: &Split, cold: bool) -> Result<Self, SetError> {
         let scored = DataSet::load(folder, split, false)?;
-        let train = if *split == Split::test() && !cold {
-            DataSet::load(folder, &Split::train(), false).ok()
-        } else {
-            None
-        };
+        let held_out = *split != Split::All && *split != Split::train();
+        let has_train = DataSet::splits(folder)?.iter().any(|word| word == "train");
+        let mut train = None;
+        if held_out && has_train && !cold {
+            let mut set = DataSet::load(folder, &Split::train(), false)?;
+            // A table may put a file into several parts.
+            set.files.retain(|file| scored.files.iter().all(|other| other.file != file.file));
+            train = Some(set);
+        }
         let errors = scored.errors.iter().chain(train.iter().flat_map(|t| &t.errors));
         Ok(Self {
             name: scored.name.clone(),
@@ -44,9 +51,7 @@ impl Set {
             refused: errors.map(ToString::to_string).collect(),
         })
     }
-}
 
-impl Set {
     /// Millimetres per raw unit along x and y, where the whole set agrees on them.
     #[must_use]
     pub fn mm_per_unit(&self) -> Option<[f64; 2]> {

@@ -135,7 +135,7 @@ fn board(entrants: &[Entrant], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Bo
         let (tallies, note) = match entrant {
             Entrant::Model(model) => {
                 let (mut contestant, note) = model.build(&Setting::of(set))?;
-                train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() });
+                train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
                 (walk(&mut *contestant, set, &targets, scale), note)
             }
             Entrant::File { predictions, .. } => {

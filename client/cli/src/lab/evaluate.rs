@@ -1,0 +1,56 @@
+//! `foretrace lab evaluate`: any model on any set, for devices never seen.
+
+use std::path::PathBuf;
+
+use foretrace_lab::data::Split;
+use foretrace_lab::prediction::Model;
+
+use super::table;
+use crate::failure::Failure;
+use crate::output::JsonArgs;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct EvaluateArgs {
+    /// Data-set folder
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+
+    /// Models, comma-separated [default: all; with --cold all that need no training]
+    #[arg(long, value_name = "NAMES")]
+    models: Option<String>,
+
+    /// Which part of the set to score: a word of its split.tsv, or all
+    ///
+    /// Models that learn online are trained on the part `train` first, unless that is scored itself (train, all) or
+    /// there is none: then they start cold.
+    #[arg(long, value_name = "WORD", default_value = "all")]
+    split: Split,
+
+    /// No training passes and no trained weights: everything is learned while it is scored
+    #[arg(long)]
+    cold: bool,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let standard = || Model::all().into_iter().filter(|m| !(args.cold && m.needs_training())).collect();
+    let models = table::models(args.models.as_deref(), standard)?;
+    if let Some(model) = models.iter().find(|m| args.cold && m.needs_training()) {
+        let what = format_args!(
+            "--cold and model {model} exclude each other: it has trained weights or learns offline"
+        );
+        let cold: Vec<String> =
+            Model::all().iter().filter(|m| !m.needs_training()).map(Model::to_string).collect();
+        return Err(Failure::bad_input(
+            what,
+            format_args!("leave --cold out, or choose from {}", cold.join(", ")),
+        ));
+    }
+    let set = table::load(&args.data, &args.split, args.cold)?;
+    let scored = table::scored(&models, &set)?;
+    table::print(&set, &scored);
+    args.json.write(&table::json(&set, &scored))
+}

@@ -1,0 +1,180 @@
+//! What the commands about prediction tables share: loading a set, choosing models, the table as text, JSON and picture.
+
+use std::path::Path;
+
+use foretrace_lab::data::Split;
+use foretrace_lab::plot::{Bars, Best, bar_table};
+use foretrace_lab::prediction::{ByLead, Model, Row, Scored, Set, score, work};
+use serde_json::{Value, json};
+
+use super::Progress;
+use crate::failure::Failure;
+use crate::output::{note, say};
+
+/// Loads a set and says what was left out of it.
+pub(super) fn load(folder: &Path, split: &Split, cold: bool) -> Result<Set, Failure> {
+    let set = Set::load(folder, split, cold).map_err(|error| {
+        Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
+    })?;
+    for error in &set.refused {
+        note!("lab: left out: {error}");
+    }
+    if set.scored.is_empty() {
+        let what = format_args!("{}: no character of this part has pen-down points", folder.display());
+        return Err(Failure::bad_input(what, "give a set with handwriting in it"));
+    }
+    Ok(set)
+}
+
+/// The models of a comma-separated list; `standard` where there is none.
+pub(super) fn models(
+    names: Option<&str>,
+    standard: impl FnOnce() -> Vec<Model>,
+) -> Result<Vec<Model>, Failure> {
+    match names {
+        None => Ok(standard()),
+        Some(names) => Model::list(names).map_err(|error| Failure::bad_input(error, "")),
+    }
+}
+
+/// Scores the models with a progress bar where somebody watches.
+pub(super) fn scored(models: &[Model], set: &Set) -> Result<Scored, Failure> {
+    let progress = Progress::of(work(models, set));
+    score(models, set, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))
+}
+
+/// What was scored, in one line.
+pub(super) fn title(set: &Set) -> String {
+    let steps: usize = set.scored.iter().map(|s| s.v.len().saturating_sub(1)).sum();
+    let part = if set.split == "all" { String::new() } else { format!(" ({})", set.split) };
+    format!("{}{part}: {} sequences, {steps} steps", set.name, set.scored.len())
+}
+
+/// The table, then what has to be known about single rows.
+pub(super) fn print(set: &Set, scored: &Scored) {
+    say!("{}\n", title(set));
+    say!(
+        "{:<20} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
+        "model",
+        "MSE",
+        "within",
+        "median",
+        "PS-B",
+        "PS-LSTM",
+        "velocity @1 2 5 10",
+        "position @1 2 5 10",
+        "mm @10",
+        "µs/step",
+        "s/epoch"
+    );
+    for row in &scored.rows {
+        say!(
+            "{:<20} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
+            row.model,
+            figure(row.mse),
+            figure(row.within),
+            figure(row.median),
+            fixed(row.ps_b, 1),
+            fixed(row.ps_lstm, 1),
+            by_lead(&row.vel_mse),
+            by_lead(&row.pos_mse),
+            fixed(row.rms_mm_10, 3),
+            fixed(row.us_per_step, 2),
+            fixed(row.train_s_per_epoch, 3)
+        );
+    }
+    say!(
+        "\nErrors in raw units² per sample, mean over components. PS-B, PS-LSTM: sequences [%] below constant velocity"
+    );
+    say!(
+        "and below lstm10-reference. mm: RMS of the 2-D position error after 10 steps, windows without a jump."
+    );
+    for (model, note) in notes(scored) {
+        say!("{model}: {note}");
+    }
+}
+
+/// Rows and everything needed to read them.
+pub(super) fn json(set: &Set, scored: &Scored) -> Value {
+    let notes: serde_json::Map<String, Value> =
+        notes(scored).map(|(model, note)| (model.to_owned(), Value::from(note))).collect();
+    json!({
+        "set": set.name,
+        "split": set.split,
+        "sequences": set.scored.len(),
+        "steps": set.scored.iter().map(|s| s.v.len().saturating_sub(1)).sum::<usize>(),
+        "cold": set.cold,
+        "rows": scored.rows,
+        "notes": notes,
+    })
+}
+
+fn notes(scored: &Scored) -> impl Iterator<Item = (&str, &str)> {
+    let chosen = scored.runs.iter().filter(|run| scored.rows.iter().any(|row| row.model == run.model));
+    chosen.filter_map(|run| Some((run.model.as_str(), run.note.as_deref()?)))
+}
+
+/// The table as bars in `folder`/`name`.
+pub(super) fn draw(folder: &Path, name: &str, title: &str, set: &Set, rows: &[Row]) -> Result<(), Failure> {
+    let file = folder.join(name);
+    let names: Vec<&str> = rows.iter().map(|row| row.model.as_str()).collect();
+    let column = |label, of: fn(&Row) -> Option<f64>, digits, best| Bars {
+        label,
+        values: rows.iter().map(of).collect(),
+        digits,
+        best,
+    };
+    let mut columns = vec![
+        column("MSE, raw units²", |r| r.mse, 2, Best::Lowest),
+        column("within strokes", |r| r.within, 2, Best::Lowest),
+        column("PS-B, %", |r| r.ps_b, 1, Best::Highest),
+        column("PS-LSTM, %", |r| r.ps_lstm, 1, Best::Highest),
+        column("RMS after 10 steps, mm", |r| r.rms_mm_10, 3, Best::Lowest),
+    ];
+    columns.retain(|column| column.values.iter().any(Option::is_some));
+    std::fs::create_dir_all(folder)
+        .map_err(|error| Failure::failed(format_args!("cannot make {}: {error}", folder.display()), ""))?;
+    bar_table(&file, title, &self::title(set), &names, &columns)
+        .map_err(|error| Failure::failed(error, ""))?;
+    say!("\npicture  {}", file.display());
+    Ok(())
+}
+
+/// A number with four figures or more, `-` where unknown.
+pub(super) fn figure(value: Option<f64>) -> String {
+    match value {
+        None => "-".to_owned(),
+        Some(v) if !v.is_finite() => "diverged".to_owned(),
+        Some(v) if v.abs() >= 1e7 => format!("{v:.2e}"),
+        Some(v) if v.abs() >= 1000.0 => format!("{v:.0}"),
+        Some(v) if v.abs() >= 10.0 => format!("{v:.3}"),
+        Some(v) if v.abs() >= 0.1 || v == 0.0 => format!("{v:.4}"),
+        Some(v) => format!("{v:.2e}"),
+    }
+}
+
+/// A number with fixed digits, `-` where unknown.
+pub(super) fn fixed(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
+}
+
+fn by_lead(values: &ByLead) -> String {
+    let short = |v: &Option<f64>| match v {
+        Some(v) if v.abs() >= 100.0 && v.abs() < 1e7 => format!("{v:.0}"),
+        Some(v) if v.abs() >= 1.0 && v.abs() < 100.0 => format!("{v:.2}"),
+        other => figure(*other),
+    };
+    values.values().map(short).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{figure, fixed};
+
+    #[test]
+    fn numbers_keep_the_figures_that_matter() {
+        let shown = [120.0701, 5.2581, 0.014_238, 8968.4, 0.0, 3.2e9, f64::INFINITY].map(|v| figure(Some(v)));
+        assert_eq!(shown, ["120.070", "5.2581", "1.42e-2", "8968", "0.0000", "3.20e9", "diverged"]);
+        assert_eq!((figure(None), fixed(None, 2)), ("-".to_owned(), "-".to_owned()));
+    }
+}
