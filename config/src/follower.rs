@@ -6,11 +6,13 @@
 
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
-use foretrace_control::learn::{InitialWeights, LearnError, Learner, LearnerSettings};
+use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::{DybmSettings, Optimiser, PredictorKind, PreviewSettings};
+use foretrace_control::predict::{
+    DybmSettings, InitialWeights, ModelSettings, Optimiser, PredictorKind, PreviewSettings,
+};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
@@ -111,7 +113,8 @@ fn follower_settings(s: &Settings, robot: &Robot) -> FollowerSettings<JOINTS> {
                 max_change: s.predictor.scale.max_change,
             },
         },
-        dybm_weights: learner_settings(s).initial_weights(),
+        models: models(s),
+        weights: models(s).initial_weights(),
         trust: TrustSettings {
             step_ns: s.step_ns(),
             ramp_steps: f64::from(s.trust.ramp_steps),
@@ -225,8 +228,23 @@ fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
 }
 
 fn learner_settings(s: &Settings) -> LearnerSettings {
-    let dybm = &s.predictor.dybm;
     LearnerSettings {
+        models: models(s),
+        leads: Leads::of_loop(s.step_ns(), ns(s.timing.dead_time_ms), s.mpc.horizon as usize),
+        rule: Rule {
+            memory_steps: s.learner.memory_steps,
+            min_evidence: s.learner.min_evidence_steps,
+            promote_ratio: s.learner.promote_ratio,
+            rollback_ratio: s.learner.rollback_ratio,
+            follow_steps: s.learner.follow_steps,
+        },
+        max_learned: s.learner.max_learned,
+    }
+}
+
+fn models(s: &Settings) -> ModelSettings {
+    let dybm = &s.predictor.dybm;
+    ModelSettings {
         step_ns: s.step_ns(),
         dybm: DybmSettings {
             shape: DybmShape::new(
@@ -250,12 +268,6 @@ fn learner_settings(s: &Settings) -> LearnerSettings {
         } else {
             InitialWeights::Zero
         },
-        lead_steps: s.learner.lead_steps as usize,
-        memory_steps: s.learner.memory_steps,
-        min_evidence: s.learner.min_evidence_steps,
-        promote_ratio: s.learner.promote_ratio,
-        rollback_ratio: s.learner.rollback_ratio,
-        max_learned: s.learner.max_learned,
     }
 }
 

@@ -1,7 +1,7 @@
 //! The learner thread: grid steps in, promoted weights out.
 //!
-//! Contract: never makes the real-time thread wait. What the rings cannot take is dropped there and counted; of several
-//! promotions the newest reaches the loop. A panic ends learning, not the daemon: the loop goes on with the weights it
+//! Contract: never makes the real-time thread wait. What the rings and the channel cannot take is dropped and counted; of
+//! several sets of weights the newest reaches the loop. A panic ends learning, not the daemon: the loop goes on with the weights it
 //! has, and the board says so.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,10 +10,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crossbeam::channel::{Receiver, Sender};
+use crossbeam::channel::{Receiver, Sender, TrySendError};
 
 use foretrace_control::learn::{LearnCounters, LearnError, Learner, LearnerSettings, Promotion};
-use foretrace_control::predict::DybmWeights;
 
 use crate::rt::tick::LearnerRings;
 
@@ -29,6 +28,8 @@ pub struct LearnerBoard {
     promotions: AtomicU64,
     rollbacks: AtomicU64,
     refused: AtomicU64,
+    overtaken: AtomicU64,
+    events_lost: AtomicU64,
     failed: AtomicBool,
 }
 
@@ -43,6 +44,10 @@ pub struct LearnerView {
     pub rollbacks: u64,
     /// Candidates thrown away and steps refused.
     pub refused: u64,
+    /// Sets of weights that a newer one overtook before there was room for them in the ring.
+    pub overtaken: u64,
+    /// Events lost because nobody took them off the channel in time.
+    pub events_lost: u64,
     /// The thread has ended by a fault.
     pub failed: bool,
 }
@@ -57,15 +62,18 @@ impl LearnerBoard {
             promotions: of(&self.promotions),
             rollbacks: of(&self.rollbacks),
             refused: of(&self.refused),
+            overtaken: of(&self.overtaken),
+            events_lost: of(&self.events_lost),
             failed: self.failed.load(Ordering::Relaxed),
         }
     }
 
     fn show(&self, counters: LearnCounters) {
         self.updates.store(counters.updates, Ordering::Relaxed);
-        self.promotions.store(counters.promotions, Ordering::Relaxed);
-        self.rollbacks.store(counters.rollbacks, Ordering::Relaxed);
-        let refused = counters.refused + counters.poisoned + counters.abandoned;
+        let courses = counters.courses;
+        self.promotions.store(courses.promotions, Ordering::Relaxed);
+        self.rollbacks.store(courses.rollbacks, Ordering::Relaxed);
+        let refused = counters.refused + courses.poisoned + courses.abandoned;
         self.refused.store(refused, Ordering::Relaxed);
     }
 }
@@ -74,7 +82,7 @@ impl LearnerBoard {
 #[derive(Debug, Clone, PartialEq)]
 pub enum LearnerEvent {
     /// The live weights change.
-    Promoted(Box<Promotion>),
+    Promoted(Promotion),
     /// New rules are in force, or were refused.
     Rules(Result<(), LearnError>),
     /// The thread ends by a fault.
@@ -103,6 +111,15 @@ pub struct LearnerLinks {
     pub quit: Arc<AtomicBool>,
 }
 
+impl LearnerLinks {
+    /// Tells an event, or counts it as lost. Once nobody listens any more nothing is lost.
+    fn tell(&self, event: LearnerEvent) {
+        if let Err(TrySendError::Full(_)) = self.events.try_send(event) {
+            self.board.events_lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
 /// Starts the thread.
 ///
 /// # Errors
@@ -127,19 +144,20 @@ fn guarded(links: &LearnerLinks, work: impl FnOnce()) {
             .or_else(|| panic.downcast_ref::<String>().cloned())
             .unwrap_or_else(|| "unknown cause".to_owned());
         links.board.failed.store(true, Ordering::Relaxed);
-        let _ = links.events.try_send(LearnerEvent::Failed(text));
+        links.tell(LearnerEvent::Failed(text));
     }
 }
 
 fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: &LearnerLinks) {
-    let mut waiting: Option<DybmWeights> = None;
+    // The newest set is always that of the learner itself.
+    let mut due = false;
     while !links.quit.load(Ordering::Acquire) {
         while let Ok(order) = links.orders.try_recv() {
             enabled = order.enabled;
             if order.settings != *learner.settings() {
-                let renewed = Learner::from_weights(order.settings, *learner.live());
+                let renewed = Learner::from_weights(order.settings, *learner.weights());
                 let outcome = renewed.map(|renewed| learner = renewed);
-                let _ = links.events.try_send(LearnerEvent::Rules(outcome));
+                links.tell(LearnerEvent::Rules(outcome));
             }
         }
         let mut learned = 0;
@@ -147,23 +165,24 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
             && let Ok(step) = rings.learn.pop()
         {
             learned += 1;
-            if enabled && let Some(promotion) = learner.learn(&step) {
-                waiting = Some(promotion.weights);
-                let _ = links.events.try_send(LearnerEvent::Promoted(Box::new(promotion)));
+            if !enabled {
+                continue;
             }
+            let lesson = learner.learn(&step);
+            for promotion in lesson.promotions() {
+                links.tell(LearnerEvent::Promoted(*promotion));
+            }
+            if lesson.hand_over && due {
+                links.board.overtaken.fetch_add(1, Ordering::Relaxed);
+            }
+            due |= lesson.hand_over;
         }
         links.board.show(learner.counters());
-        waiting = waiting.and_then(|weights| rings.weights.push(weights).err().map(full));
+        due = due && rings.weights.push(*learner.weights()).is_err();
         if learned < BATCH {
             std::thread::sleep(PAUSE);
         }
     }
-}
-
-/// What did not fit.
-fn full(error: rtrb::PushError<DybmWeights>) -> DybmWeights {
-    let rtrb::PushError::Full(weights) = error;
-    weights
 }
 
 #[cfg(test)]
@@ -172,7 +191,6 @@ mod tests {
 
     use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
-    use foretrace_control::predict::ModelParameters;
 
     use super::*;
 
@@ -198,10 +216,10 @@ mod tests {
     fn circle(index: u64) -> LearnStep {
         let angle = index as f64 * 0.094;
         let x = [10.0 * angle.cos(), 10.0 * angle.sin()];
-        LearnStep { index, x, motion: Motion::Continues, contact: true, scale_m: 1e-4 }
+        LearnStep { index, x, motion: Motion::Continues, contact: true, ..LearnStep::default() }
     }
 
-    fn until(claim: impl Fn() -> bool) {
+    fn until(mut claim: impl FnMut() -> bool) {
         for _ in 0..2000 {
             if claim() {
                 return;
@@ -216,7 +234,7 @@ mod tests {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
         let (weights, mut mailbox) = rtrb::RingBuffer::new(4);
         let (links, bench) = links();
-        let learner = Learner::new(LearnerSettings::preset(STEP_NS)).unwrap();
+        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0)).unwrap();
         let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
         let mut index = 0;
         while bench.board.view().promotions == 0 {
@@ -227,9 +245,18 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         until(|| mailbox.slots() > 0);
-        let received = mailbox.pop().unwrap();
-        assert!(received.version > 0);
-        assert!(received.validate().is_ok());
+        // Sets that only carry new bands are among them.
+        let mut promoted = false;
+        until(|| {
+            while let Ok(received) = mailbox.pop() {
+                assert!(received.version > 0 && received.validate().is_ok());
+                promoted |= received.dybm.version > 0;
+            }
+            while steps.push(circle(index)).is_ok() {
+                index += 1;
+            }
+            promoted
+        });
         assert!(matches!(bench.events.try_recv(), Ok(LearnerEvent::Promoted(_))));
         assert!(bench.board.view().updates > 0);
         bench.quit.store(true, Ordering::Release);
@@ -241,7 +268,7 @@ mod tests {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
         let (weights, mailbox) = rtrb::RingBuffer::new(4);
         let (links, bench) = links();
-        let settings = LearnerSettings::preset(STEP_NS);
+        let settings = LearnerSettings::preset(STEP_NS, 0);
         let learner = Learner::new(settings).unwrap();
         let thread = spawn(learner, false, LearnerRings { learn, weights }, links).unwrap();
         for index in 0..500 {
@@ -260,6 +287,33 @@ mod tests {
             assert!(index < 1_000_000, "nothing was learned");
             std::thread::sleep(Duration::from_millis(1));
         }
+        bench.quit.store(true, Ordering::Release);
+        thread.join().unwrap();
+    }
+
+    #[test]
+    fn what_nobody_takes_is_counted_and_the_newest_set_waits() {
+        let (mut steps, learn) = rtrb::RingBuffer::new(512);
+        let (weights, mut mailbox) = rtrb::RingBuffer::new(1);
+        let (mut links, bench) = links();
+        let (full, _kept) = channel::bounded(1);
+        full.send(LearnerEvent::Rules(Ok(()))).unwrap();
+        links.events = full;
+        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0)).unwrap();
+        let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
+        let mut index = 0;
+        while bench.board.view().events_lost == 0 || bench.board.view().overtaken == 0 {
+            while steps.push(circle(index)).is_ok() {
+                index += 1;
+            }
+            assert!(index < 1_000_000, "nothing was lost");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        until(|| mailbox.slots() > 0);
+        let old = mailbox.pop().unwrap();
+        // What waited meanwhile is the newest set, not the one after.
+        until(|| mailbox.slots() > 0);
+        assert!(mailbox.pop().unwrap().version > old.version);
         bench.quit.store(true, Ordering::Release);
         thread.join().unwrap();
     }

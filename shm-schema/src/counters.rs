@@ -8,7 +8,7 @@ use crate::layout::wire;
 
 wire! {
     /// Totals since the daemon started.
-    "foretrace.CountersV1"
+    "foretrace.CountersV2"
     pub struct Counters {
         /// Ticks run.
         pub ticks: u64,
@@ -54,6 +54,10 @@ wire! {
         pub learner_ring_dropped: u64,
         /// Sets of weights refused by the loop.
         pub weights_refused: u64,
+        /// Sets of weights that a newer set overtook before the loop took them up.
+        pub weights_overtaken: u64,
+        /// Events of the learner lost because nobody took them off its channel in time.
+        pub learner_events_lost: u64,
         /// Requests answered.
         pub requests: u64,
         /// Requests answered with a refusal.

@@ -26,7 +26,7 @@ wire! {
 
 wire! {
     /// State of the daemon. Spreads are over all ticks since start, after warm-up.
-    "foretrace.StatusV1"
+    "foretrace.StatusV2"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -85,11 +85,14 @@ wire! {
         pub learner_age_ns: u64,
         /// Root mean square of the one-step prediction error, recent [m]; negative: none.
         pub predictor_rms_m: f64,
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
+        /// not known.
+        pub predictor_band_m: f64,
 
         /// Heap allocations per tick after warm-up, ticks with a connection change left out.
         pub allocations_per_tick: f64,
         /// Reserved, zero.
-        pub reserved: [u64; 8],
+        pub reserved: [u64; 7],
     }
 }
 

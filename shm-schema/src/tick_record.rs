@@ -15,7 +15,7 @@ use crate::{
 
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV1"
+    "foretrace.TickRecordV2"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -118,6 +118,9 @@ wire! {
 
         /// One-step error of the predictor at the newest closed grid step [m]; negative: none.
         pub predictor_error_m: f64,
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
+        /// not known.
+        pub predictor_band_m: f64,
         /// Version of the weights in use.
         pub learner_version: u64,
         /// Age of the weights in use [ns].

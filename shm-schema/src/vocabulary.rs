@@ -167,8 +167,8 @@ wire_enum! {
         DybmEsn = 5 => "dybm-esn",
         /// Autoregression by recursive least squares.
         ArRls = 6 => "ar-rls",
-        /// Mixture by exponential weights.
-        Mixture = 7 => "mixture",
+        /// Mixture that learns which predictor to believe.
+        Ours = 7 => "ours",
     }
 }
 

@@ -12,7 +12,7 @@ fn pinned<T: Wire>(size: usize, align: usize, fields: &[(&str, usize, usize)], h
 }
 
 #[test]
-fn layouts_are_those_of_version_1() {
+fn layouts_are_pinned() {
     pinned::<Header>(
         24,
         8,
@@ -70,7 +70,7 @@ fn layouts_are_those_of_version_1() {
     pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
     pinned::<Rejections>(72, 8, &[("by_reason", 0, 72)], 0xc82e1bda91481e4d);
     pinned::<Counters>(
-        360,
+        376,
         8,
         &[
             ("ticks", 0, 8),
@@ -95,18 +95,20 @@ fn layouts_are_those_of_version_1() {
             ("telemetry_failed", 280, 8),
             ("learner_ring_dropped", 288, 8),
             ("weights_refused", 296, 8),
-            ("requests", 304, 8),
-            ("requests_refused", 312, 8),
-            ("allocations", 320, 8),
-            ("connection_allocations", 328, 8),
-            ("connection_ticks", 336, 8),
-            ("page_faults_minor", 344, 8),
-            ("page_faults_major", 352, 8),
+            ("weights_overtaken", 304, 8),
+            ("learner_events_lost", 312, 8),
+            ("requests", 320, 8),
+            ("requests_refused", 328, 8),
+            ("allocations", 336, 8),
+            ("connection_allocations", 344, 8),
+            ("connection_ticks", 352, 8),
+            ("page_faults_minor", 360, 8),
+            ("page_faults_major", 368, 8),
         ],
-        0xbeae61f1e7ea6509,
+        0x4914ea499cc90991,
     );
     pinned::<TickRecord>(
-        1048,
+        1072,
         8,
         &[
             ("header", 0, 24),
@@ -156,19 +158,20 @@ fn layouts_are_those_of_version_1() {
             ("orientation_error_rad", 592, 8),
             ("singularity_m", 600, 8),
             ("predictor_error_m", 608, 8),
-            ("learner_version", 616, 8),
-            ("learner_age_ns", 624, 8),
-            ("predictor", 632, 4),
-            ("preview_steps", 636, 4),
-            ("allocations", 640, 4),
-            ("connections_changed", 644, 4),
-            ("counters", 648, 360),
-            ("ghost_m", 1008, 24),
-            ("ghost_error_m", 1032, 8),
-            ("ghost_predictor", 1040, 4),
-            ("reserved", 1044, 4),
+            ("predictor_band_m", 616, 8),
+            ("learner_version", 624, 8),
+            ("learner_age_ns", 632, 8),
+            ("predictor", 640, 4),
+            ("preview_steps", 644, 4),
+            ("allocations", 648, 4),
+            ("connections_changed", 652, 4),
+            ("counters", 656, 376),
+            ("ghost_m", 1032, 24),
+            ("ghost_error_m", 1056, 8),
+            ("ghost_predictor", 1064, 4),
+            ("reserved", 1068, 4),
         ],
-        0xe91f0d49bcab0e24,
+        0x59e5249b67ebab8c,
     );
     pinned::<Percentiles>(
         16,
@@ -177,7 +180,7 @@ fn layouts_are_those_of_version_1() {
         0x1f3d04f1cb1a7002,
     );
     pinned::<Status>(
-        784,
+        800,
         8,
         &[
             ("header", 0, 24),
@@ -193,24 +196,25 @@ fn layouts_are_those_of_version_1() {
             ("settings_revision", 80, 8),
             ("settings_hash", 88, 8),
             ("stages", 96, 160),
-            ("counters", 256, 360),
-            ("trust", 616, 8),
-            ("trust_target", 624, 8),
-            ("trust_reason", 632, 4),
-            ("predictor", 636, 4),
-            ("pen_age_ns", 640, 8),
-            ("joint_state_age_ns", 648, 8),
-            ("learner_version", 656, 8),
-            ("learner_updates", 664, 8),
-            ("learner_promotions", 672, 8),
-            ("learner_rollbacks", 680, 8),
-            ("learner_refused", 688, 8),
-            ("learner_age_ns", 696, 8),
-            ("predictor_rms_m", 704, 8),
-            ("allocations_per_tick", 712, 8),
-            ("reserved", 720, 64),
+            ("counters", 256, 376),
+            ("trust", 632, 8),
+            ("trust_target", 640, 8),
+            ("trust_reason", 648, 4),
+            ("predictor", 652, 4),
+            ("pen_age_ns", 656, 8),
+            ("joint_state_age_ns", 664, 8),
+            ("learner_version", 672, 8),
+            ("learner_updates", 680, 8),
+            ("learner_promotions", 688, 8),
+            ("learner_rollbacks", 696, 8),
+            ("learner_refused", 704, 8),
+            ("learner_age_ns", 712, 8),
+            ("predictor_rms_m", 720, 8),
+            ("predictor_band_m", 728, 8),
+            ("allocations_per_tick", 736, 8),
+            ("reserved", 744, 56),
         ],
-        0xafebaaed6758efc3,
+        0xc3e7796bcb9dae7d,
     );
     pinned::<ControlRequest>(
         32,

@@ -107,21 +107,22 @@ section! {
 
 section! {
     /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live
-    /// weights only when it did better on recent motion, and is taken back when it then does worse than what
-    /// it replaced.
+    /// weights only when it did better on recent motion (or, for models that learn at once, no worse), and is
+    /// taken back when it then does worse than what it replaced. They are compared by their predictions as far
+    /// ahead as the plan looks: from the dead time to the horizon behind it.
     pub struct Learner {
         /// Learn while running. Off: the weights stay as they are.
         enabled: bool = Flag, Default("true"), Live, "true";
         /// Weights before anything was learned: the last displacement goes on, fading by this factor per
         /// step. 0 starts from zero weights, as in the paper.
         initial_persistence: f64 = Between(0.0, 1.0), Default("0.95"), AtStart, "0.95";
-        /// Candidate and live weights are compared by their predictions this many steps ahead.
-        lead_steps: u32 = Between(1.0, 16.0), Default("10"), AtStart, "10";
         /// Moving steps over which the comparison forgets.
         memory_steps: f64 = Between(10.0, 1e6), Default("300.0"), AtStart,
             "300: three seconds of motion at 10 ms";
         /// Moving steps that have to be compared before the live weights change again.
         min_evidence_steps: u32 = Between(10.0, 1e6), Default("100"), AtStart, "100";
+        /// Moving steps between two hand-overs of weights that follow their candidate.
+        follow_steps: u32 = Between(1.0, 1e6), Default("10"), AtStart, "10: a tenth of a second at 10 ms";
         /// The candidate is promoted when its error is below this part of the live error.
         promote_ratio: f64 = Between(0.1, 1.0), Default("0.95"), AtStart, "0.95";
         /// The live weights are rolled back when their error is above this many times their predecessor's.

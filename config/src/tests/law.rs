@@ -2,10 +2,10 @@
 
 use foretrace_control::follower::{Follower, Plane};
 use foretrace_control::ik::{IkBackend, IkSettings};
-use foretrace_control::learn::{InitialWeights, LearnerSettings};
+use foretrace_control::learn::{Leads, LearnerSettings};
 use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
 use foretrace_control::pen::SpeedScaleSettings;
-use foretrace_control::predict::{PredictorKind, PreviewSettings};
+use foretrace_control::predict::{InitialWeights, PredictorKind, PreviewSettings};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
@@ -27,7 +27,9 @@ fn presets_keep_what_was_measured_in_the_control_law() {
     for name in ["ur5", "ur5e"] {
         let config = Config::preset(name).unwrap();
         let law = config.follower_settings();
-        assert_eq!(config.learner_settings(), LearnerSettings::preset(10_000_000), "{name}");
+        let learner = LearnerSettings::preset(10_000_000, law.dead_time_ns);
+        assert_eq!(config.learner_settings(), learner, "{name}");
+        assert_eq!((law.models, law.weights), (learner.models, learner.models.initial_weights()), "{name}");
         assert_eq!(law.mpc.gains_feedback, [Gains::FEEDBACK; 3], "{name}");
         assert_eq!(law.mpc.gains_feedforward, [Gains::FEEDFORWARD; 3], "{name}");
         assert_eq!(law.mpc.effort, Gains::EFFORT);
@@ -92,7 +94,7 @@ fn words_choose_what_they_say() {
     assert_eq!(law.preview.kind, PredictorKind::Hold);
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
     assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
-    assert_eq!(config.learner_settings().initial, InitialWeights::Zero);
+    assert_eq!(config.learner_settings().models.initial, InitialWeights::Zero);
     assert_eq!(law.ik_backend, IkBackend::Exact);
     let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n[ik]\nbackend = \"clarabel\"\n")
         .unwrap()
@@ -119,8 +121,17 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
     };
     assert_eq!(refused(|_| ()), Ok(()));
     assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));
-    assert!(refused(|s| s.learner.lead_steps = 0).unwrap_err().contains("learner lead"));
+    assert!(refused(|s| s.learner.follow_steps = 0).unwrap_err().contains("follow_steps"));
     assert!(refused(|s| s.pen.step_ms = 7).unwrap_err().contains("not a multiple"));
+}
+
+#[test]
+fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
+    let leads = |text: &str| over_ur5(text).unwrap().learner_settings().leads;
+    let ideal = leads("[timing]\ndead_time_ms = 0.0\n[mpc]\nhorizon = 10\n");
+    assert_eq!(ideal, Leads::new(1, 10).unwrap());
+    let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\n");
+    assert_eq!(lagging, Leads::new(5, 25).unwrap());
 }
 
 #[test]

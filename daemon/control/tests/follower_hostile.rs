@@ -5,7 +5,8 @@ mod support;
 
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Mode, Request, StepInput};
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::PredictorKind;
+use foretrace_control::predict::bands::BAND_LEADS;
+use foretrace_control::predict::{OnlineWeights, PredictorKind};
 use foretrace_control::units::Stamp;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -46,13 +47,25 @@ fn poisoned_joints(rng: &mut Pcg64, good: JointReading<6>) -> JointReading<6> {
     bad
 }
 
+/// Breaks one model's parameters, or the bands, under a new version.
+fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
+    weights.version += 1;
+    match rng.random_range(0..2) {
+        0 => {
+            weights.dybm.version = weights.version;
+            weights.dybm.parameters.fifo[0][rng.random_range(0..2)][rng.random_range(0..2)] = value;
+        }
+        _ => weights.bands.factors[rng.random_range(0..3)][rng.random_range(0..BAND_LEADS)] = value as f32,
+    }
+}
+
 fn request(rng: &mut Pcg64) -> Request {
     match rng.random_range(0..8) {
         0 => Request::Stop,
         1 => Request::Disarm,
         2 => Request::SetTrust(if rng.random_bool(0.5) { rng.random() } else { f64::NAN }),
         3 => Request::TrustAuto,
-        4 => Request::SwitchPredictor(PredictorKind::ALL[rng.random_range(0..4)]),
+        4 => Request::SwitchPredictor(PredictorKind::ALL[rng.random_range(0..PredictorKind::ALL.len())]),
         _ => Request::Arm,
     }
 }
@@ -60,7 +73,7 @@ fn request(rng: &mut Pcg64) -> Request {
 /// One life of a follower; returns how many commands moved.
 fn live(seed: u64, ticks: u32, spite: f64) -> u32 {
     let mut rng = Pcg64::seed_from_u64(seed);
-    let kind = PredictorKind::ALL[rng.random_range(0..3)];
+    let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
     let mut settings = settings(kind);
     settings.dead_time_ns = rng.random_range(0..80_000_000);
     settings.safety.enable_required = rng.random_bool(0.1);
@@ -74,7 +87,7 @@ fn live(seed: u64, ticks: u32, spite: f64) -> u32 {
         bench.joints.stamp = bench.now;
         let good = bench.joints;
         let joints = if rng.random_bool(0.02 * spite) { poisoned_joints(&mut rng, good) } else { good };
-        let mut weights = *bench.follower.weights();
+        let mut weights = bench.follower.weights();
         let sabotage = rng.random_bool(0.02 * spite);
         if sabotage {
             let value = if rng.random_bool(0.5) {
@@ -82,8 +95,7 @@ fn live(seed: u64, ticks: u32, spite: f64) -> u32 {
             } else {
                 rng.random_range(-99.0..99.0)
             };
-            weights.parameters.fifo[0][rng.random_range(0..2)][rng.random_range(0..2)] = value;
-            weights.version += 1;
+            sabotaged(&mut rng, &mut weights, value);
         }
         let restless = bench.last.is_none() || rng.random_bool(0.02 * spite);
         let input = StepInput {
@@ -107,6 +119,7 @@ fn live(seed: u64, ticks: u32, spite: f64) -> u32 {
         let output = bench.step(&input, budget);
         moving += u32::from(output.command.is_some_and(|command| command.qd.iter().any(|qd| *qd != 0.0)));
         let named = output.tool.iter().chain(&output.reference).all(|x| x.is_finite());
+        assert!(output.predictor_band.is_none_or(|band| band >= 0.0 && band.is_finite()));
         assert!(named && output.trust.alpha.alpha().is_finite(), "seed {seed}, tick {tick}: {output:?}");
         assert!(
             output.command.is_some() || output.mode == Mode::Idle,
@@ -141,7 +154,8 @@ fn every_command_is_legal_whatever_comes_in() {
 fn a_scribble_of_pure_noise_is_survived() {
     for seed in 0..60 {
         let mut rng = Pcg64::seed_from_u64(1000 + seed);
-        let mut bench = Bench::armed(settings(PredictorKind::Dybm));
+        let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
+        let mut bench = Bench::armed(settings(kind));
         for _ in 0..800 {
             let noise = [rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2)];
             let pen = [PenReading { stamp: bench.now, position: noise, contact: rng.random_bool(0.5) }];

@@ -2,11 +2,12 @@
 //! The preset was chosen on real recordings (UNIPEN train writers); the numbers stand in `LearnerSettings::preset`.
 
 use foretrace_control::learn::{
-    InitialWeights, LearnError, LearnStep, Learner, LearnerSettings, MAX_LEAD, PromotionCause,
+    Leads, LearnError, LearnStep, Learner, LearnerSettings, PromotionCause, Rule, Versus,
 };
 use foretrace_control::pen::{GridStep, Motion};
 use foretrace_control::predict::{
-    DybmWeights, ModelParameters, Optimiser, PredictorKind, PreviewSettings, Previewer,
+    DybmWeights, InitialWeights, ModelParameters, OnlineWeights, Optimiser, PredictorKind, PreviewSettings,
+    Previewer,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -14,8 +15,22 @@ use rand_pcg::Pcg64;
 
 const STEP_NS: u64 = 10_000_000;
 
+/// Compared over leads of 1 to 10 steps.
 fn preset() -> LearnerSettings {
-    LearnerSettings::preset(STEP_NS)
+    LearnerSettings::preset(STEP_NS, 0)
+}
+
+fn with(dybm: DybmWeights) -> OnlineWeights {
+    OnlineWeights { dybm, ..preset().models.initial_weights() }
+}
+
+fn previewer(learner: &Learner) -> Previewer {
+    Previewer::new(PreviewSettings::default(), &learner.settings().models, learner.weights()).unwrap()
+}
+
+/// Candidate against live weights of the linear DyBM.
+fn errors_of(learner: &Learner) -> Versus {
+    learner.errors(PredictorKind::Dybm).candidate
 }
 
 /// Strokes made of overlapping bell-shaped speed pulses in changing directions (the kinematic view of handwriting),
@@ -56,13 +71,13 @@ fn path(displacements: &[[f64; 2]]) -> Vec<GridStep> {
 /// RMS position error [m] per predictor (hold, constant velocity, dybm) at `lead` steps, from step `from` on.
 fn errors(steps: &[GridStep], settings: &LearnerSettings, lead: usize, from: usize) -> ([f64; 3], Learner) {
     let mut learner = Learner::new(*settings).unwrap();
-    let mut previewer = Previewer::new(PreviewSettings::default(), *learner.live()).unwrap();
+    let mut previewer = previewer(&learner);
     let mut sums = [0.0; 3];
     let mut out = vec![[0.0; 2]; lead];
     for (k, step) in steps.iter().enumerate() {
         let learned = previewer.observe(step);
-        if let Some(promotion) = learner.learn(&learned) {
-            previewer.set_weights(&promotion.weights).unwrap();
+        if learner.learn(&learned).hand_over {
+            previewer.set_weights(learner.weights()).unwrap();
         }
         let Some(real) = steps.get(k + lead).filter(|_| k >= from) else { continue };
         let kinds = [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm];
@@ -84,18 +99,19 @@ fn learned_dybm_beats_hold_and_constant_velocity_on_every_lead() {
         let ([hold, constant, dybm], learner) = errors(&steps, &preset(), lead, 700);
         println!("lead {lead}: hold {hold:.2e} m, constant velocity {constant:.2e} m, dybm {dybm:.2e} m");
         assert!(dybm < 0.95 * constant && dybm < 0.95 * hold, "lead {lead}: {hold} {constant} {dybm}");
-        assert!(learner.counters().promotions > 0);
+        assert!(learner.counters().courses.promotions > 0);
     }
 }
 
 #[test]
 fn papers_zero_start_learns_as_well_but_later() {
     let steps = handwriting(2, 30);
-    let zero = LearnerSettings { initial: InitialWeights::Zero, ..preset() };
+    let mut zero = preset();
+    zero.models.initial = InitialWeights::Zero;
     let ([hold, _, from_zero], _) = errors(&steps, &zero, 10, 700);
     let (_, learner) = errors(&steps, &zero, 10, 700);
     assert!(from_zero < hold, "{from_zero} {hold}");
-    assert!(learner.counters().promotions > 0);
+    assert!(learner.counters().courses.promotions > 0);
     // While nothing is promoted yet, the persistent start is ahead.
     let early = &steps[..100];
     let ([_, _, zero_early], _) = errors(early, &zero, 4, 0);
@@ -107,32 +123,40 @@ fn papers_zero_start_learns_as_well_but_later() {
 fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
     let steps = handwriting(3, 60);
     let mut learner = Learner::new(preset()).unwrap();
-    let mut previewer = Previewer::new(PreviewSettings::default(), *learner.live()).unwrap();
-    let mut version = learner.live().version;
+    let mut previewer = previewer(&learner);
+    let mut version = learner.weights().version;
     let (mut promotions, mut rollbacks) = (0, 0);
     for step in &steps {
-        let before = *learner.live();
-        let Some(promotion) = learner.learn(&previewer.observe(step)) else {
-            assert_eq!(before, *learner.live(), "live weights change only by a promotion");
-            continue;
-        };
-        assert!(promotion.weights.version > version);
-        version = promotion.weights.version;
-        promotion.weights.validate().unwrap();
-        assert_eq!(promotion.weights, *learner.live());
-        match promotion.cause {
-            PromotionCause::Improved => {
-                assert!(promotion.error_coming < preset().promote_ratio * promotion.error_leaving);
-                promotions += 1;
-            }
-            PromotionCause::RolledBack => {
-                assert!(promotion.error_leaving > preset().rollback_ratio * promotion.error_coming);
-                rollbacks += 1;
+        let before = *learner.weights();
+        let lesson = learner.learn(&previewer.observe(step));
+        if !lesson.hand_over {
+            assert_eq!(before, *learner.weights(), "the set of weights changes only when it is handed over");
+        }
+        if lesson.promotions().next().is_none() {
+            assert_eq!(before.dybm, learner.weights().dybm, "live weights change only by a promotion");
+        }
+        for promotion in lesson.promotions() {
+            assert!(
+                lesson.hand_over && promotion.version > version && promotion.model == PredictorKind::Dybm
+            );
+            version = promotion.version;
+            learner.weights().validate().unwrap();
+            assert_eq!(promotion.version, learner.weights().dybm.version());
+            match promotion.cause {
+                PromotionCause::Improved => {
+                    assert!(promotion.error_coming < preset().rule.promote_ratio * promotion.error_leaving);
+                    promotions += 1;
+                }
+                PromotionCause::RolledBack => {
+                    assert!(promotion.error_leaving > preset().rule.rollback_ratio * promotion.error_coming);
+                    rollbacks += 1;
+                }
+                PromotionCause::Followed => panic!("the linear DyBM is settled"),
             }
         }
     }
     let counters = learner.counters();
-    assert_eq!((counters.promotions, counters.rollbacks), (promotions, rollbacks));
+    assert_eq!((counters.courses.promotions, counters.courses.rollbacks), (promotions, rollbacks));
     assert_eq!(counters.received, steps.len() as u64);
     assert!(promotions > 0);
 }
@@ -148,7 +172,7 @@ fn first_order(factor: f64, count: usize, first_index: u64, seed: u64) -> Vec<Le
                 x = [rng.random_range(-20.0..20.0), rng.random_range(-20.0..20.0)];
             }
             let motion = if i == 0 { Motion::Start } else { Motion::Continues };
-            LearnStep { index: first_index + i as u64, x, motion, contact: true, scale_m: 1e-4 }
+            LearnStep { index: first_index + i as u64, x, motion, contact: true, ..LearnStep::default() }
         })
         .collect()
 }
@@ -156,81 +180,104 @@ fn first_order(factor: f64, count: usize, first_index: u64, seed: u64) -> Vec<Le
 /// The preset with a learning rate of zero: a proposed candidate stays what it is.
 fn frozen() -> LearnerSettings {
     let mut settings = preset();
-    settings.dybm.optimiser = Optimiser::ada_grad(0.0);
+    settings.models.dybm.optimiser = Optimiser::ada_grad(0.0);
     settings
 }
 
 #[test]
 fn weights_that_turn_out_worse_are_rolled_back_to_their_predecessor() {
     let mut learner = Learner::new(frozen()).unwrap();
-    let start = *learner.live();
+    let start = learner.weights().dybm;
     // A world that turns back at every step, and a candidate that knows it: promoted.
-    learner.propose(&DybmWeights::persistent(STEP_NS, start.shape, -0.8)).unwrap();
+    learner.propose(&with(DybmWeights::persistent(STEP_NS, start.shape, -0.8))).unwrap();
     let mut promotion = None;
     for step in first_order(-0.8, 4000, 0, 7) {
-        promotion = learner.learn(&step).map(|change| (step.index, change));
+        promotion = learner.learn(&step).promotions().next().map(|change| (step.index, *change));
         if promotion.is_some() {
             break;
         }
     }
     let (promoted_at, change) = promotion.expect("nothing was promoted");
     assert_eq!(change.cause, PromotionCause::Improved);
-    let sabotaged = *learner.live();
+    let sabotaged = learner.weights().dybm;
     assert_ne!(start.parameters, sabotaged.parameters);
     // The world is as the predecessor believed: what was promoted is wrong now.
     let mut rollback = None;
     for step in first_order(0.9, 4000, promoted_at + 1, 8) {
-        if let Some(change) = learner.learn(&step) {
-            rollback = Some(change);
+        if let Some(change) = learner.learn(&step).promotions().next() {
+            rollback = Some(*change);
             break;
         }
     }
     let rollback = rollback.expect("no change followed");
     assert_eq!(rollback.cause, PromotionCause::RolledBack);
-    assert_eq!(rollback.weights.parameters, start.parameters);
-    assert!(rollback.weights.version > sabotaged.version);
-    assert_eq!(*learner.candidate(), rollback.weights);
-    assert_eq!((learner.counters().promotions, learner.counters().rollbacks), (1, 1));
+    let live = learner.weights().dybm;
+    assert_eq!((live.parameters, live.version), (start.parameters, rollback.version));
+    assert!(live.version > sabotaged.version);
+    assert_eq!(learner.candidates().dybm.parameters, live.parameters);
+    assert_eq!((learner.counters().courses.promotions, learner.counters().courses.rollbacks), (1, 1));
 }
 
 #[test]
 fn worse_candidates_are_never_promoted() {
     let settings = frozen();
     let mut learner = Learner::new(settings).unwrap();
-    let bad = DybmWeights::persistent(STEP_NS, settings.dybm.shape, 0.7);
-    learner.propose(&bad).unwrap();
+    let start = learner.weights().dybm;
+    let bad = DybmWeights::persistent(STEP_NS, start.shape, 0.7);
+    learner.propose(&with(bad)).unwrap();
     for step in first_order(0.9, 5000, 0, 9) {
-        assert_eq!(learner.learn(&step), None);
+        learner.learn(&step);
+        assert_eq!(learner.weights().dybm, start);
     }
-    assert!(learner.errors().compared > 1000 && learner.errors().candidate > learner.errors().live);
+    let errors = errors_of(&learner);
+    assert!(errors.compared > 1000 && errors.challenger > errors.other, "{errors:?}");
     // A much worse one is thrown away.
-    let awful = DybmWeights::persistent(STEP_NS, settings.dybm.shape, -1.0);
-    learner.propose(&awful).unwrap();
+    let awful = DybmWeights::persistent(STEP_NS, start.shape, -1.0);
+    learner.propose(&with(awful)).unwrap();
     for step in first_order(0.9, 1000, 10_000, 9) {
-        assert_eq!(learner.learn(&step), None);
+        learner.learn(&step);
+        assert_eq!(learner.weights().dybm, start);
     }
-    assert_eq!(learner.counters().abandoned, 1);
-    assert_eq!(learner.candidate().parameters, learner.live().parameters);
+    assert_eq!(learner.counters().courses.abandoned, 1);
+    assert_eq!(learner.candidates().dybm.parameters, start.parameters);
 }
 
 #[test]
 fn poisoned_candidates_are_thrown_away_and_never_promoted() {
     // A rate of 10 per parameter makes the candidate leave its bounds by itself.
     let mut settings = preset();
-    settings.dybm.optimiser = Optimiser::rms_prop(10.0);
+    settings.models.dybm.optimiser = Optimiser::rms_prop(10.0);
     let mut learner = Learner::new(settings).unwrap();
     for step in first_order(0.9, 20_000, 0, 10) {
-        if let Some(promotion) = learner.learn(&step) {
-            promotion.weights.validate().unwrap();
-        }
-        learner.candidate().validate().unwrap();
+        learner.learn(&step);
+        learner.weights().validate().unwrap();
+        learner.candidates().validate().unwrap();
     }
-    assert!(learner.counters().poisoned > 0, "{:?}", learner.counters());
-    // Poison from outside is not even proposed.
-    let mut poison = *learner.live();
-    poison.parameters.bias[0] = f64::NAN;
-    assert!(learner.propose(&poison).is_err());
-    assert!(Learner::from_weights(settings, poison).is_err());
+    assert!(learner.counters().courses.poisoned > 0, "{:?}", learner.counters());
+}
+
+#[test]
+fn poison_from_outside_is_not_even_proposed() {
+    let mut learner = Learner::new(preset()).unwrap();
+    let (good, candidates) = (*learner.weights(), learner.candidates());
+    for value in [f64::NAN, f64::INFINITY, 1e9, -1e300] {
+        for poison in poisoned(&good, value) {
+            assert!(learner.propose(&poison).is_err(), "{value}");
+            assert!(Learner::from_weights(preset(), poison).is_err(), "{value}");
+            assert_eq!(learner.candidates(), candidates);
+        }
+    }
+    let other_loop = with(DybmWeights::zero(5_000_000, good.dybm.shape));
+    assert!(learner.propose(&other_loop).is_err());
+    assert_eq!(learner.candidates(), candidates);
+}
+
+/// `good` with one number replaced, once per part.
+fn poisoned(good: &OnlineWeights, value: f64) -> [OnlineWeights; 2] {
+    let mut sets = [*good; 2];
+    sets[0].dybm.parameters.bias[0] = value;
+    sets[1].bands.factors[1][4] = value as f32;
+    sets
 }
 
 #[test]
@@ -239,9 +286,9 @@ fn jumps_starts_and_wild_steps_teach_nothing() {
     for step in first_order(0.9, 200, 0, 11) {
         learner.learn(&step);
     }
-    let before = *learner.candidate();
+    let before = learner.candidates();
     let updates = learner.counters().updates;
-    let step = |index, x, motion| LearnStep { index, x, motion, contact: true, scale_m: 1e-4 };
+    let step = |index, x, motion| LearnStep { index, x, motion, contact: true, ..LearnStep::default() };
     for lesson in [
         step(200, [5.0, 5.0], Motion::Jump),
         step(201, [5.0, 5.0], Motion::Start),
@@ -253,7 +300,7 @@ fn jumps_starts_and_wild_steps_teach_nothing() {
         step(0, [5.0, 5.0], Motion::Continues),
     ] {
         learner.learn(&lesson);
-        assert_eq!(before.parameters, learner.candidate().parameters, "{lesson:?}");
+        assert_eq!(before.dybm, learner.candidates().dybm, "{lesson:?}");
     }
     let counters = learner.counters();
     assert_eq!(counters.updates, updates);
@@ -270,12 +317,14 @@ fn pauses_are_no_evidence() {
     for step in first_order(0.9, 100, 0, 12) {
         learner.learn(&step);
     }
-    let compared = learner.errors().compared;
+    let compared = errors_of(&learner).compared;
+    let judged = learner.calibration().judged(PredictorKind::Dybm, 1).0;
     for index in 100..2000 {
-        let still = LearnStep { index, x: [0.0; 2], motion: Motion::Continues, contact: true, scale_m: 1e-4 };
-        assert_eq!(learner.learn(&still), None);
+        let still = LearnStep { index, motion: Motion::Continues, ..LearnStep::default() };
+        assert_eq!(learner.learn(&still).promotions().next(), None);
     }
-    assert!(learner.errors().compared <= compared + preset().lead_steps as u32);
+    assert!(errors_of(&learner).compared <= compared + preset().leads.last() as u32);
+    assert!(learner.calibration().judged(PredictorKind::Dybm, 1).0 <= judged + 1);
 }
 
 #[test]
@@ -283,26 +332,29 @@ fn same_steps_make_the_same_weights() {
     let steps = handwriting(4, 10);
     let (_, one) = errors(&steps, &preset(), 4, 0);
     let (_, other) = errors(&steps, &preset(), 10, 0);
-    assert_eq!(one.live(), other.live());
-    assert_eq!(one.candidate(), other.candidate());
+    assert_eq!(one.weights(), other.weights());
+    assert_eq!(one.candidates(), other.candidates());
 }
 
 #[test]
 fn settings_out_of_bounds_are_refused() {
     let good = preset();
+    let rule = good.rule;
     for bad in [
-        LearnerSettings { lead_steps: 0, ..good },
-        LearnerSettings { lead_steps: MAX_LEAD + 1, ..good },
-        LearnerSettings { memory_steps: f64::NAN, ..good },
-        LearnerSettings { min_evidence: 0, ..good },
-        LearnerSettings { promote_ratio: 1.5, ..good },
-        LearnerSettings { rollback_ratio: 0.5, ..good },
+        LearnerSettings { rule: Rule { memory_steps: f64::NAN, ..rule }, ..good },
+        LearnerSettings { rule: Rule { min_evidence: 0, ..rule }, ..good },
+        LearnerSettings { rule: Rule { promote_ratio: 1.5, ..rule }, ..good },
+        LearnerSettings { rule: Rule { rollback_ratio: 0.5, ..rule }, ..good },
+        LearnerSettings { rule: Rule { follow_steps: 0, ..rule }, ..good },
         LearnerSettings { max_learned: 0.0, ..good },
-        LearnerSettings { initial: InitialWeights::Persistent(f64::NAN), ..good },
     ] {
         assert!(Learner::new(bad).is_err(), "{bad:?}");
     }
-    let other_loop = DybmWeights::zero(5_000_000, good.dybm.shape);
+    let mut bad = good;
+    bad.models.initial = InitialWeights::Persistent(f64::NAN);
+    assert!(Learner::new(bad).is_err());
+    assert!(Leads::new(0, 10).is_err());
+    let other_loop = with(DybmWeights::zero(5_000_000, good.models.dybm.shape));
     assert!(matches!(Learner::from_weights(good, other_loop), Err(LearnError::Weights(_))));
 }
 
@@ -319,8 +371,8 @@ proptest! {
             index += if kind < 8 { 1 } else { advance };
             let motion = match kind { 0 => Motion::Start, 1 => Motion::Jump, _ => Motion::Continues };
             let y = if kind == 9 { wild } else { -x };
-            learner.learn(&LearnStep { index, x: [x, y], motion, contact: false, scale_m: 1e-4 });
-            prop_assert!(learner.candidate().validate().is_ok() && learner.live().validate().is_ok());
+            learner.learn(&LearnStep { index, x: [x, y], motion, ..LearnStep::default() });
+            prop_assert!(learner.candidates().validate().is_ok() && learner.weights().validate().is_ok());
             let counters = learner.counters();
             prop_assert_eq!(
                 counters.received,

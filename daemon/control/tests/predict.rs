@@ -1,10 +1,11 @@
 //! Predictors and the previewer: memory untouched by rollouts, units, bounds, hostile input.
 
+use foretrace_control::learn::LearnerSettings;
 use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
-    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, Oracle, Predictor, PredictorKind, PreviewError,
-    PreviewSettings, Previewer,
+    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, OnlineWeights, Oracle, Predictor,
+    PredictorKind, PreviewError, PreviewSettings, Previewer,
 };
 use proptest::prelude::*;
 
@@ -14,8 +15,18 @@ fn shape() -> DybmShape {
     DybmShape::new(9, &[0.5, 0.9], TraceInput::Delayed)
 }
 
+fn models() -> ModelSettings {
+    let mut models = LearnerSettings::preset(STEP_NS, 0).models;
+    models.dybm.shape = shape();
+    models
+}
+
+fn with(dybm: DybmWeights) -> OnlineWeights {
+    OnlineWeights { dybm, ..models().initial_weights() }
+}
+
 fn previewer(weights: DybmWeights) -> Previewer {
-    Previewer::new(PreviewSettings::default(), weights).unwrap()
+    Previewer::new(PreviewSettings::default(), &models(), &with(weights)).unwrap()
 }
 
 fn start(index: u64, position: [f64; 2]) -> GridStep {
@@ -75,15 +86,16 @@ fn previews_leave_every_memory_untouched() {
     for index in 0..200 {
         one.observe(&circle(index));
         other.observe(&circle(index));
-        for kind in [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm] {
+        for kind in PredictorKind::LIVE {
             one.preview_of(kind, &mut scratch).unwrap();
         }
-        assert_eq!(one.dybm_state(), other.dybm_state());
     }
     let (mut after_many, mut after_none) = ([[0.0; 2]; 20], [[0.0; 2]; 20]);
-    one.preview(&mut after_many);
-    other.preview(&mut after_none);
-    assert_eq!(after_many, after_none);
+    for kind in PredictorKind::LIVE {
+        one.preview_of(kind, &mut after_many);
+        other.preview_of(kind, &mut after_none);
+        assert_eq!(after_many, after_none, "{kind:?}");
+    }
 }
 
 #[test]
@@ -102,7 +114,7 @@ fn starts_jumps_and_lost_steps_empty_the_memory() {
         assert!(learned.motion != Motion::Continues && learned.x == [0.0; 2]);
         assert_eq!(previewer.history(), 0);
         let mut out = [[0.0; 2]; 10];
-        for kind in [PredictorKind::ConstantVelocity, PredictorKind::Dybm] {
+        for kind in PredictorKind::LIVE {
             previewer.preview_of(kind, &mut out).unwrap();
             assert_eq!(out, [interruption.position; 10], "{kind:?}");
         }
@@ -172,8 +184,12 @@ fn preview_in_other_units_of_length_is_the_same_preview() {
     };
     let weights = DybmWeights::persistent(STEP_NS, shape(), 0.95);
     let mut one = previewer(weights);
-    let mut other =
-        Previewer::new(PreviewSettings { scale: scaled, ..PreviewSettings::default() }, weights).unwrap();
+    let mut other = Previewer::new(
+        PreviewSettings { scale: scaled, ..PreviewSettings::default() },
+        &models(),
+        &with(weights),
+    )
+    .unwrap();
     let (mut a, mut b) = ([[0.0; 2]; 16], [[0.0; 2]; 16]);
     for index in 0..300 {
         let step = circle(index);
@@ -222,7 +238,7 @@ fn settings_and_weights_of_another_loop_are_refused_at_start() {
         PreviewSettings { step_ns: 5_000_000, ..good },
         PreviewSettings { kind: PredictorKind::Oracle, ..good },
     ] {
-        assert!(Previewer::new(bad, weights).is_err(), "{bad:?}");
+        assert!(Previewer::new(bad, &models(), &with(weights)).is_err(), "{bad:?}");
     }
 }
 
@@ -231,7 +247,7 @@ fn predictor_names_lead_back_to_their_predictor() {
     for kind in PredictorKind::ALL {
         assert_eq!(PredictorKind::from_name(kind.name()), Some(kind));
     }
-    assert_eq!(PredictorKind::from_name("lstm"), None);
+    assert_eq!(PredictorKind::from_name("crystal-ball"), None);
 }
 
 fn hostile_number() -> impl Strategy<Value = f64> {
@@ -264,7 +280,7 @@ proptest! {
             let step = GridStep { index, position: [0.1, 0.2], displacement: [x, y], motion, contact: true };
             let learned = previewer.observe(&step);
             prop_assert!(learned.x.iter().all(|x| x.is_finite()));
-            for kind in [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm] {
+            for kind in PredictorKind::LIVE {
                 let report = previewer.preview_of(kind, &mut out).unwrap();
                 prop_assert!(out.as_flattened().iter().all(|p| p.is_finite()));
                 prop_assert!(report.finite || out == [[0.1, 0.2]; 20]);

@@ -246,6 +246,7 @@ impl Ipc {
 
     fn tally(&self) -> IpcTally {
         let judged = self.judge.totals();
+        let learner = self.links.board.view();
         let (requests, requests_refused) = self.requests.counts();
         IpcTally {
             telemetry_failed: self.telemetry_failed,
@@ -254,6 +255,8 @@ impl Ipc {
             allocations: judged.unexplained,
             connection_allocations: judged.connection,
             connection_ticks: judged.connection_ticks,
+            weights_overtaken: learner.overtaken,
+            learner_events_lost: learner.events_lost,
         }
     }
 
@@ -276,6 +279,7 @@ impl Ipc {
             learner_rollbacks: learner.rollbacks,
             learner_refused: learner.refused,
             predictor_rms_m: self.predictor.value(),
+            predictor_band_m: -1.0,
             // Not a number where nobody counts: a zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()

@@ -3,9 +3,10 @@
 //! Contract: changes are told at once, floods once per second with their number.
 
 use foretrace_control::follower::{Mode, StopReason};
+use foretrace_control::learn::{Promotion, PromotionCause};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use crate::learner::LearnerEvent;
 use crate::ports::convert;
@@ -144,13 +145,22 @@ impl Narrator {
     /// Tells what the learner did.
     pub fn learner(&self, event: &LearnerEvent) {
         match event {
-            LearnerEvent::Promoted(promotion) => info!(
-                version = promotion.weights.version,
-                error_before = promotion.error_leaving,
-                error_after = promotion.error_coming,
-                "weights {:?}",
-                promotion.cause
-            ),
+            LearnerEvent::Promoted(promotion) => {
+                let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
+                let model = model.name();
+                match cause {
+                    PromotionCause::Improved => {
+                        info!(version, error_leaving, error_coming, "{model} has learned: better weights");
+                    }
+                    // Ten times a second.
+                    PromotionCause::Followed => {
+                        debug!(version, error_leaving, error_coming, "{model} learns")
+                    }
+                    PromotionCause::RolledBack => {
+                        info!(version, error_leaving, error_coming, "{model} goes back to earlier weights");
+                    }
+                }
+            }
             LearnerEvent::Rules(Ok(())) => info!("learner follows new rules"),
             LearnerEvent::Rules(Err(error)) => warn!("learner keeps its rules: {error}"),
             LearnerEvent::Failed(text) => {

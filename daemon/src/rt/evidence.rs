@@ -111,6 +111,8 @@ pub struct LoopTally {
     pub learn_dropped: u64,
     /// Sets of weights refused by the loop.
     pub weights_refused: u64,
+    /// Sets of weights that a newer one overtook in the ring.
+    pub weights_overtaken: u64,
     /// Allocations while receiving and sending.
     pub port_allocations: u64,
     /// Allocations anywhere else in the tick.

@@ -4,13 +4,14 @@
 //! fit into a ring is dropped and counted. The budget is decided before the step, from the clock, and recorded, so that
 //! the step can be replayed. Absent on purpose: every decision about motion, which is the follower's.
 
+use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use foretrace_control::follower::{
     Budget, Follower, Health, JointReading, Mode, Request, StepInput, StepOutput,
 };
 use foretrace_control::learn::LearnStep;
-use foretrace_control::predict::DybmWeights;
+use foretrace_control::predict::OnlineWeights;
 use foretrace_control::units::Stamp;
 
 use super::clock::Clock;
@@ -24,7 +25,7 @@ use crate::ports::{Inbox, JOINTS, Outgoing, Ports};
 const FAULT_TICKS: u64 = 64;
 /// Requests that may wait; as many answers fit, so that none is ever lost.
 const REQUESTS: usize = 16;
-/// Weights that may wait; the newest wins.
+/// Sets of weights that may wait; the newest wins.
 const WEIGHTS: usize = 4;
 /// Grid steps that may wait for the learner: 5 s at 10 ms.
 const LEARN_STEPS: usize = 512;
@@ -38,7 +39,7 @@ pub struct TickRings {
     asked: Consumer<Asked>,
     answered: Producer<Answered>,
     learn: Producer<LearnStep>,
-    weights: Consumer<DybmWeights>,
+    weights: Consumer<OnlineWeights>,
 }
 
 /// The ipc thread's ends.
@@ -58,7 +59,7 @@ pub struct LearnerRings {
     /// Closed grid steps.
     pub learn: Consumer<LearnStep>,
     /// Promoted weights to the loop.
-    pub weights: Producer<DybmWeights>,
+    pub weights: Producer<OnlineWeights>,
 }
 
 /// All rings between the loop and the other threads.
@@ -134,29 +135,36 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         // Not answered, so that the operator is told what is true: the loop did not answer in time.
         let asked = asked.filter(|asked| !asked.is_expired(wake.started));
         let request = if self.leaving { Some(Request::Disarm) } else { asked.map(|asked| asked.request) };
-        let weights = self.newest_weights();
         if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {
             self.measured = Some((stamp, q));
         }
         let received = laps.received();
 
         let budget = self.budget(received, wake);
+        // The weights are read where they lie in the ring: they are too large to be copied more than once.
+        let waiting = waiting_weights(&mut self.rings.weights);
+        let weights = waiting.as_ref().and_then(newest);
         let input = StepInput {
             now: wake.release,
             pen: self.inbox.pen(),
             joints: self.inbox.joints.as_ref(),
             enable: self.inbox.enable,
             request,
-            weights: weights.as_ref(),
+            weights,
         };
         let output = self.follower.step(&input, budget, &mut laps);
+        let exchanged = weights.is_some_and(|weights| weights.version == output.weights_version);
+        if let Some(waiting) = waiting {
+            self.tally.weights_overtaken += waiting.len().saturating_sub(1) as u64;
+            waiting.commit_all();
+        }
 
         let before_send = allocations();
         let not_sent = !self.send(laps.last(), &output);
         let sending = allocations().wrapping_sub(before_send);
         let finished = laps.sent(wake.started);
 
-        if weights.is_some_and(|weights| weights.version == output.weights_version) {
+        if exchanged {
             self.weights_since = Some(wake.release);
         }
         self.settle(wake, &output, budget, finished, &laps);
@@ -191,18 +199,6 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             self.tally.evidence_dropped += 1;
         }
         output.mode
-    }
-
-    /// The newest of the weights that wait.
-    fn newest_weights(&mut self) -> Option<DybmWeights> {
-        let mut newest = None;
-        for _ in 0..WEIGHTS {
-            match self.rings.weights.pop() {
-                Ok(weights) => newest = Some(weights),
-                Err(_) => break,
-            }
-        }
-        newest
     }
 
     /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that a slow
@@ -263,6 +259,21 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             }
         }
     }
+}
+
+/// The sets of weights that wait, if any do.
+fn waiting_weights(ring: &mut Consumer<OnlineWeights>) -> Option<ReadChunk<'_, OnlineWeights>> {
+    let waiting = ring.slots();
+    if waiting == 0 {
+        return None;
+    }
+    ring.read_chunk(waiting).ok()
+}
+
+/// The newest of them.
+fn newest<'a>(waiting: &'a ReadChunk<'_, OnlineWeights>) -> Option<&'a OnlineWeights> {
+    let (older, newer) = waiting.as_slices();
+    newer.last().or_else(|| older.last())
 }
 
 #[cfg(test)]

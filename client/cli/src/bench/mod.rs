@@ -199,8 +199,8 @@ fn predicting(config: &Config, workload: &Workload, samples: u32) -> Result<Row,
     let refused = |error: &dyn std::fmt::Display| Failure::bad_input(error, "");
     let steps = settings.preview_steps(N).map_err(|error| refused(&error))?;
     let mut tracker = PenTracker::new(settings.pen).map_err(|error| refused(&error))?;
-    let mut previewer =
-        Previewer::new(settings.preview, settings.dybm_weights).map_err(|error| refused(&error))?;
+    let mut previewer = Previewer::new(settings.preview, &settings.models, &settings.weights)
+        .map_err(|error| refused(&error))?;
     let mut out = vec![[0.0; 2]; steps];
     let mut times = Vec::new();
     for tick in workload.ticks.iter().cycle() {

@@ -73,6 +73,10 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
             String::new()
         } else {
             format!(", one-step error {:.3} mm rms", status.predictor_rms_m * 1e3)
+        } + &if status.predictor_band_m < 0.0 {
+            String::new()
+        } else {
+            format!(", 90 % within {:.2} mm at the plan's first step", status.predictor_band_m * 1e3)
         }
     ));
     line(format_args!(
@@ -85,8 +89,12 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         status.learner_refused
     ));
     line(format_args!(
-        "rings       {} telemetry and {} learner records dropped   {} weights refused",
-        counts.telemetry_ring_dropped, counts.learner_ring_dropped, counts.weights_refused
+        "rings       {} telemetry and {} learner records dropped   {} weights refused, {} overtaken   {} events lost",
+        counts.telemetry_ring_dropped,
+        counts.learner_ring_dropped,
+        counts.weights_refused,
+        counts.weights_overtaken,
+        counts.learner_events_lost
     ));
     line(format_args!(
         "memory      {:.3} allocations per tick ({} in {} connection ticks)   page faults {} minor, {} major",
@@ -166,6 +174,7 @@ pub(crate) fn json(status: &Status) -> Value {
         "predictor": {
             "name": label::<PredictorId>(status.predictor),
             "rms_m": (status.predictor_rms_m >= 0.0).then_some(status.predictor_rms_m),
+            "band_m": (status.predictor_band_m >= 0.0).then_some(status.predictor_band_m),
         },
         "learner": {
             "version": status.learner_version,
@@ -178,6 +187,8 @@ pub(crate) fn json(status: &Status) -> Value {
         "dropped": {
             "telemetry_ring": counts.telemetry_ring_dropped,
             "learner_ring": counts.learner_ring_dropped,
+            "weights_overtaken": counts.weights_overtaken,
+            "learner_events": counts.learner_events_lost,
         },
         "page_faults": { "minor": counts.page_faults_minor, "major": counts.page_faults_major },
     })

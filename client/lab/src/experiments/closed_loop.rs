@@ -101,7 +101,7 @@ pub fn run<const N: usize>(
     let mut settings = settings.clone();
     let mut learner = options.learner;
     if let Some(learner) = &learner {
-        settings.dybm_weights = *learner.live();
+        settings.weights = *learner.weights();
     }
     let mut follower = Follower::<N, JOINTS>::new(settings)?;
     if options.oracle {
@@ -143,8 +143,8 @@ pub fn run<const N: usize>(
         }
         if let Some(learner) = &mut learner {
             for step in output.learn.iter().take(output.learn_count) {
-                if let Some(promotion) = learner.learn(step) {
-                    promoted = Some(promotion.weights);
+                if learner.learn(step).hand_over {
+                    promoted = Some(*learner.weights());
                 }
             }
         }

@@ -4,7 +4,7 @@ use crate::ik::IkReport;
 use crate::learn::LearnStep;
 use crate::mpc::AxisReport;
 use crate::pen::{PenCounters, PenReading};
-use crate::predict::{DybmWeights, PredictorKind};
+use crate::predict::{OnlineWeights, PredictorKind};
 use crate::trust::TrustReport;
 use crate::units::{AxisState, Stamp};
 
@@ -236,7 +236,7 @@ pub struct StepInput<'a, const J: usize> {
     /// At most one request a tick.
     pub request: Option<Request>,
     /// Weights promoted by the learner since the last tick.
-    pub weights: Option<&'a DybmWeights>,
+    pub weights: Option<&'a OnlineWeights>,
 }
 
 impl<const J: usize> StepInput<'_, J> {
@@ -293,6 +293,9 @@ pub struct StepOutput<const J: usize> {
     pub pen_counters: PenCounters,
     /// Error of the one-step prediction of the newest closed grid step [m]; `None` when no step closed.
     pub predictor_error: Option<f64>,
+    /// The pen is expected within this distance of the plan's first reference in nine of ten cases [m]; `None` while
+    /// too little has been seen, or too far ahead.
+    pub predictor_band: Option<f64>,
     /// First reference of the plan in the plane frame [m].
     pub reference: [f64; 3],
     /// Setpoint of this tick in the plane frame.

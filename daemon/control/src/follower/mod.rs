@@ -28,7 +28,7 @@ use watch::Watch;
 
 use crate::learn::LearnStep;
 use crate::pen::{PenReading, PenTracker};
-use crate::predict::{DybmWeights, Oracle, PredictorKind, Previewer};
+use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
 use crate::trust::{TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
 
@@ -64,7 +64,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Ok(Self {
             watch: Watch::new(settings.safety),
             pen: PenTracker::new(settings.pen)?,
-            previewer: Previewer::new(settings.preview, settings.dybm_weights)?,
+            previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
             preview: Preview::new(step_ns, steps),
             pending_predictor: None,
             trust: TrustControl::new(settings.trust)?,
@@ -87,9 +87,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         &self.settings
     }
 
-    /// Weights of the DyBM in use.
+    /// The weights in use.
     #[must_use]
-    pub fn weights(&self) -> &DybmWeights {
+    pub fn weights(&self) -> OnlineWeights {
         self.previewer.weights()
     }
 
@@ -151,12 +151,13 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             health,
             trust: trust.report,
             predictor: self.previewer.active(),
-            weights_version: self.previewer.weights().version,
+            weights_version: self.previewer.version(),
             pen_stamp: newest.map(|pen| pen.stamp),
             pen_position: newest.map_or([0.0; 2], |pen| pen.position),
             pen_contact: newest.is_some_and(|pen| pen.contact),
             pen_counters: self.pen.counters(),
             predictor_error: news.error,
+            predictor_band: self.preview.band(now, self.settings.dead_time_ns),
             reference: moved.reference,
             setpoint: moved.setpoint,
             tool: moved.tool,

@@ -2,6 +2,7 @@
 //!
 //! Contract: no memory of its own beyond the last preview; positions in the plane frame [m].
 
+use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
 use crate::units::{AxisState, Stamp};
 
@@ -14,6 +15,7 @@ pub(super) struct Preview {
     path: [[f64; 2]; MAX_PREVIEW + 1],
     base: Option<Stamp>,
     finite: bool,
+    bands: Option<PreviewBands>,
 }
 
 impl Preview {
@@ -25,6 +27,7 @@ impl Preview {
             path: [[0.0; 2]; MAX_PREVIEW + 1],
             base: None,
             finite: true,
+            bands: None,
         }
     }
 
@@ -32,10 +35,13 @@ impl Preview {
     pub(super) fn refresh(&mut self, previewer: &Previewer) {
         let Some((first, rest)) = self.path.split_first_mut() else { return };
         let Some(predicted) = rest.get_mut(..self.steps) else { return };
-        if let Some(PreviewReport { base_index, base_position, finite, .. }) = previewer.preview(predicted) {
+        if let Some(PreviewReport { base_index, base_position, finite, bands, .. }) =
+            previewer.preview(predicted)
+        {
             *first = base_position;
             self.base = Some(Stamp(base_index.saturating_mul(self.step_ns)));
             self.finite = finite;
+            self.bands = Some(bands);
         }
     }
 
@@ -63,7 +69,7 @@ impl Preview {
     ) -> Option<[[AxisState; N]; 2]> {
         let base = self.base?;
         let step_s = self.step_ns as f64 * 1e-9;
-        let lead = (now.since(base) as f64 + dead_time_ns as f64) / self.step_ns as f64;
+        let lead = self.lead(base, now, dead_time_ns);
         let mut xs = [AxisState::default(); N];
         let mut ys = [AxisState::default(); N];
         for (i, (x, y)) in xs.iter_mut().zip(&mut ys).enumerate() {
@@ -82,6 +88,16 @@ impl Preview {
             *y = axis(y0, ya, ym, yb, y1);
         }
         Some([xs, ys])
+    }
+
+    /// Radius [m] around the first reference within which the pen is expected in nine of ten cases, if that is known.
+    pub(super) fn band(&self, now: Stamp, dead_time_ns: u64) -> Option<f64> {
+        self.bands?.at(self.lead(self.base?, now, dead_time_ns) + 1.0)
+    }
+
+    /// From the newest closed grid point to `now` + dead time [steps].
+    fn lead(&self, base: Stamp, now: Stamp, dead_time_ns: u64) -> f64 {
+        (now.since(base) as f64 + dead_time_ns as f64) / self.step_ns as f64
     }
 
     /// Position `s` steps after the newest closed grid point, held at both ends.

@@ -1,24 +1,30 @@
-//! Online learning: a candidate learns from the pen, the live weights are frozen, evidence decides.
+//! Online learning: candidates learn from the pen, the live weights are frozen, evidence decides.
 //!
-//! Contract: one call per grid step, no clock and no allocation, so that the learner thread, the lab and replay make the
-//! same weights. What reaches the loop is whole, finite and was better than the live weights on recent motion; what then
-//! turns out worse than its predecessor is rolled back. Parameters carry over from stroke to stroke, memory does not.
+//! Contract: one call per grid step, no clock and no allocation after construction, so that the learner thread, the lab and
+//! replay make the same weights. What reaches the loop is whole, finite and was not worse than the live weights on recent
+//! motion; what then turns out worse than its predecessor is rolled back. Parameters carry over from stroke to stroke,
+//! memory does not. One [`course`] per model, the same rules for all.
 
 mod shadow;
+mod course;
+mod calibration;
 
-pub use shadow::{MAX_LEAD, ShadowErrors};
+pub use calibration::Calibration;
+pub use course::{CourseCounters, CourseErrors, Rule};
+pub use shadow::{Leads, LeadsError, MAX_LEAD, Versus};
 
 use thiserror::Error;
 
 use crate::pen::Motion;
 use crate::predict::dybm::{DybmShape, TraceInput};
 use crate::predict::{
-    DybmLearner, DybmSettings, DybmWeights, ModelParameters, OnlineModel, Optimiser, WeightsError,
+    DybmLearner, DybmSettings, InitialWeights, ModelSettings, OnlineWeights, Optimiser, PredictorKind,
+    WeightsError,
 };
-use shadow::{Contenders, Shadow};
+use course::{Course, Pace};
 
 /// What the learner needs of one grid step; made by [`crate::predict::Previewer::observe`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnStep {
     /// Grid index k.
     pub index: u64,
@@ -30,42 +36,41 @@ pub struct LearnStep {
     pub contact: bool,
     /// Metres per normalised unit.
     pub scale_m: f64,
+    /// Longest displacement that the loop lets a predictor predict after this step, normalised.
+    pub limit: f64,
+    /// The recent step, normalised.
+    pub level: f64,
 }
 
-/// Weights before anything was learned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum InitialWeights {
-    /// All zero, as in the paper: predicts like Hold at first.
-    Zero,
-    /// W_1 = this·I: predicts the last displacement, fading by this factor per step.
-    Persistent(f64),
+impl Default for LearnStep {
+    fn default() -> Self {
+        Self {
+            index: 0,
+            x: [0.0; 2],
+            motion: Motion::default(),
+            contact: false,
+            scale_m: 1e-4,
+            limit: f64::INFINITY,
+            level: crate::predict::bands::REST_LEVEL,
+        }
+    }
 }
 
 /// How the learner learns and when it dares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnerSettings {
-    /// Δ [ns].
-    pub step_ns: u64,
-    /// Shape and learning rule of the DyBM.
-    pub dybm: DybmSettings,
-    /// Start.
-    pub initial: InitialWeights,
-    /// Weights are compared by their roll-out over this many steps, 1 … [`MAX_LEAD`].
-    pub lead_steps: usize,
-    /// Moving steps over which the comparison forgets.
-    pub memory_steps: f64,
-    /// Moving steps compared since the last change before anything is promoted or rolled back.
-    pub min_evidence: u32,
-    /// The candidate is promoted when its error is below this part of the live error, at most 1.
-    pub promote_ratio: f64,
-    /// The live weights are rolled back when their error is above this many times their predecessor's, at least 1.
-    pub rollback_ratio: f64,
+    /// Sizes and learning rules of the models.
+    pub models: ModelSettings,
+    /// Leads over which weights are compared: those that the plan looks at, see [`Leads::of_loop`].
+    pub leads: Leads,
+    /// When live weights may change.
+    pub rule: Rule,
     /// Displacements longer than this (normalised, typical is 14) are remembered but not learned from.
     pub max_learned: f64,
 }
 
 impl LearnerSettings {
-    /// The learner of the preset loop.
+    /// The learner of the preset loop behind a dead time of `dead_time_ns`, with a plan of 10 steps.
     ///
     /// Chosen on UNIPEN train writers (20 of TOS with hover path, 18 of CED with lift-and-travel) and on made-up smooth
     /// strokes, all at 10 ms, one fresh learner per writer: delays 2-16, one to three decay rates, AdaGrad 1e-3 to 1,
@@ -73,33 +78,27 @@ impl LearnerSettings {
     /// ratios hardly matter within a factor of two.
     /// Note: learning *change* on top of `Persistent` is an addition to the paper; `Zero` is its own start.
     #[must_use]
-    pub fn preset(step_ns: u64) -> Self {
+    pub fn preset(step_ns: u64, dead_time_ns: u64) -> Self {
         Self {
-            step_ns,
-            dybm: DybmSettings {
-                shape: DybmShape::new(9, &[0.5], TraceInput::Delayed),
-                optimiser: Optimiser::ada_grad(0.01),
-                l1: 0.0,
-                l2: 0.0,
+            models: ModelSettings {
+                step_ns,
+                dybm: DybmSettings {
+                    shape: DybmShape::new(9, &[0.5], TraceInput::Delayed),
+                    optimiser: Optimiser::ada_grad(0.01),
+                    l1: 0.0,
+                    l2: 0.0,
+                },
+                initial: InitialWeights::Persistent(0.95),
             },
-            initial: InitialWeights::Persistent(0.95),
-            lead_steps: 10,
-            memory_steps: 300.0,
-            min_evidence: 100,
-            promote_ratio: 0.95,
-            rollback_ratio: 1.1,
+            leads: Leads::of_loop(step_ns, dead_time_ns, 10),
+            rule: Rule {
+                memory_steps: 300.0,
+                min_evidence: 100,
+                promote_ratio: 0.95,
+                rollback_ratio: 1.1,
+                follow_steps: 10,
+            },
             max_learned: 60.0,
-        }
-    }
-
-    /// The weights before anything was learned.
-    #[must_use]
-    pub fn initial_weights(&self) -> DybmWeights {
-        match self.initial {
-            InitialWeights::Zero => DybmWeights::zero(self.step_ns, self.dybm.shape),
-            InitialWeights::Persistent(factor) => {
-                DybmWeights::persistent(self.step_ns, self.dybm.shape, factor)
-            }
         }
     }
 }
@@ -107,15 +106,9 @@ impl LearnerSettings {
 /// A setting that cannot work.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum LearnError {
-    /// The DyBM's settings or initial weights.
+    /// A model's settings or initial weights.
     #[error(transparent)]
     Weights(#[from] WeightsError),
-    /// The comparison's roll-out is too long or empty.
-    #[error("learner lead is {got} steps, legal are 1 to {MAX_LEAD}")]
-    Lead {
-        /// As given.
-        got: usize,
-    },
     /// A number of the promotion rule.
     #[error("learner setting {name} is {got}, legal are {min} to {max}")]
     Rule {
@@ -130,20 +123,24 @@ pub enum LearnError {
     },
 }
 
-/// Why the live weights change.
+/// Why a model's live weights change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PromotionCause {
     /// The candidate did better.
     Improved,
+    /// The candidate, which the live weights follow, did no worse.
+    Followed,
     /// The live weights did worse than those before them, which come back.
     RolledBack,
 }
 
-/// New live weights, to be sent to the loop whole.
+/// New live weights of one model; the whole set is [`Learner::weights`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Promotion {
-    /// The new live weights, with a version never used before.
-    pub weights: DybmWeights,
+    /// Whose.
+    pub model: PredictorKind,
+    /// Their version, never used before.
+    pub version: u64,
     /// Why.
     pub cause: PromotionCause,
     /// Grid index of the step that decided.
@@ -154,12 +151,30 @@ pub struct Promotion {
     pub error_coming: f64,
 }
 
+/// Models that learn online.
+const MODELS: usize = 1;
+
+/// What one step brought.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Lesson {
+    changes: [Option<Promotion>; MODELS],
+    /// The set of weights has changed and should be handed to the loop.
+    pub hand_over: bool,
+}
+
+impl Lesson {
+    /// Changes of live weights, at most one per model.
+    pub fn promotions(&self) -> impl Iterator<Item = &Promotion> {
+        self.changes.iter().flatten()
+    }
+}
+
 /// What happened so far: `received` = `updates` + `unlearned` + `interruptions` + `refused`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LearnCounters {
     /// Steps given to `learn`.
     pub received: u64,
-    /// Gradient steps of the candidate.
+    /// Steps that the candidates learned from.
     pub updates: u64,
     /// Remembered but too long to learn from.
     pub unlearned: u64,
@@ -167,192 +182,142 @@ pub struct LearnCounters {
     pub interruptions: u64,
     /// Not finite.
     pub refused: u64,
-    /// Candidates promoted.
-    pub promotions: u64,
-    /// Promotions taken back.
-    pub rollbacks: u64,
-    /// Candidates thrown away because a parameter left its bounds or was not finite.
-    pub poisoned: u64,
-    /// Candidates thrown away because they did much worse than the live weights.
-    pub abandoned: u64,
+    /// Of all models together.
+    pub courses: CourseCounters,
 }
 
-/// Candidate error above this many times the live error: start the candidate again from the live weights.
-const ABANDON_RATIO: f64 = 2.0;
+/// Steps of motion between two hand-overs of error bands that come alone.
+const BAND_STEPS: u32 = 10;
 
-/// The candidate, the live weights it competes with, and the weights before those.
-#[derive(Debug, Clone, Copy)]
+/// All models that learn online, the set of live weights, and the bands of every predictor.
+#[derive(Debug, Clone)]
 pub struct Learner {
     settings: LearnerSettings,
-    candidate: DybmLearner,
-    live: DybmWeights,
-    previous: Option<DybmWeights>,
-    newest_version: u64,
+    live: OnlineWeights,
+    dybm: Course<DybmLearner>,
+    calibration: Calibration,
     newest_index: Option<u64>,
-    shadow: Shadow,
+    /// Steps of motion since the last hand-over.
+    since: u32,
     counters: LearnCounters,
 }
 
 impl Learner {
-    /// Starts with the initial weights of the settings as candidate and live.
+    /// Starts with the initial weights of the settings as candidates and live.
     ///
     /// *Errors*: the first setting outside its bounds.
     pub fn new(settings: LearnerSettings) -> Result<Self, LearnError> {
-        Self::from_weights(settings, settings.initial_weights())
+        Self::from_weights(settings, settings.models.initial_weights())
     }
 
     /// As `new`, from stored weights.
     ///
     /// *Errors*: the first setting outside its bounds, or weights that are invalid or made for another loop.
-    pub fn from_weights(settings: LearnerSettings, live: DybmWeights) -> Result<Self, LearnError> {
-        let LearnerSettings { lead_steps, memory_steps, promote_ratio, rollback_ratio, max_learned, .. } =
-            settings;
-        if !(1..=MAX_LEAD).contains(&lead_steps) {
-            return Err(LearnError::Lead { got: lead_steps });
-        }
+    pub fn from_weights(settings: LearnerSettings, live: OnlineWeights) -> Result<Self, LearnError> {
+        let LearnerSettings { models, leads, rule, max_learned } = settings;
         for (name, got, min, max) in [
-            ("memory_steps", memory_steps, 10.0, 1e6),
-            ("min_evidence", f64::from(settings.min_evidence), 10.0, 1e6),
-            ("promote_ratio", promote_ratio, 0.1, 1.0),
-            ("rollback_ratio", rollback_ratio, 1.0, 10.0),
+            ("memory_steps", rule.memory_steps, 10.0, 1e6),
+            ("min_evidence", f64::from(rule.min_evidence), 10.0, 1e6),
+            ("promote_ratio", rule.promote_ratio, 0.1, 1.0),
+            ("rollback_ratio", rule.rollback_ratio, 1.0, 10.0),
+            ("follow_steps", f64::from(rule.follow_steps), 1.0, 1e6),
             ("max_learned", max_learned, 10.0, 1e6),
         ] {
             if !(min..=max).contains(&got) {
                 return Err(LearnError::Rule { name, got, min, max });
             }
         }
-        live.fits(settings.step_ns)?;
+        live.validate()?;
+        live.fits(models.step_ns)?;
+        let dybm = DybmLearner::new(models.dybm, live.dybm)?;
         Ok(Self {
             settings,
-            candidate: DybmLearner::new(settings.dybm, live)?,
+            dybm: Course::new(PredictorKind::Dybm, Pace::Settled, rule, leads, dybm),
+            calibration: Calibration::new(&models, &live)?,
             live,
-            previous: None,
-            newest_version: live.version,
             newest_index: None,
-            shadow: Shadow::new(lead_steps, memory_steps),
+            since: 0,
             counters: LearnCounters::default(),
         })
     }
 
-    /// Learns from one grid step; returns new live weights when the evidence asks for a change.
-    pub fn learn(&mut self, step: &LearnStep) -> Option<Promotion> {
+    /// Learns from one grid step; live weights change when the evidence asks for it.
+    pub fn learn(&mut self, step: &LearnStep) -> Lesson {
         self.counters.received += 1;
         let follows = self.newest_index.is_some_and(|newest| newest.checked_add(1) == Some(step.index));
         self.newest_index = Some(step.index);
         let finite = step.x.iter().all(|x| x.is_finite());
         if !finite || step.motion != Motion::Continues || !follows {
             *(if finite { &mut self.counters.interruptions } else { &mut self.counters.refused }) += 1;
-            self.candidate.reset_state();
-            self.shadow.interrupt();
-            return None;
+            self.dybm.interrupt();
+            self.calibration.interrupt();
+            return Lesson::default();
         }
-        self.shadow.settle(step.x);
-        self.update(step.x);
-        let contenders = Contenders {
-            candidate: self.candidate.weights(),
-            live: &self.live,
-            previous: self.previous.as_ref(),
-        };
-        self.shadow.preview(&contenders, self.candidate.state());
-        self.decide(step.index)
+        let [dx, dy] = step.x;
+        let learnable = dx.hypot(dy) <= self.settings.max_learned;
+        *(if learnable { &mut self.counters.updates } else { &mut self.counters.unlearned }) += 1;
+        let version = self.live.version;
+        let changes = [self.dybm.learn(step, learnable, &mut self.live.dybm, version)];
+        let mut lesson = Lesson { changes, hand_over: false };
+        self.calibration.observe(step);
+        self.since += 1;
+        let changed = lesson.promotions().next().is_some();
+        if changed || self.since >= BAND_STEPS {
+            self.since = 0;
+            self.live.version += 1;
+            self.live.bands = self.calibration.table();
+            // Live weights were judged before they became live: they cannot be refused.
+            let _ = self.calibration.set_weights(&self.live);
+            lesson.hand_over = true;
+        }
+        lesson
     }
 
-    /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
+    /// Replaces the candidates by weights from elsewhere; they must still earn their promotion.
     ///
-    /// *Errors*: invalid weights or weights that do not fit; the candidate stays.
-    pub fn propose(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
-        self.candidate.restart_from(weights)?;
-        self.shadow.restart();
-        Ok(())
+    /// *Errors*: invalid weights or weights that do not fit; all candidates stay.
+    pub fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        weights.validate()?;
+        weights.fits(self.settings.models.step_ns)?;
+        self.dybm.propose(&weights.dybm)
     }
 
-    /// The weights the loop should be using.
+    /// The set of weights that the loop should be using.
     #[must_use]
-    pub fn live(&self) -> &DybmWeights {
+    pub const fn weights(&self) -> &OnlineWeights {
         &self.live
     }
 
-    /// The weights that learn.
+    /// The weights that learn, under the version and with the bands of the live ones.
     #[must_use]
-    pub fn candidate(&self) -> &DybmWeights {
-        self.candidate.weights()
+    pub fn candidates(&self) -> OnlineWeights {
+        OnlineWeights { dybm: *self.dybm.candidate(), ..self.live }
     }
 
-    /// Recent roll-out errors of candidate, live and previous weights.
+    /// Recent roll-out errors of a model's weights; zero for what does not learn online.
     #[must_use]
-    pub fn errors(&self) -> ShadowErrors {
-        let errors = self.shadow.errors();
-        ShadowErrors { previous: self.previous.map_or(0.0, |_| errors.previous), ..errors }
+    pub fn errors(&self, model: PredictorKind) -> CourseErrors {
+        match model {
+            PredictorKind::Dybm => self.dybm.errors(),
+            _ => CourseErrors::default(),
+        }
+    }
+
+    /// What became of the predictors' error bands.
+    #[must_use]
+    pub const fn calibration(&self) -> &Calibration {
+        &self.calibration
     }
 
     /// What happened so far.
     #[must_use]
     pub fn counters(&self) -> LearnCounters {
-        self.counters
+        LearnCounters { courses: self.dybm.counters(), ..self.counters }
     }
 
     /// The settings in force.
     #[must_use]
-    pub fn settings(&self) -> &LearnerSettings {
+    pub const fn settings(&self) -> &LearnerSettings {
         &self.settings
-    }
-
-    fn update(&mut self, x: [f64; 2]) {
-        let [dx, dy] = x;
-        if dx.hypot(dy) <= self.settings.max_learned {
-            self.candidate.learn(x);
-            self.counters.updates += 1;
-        } else {
-            self.candidate.observe(x);
-            self.counters.unlearned += 1;
-        }
-        if self.candidate.weights().validate().is_err() {
-            self.counters.poisoned += 1;
-            // Cannot fail: live weights were valid and of this shape when they became live.
-            let _ = self.candidate.restart_from(&self.live);
-            self.shadow.restart();
-        }
-    }
-
-    fn decide(&mut self, index: u64) -> Option<Promotion> {
-        let ShadowErrors { compared, candidate, live, previous } = self.shadow.errors();
-        if compared < self.settings.min_evidence {
-            return None;
-        }
-        if let Some(before) = self.previous
-            && live > self.settings.rollback_ratio * previous
-        {
-            self.counters.rollbacks += 1;
-            self.install(before, None);
-            self.continue_from_live();
-            return Some(self.promotion(PromotionCause::RolledBack, index, live, previous));
-        }
-        if candidate < self.settings.promote_ratio * live {
-            self.counters.promotions += 1;
-            self.install(*self.candidate.weights(), Some(self.live));
-            self.shadow.restart();
-            return Some(self.promotion(PromotionCause::Improved, index, live, candidate));
-        }
-        if candidate > ABANDON_RATIO * live {
-            self.counters.abandoned += 1;
-            self.continue_from_live();
-        }
-        None
-    }
-
-    fn install(&mut self, weights: DybmWeights, previous: Option<DybmWeights>) {
-        self.newest_version += 1;
-        self.live = DybmWeights { version: self.newest_version, ..weights };
-        self.previous = previous;
-    }
-
-    fn promotion(&self, cause: PromotionCause, index: u64, leaving: f64, coming: f64) -> Promotion {
-        Promotion { weights: self.live, cause, index, error_leaving: leaving, error_coming: coming }
-    }
-
-    fn continue_from_live(&mut self) {
-        // Cannot fail: live weights were valid and of this shape when they became live.
-        let _ = self.candidate.continue_from(&self.live);
-        self.shadow.restart();
     }
 }

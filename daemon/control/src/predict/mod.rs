@@ -14,6 +14,9 @@ pub mod dybm;
 pub mod lstm;
 pub mod esn;
 pub mod ar_rls;
+pub mod bands;
+mod online_weights;
+mod panel;
 mod previewer;
 
 pub use ar_rls::{ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights};
@@ -23,7 +26,9 @@ pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
 pub use online::{ModelParameters, OnlineModel, WeightsError};
+pub use online_weights::OnlineWeights;
 pub use oracle::Oracle;
+pub use panel::{InitialWeights, ModelSettings, Panel, RollOut, Student};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
@@ -47,7 +52,7 @@ pub trait Predictor {
     fn reset(&mut self);
 }
 
-/// The predictors one can choose.
+/// The predictors one can choose, in the order of [`PredictorKind::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PredictorKind {
     /// Last position, at rest (the paper's conservative model).
@@ -62,8 +67,17 @@ pub enum PredictorKind {
 }
 
 impl PredictorKind {
-    /// Every predictor, in the order of their numbers on the wire.
+    /// Every predictor.
     pub const ALL: [Self; 4] = [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Oracle];
+
+    /// Those that a running loop has: all but the oracle.
+    pub const LIVE: [Self; 3] = [Self::Hold, Self::ConstantVelocity, Self::Dybm];
+
+    /// Place in [`Self::ALL`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
 
     /// Name in settings, requests and reports.
     #[must_use]

@@ -10,10 +10,9 @@
 
 use thiserror::Error;
 
-use super::{
-    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelParameters, Oracle, Predictor, PredictorKind,
-};
-use super::{WeightsError, dybm};
+use super::bands::{self, BandTable, PreviewBands};
+use super::online::WeightsError;
+use super::{ModelSettings, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::learn::LearnStep;
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 
@@ -50,7 +49,7 @@ pub enum PreviewError {
     /// The normaliser's bounds.
     #[error(transparent)]
     Scale(#[from] PenError),
-    /// The DyBM's weights.
+    /// A model's settings or weights.
     #[error(transparent)]
     Weights(#[from] WeightsError),
     /// The bound on the rollout.
@@ -64,9 +63,7 @@ pub enum PreviewError {
         peak_fade: f64,
     },
     /// No recording was loaded.
-    #[error(
-        "predictor oracle needs a recording: it is for experiments, choose hold, constant-velocity or dybm"
-    )]
+    #[error("predictor oracle needs a recording: it is for experiments, choose another predictor")]
     NoRecording,
 }
 
@@ -81,6 +78,8 @@ pub struct PreviewReport {
     pub finite: bool,
     /// How many predicted displacements the bound on the rollout shortened.
     pub limited: u32,
+    /// How far off this predictor has lately been, per lead.
+    pub bands: PreviewBands,
 }
 
 /// Normalised displacements beyond this are not taken for motion: a thousand times the typical one.
@@ -92,21 +91,26 @@ pub struct Previewer {
     settings: PreviewSettings,
     active: PredictorKind,
     scale: SpeedScale,
-    hold: Hold,
-    constant_velocity: ConstantVelocity,
-    dybm: Dybm,
-    oracle: Option<Oracle>,
+    panel: Panel,
+    version: u64,
+    bands: BandTable,
     newest: Option<GridStep>,
     history: u32,
     /// Recent peak of |x|, normalised.
     peak: f64,
+    /// Recent mean of |x|², normalised².
+    level_square: f64,
 }
 
 impl Previewer {
     /// Starts with empty memories.
     ///
     /// *Errors*: settings outside their bounds, or weights that are invalid or made for another loop.
-    pub fn new(settings: PreviewSettings, weights: DybmWeights) -> Result<Self, PreviewError> {
+    pub fn new(
+        settings: PreviewSettings,
+        models: &ModelSettings,
+        weights: &OnlineWeights,
+    ) -> Result<Self, PreviewError> {
         let PreviewSettings { limit_factor, peak_fade, .. } = settings;
         if !((1.0..=10.0).contains(&limit_factor) && (0.5..=0.999).contains(&peak_fade)) {
             return Err(PreviewError::Limit { limit_factor, peak_fade });
@@ -119,19 +123,19 @@ impl Previewer {
             settings,
             active: settings.kind,
             scale: SpeedScale::new(settings.scale)?,
-            hold: Hold,
-            constant_velocity: ConstantVelocity::default(),
-            dybm: Dybm::new(weights)?,
-            oracle: None,
+            panel: Panel::new(models, weights)?,
+            version: weights.version,
+            bands: weights.bands,
             newest: None,
             history: 0,
             peak: 0.0,
+            level_square: 0.0,
         })
     }
 
     /// Gives the recorded future to the oracle (start-up only: the recording it replaces is freed).
     pub fn load_recording(&mut self, oracle: Oracle) {
-        self.oracle = Some(oracle);
+        self.panel.load(oracle);
     }
 
     /// Takes in one closed step, in order; returns what the learner learns from it.
@@ -153,15 +157,21 @@ impl Previewer {
             [0.0; 2]
         };
         let scale_m = self.scale.metres_per_unit();
-        if let Some(oracle) = &mut self.oracle {
-            oracle.place(step.index, scale_m);
+        self.panel.place(step.index, scale_m);
+        LearnStep {
+            index: step.index,
+            x,
+            motion,
+            contact: step.contact,
+            scale_m,
+            limit: self.limit(),
+            level: bands::level(self.level_square),
         }
-        LearnStep { index: step.index, x, motion, contact: step.contact, scale_m }
     }
 
     /// Predicts positions [m] at the grid points after the newest closed step with the active predictor;
-    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`] entries are filled with predictions,
-    /// the rest repeats the last.
+    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`](super::MAX_PREVIEW) entries are filled
+    /// with predictions, the rest repeats the last.
     pub fn preview(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         self.preview_of(self.active, out)
     }
@@ -169,50 +179,22 @@ impl Previewer {
     /// As `preview`, with any of the predictors.
     pub fn preview_of(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let newest = self.newest?;
-        let limit = match kind {
-            // What is known is not bounded.
-            PredictorKind::Oracle => f64::INFINITY,
-            _ => self.settings.limit_factor * self.peak.max(TARGET_RMS),
-        };
-        let mut scratch = [[0.0; 2]; MAX_PREVIEW];
-        let steps = scratch.get_mut(..out.len().min(MAX_PREVIEW))?;
-        match (kind, &self.oracle) {
-            (PredictorKind::Hold, _) | (PredictorKind::Oracle, None) => {
-                self.hold.preview_within(limit, steps)
-            }
-            (PredictorKind::ConstantVelocity, _) => self.constant_velocity.preview_within(limit, steps),
-            (PredictorKind::Dybm, _) => self.dybm.preview_within(limit, steps),
-            (PredictorKind::Oracle, Some(oracle)) => oracle.preview_within(limit, steps),
-        }
-        let mut report = PreviewReport {
+        let scale_m = self.scale.metres_per_unit();
+        let RollOut { finite, limited } =
+            self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out);
+        let unit_m = scale_m * bands::level(self.level_square);
+        Some(PreviewReport {
             base_index: newest.index,
             base_position: newest.position,
-            finite: true,
-            limited: 0,
-        };
-        let almost = limit * (1.0 - 1e-9);
-        let scale_m = self.scale.metres_per_unit();
-        let [mut x, mut y] = newest.position;
-        let mut steps = steps.iter();
-        for position in out.iter_mut() {
-            if let Some([dx, dy]) = steps.next() {
-                report.limited += u32::from(dx * dx + dy * dy >= almost * almost);
-                x += scale_m * dx;
-                y += scale_m * dy;
-            }
-            *position = [x, y];
-        }
-        // One NaN anywhere is in every later sum.
-        if !(x.is_finite() && y.is_finite()) {
-            report.finite = false;
-            out.fill(newest.position);
-        }
-        Some(report)
+            finite,
+            limited,
+            bands: PreviewBands::new(*self.bands.of(kind), unit_m),
+        })
     }
 
     /// Makes another predictor answer from the next preview on.
     ///
-    /// *Errors*: the oracle without a recording; the old predictor stays.
+    /// *Errors*: a predictor that is not there; the old one stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
         if !self.offers(kind) {
             return Err(PreviewError::NoRecording);
@@ -224,7 +206,7 @@ impl Previewer {
     /// `kind` can be chosen.
     #[must_use]
     pub fn offers(&self, kind: PredictorKind) -> bool {
-        kind != PredictorKind::Oracle || self.oracle.is_some()
+        self.panel.offers(kind)
     }
 
     /// The predictor that answers.
@@ -233,23 +215,33 @@ impl Previewer {
         self.active
     }
 
-    /// Exchanges the DyBM's weights between two steps; its memory stays.
+    /// Takes over what changed in the weights between two steps, all or nothing; memories stay.
     ///
     /// *Errors*: weights that are invalid or do not fit; the old ones stay.
-    pub fn set_weights(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
-        self.dybm.set_weights(weights)
+    pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        weights.bands.validate()?;
+        self.panel.set_weights(weights)?;
+        self.bands = weights.bands;
+        self.version = weights.version;
+        Ok(())
     }
 
-    /// The DyBM's weights in use.
+    /// Version of the set of weights in use.
     #[must_use]
-    pub fn weights(&self) -> &DybmWeights {
-        self.dybm.weights()
+    pub fn version(&self) -> u64 {
+        self.version
     }
 
-    /// The DyBM's memory.
+    /// The weights in use.
     #[must_use]
-    pub fn dybm_state(&self) -> &dybm::DybmState {
-        self.dybm.state()
+    pub fn weights(&self) -> OnlineWeights {
+        self.panel.weights(self.version, self.bands)
+    }
+
+    /// All predictors and their memories.
+    #[must_use]
+    pub const fn panel(&self) -> &Panel {
+        &self.panel
     }
 
     /// Steps of ordinary motion since the memories were last emptied.
@@ -273,9 +265,13 @@ impl Previewer {
     /// Empties all memories, e.g. when the pen is gone for good; the scale stays.
     pub fn forget(&mut self) {
         self.history = 0;
-        self.hold.reset();
-        self.constant_velocity.reset();
-        self.dybm.reset();
+        self.level_square = 0.0;
+        self.panel.forget();
+    }
+
+    /// Longest predicted displacement, normalised.
+    fn limit(&self) -> f64 {
+        self.settings.limit_factor * self.peak.max(TARGET_RMS)
     }
 
     /// NaN and what would drown the memory are no motion, whatever the pen tracker's gate let through.
@@ -287,8 +283,7 @@ impl Previewer {
         self.history = self.history.saturating_add(1);
         let [dx, dy] = x;
         self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
-        self.hold.observe(x);
-        self.constant_velocity.observe(x);
-        self.dybm.observe(x);
+        self.level_square = bands::level_square(self.level_square, x);
+        self.panel.observe(x);
     }
 }

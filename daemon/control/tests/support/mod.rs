@@ -7,10 +7,11 @@ use foretrace_control::follower::{
 };
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
+use foretrace_control::learn::LearnerSettings;
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::{DybmWeights, PredictorKind, PreviewSettings};
+use foretrace_control::predict::{InitialWeights, ModelSettings, PredictorKind, PreviewSettings};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -54,7 +55,8 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         period_ns: PERIOD_NS,
         pen: PenSettings { step_ns: STEP_NS, ..PenSettings::default() },
         preview: PreviewSettings { step_ns: STEP_NS, kind, ..PreviewSettings::default() },
-        dybm_weights: DybmWeights::persistent(STEP_NS, DybmShape::new(2, &[0.5], TraceInput::Newest), 1.0),
+        models: models(),
+        weights: models().initial_weights(),
         trust: TrustSettings { step_ns: STEP_NS, ..TrustSettings::default() },
         trust_request: TrustRequest::Auto,
         mpc,
@@ -84,6 +86,14 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
             approach_distance: 0.01,
         },
     }
+}
+
+/// Those of the preset, but the linear DyBM starts as constant velocity.
+pub fn models() -> ModelSettings {
+    let mut models = LearnerSettings::preset(STEP_NS, 0).models;
+    models.dybm.shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
+    models.initial = InitialWeights::Persistent(1.0);
+    models
 }
 
 /// A follower, the arm that obeys it exactly, and an independent check of every command.

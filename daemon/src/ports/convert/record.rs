@@ -30,6 +30,10 @@ pub struct IpcTally {
     pub connection_allocations: u64,
     /// Changes of the set of connected ports.
     pub connection_ticks: u64,
+    /// Sets of weights overtaken before they were in the ring.
+    pub weights_overtaken: u64,
+    /// Events of the learner that were lost.
+    pub learner_events_lost: u64,
 }
 
 /// All counters as they stand on the wire.
@@ -64,6 +68,8 @@ pub fn counters(evidence: &Evidence, ipc: &IpcTally) -> shm::Counters {
         telemetry_failed: ipc.telemetry_failed,
         learner_ring_dropped: learn_dropped + pen.overwritten,
         weights_refused: evidence.tally.weights_refused,
+        weights_overtaken: evidence.tally.weights_overtaken + ipc.weights_overtaken,
+        learner_events_lost: ipc.learner_events_lost,
         requests: ipc.requests,
         requests_refused: ipc.requests_refused,
         allocations: ipc.allocations,
@@ -135,6 +141,7 @@ pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
         mpc_path: mpc_path(output),
         mpc_residual: output.axes.map(|axis: AxisReport| known(axis.kkt_residual)),
         predictor_error_m: output.predictor_error.map_or(UNKNOWN, known),
+        predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
         learner_version: output.weights_version,
         learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
         predictor: predictor(output.predictor).into(),
@@ -161,6 +168,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, 
     status.trust_target = output.trust.target.alpha();
     status.trust_reason = trust_reason(output.trust.reason).into();
     status.predictor = predictor(output.predictor).into();
+    status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
     status.learner_version = output.weights_version;

@@ -185,26 +185,42 @@ fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
 #[test]
 fn of_several_weights_the_newest_is_used() {
     let mut bench = Bench::new();
-    let weights = config().follower_settings().dybm_weights;
-    for version in 1..=3 {
-        bench.learner.weights.push(DybmWeights { version, ..weights }).unwrap();
+    let weights = config().follower_settings().weights;
+    let mut before = 0;
+    // Long enough for the ring to wrap around.
+    for round in 0..5 {
+        for version in before + 1..=before + 3 {
+            bench.learner.weights.push(OnlineWeights { version, ..weights }).unwrap();
+        }
+        before += 3;
+        let last = bench.run(0);
+        assert_eq!(last.output.weights_version, before);
+        assert_eq!(last.tally.weights_overtaken, 2 * (round + 1));
     }
     let last = bench.run(0);
-    assert_eq!(last.output.weights_version, 3);
-    assert_eq!(last.weights_since, Some(last.wake.release));
-    assert_eq!(last.tally.weights_refused, 0);
+    assert!(last.weights_since.is_some_and(|since| since < last.wake.release));
+    assert_eq!((last.tally.weights_refused, last.tally.weights_overtaken), (0, 10));
 }
 
 #[test]
 fn corrupted_weights_are_refused_and_counted() {
+    let good = config().follower_settings().weights;
     let mut bench = Bench::new();
-    let mut weights = config().follower_settings().dybm_weights;
-    weights.version = 9;
-    weights.parameters.bias = [f64::NAN, 0.0];
-    bench.learner.weights.push(weights).unwrap();
-    let last = bench.run(0);
-    assert_eq!((last.tally.weights_refused, last.weights_since), (1, None));
-    assert_ne!(last.output.weights_version, 9);
+    let mut refused = 0;
+    for value in [f64::NAN, f64::INFINITY, 1e9, -1e300] {
+        let mut parameters = OnlineWeights { version: 9, ..good };
+        parameters.dybm.version = 9;
+        parameters.dybm.parameters.bias = [value, 0.0];
+        let mut bands = OnlineWeights { version: 9, ..good };
+        bands.bands.factors[0][3] = value as f32;
+        for poison in [parameters, bands] {
+            bench.learner.weights.push(poison).unwrap();
+            refused += 1;
+            let last = bench.run(0);
+            assert_eq!((last.tally.weights_refused, last.weights_since), (refused, None));
+            assert_eq!(bench.tick.follower.weights(), good);
+        }
+    }
 }
 
 #[test]

@@ -1,0 +1,155 @@
+//! `Calibration`: the error bands of every predictor, from what came after its previews.
+//!
+//! Adaptive conformal prediction per predictor and lead h. With the score s = |predicted − real| / (level · metres per
+//! unit) of a preview h steps ago and c the factor in force: ln c ← ln c + η·(\[s > c\] − (1 − coverage)). Whatever the pen
+//! does, the share of misses after T updates then differs from 1 − coverage by no more than (|ln c_T − ln c_0|)/(ηT):
+//! no model of the errors is assumed. η starts large and settles.
+//! Source: Gibbs & Candès 2021, Adaptive Conformal Inference Under Distribution Shift, in logarithms so that c stays
+//! positive; the level makes one factor fit slow and fast hands.
+//!
+//! Cases in which the pen rests before and after say nothing and are left out; so is what a jump interrupted.
+
+use super::LearnStep;
+use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE, REST_LEVEL};
+use crate::predict::{ModelSettings, OnlineWeights, Panel, PredictorKind, WeightsError};
+
+/// Predictors that get bands: all but the oracle.
+const KINDS: usize = PredictorKind::LIVE.len();
+/// η after many updates.
+const RATE: f64 = 0.02;
+/// η of the first update; it falls with the root of their number.
+const FIRST_RATE: f64 = 0.5;
+/// Updates before a band is offered.
+const WARM: u32 = 50;
+/// Bounds of ln c: c from a thousandth to a thousand recent steps.
+const LN_BOUND: f64 = 7.0;
+
+/// What one step's previews said.
+#[derive(Debug, Clone, Copy)]
+struct Shot {
+    /// Recent step when it was made [m].
+    unit_m: f64,
+    /// The pen rested.
+    resting: bool,
+    /// Way of the pen since [m].
+    way: [f64; 2],
+    /// Predicted ways [m]; KINDS x BAND_LEADS.
+    paths: [[[f64; 2]; BAND_LEADS]; KINDS],
+}
+
+/// ln c and its updates, of one predictor at one lead.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Factor {
+    ln: f64,
+    updates: u32,
+    misses: u32,
+}
+
+impl Factor {
+    fn judge(&mut self, score: f64) {
+        let missed = !(score <= self.ln.exp());
+        let rate = (FIRST_RATE / f64::from(self.updates.saturating_add(1)).sqrt()).max(RATE);
+        let pull = if missed { COVERAGE } else { COVERAGE - 1.0 };
+        self.ln = (self.ln + rate * pull).clamp(-LN_BOUND, LN_BOUND);
+        self.updates = self.updates.saturating_add(1);
+        self.misses = self.misses.saturating_add(u32::from(missed));
+    }
+}
+
+/// The learner's own panel of predictors and the judgement of their previews.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    panel: Panel,
+    /// Newest first.
+    shots: Box<[Shot]>,
+    waiting: usize,
+    factors: [[Factor; BAND_LEADS]; KINDS],
+}
+
+impl Calibration {
+    /// Starts with the bands of `weights`, or with wide ones that are not offered yet.
+    ///
+    /// *Errors*: settings or weights that a panel refuses.
+    pub fn new(models: &ModelSettings, weights: &OnlineWeights) -> Result<Self, WeightsError> {
+        let shot = Shot { unit_m: 0.0, resting: true, way: [0.0; 2], paths: [[[0.0; 2]; BAND_LEADS]; KINDS] };
+        let mut factors = [[Factor { ln: 0.0, updates: 0, misses: 0 }; BAND_LEADS]; KINDS];
+        for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&mut factors) {
+            for ((lead, factor), known) in (1..).zip(of_kind).zip(weights.bands.of(kind)) {
+                // As far off as the pen goes: a band that is too wide is safer than one too narrow.
+                *factor = Factor { ln: f64::from(lead).ln(), updates: 0, misses: 0 };
+                if *known > 0.0 {
+                    *factor = Factor { ln: f64::from(*known).ln(), updates: WARM, misses: 0 };
+                }
+            }
+        }
+        let panel = Panel::new(models, weights)?;
+        Ok(Self { panel, shots: vec![shot; BAND_LEADS].into_boxed_slice(), waiting: 0, factors })
+    }
+
+    /// The pen was interrupted.
+    pub fn interrupt(&mut self) {
+        self.panel.forget();
+        self.waiting = 0;
+    }
+
+    /// Other weights predict from here on.
+    ///
+    /// *Errors*: weights that a panel refuses.
+    pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        self.panel.set_weights(weights)
+    }
+
+    /// Judges the previews that this step of ordinary motion follows, then lets every predictor preview.
+    pub fn observe(&mut self, step: &LearnStep) {
+        let moved = step.x.map(|x| x * step.scale_m);
+        self.judge(moved);
+        self.panel.observe(step.x);
+        self.shots.rotate_right(1);
+        let Some(shot) = self.shots.first_mut() else { return };
+        shot.unit_m = step.level * step.scale_m;
+        shot.resting = step.level <= REST_LEVEL;
+        shot.way = [0.0; 2];
+        for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut shot.paths) {
+            self.panel.roll_out(kind, step.limit, step.scale_m, [0.0; 2], path);
+        }
+        self.waiting = (self.waiting + 1).min(BAND_LEADS);
+    }
+
+    /// The bands as they are.
+    #[must_use]
+    pub fn table(&self) -> BandTable {
+        let mut table = BandTable::default();
+        for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&self.factors) {
+            let Some(out) = table.factors.get_mut(kind.index()) else { continue };
+            for (out, factor) in out.iter_mut().zip(of_kind) {
+                *out = if factor.updates >= WARM { factor.ln.exp() as f32 } else { 0.0 };
+            }
+        }
+        table
+    }
+
+    /// Cases judged so far, and how many of them fell outside, for `kind` at `lead` steps.
+    #[must_use]
+    pub fn judged(&self, kind: PredictorKind, lead: usize) -> (u32, u32) {
+        let place = PredictorKind::LIVE.into_iter().position(|live| live == kind);
+        let factor = place
+            .and_then(|place| self.factors.get(place))
+            .and_then(|factors| factors.get(lead.checked_sub(1)?));
+        factor.map_or((0, 0), |factor| (factor.updates, factor.misses))
+    }
+
+    fn judge(&mut self, moved: [f64; 2]) {
+        let [dx, dy] = moved;
+        for (age, shot) in self.shots.iter_mut().take(self.waiting).enumerate() {
+            let [x, y] = &mut shot.way;
+            (*x, *y) = (*x + dx, *y + dy);
+            if shot.resting && x.hypot(*y) <= shot.unit_m {
+                continue;
+            }
+            for (factors, path) in self.factors.iter_mut().zip(&shot.paths) {
+                let (Some(factor), Some([px, py])) = (factors.get_mut(age), path.get(age)) else { continue };
+                factor.judge((px - *x).hypot(py - *y) / shot.unit_m);
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! `Course`: one online model on its way into the loop; the only place where weights are promoted or taken back.
+//!
+//! Contract: the candidate learns, the live weights are frozen, the previous ones are kept to return to. Whatever the
+//! model, what becomes live is finite, was not worse than the live weights on recent motion, and carries a version never
+//! used before. A candidate that leaves its bounds starts again from the live weights.
+
+use super::shadow::{Contender, Leads, Shadow, Versus};
+use super::{LearnStep, Promotion, PromotionCause};
+use crate::predict::{ModelParameters, OnlineModel, PredictorKind, WeightsError};
+
+/// When live weights may change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rule {
+    /// Moving steps over which the comparison forgets.
+    pub memory_steps: f64,
+    /// Moving steps compared since the last change before anything is promoted or rolled back.
+    pub min_evidence: u32,
+    /// A settled candidate is promoted when its error is below this part of the live error, at most 1.
+    pub promote_ratio: f64,
+    /// The live weights are rolled back when their error is above this many times their predecessor's, at least 1.
+    pub rollback_ratio: f64,
+    /// Moving steps between two hand-overs of a candidate that the live weights follow.
+    pub follow_steps: u32,
+}
+
+/// How a model's live weights go with its candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pace {
+    /// Promoted when clearly better; the weights before are what one returns to, and evidence begins anew.
+    Settled,
+    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an anchor, which is
+    /// renewed when the live weights have done no worse for long enough.
+    Following,
+}
+
+/// A following candidate may be this much worse: two runs of luck differ by as much.
+const FOLLOW_RATIO: f64 = 1.02;
+/// Candidate error above this many times the live error: start the candidate again from the live weights.
+const ABANDON_RATIO: f64 = 2.0;
+/// Evidence, in units of the least, after which an anchor is renewed.
+const ANCHOR_AGE: u32 = 3;
+
+/// What happened to one model's weights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CourseCounters {
+    /// Candidates promoted.
+    pub promotions: u64,
+    /// Promotions taken back.
+    pub rollbacks: u64,
+    /// Candidates thrown away because a parameter left its bounds or was not finite.
+    pub poisoned: u64,
+    /// Candidates thrown away because they did much worse than the live weights.
+    pub abandoned: u64,
+}
+
+/// Recent errors of a model's weights.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CourseErrors {
+    /// The candidate against the live weights.
+    pub candidate: Versus,
+    /// The live weights against those one would return to.
+    pub live: Versus,
+}
+
+/// One model: candidate, previous weights, their comparison. The live weights stand in the set that is handed over.
+#[derive(Debug, Clone)]
+pub(super) struct Course<M: OnlineModel> {
+    kind: PredictorKind,
+    pace: Pace,
+    rule: Rule,
+    candidate: M,
+    previous: Option<M::Parameters>,
+    shadow: Shadow,
+    /// Moving steps since the last hand-over.
+    since: u32,
+    counters: CourseCounters,
+}
+
+impl<M: OnlineModel> Course<M> {
+    /// `candidate` starts with the live weights.
+    pub(super) fn new(kind: PredictorKind, pace: Pace, rule: Rule, leads: Leads, candidate: M) -> Self {
+        let previous = (pace == Pace::Following).then_some(*candidate.parameters());
+        let shadow = Shadow::new(leads, rule.memory_steps);
+        let counters = CourseCounters::default();
+        Self { kind, pace, rule, candidate, previous, shadow, since: 0, counters }
+    }
+
+    /// The pen was interrupted: memory is emptied.
+    pub(super) fn interrupt(&mut self) {
+        self.candidate.reset_state();
+        self.shadow.interrupt();
+    }
+
+    /// One step of ordinary motion, learned from if `learnable`; changes `live` when the evidence asks for it, giving it
+    /// the version after `version`.
+    pub(super) fn learn(
+        &mut self,
+        step: &LearnStep,
+        learnable: bool,
+        live: &mut M::Parameters,
+        version: u64,
+    ) -> Option<Promotion> {
+        let moving = self.shadow.settle(step.x);
+        self.since = self.since.saturating_add(u32::from(moving));
+        if learnable {
+            self.candidate.learn(step.x);
+        } else {
+            self.candidate.observe(step.x);
+        }
+        if self.candidate.parameters().validate().is_err() {
+            self.counters.poisoned += 1;
+            self.restart_from(live);
+        }
+        let Self { candidate, previous, shadow, .. } = self;
+        shadow.preview(|contender, path| {
+            let parameters = match contender {
+                Contender::Candidate => Some(candidate.parameters()),
+                Contender::Live => Some(&*live),
+                Contender::Previous => previous.as_ref(),
+            };
+            if let Some(parameters) = parameters {
+                candidate.preview_from(parameters, candidate.memory(), step.limit, path);
+            }
+            parameters.is_some()
+        });
+        let (cause, leaving, coming) = self.decide(live)?;
+        *live = live.with_version(version.wrapping_add(1));
+        let (model, version, index) = (self.kind, live.version(), step.index);
+        Some(Promotion { model, version, cause, index, error_leaving: leaving, error_coming: coming })
+    }
+
+    /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
+    pub(super) fn propose(&mut self, weights: &M::Parameters) -> Result<(), WeightsError> {
+        self.candidate.restart_from(weights)?;
+        self.shadow.restart();
+        Ok(())
+    }
+
+    pub(super) fn candidate(&self) -> &M::Parameters {
+        self.candidate.parameters()
+    }
+
+    pub(super) const fn errors(&self) -> CourseErrors {
+        CourseErrors { candidate: self.shadow.candidate(), live: self.shadow.live() }
+    }
+
+    pub(super) const fn counters(&self) -> CourseCounters {
+        self.counters
+    }
+
+    /// Exchanges the live weights if the evidence asks for it; why, and the errors of what leaves and what comes.
+    fn decide(&mut self, live: &mut M::Parameters) -> Option<(PromotionCause, f64, f64)> {
+        let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
+        let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;
+        let old = self.shadow.live();
+        if let Some(before) = self.previous
+            && old.compared >= min_evidence
+            && old.challenger > rollback_ratio * old.other
+        {
+            self.counters.rollbacks += 1;
+            *live = before;
+            match self.pace {
+                Pace::Settled => {
+                    self.previous = None;
+                    self.continue_from(live);
+                }
+                Pace::Following => self.restart_from(live),
+            }
+            return Some((PromotionCause::RolledBack, old.challenger, old.other));
+        }
+        match self.pace {
+            Pace::Settled => {
+                if compared >= min_evidence && challenger < promote_ratio * live_error {
+                    self.counters.promotions += 1;
+                    self.previous = Some(*live);
+                    *live = *self.candidate.parameters();
+                    self.shadow.restart();
+                    return Some((PromotionCause::Improved, live_error, challenger));
+                }
+            }
+            Pace::Following => {
+                if old.compared >= ANCHOR_AGE.saturating_mul(min_evidence) && old.challenger <= old.other {
+                    self.previous = Some(*live);
+                    self.shadow.restart_previous();
+                }
+                let due = self.since >= follow_steps && compared >= follow_steps;
+                if due && challenger <= FOLLOW_RATIO * live_error {
+                    self.counters.promotions += 1;
+                    self.since = 0;
+                    *live = *self.candidate.parameters();
+                    return Some((PromotionCause::Followed, live_error, challenger));
+                }
+            }
+        }
+        if compared >= min_evidence && challenger > ABANDON_RATIO * live_error {
+            self.counters.abandoned += 1;
+            self.continue_from(live);
+        }
+        None
+    }
+
+    // The live weights were judged before they became live: they cannot be refused.
+
+    fn continue_from(&mut self, live: &M::Parameters) {
+        let _ = self.candidate.continue_from(live);
+        self.shadow.restart();
+    }
+
+    fn restart_from(&mut self, live: &M::Parameters) {
+        let _ = self.candidate.restart_from(live);
+        self.shadow.restart();
+    }
+}
