@@ -3,7 +3,7 @@
 //! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
 //! 0, 1, false or true. Empty lines and lines starting with `#` are skipped. Times rise strictly.
 
-use super::{Character, Component, Quantity, Recording};
+use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
 use std::fmt::Write as _;
 use std::io;
@@ -12,8 +12,6 @@ use std::path::{Path, PathBuf};
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
 const TIME_MAX_S: f64 = 1e7;
 const POSITION_MAX_M: f64 = 100.0;
-/// Longer steps are gaps, as in [`PenPath`].
-const GAP_PERIODS: f64 = 4.0;
 
 /// A CSV path that was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

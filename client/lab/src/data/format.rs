@@ -1,5 +1,6 @@
 //! The formats of recordings: told apart by contents, loaded into one form.
 
+use super::inkml::{begins_inkml, load_inkml};
 use super::mat::{begins_mat, load_mat};
 use super::{CsvError, Recording, UnipenError, load_unipen};
 use std::fmt;
@@ -17,6 +18,8 @@ pub enum Format {
     Unipen,
     /// MATLAB v5 with UCI Character Trajectories.
     Mat,
+    /// W3C InkML.
+    InkMl,
     /// Plain CSV with `t_s,x_m,y_m,contact`, foretrace's own recordings included.
     Csv,
 }
@@ -26,6 +29,7 @@ impl fmt::Display for Format {
         f.write_str(match self {
             Self::Unipen => "UNIPEN",
             Self::Mat => "MATLAB v5",
+            Self::InkMl => "InkML",
             Self::Csv => "CSV",
         })
     }
@@ -91,8 +95,7 @@ pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
 
 impl Format {
     /// For messages.
-    pub(super) const ALL_NAMES: &str =
-        "UNIPEN text, MATLAB v5 (UCI Character Trajectories), or CSV with the columns t_s,x_m,y_m,contact";
+    pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV with the columns t_s,x_m,y_m,contact";
 
     /// The part that a file's name tells in sets that are published without a table.
     pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
@@ -113,6 +116,7 @@ impl Format {
         match self {
             Self::Unipen => Ok(load_unipen(path)?),
             Self::Mat => Ok(load_mat(path)?),
+            Self::InkMl => Ok(load_inkml(path)?),
             Self::Csv => Ok(super::csv::load_csv_recording(path)?),
         }
     }
@@ -128,6 +132,9 @@ impl Format {
     fn of_contents(head: &[u8]) -> Option<Self> {
         if begins_mat(head) {
             return Some(Self::Mat);
+        }
+        if begins_inkml(head) {
+            return Some(Self::InkMl);
         }
         let text = String::from_utf8_lossy(head);
         if super::csv::begins_csv(&text) {
@@ -146,6 +153,7 @@ impl Format {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "dat" | "tra" | "tes" | "upn" => Some(Self::Unipen),
             "mat" => Some(Self::Mat),
+            "inkml" => Some(Self::InkMl),
             "csv" => Some(Self::Csv),
             _ => None,
         }

@@ -7,6 +7,7 @@
 pub mod unipen;
 pub mod csv;
 mod mat;
+mod inkml;
 mod format;
 mod split;
 mod set;
@@ -18,6 +19,9 @@ pub use split::Split;
 pub use unipen::{UnipenError, load_unipen};
 
 use std::path::PathBuf;
+
+/// A step in time of more periods than this is a gap, in formats whose samples carry stamps.
+const GAP_PERIODS: f64 = 4.0;
 
 /// One file of ink: its characters in file order.
 #[derive(Debug, Clone, PartialEq)]

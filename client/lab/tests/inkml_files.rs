@@ -1,0 +1,192 @@
+//! InkML files made up here: contexts, encodings, groups and views, and everything that is refused.
+
+use foretrace_lab::data::{Quantity, Recording, load_recording};
+
+fn load(text: &[u8]) -> Result<Recording, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.inkml");
+    std::fs::write(&file, text).unwrap();
+    let folder = format!("{}/", folder.path().display());
+    load_recording(&file).map_err(|error| error.to_string().replace(&folder, ""))
+}
+
+fn good(text: &str) -> Recording {
+    load(text.as_bytes()).unwrap()
+}
+
+/// Labels with the number of components and the first point of each.
+fn told(recording: &Recording) -> Vec<(&str, Vec<[f64; 2]>)> {
+    let of = |c: &foretrace_lab::data::Character| c.components.iter().map(|c| c.points[0]).collect();
+    recording.segments.iter().map(|c| (c.label.as_str(), of(c))).collect()
+}
+
+#[test]
+fn the_plainest_file_is_one_character_with_y_turned_upwards() {
+    let r = good("<ink><trace>10 0, 9 14</trace><trace type=\"penUp\">8 28</trace></ink>");
+    assert_eq!(
+        (r.rate_hz, r.rate_assumed, r.units_per_m, r.quantity),
+        (100.0, true, None, Quantity::Position)
+    );
+    let [character] = &r.segments[..] else { panic!("{:?}", r.segments) };
+    assert_eq!(character.components[0].points, [[10.0, -0.0], [9.0, -14.0]]);
+    assert!(character.components[0].contact && !character.components[1].contact);
+}
+
+#[test]
+fn contexts_give_units_rate_orientation_and_columns() {
+    let r = good(
+        r##"<?xml version="1.0"?>
+<inkml:ink xmlns:inkml="http://www.w3.org/2003/InkML">
+  <inkml:annotation type="writer">anna</inkml:annotation>
+  <inkml:definitions>
+    <inkml:inkSource xml:id="pad">
+      <inkml:sampleRate uniform="true" value="133"/>
+      <inkml:traceFormat>
+        <inkml:channel name="F" type="integer"/>
+        <inkml:channel name="Y" type="integer" orientation="-ve"/>
+        <inkml:channel name="X" type="integer" units="mm"/>
+        <inkml:intermittentChannels><inkml:channel name="B" type="boolean"/></inkml:intermittentChannels>
+      </inkml:traceFormat>
+      <inkml:channelProperties>
+        <inkml:channelProperty channel="Y" name="resolution" value="2540" units="1/in"/>
+      </inkml:channelProperties>
+    </inkml:inkSource>
+    <inkml:context xml:id="c" inkSourceRef="#pad"/>
+    <inkml:brush xml:id="b"><inkml:annotation type="truth">not this</inkml:annotation></inkml:brush>
+  </inkml:definitions>
+  <inkml:trace contextRef="#c" brushRef="#b">5 2 1,5 '3 '4 T</inkml:trace>
+</inkml:ink>"##,
+    );
+    assert_eq!((r.rate_hz, r.rate_assumed), (133.0, false));
+    let [x, y] = r.units_per_m.unwrap();
+    assert!((x - 1e3).abs() < 1e-9 && (y - 1e5).abs() < 1e-6, "{x} {y}");
+    assert_eq!(r.segments[0].components[0].points, [[1.0, 2.0], [5.0, 5.0]]);
+    assert_eq!((r.segments[0].writer.as_str(), r.segments[0].label.as_str()), ("anna", ""));
+}
+
+#[test]
+fn groups_are_characters_and_the_nearest_label_counts() {
+    let r = good(
+        r#"<ink><annotation type="truth">whole</annotation>
+<traceGroup><annotation type="truth">word</annotation>
+  <traceGroup><annotation type="truth">a</annotation><annotation type="writer">w1</annotation>
+    <trace>1 1</trace><traceGroup><trace>2 2</trace></traceGroup></traceGroup>
+  <traceGroup><annotation>&quot;&#38;</annotation><trace>3 3</trace></traceGroup>
+</traceGroup>
+<traceGroup><trace>4 4</trace></traceGroup>
+<trace>9 9</trace></ink>"#,
+    );
+    // The unlabelled group below "a" belongs to it; the trace outside all groups is left out.
+    assert_eq!(
+        told(&r),
+        [("a", vec![[1.0, -1.0], [2.0, -2.0]]), ("\"&", vec![[3.0, -3.0]]), ("", vec![[4.0, -4.0]])]
+    );
+    assert_eq!(r.segments[0].writer, "w1");
+}
+
+#[test]
+fn views_label_traces_as_groups_do() {
+    let r = good(
+        r##"<ink><trace id="0">1 1</trace><trace id="1">2 2</trace><trace xml:id="2">3 3</trace>
+<traceGroup xml:id="A"><annotation type="truth">From ITF</annotation>
+  <traceGroup><annotation type="truth">x</annotation><traceView traceDataRef="1"/><traceView traceDataRef="#2"/>
+    <annotationXML href="x_1"><annotation type="truth">no</annotation></annotationXML></traceGroup>
+  <traceGroup><annotation type="truth">y</annotation><traceView traceDataRef="0"></traceView></traceGroup>
+</traceGroup></ink>"##,
+    );
+    assert_eq!(told(&r), [("x", vec![[2.0, -2.0], [3.0, -3.0]]), ("y", vec![[1.0, -1.0]])]);
+    let whole = good(
+        r##"<ink><traceGroup xml:id="g"><trace>1 1</trace><traceGroup><trace>2 2</trace></traceGroup></traceGroup>
+<traceView><annotation type="truth">k</annotation><traceView traceDataRef="#g"/></traceView></ink>"##,
+    );
+    assert_eq!(told(&whole), [("k", vec![[1.0, -1.0], [2.0, -2.0]])]);
+}
+
+#[test]
+fn stamps_give_the_rate_and_the_gaps() {
+    let format = |unit: &str| {
+        format!(
+            "<traceFormat><channel name=\"X\"/><channel name=\"Y\"/><channel name=\"T\"{unit}/></traceFormat>"
+        )
+    };
+    let body = "<trace>0 0 0,1 0 5,2 0 10,3 0 15,4 0 60</trace><trace>5 0 100</trace><trace>6 0 105</trace>";
+    for (unit, factor) in [("", 1.0), (" units=\"s\"", 1e-3)] {
+        let r = good(&format!("<ink>{}{body}</ink>", format(unit)));
+        assert!((r.rate_hz - 200.0 * factor).abs() < 1e-9 && !r.rate_assumed, "{}", r.rate_hz);
+        let gaps: Vec<Option<f64>> = r.segments[0].components.iter().map(|c| c.dt_before_s).collect();
+        let wanted = [None, Some(0.045 / factor), Some(0.04 / factor), None];
+        assert_eq!(gaps.len(), wanted.len(), "{gaps:?}");
+        for (gap, wanted) in gaps.iter().zip(wanted) {
+            assert!((gap.unwrap_or(-1.0) - wanted.unwrap_or(-1.0)).abs() < 1e-9, "{gaps:?}");
+        }
+    }
+}
+
+#[test]
+fn continued_traces_are_one_and_utf_16_is_read() {
+    let text = "<ink><trace id=\"a\" continuation=\"begin\">1 1</trace><trace>5 5</trace>\
+                <trace priorRef=\"#a\" continuation=\"end\">2 2</trace></ink>";
+    let wide: Vec<u8> =
+        std::iter::once(0xfeffu16).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    for r in [good(text), load(&wide).unwrap()] {
+        let found: Vec<usize> = r.segments[0].components.iter().map(|c| c.points.len()).collect();
+        assert_eq!(found, [2, 1]);
+    }
+}
+
+#[test]
+fn every_refusal_names_file_line_and_reason() {
+    let deep = format!("<ink>{}", "<traceGroup>".repeat(70));
+    let cases: [(&str, &str); 18] = [
+        ("<ink>\n<trace>1 2,\n3 x</trace></ink>", "a.inkml:3: \"x\" is not a number"),
+        ("<ink>\n<trace>1 2,3</trace></ink>", "a.inkml:2: a point has 1 of 2 values"),
+        ("<ink>\n<trace>1</tracé></ink>", "a.inkml:2: malformed XML: "),
+        ("<ink><trace>1 2</trace>\n", "a.inkml:2: the file ends inside <ink>"),
+        ("<html>\n<ink/></html>", "a.inkml:1: the document is <html>; expected <ink>"),
+        ("<ink></ink>", "a.inkml: no ink: the file has no trace with points"),
+        (
+            "<ink><trace type=\"penUp\">1 2</trace></ink>",
+            "a.inkml: no ink: the file has no trace with points",
+        ),
+        (
+            "<ink>\n<trace type=\"up\">1 2</trace></ink>",
+            "a.inkml:2: trace type \"up\"; legal: penDown, penUp",
+        ),
+        (
+            "<ink>\n<trace contextRef=\"#c\">1 2</trace></ink>",
+            "a.inkml:2: contextRef \"#c\" names nothing above it",
+        ),
+        (
+            "<ink><trace>1 2</trace>\n<traceView traceDataRef=\"q\"/></ink>",
+            "a.inkml:2: traceDataRef \"q\" names no trace",
+        ),
+        (
+            "<ink><traceFormat><channel name=\"X\"/></traceFormat>\n<trace>1</trace></ink>",
+            "a.inkml:2: a traceFormat must have the channels X and Y, found X",
+        ),
+        (
+            "<ink><inkSource>\n<sampleRate value=\"0\"/></inkSource></ink>",
+            "a.inkml:2: sampleRate is \"0\"; legal: a number from 0.001 to 1000000",
+        ),
+        (
+            "<ink><traceFormat>\n<channel name=\"X\" orientation=\"up\"/></traceFormat></ink>",
+            "a.inkml:2: orientation is \"up\"; legal: +ve, -ve",
+        ),
+        (
+            "<ink><inkSource><sampleRate value=\"9\"/></inkSource><trace>1 2</trace>\
+             <inkSource><sampleRate value=\"8\"/></inkSource><trace>1 2</trace></ink>",
+            "a.inkml: traces of 9 Hz and of 8 Hz in one file; keep one rate per file",
+        ),
+        (
+            "<ink>\n<trace>1 2</trace><annotation>&bomb;</annotation></ink>",
+            "a.inkml:2: unknown entity &bomb;",
+        ),
+        ("<ink><trace>1 2<b/></trace></ink>", "a.inkml:1: <b> inside a trace, which holds points only"),
+        ("<ink><trace>1 2e9</trace></ink>", "a.inkml:1: Y 2000000000 is outside [-1e9, 1e9]"),
+        (&deep, "a.inkml:1: elements nested deeper than 64"),
+    ];
+    for (text, wanted) in cases {
+        let message = load(text.as_bytes()).unwrap_err();
+        assert!(message.starts_with(wanted), "{message}\nwanted: {wanted}");
+    }
+}
