@@ -17,6 +17,8 @@ pub mod ar_rls;
 pub mod bands;
 mod online_weights;
 mod panel;
+mod covariance;
+pub mod ours;
 mod previewer;
 
 pub use ar_rls::{ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights};
@@ -29,6 +31,7 @@ pub use online::{ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use oracle::Oracle;
 pub use panel::{InitialWeights, ModelSettings, Panel, RollOut, Student};
+pub use ours::{Ours, OursLearner, OursParameters, OursSettings};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.

@@ -3,8 +3,8 @@
 //! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Cold-started from constant velocity
 //! with a large P it is of use from the first steps on.
 
-use super::covariance::Covariance;
-use super::{ArRlsState, ArRlsWeights, is_motion, roll_out};
+use crate::predict::covariance::Covariance;
+use super::{ArRlsState, ArRlsWeights, REGRESSORS, is_motion, roll_out};
 use crate::pen::TARGET_RMS;
 use crate::predict::dybm::difference;
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
@@ -73,7 +73,7 @@ pub struct ArRlsLearner {
     settings: ArRlsSettings,
     weights: ArRlsWeights,
     state: ArRlsState,
-    covariance: Covariance,
+    covariance: Covariance<REGRESSORS>,
     counters: ArRlsCounters,
 }
 
@@ -91,7 +91,7 @@ impl ArRlsLearner {
             settings,
             weights,
             state: ArRlsState::default(),
-            covariance: Covariance::new(settings.covariance),
+            covariance: Covariance::new(settings.covariance, 1.0),
             counters: ArRlsCounters::default(),
         })
     }
@@ -183,7 +183,7 @@ impl OnlineModel for ArRlsLearner {
 
     fn restart_from(&mut self, parameters: &ArRlsWeights) -> Result<(), WeightsError> {
         self.exchange(parameters)?;
-        self.covariance = Covariance::new(self.settings.covariance);
+        self.covariance = Covariance::new(self.settings.covariance, 1.0);
         Ok(())
     }
 

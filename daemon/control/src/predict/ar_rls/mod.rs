@@ -7,7 +7,6 @@
 //! Huber-clipped innovation.
 
 mod weights;
-mod covariance;
 mod learner;
 
 pub use learner::{ArRlsCounters, ArRlsLearner, ArRlsSettings};
@@ -112,7 +111,7 @@ fn is_motion(x: [f64; 2], gate: f64) -> bool {
 }
 
 /// Predicts `out.len()` steps from a copy of the memory, each prediction (shortened to `limit`) fed back.
-fn roll_out(weights: &ArRlsWeights, mut state: ArRlsState, limit: f64, out: &mut [[f64; 2]]) {
+pub(super) fn roll_out(weights: &ArRlsWeights, mut state: ArRlsState, limit: f64, out: &mut [[f64; 2]]) {
     for predicted in out {
         *predicted = shortened(weights.predict(&state), limit);
         state.observe(*predicted);

@@ -4,36 +4,36 @@
 //! back, and P would grow without bound (wind-up): a hand that rests, or writes one straight line, does that. Here P
 //! forgets only while its trace is below a bound.
 
-use super::REGRESSORS;
-
-/// P, REGRESSORS x REGRESSORS.
+/// P, D x D.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Covariance {
-    matrix: [[f64; REGRESSORS]; REGRESSORS],
-    /// P₀ = start·I, also the largest mean of the diagonal for which P still forgets.
+pub(crate) struct Covariance<const D: usize> {
+    matrix: [[f64; D]; D],
+    /// P₀ = start·I.
     start: f64,
+    /// Largest trace for which P still forgets.
+    bound: f64,
 }
 
-impl Covariance {
-    /// P₀ = `start`·I.
-    pub(super) fn new(start: f64) -> Self {
-        let mut matrix = [[0.0; REGRESSORS]; REGRESSORS];
+impl<const D: usize> Covariance<D> {
+    /// P₀ = `start`·I; forgets while its mean diagonal is at most `ceiling`·`start`.
+    pub(crate) fn new(start: f64, ceiling: f64) -> Self {
+        let mut matrix = [[0.0; D]; D];
         for (i, row) in matrix.iter_mut().enumerate() {
             if let Some(entry) = row.get_mut(i) {
                 *entry = start;
             }
         }
-        Self { matrix, start }
+        Self { matrix, start, bound: ceiling * start * D as f64 }
     }
 
     /// Sum of the diagonal.
-    pub(super) fn trace(&self) -> f64 {
+    pub(crate) fn trace(&self) -> f64 {
         self.matrix.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum()
     }
 
     /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P back at its start, if P was no covariance any more.
-    pub(super) fn update(&mut self, phi: &[f64], forgetting: f64) -> Option<[f64; REGRESSORS]> {
-        let mut image = [0.0; REGRESSORS];
+    pub(crate) fn update(&mut self, phi: &[f64], forgetting: f64) -> Option<[f64; D]> {
+        let mut image = [0.0; D];
         for (row, phi) in self.matrix.iter().zip(phi) {
             for (image, p) in image.iter_mut().zip(row) {
                 *image += phi * p;
@@ -43,12 +43,11 @@ impl Covariance {
         let trace = self.trace();
         let sound = excitation >= 0.0 && excitation.is_finite() && trace > 0.0 && trace.is_finite();
         if !sound {
-            *self = Self::new(self.start);
+            *self = Self::new(self.start, self.bound / (self.start * D as f64));
             return None;
         }
         let inverse = 1.0 / (forgetting + excitation);
-        let bounded = trace <= self.start * REGRESSORS as f64;
-        let grown = if bounded { 1.0 / forgetting } else { 1.0 };
+        let grown = if trace <= self.bound { 1.0 / forgetting } else { 1.0 };
         for (row, left) in self.matrix.iter_mut().zip(&image) {
             for (p, right) in row.iter_mut().zip(&image) {
                 // The product of the two images first: P stays symmetric to the last bit.
