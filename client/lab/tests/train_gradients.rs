@@ -12,7 +12,7 @@ use std::sync::Arc;
 const SHAPE: Shape = Shape { cells: 10, leads: 1 };
 
 fn fixture(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/lstm").join(name)
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/tests/fixtures/lstm").join(name)
 }
 
 fn numbers() -> Value {

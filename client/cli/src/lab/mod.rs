@@ -3,6 +3,7 @@
 mod figures;
 mod table;
 mod table1;
+mod train;
 mod evaluate;
 mod leadtime;
 
@@ -43,6 +44,11 @@ pub(crate) enum LabCommand {
     /// Others take part with an LSTM (lstm:FILE.safetensors) or with predictions (file:PREDICTIONS.csv) for the targets
     /// that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
+    /// Train an LSTM on recorded handwriting
+    ///
+    /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same seed, data and
+    /// options give the same file. An interrupted training continues with --resume.
+    Train(train::TrainArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -85,6 +91,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),
+        LabCommand::Train(args) => train::run(args),
     }
 }
 

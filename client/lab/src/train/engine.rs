@@ -35,6 +35,8 @@ pub struct Scores {
     pub mse: f64,
     /// The same without jump targets and the steps right after one.
     pub within: f64,
+    /// Of the position at the last lead K, where none of the K steps is a jump [raw units^2].
+    pub position: f64,
 }
 
 /// Sums behind [`Scores`] and a gradient.
@@ -42,15 +44,15 @@ pub struct Scores {
 struct Sums {
     loss: f64,
     weight: f64,
-    squares: [f64; 2],
-    counts: [f64; 2],
+    squares: [f64; 3],
+    counts: [f64; 3],
 }
 
 impl Sums {
     fn add(&mut self, other: &Self) {
         self.loss += other.loss;
         self.weight += other.weight;
-        for i in 0..2 {
+        for i in 0..3 {
             self.squares[i] += other.squares[i];
             self.counts[i] += other.counts[i];
         }
@@ -112,15 +114,25 @@ impl<F: Real> Worker<F> {
 
     fn add_errors(&self, lanes: &[&Strokes], sums: &mut Sums) {
         let scale = self.setup.scale;
+        let leads = self.setup.network.shape.leads;
+        let square = |p: [f64; 2], q: [f64; 2]| (p[0] * scale - q[0]).powi(2) + (p[1] * scale - q[1]).powi(2);
+        let sum = |steps: &mut dyn Iterator<Item = [f64; 2]>| {
+            steps.fold([0.0; 2], |s, v| [s[0] + v[0], s[1] + v[1]])
+        };
         for (l, strokes) in lanes.iter().enumerate() {
             for t in 1..strokes.v.len() {
-                let [a, b] = self.group.first_lead(t - 1, l);
-                let [x, y] = strokes.v[t];
-                let square = (a * scale - x).powi(2) + (b * scale - y).powi(2);
+                let error = square(self.group.lead(t - 1, 0, l), strokes.v[t]);
                 let within = !strokes.jumps(t) && !strokes.jumps(t - 1);
-                for (kind, counted) in [true, within].into_iter().enumerate() {
-                    if counted {
-                        sums.squares[kind] += square;
+                let reached =
+                    strokes.v.get(t..t + leads).filter(|_| (t..t + leads).all(|s| !strokes.jumps(s)));
+                let position = reached.map(|steps| {
+                    let predicted = sum(&mut (0..leads).map(|lead| self.group.lead(t - 1, lead, l)));
+                    square(predicted, sum(&mut steps.iter().copied()))
+                });
+                for (kind, value) in [Some(error), within.then_some(error), position].into_iter().enumerate()
+                {
+                    if let Some(value) = value {
+                        sums.squares[kind] += value;
                         sums.counts[kind] += 2.0;
                     }
                 }
@@ -226,6 +238,7 @@ impl<F: Real> Engine<F> {
             loss: mean(sums.loss, sums.weight),
             mse: mean(sums.squares[0], sums.counts[0]),
             within: mean(sums.squares[1], sums.counts[1]),
+            position: mean(sums.squares[2], sums.counts[2]),
         }
     }
 

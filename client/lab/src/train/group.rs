@@ -167,9 +167,9 @@ impl<F: Real> Group<F> {
         self.by_h = h;
     }
 
-    /// Prediction of the next displacement after step t in one lane [input scales].
-    pub(super) fn first_lead(&self, t: usize, lane: usize) -> [f64; 2] {
-        let at = t * 2 * self.shape.leads;
+    /// Prediction of the displacement lead + 1 steps after step t in one lane [input scales].
+    pub(super) fn lead(&self, t: usize, lead: usize, lane: usize) -> [f64; 2] {
+        let at = 2 * (t * self.shape.leads + lead);
         [self.y[at].0[lane].wide(), self.y[at + 1].0[lane].wide()]
     }
 

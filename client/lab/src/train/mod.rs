@@ -5,16 +5,29 @@
 //! inside the tables), and the running network (`foretrace_control::predict`).
 
 mod real;
-mod corpus;
+pub mod corpus;
+mod resample;
+mod augment;
 mod parameters;
 mod loss;
 mod group;
 mod engine;
 mod adam;
+mod recipe;
+mod fit;
+pub mod checkpoint;
+mod curve;
+mod model;
+pub mod bench;
 
 pub use adam::{Adam, AdamSettings, Schedule, limit_norm};
-pub use corpus::Strokes;
+pub use augment::{Augment, AugmentError};
+pub use corpus::{CorpusError, Strokes, Units};
+pub use curve::curve;
 pub use engine::{Engine, Scores, Setup};
+pub use fit::{Epoch, Fit, FitError, Plan, State};
 pub use loss::{Objective, Padding, Penalty};
+pub use model::{citation, model};
 pub use parameters::{Network, Shape, Tensor};
 pub use real::{LANES, Real};
+pub use recipe::Recipe;

@@ -1,0 +1,318 @@
+//! `foretrace lab train`: an LSTM from recorded handwriting, as a file that the tables and the loop load.
+//!
+//! Contract: the model appears at `--out` whole and only when it is finished. After every epoch a checkpoint beside it
+//! (`OUT.checkpoint`) holds all that `--resume` needs to continue bit for bit; the finished model removes it.
+
+mod bench;
+mod options;
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use foretrace_config::models::DType;
+use foretrace_control::pen::TARGET_RMS;
+use foretrace_lab::data::DataSet;
+use foretrace_lab::train::corpus::{self, Item};
+use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use crate::failure::{Cause, Failure};
+use crate::interrupt::Interrupt;
+use crate::output::{may_draw, note, say};
+use options::Choice;
+pub(crate) use options::TrainArgs;
+
+pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    if args.bench {
+        return bench::run(args);
+    }
+    let Some(out) = &args.out else { return Err(Failure::new(Cause::Usage, "no --out", "give --out FILE")) };
+    let interrupt = Interrupt::listen()?;
+    let choice = args.choice()?;
+    let data = Data::load(args)?;
+    let checkpoint = Checkpoint::beside(out, args, &choice, &data)?;
+    let setup = Setup { network: choice.network, objective: choice.objective.clone(), scale: data.scale };
+    let state = checkpoint.continued(setup.network.shape.count())?;
+    data.announce(args, &choice);
+    let parts = (data.train.clone(), data.held_out.clone());
+    let mut fit = Fit::new(choice.plan.clone(), setup.clone(), parts, args.threads(), state);
+    let begin = Instant::now();
+    let earlier = fit.state().history.len();
+    while !fit.is_finished() {
+        epoch(&mut fit, &interrupt, &choice)?;
+        checkpoint.save(&fit)?;
+    }
+    let made = fit.state().history.len() - earlier;
+    let us_per_step = (made > 0)
+        .then(|| begin.elapsed().as_secs_f64() * 1e6 / (made * fit.steps_per_epoch()).max(1) as f64);
+    finish(args, out, &choice, &data, &setup, &fit, us_per_step)?;
+    checkpoint.remove();
+    Ok(())
+}
+
+/// One epoch with its progress bar and its line.
+fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Failure> {
+    let number = fit.state().history.len() + 1;
+    let bar = may_draw().then(|| {
+        let style = ProgressStyle::with_template("{prefix} [{wide_bar}] {pos}/{len} batches {eta}");
+        let bar = ProgressBar::new(fit.batches_per_epoch() as u64);
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.with_prefix(format!("epoch {number}/{}", choice.plan.epochs))
+    });
+    let done = fit.epoch(|| {
+        bar.iter().for_each(|bar| bar.inc(1));
+        if interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    bar.iter().for_each(ProgressBar::finish_and_clear);
+    let done = done.map_err(|error| match error {
+        FitError::Interrupted => {
+            let what = format_args!("interrupted in epoch {number}").to_string();
+            let remedy = if number > 1 { "continue from the epoch before with --resume" } else { "" };
+            Failure::new(Cause::Interrupted, what, remedy)
+        }
+        FitError::Diverged { .. } => Failure::failed(error, ""),
+    })?;
+    let held_out = done.held_out.map_or_else(String::new, |s| {
+        format!(", held out {:.5}, MSE {:.3}, within strokes {:.3}", s.loss, s.mse, s.within)
+    });
+    note!("epoch {number:>3}/{}: loss {:.5}{held_out}", choice.plan.epochs, done.train_loss);
+    Ok(())
+}
+
+/// The sequences of a training.
+struct Data {
+    names: Vec<String>,
+    train: Vec<Strokes>,
+    held_out: Vec<Strokes>,
+    writers: [usize; 2],
+    step_ms: f64,
+    /// Raw displacements are divided by this.
+    scale: f64,
+}
+
+impl Data {
+    fn load(args: &TrainArgs) -> Result<Self, Failure> {
+        let wrong = |error: &dyn Display| Failure::bad_input(error, "");
+        let mut items = Vec::new();
+        let mut names = Vec::new();
+        for folder in &args.data {
+            let set = DataSet::load(folder, &args.split, false).map_err(|error| wrong(&error))?;
+            set.errors.iter().for_each(|error| note!("lab: {error}"));
+            items.extend(corpus::items(&set));
+            names.push(set.name);
+        }
+        let (mut items, step_ms) = corpus::at_step(items, args.step_ms).map_err(|error| wrong(&error))?;
+        if args.units == Units::Normalised {
+            corpus::normalise(&mut items);
+        }
+        let (train, held_out) = if args.all_writers {
+            (items, Vec::new())
+        } else {
+            corpus::hold_out(items, args.hold_out, args.seed).map_err(|error| wrong(&error))?
+        };
+        let writers = [&train, &held_out].map(|items| {
+            items.iter().map(|item| &item.writer).collect::<std::collections::BTreeSet<_>>().len()
+        });
+        let strokes = |items: Vec<Item>| items.into_iter().map(|item| item.strokes).collect::<Vec<_>>();
+        let (train, held_out) = (strokes(train), strokes(held_out));
+        let scale = match args.units {
+            Units::Raw => corpus::rms(&train),
+            Units::Normalised => TARGET_RMS,
+        };
+        if !(scale > 0.0) {
+            return Err(wrong(&"the train writers never move; give another --seed, or --final"));
+        }
+        Ok(Self { names, train, held_out, writers, step_ms, scale })
+    }
+
+    fn steps(&self) -> usize {
+        self.train.iter().map(|s| s.v.len()).sum()
+    }
+
+    /// One line on what is trained on.
+    fn title(&self) -> String {
+        let [train, held_out] = self.writers;
+        let [sequences, held] = [self.train.len(), self.held_out.len()];
+        format!(
+            "{}: {sequences} sequences ({} steps of {} ms) of {train} writers, {held} of {held_out} writers held out",
+            self.names.join(", "),
+            self.steps(),
+            self.step_ms
+        )
+    }
+
+    fn announce(&self, args: &TrainArgs, choice: &Choice) {
+        note!("lab: lstm{} by the {} recipe, {} threads", args.model, choice.recipe.name(), args.threads());
+        note!("lab: {}", self.title());
+    }
+
+    /// Changes with every displacement (FNV-1a over their bits).
+    fn fingerprint(&self) -> u64 {
+        let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+        for strokes in self.train.iter().chain(&self.held_out) {
+            for word in strokes.v.iter().flatten().map(|x| x.to_bits()).chain([strokes.v.len() as u64]) {
+                hash = (hash ^ word).wrapping_mul(0x0100_0000_01b3);
+            }
+        }
+        hash
+    }
+}
+
+/// Where a training goes on from.
+struct Checkpoint {
+    file: PathBuf,
+    out: PathBuf,
+    plan: String,
+    resume: bool,
+}
+
+impl Checkpoint {
+    fn beside(out: &Path, args: &TrainArgs, choice: &Choice, data: &Data) -> Result<Self, Failure> {
+        let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if out.file_name().is_none() || out.is_dir() || !folder.is_dir() {
+            let what = format_args!("{} is not a file in a folder that exists", out.display()).to_string();
+            return Err(Failure::bad_input(what, "give --out FILE.safetensors in an existing folder"));
+        }
+        let mut name = out.file_name().unwrap_or_default().to_os_string();
+        name.push(".checkpoint");
+        // One line per thing that must be the same to continue.
+        let Choice { network, objective, plan, .. } = choice;
+        let plan = format!(
+            "{network:?}\n{objective:?}\n{plan:?}\nscale {}\ndata {:x}",
+            data.scale,
+            data.fingerprint()
+        );
+        Ok(Self { file: out.with_file_name(name), out: out.to_owned(), plan, resume: args.resume })
+    }
+
+    fn continued(&self, count: usize) -> Result<Option<foretrace_lab::train::State>, Failure> {
+        let there = self.file.exists();
+        if !self.resume {
+            if there {
+                note!("lab: {} of an earlier training will be overwritten", self.file.display());
+            }
+            return Ok(None);
+        }
+        if !there && self.out.exists() {
+            let what =
+                format_args!("{} is finished, there is nothing to continue", self.out.display()).to_string();
+            return Err(Failure::bad_input(what, "train anew without --resume"));
+        }
+        if !there {
+            note!("lab: no {} yet, starting from the beginning", self.file.display());
+            return Ok(None);
+        }
+        let state =
+            checkpoint::load(&self.file, &self.plan, count).map_err(|error| Failure::bad_input(error, ""))?;
+        note!("lab: continuing after epoch {}", state.history.len());
+        Ok(Some(state))
+    }
+
+    fn save(&self, fit: &Fit) -> Result<(), Failure> {
+        checkpoint::save(&self.file, &self.plan, fit.state())
+            .map_err(|error| Failure::failed(error, "make room, or give --out in a writable folder"))
+    }
+
+    fn remove(&self) {
+        // A left-over is only untidy: the model is there.
+        let _ = std::fs::remove_file(&self.file);
+    }
+}
+
+/// Model, curve and result.
+fn finish(
+    args: &TrainArgs,
+    out: &Path,
+    choice: &Choice,
+    data: &Data,
+    setup: &Setup,
+    fit: &Fit,
+    us_per_step: Option<f64>,
+) -> Result<(), Failure> {
+    let (best, parameters) = fit.outcome();
+    let history = &fit.state().history;
+    let scores = history.get(best).and_then(|epoch| epoch.held_out);
+    let notes = notes(args, choice, data, history.len(), best, scores);
+    let model = model(&out.display().to_string(), setup, parameters, data.step_ms, notes)
+        .map_err(|error| Failure::failed(error, "lower --rate, or limit gradients (--limit-norm 1)"))?;
+    model.save(out, DType::F32).map_err(|error| Failure::failed(error, ""))?;
+    let picture = out.with_extension("svg");
+    let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
+    curve(&picture, &title, &data.title(), history).map_err(|error| Failure::failed(error, ""))?;
+    if let Some(s) = scores {
+        say!(
+            "held out {:.5} after epoch {}: MSE {:.3}, within strokes {:.3}",
+            s.loss,
+            best + 1,
+            s.mse,
+            s.within
+        );
+    }
+    if let Some(us) = us_per_step {
+        say!("training {us:.3} us per step, scoring and checkpoints included");
+    }
+    say!("model    {}\npicture  {}", out.display(), picture.display());
+    let scores_json = |s: foretrace_lab::train::Scores| json!({ "loss": s.loss, "mse": s.mse, "within": s.within, "position": s.position });
+    let epochs: Vec<_> = history
+        .iter()
+        .map(|e| json!({ "rate": e.rate, "train_loss": e.train_loss, "held_out": e.held_out.map(scores_json) }))
+        .collect();
+    args.json.write(&json!({
+        "model": format!("lstm{}", args.model),
+        "recipe": choice.recipe.name(),
+        "data": data.names,
+        "sequences": data.train.len(),
+        "steps": data.steps(),
+        "input_scale": data.scale,
+        "step_ms": data.step_ms,
+        "best_epoch": best + 1,
+        "held_out": scores.map(scores_json),
+        "us_per_step": us_per_step,
+        "epochs": epochs,
+        "out": out.display().to_string(),
+    }))
+}
+
+/// Where the model comes from, for its metadata.
+fn notes(
+    args: &TrainArgs,
+    choice: &Choice,
+    data: &Data,
+    epochs: usize,
+    best: usize,
+    scores: Option<foretrace_lab::train::Scores>,
+) -> BTreeMap<String, String> {
+    let mut notes = BTreeMap::from([
+        ("trained_by", format!("foretrace {} lab train", env!("CARGO_PKG_VERSION"))),
+        ("data", data.names.join(", ")),
+        ("split", args.split.to_string()),
+        ("writers", format!("{} trained on, {} held out", data.writers[0], data.writers[1])),
+        ("sequences", format!("{} trained on, {} held out", data.train.len(), data.held_out.len())),
+        ("units", if args.units == Units::Raw { "raw" } else { "normalised" }.to_owned()),
+        ("seed", args.seed.to_string()),
+        ("epochs", format!("{epochs}, parameters of epoch {}", best + 1)),
+        ("recipe", choice.recipe.name().to_owned()),
+        ("objective", format!("{:?}", choice.objective)),
+        ("plan", format!("{:?}", choice.plan)),
+    ]);
+    if let Some(s) = scores {
+        notes.insert(
+            "held_out_scores",
+            format!("loss {}, mse {}, within strokes {}", s.loss, s.mse, s.within),
+        );
+    }
+    let mut cited: Vec<&str> = match &args.citation {
+        Some(text) => vec![text],
+        None => data.names.iter().filter_map(|name| citation(name)).collect(),
+    };
+    cited.dedup();
+    if !cited.is_empty() {
+        notes.insert("citation", cited.join("; "));
+    }
+    notes.into_iter().map(|(key, text)| (key.to_owned(), text)).collect()
+}

@@ -1,0 +1,234 @@
+//! The options of `foretrace lab train`, and what they mean together with a recipe.
+
+use std::path::PathBuf;
+
+use foretrace_lab::data::Split;
+use foretrace_lab::train::{Augment, Network, Objective, Padding, Penalty, Plan, Recipe, Schedule, Units};
+
+use crate::failure::Failure;
+use crate::output::JsonArgs;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct TrainArgs {
+    /// Network to train: lstm10, lstm32 or lstm64, with as many cells
+    #[arg(long, value_name = "NAME", default_value = "lstm10", value_parser = cells)]
+    pub(super) model: usize,
+
+    /// Data-set folder; may be given several times
+    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
+    pub(super) data: Vec<PathBuf>,
+
+    /// Which part of the sets to train on: a word of their split.tsv, or all
+    #[arg(long, value_name = "WORD", default_value = "train")]
+    pub(super) split: Split,
+
+    /// Safetensors file to write; the loss curve stands beside it as .svg
+    #[arg(long, value_name = "FILE", required_unless_present = "bench")]
+    pub(super) out: Option<PathBuf>,
+
+    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3) or robust (inputs cut, residual output,
+    /// Huber loss, one-cycle Adam) [default: paper for lstm10, else robust]
+    #[arg(long, value_name = "NAME", value_parser = recipe)]
+    pub(super) recipe: Option<Recipe>,
+
+    /// Passes over the train sequences [default: 40; robust: 60, 40 or 30 by size]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(super) epochs: Option<u32>,
+
+    /// Sequences per step of Adam [default: 16; robust: 32]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub(super) batch: Option<u32>,
+
+    /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2]
+    #[arg(long, value_name = "RATE", value_parser = rate)]
+    pub(super) rate: Option<f64>,
+
+    /// Decides start, order, held-out writers and augmentation
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) seed: u64,
+
+    /// Threads; the result is the same with any number [default: the machine's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(super) threads: Option<u32>,
+
+    /// Step to train at [ms]: whole multiples of the device's step use every phase of its samples [default: its own]
+    #[arg(long, value_name = "MS", value_parser = crate::play::source::positive)]
+    pub(super) step_ms: Option<f64>,
+
+    /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any device
+    #[arg(long, value_name = "raw|normalised", default_value = "raw", value_parser = units)]
+    pub(super) units: Units,
+
+    /// Steps predicted directly; 1 is rolled out by feeding predictions back
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(super) leads: u32,
+
+    /// Cut inputs to this many RMS per component, or none
+    #[arg(long, value_name = "RMS|none", value_parser = positive_or_none)]
+    pub(super) clip: Option<Maybe>,
+
+    /// Output is added to the newest input
+    #[arg(long, value_name = "true|false", action = clap::ArgAction::Set)]
+    pub(super) residual: Option<bool>,
+
+    /// Huber loss with its corner at this many RMS, or none for squared errors
+    #[arg(long, value_name = "RMS|none", value_parser = positive_or_none)]
+    pub(super) huber: Option<Maybe>,
+
+    /// The zeros that fill a batch: counted in the loss, or masked
+    #[arg(long, value_name = "counted|masked", value_parser = padding)]
+    pub(super) padding: Option<Padding>,
+
+    /// Steps between strokes and steps longer than this many RMS are no targets, nor is what lies beyond
+    #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
+    pub(super) gate: Option<f64>,
+
+    /// The state is forgotten before inputs longer than this many RMS
+    #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
+    pub(super) reset_at_jump: Option<f64>,
+
+    /// Shorten longer gradients to this
+    #[arg(long, value_name = "NORM", value_parser = crate::play::source::positive)]
+    pub(super) limit_norm: Option<f64>,
+
+    /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10, shear=0.1,
+    /// noise=0.02, grid=0.2, comma-separated
+    #[arg(long, value_name = "LIST", default_value = "none")]
+    pub(super) augment: Augment,
+
+    /// Share of the writers held out to choose the best epoch
+    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = share)]
+    pub(super) hold_out: f64,
+
+    /// End after so many epochs without a better held-out loss [default: 10; never with one-cycle]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) patience: Option<u32>,
+
+    /// Train on all writers for all epochs; nothing is held out
+    #[arg(long = "final", conflicts_with = "patience")]
+    pub(super) all_writers: bool,
+
+    /// Continue an interrupted training with the same options and data
+    #[arg(long)]
+    pub(super) resume: bool,
+
+    /// How to cite the data, for the model's metadata [default: known for the published sets]
+    #[arg(long, value_name = "TEXT")]
+    pub(super) citation: Option<String>,
+
+    /// Only measure the time per step of the paper's recipe on one thread, on --data or on made-up strokes
+    #[arg(long, conflicts_with_all = ["out", "resume"])]
+    pub(super) bench: bool,
+
+    /// With --bench: write everything that another implementation needs to do the same work
+    #[arg(long, value_name = "FILE", requires = "bench")]
+    pub(super) exchange: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub(super) json: JsonArgs,
+}
+
+/// A number or `none`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Maybe(Option<f64>);
+
+/// Recipe and options put together.
+pub(super) struct Choice {
+    pub(super) recipe: Recipe,
+    pub(super) network: Network,
+    pub(super) objective: Objective,
+    pub(super) plan: Plan,
+}
+
+impl TrainArgs {
+    pub(super) fn choice(&self) -> Result<Choice, Failure> {
+        let usual = if self.model == 10 { Recipe::Paper } else { Recipe::Robust };
+        let recipe = self.recipe.unwrap_or(usual);
+        let leads = self.leads as usize;
+        let mut network = recipe.network(self.model, leads);
+        if let Some(Maybe(clip)) = self.clip {
+            network.clip = clip;
+        }
+        network.residual = self.residual.unwrap_or(network.residual);
+        network.reset_beyond = self.reset_at_jump;
+        let mut objective = recipe.objective(leads);
+        if let Some(Maybe(delta)) = self.huber {
+            objective.penalty = delta.map_or(Penalty::Squared, |delta| Penalty::Huber { delta });
+        }
+        objective.padding = self.padding.unwrap_or(objective.padding);
+        objective.gate = self.gate;
+        if objective.padding == Padding::Counted && !self.augment.is_off() {
+            return Err(Failure::bad_input(
+                "--augment changes the lengths of sequences, and the padding that is counted with them",
+                "give --padding masked as well",
+            ));
+        }
+        let schedule = recipe.schedule(self.rate);
+        let patient = matches!(schedule, Schedule::Constant { .. }).then_some(10);
+        let plan = Plan {
+            schedule,
+            epochs: self.epochs.map_or(recipe.epochs(self.model), |n| n as usize),
+            batch: self.batch.map_or(recipe.batch(), |n| n as usize),
+            seed: self.seed,
+            limit_norm: self.limit_norm,
+            augment: self.augment,
+            keep_speed: self.units == Units::Normalised,
+            patience: self.patience.map(|n| n as usize).or(patient).filter(|_| !self.all_writers),
+        };
+        Ok(Choice { recipe, network, objective, plan })
+    }
+
+    pub(super) fn threads(&self) -> usize {
+        let machine = || std::thread::available_parallelism().map_or(1, usize::from);
+        self.threads.map_or_else(machine, |n| n as usize)
+    }
+}
+
+fn cells(text: &str) -> Result<usize, String> {
+    match text {
+        "lstm10" => Ok(10),
+        "lstm32" => Ok(32),
+        "lstm64" => Ok(64),
+        _ if text.starts_with("dybm") => {
+            Err("lstm10, lstm32 or lstm64; DyBM models learn online and are trained inside lab table1"
+                .to_owned())
+        }
+        _ => Err("lstm10, lstm32 or lstm64".to_owned()),
+    }
+}
+
+fn recipe(text: &str) -> Result<Recipe, String> {
+    let known = [Recipe::Paper, Recipe::Robust];
+    known.into_iter().find(|r| r.name() == text).ok_or_else(|| "paper or robust".to_owned())
+}
+
+fn units(text: &str) -> Result<Units, String> {
+    match text {
+        "raw" => Ok(Units::Raw),
+        "normalised" => Ok(Units::Normalised),
+        _ => Err("raw or normalised".to_owned()),
+    }
+}
+
+fn padding(text: &str) -> Result<Padding, String> {
+    match text {
+        "counted" => Ok(Padding::Counted),
+        "masked" => Ok(Padding::Masked),
+        _ => Err("counted or masked".to_owned()),
+    }
+}
+
+fn positive_or_none(text: &str) -> Result<Maybe, String> {
+    if text == "none" {
+        return Ok(Maybe(None));
+    }
+    crate::play::source::positive(text).map(|x| Maybe(Some(x))).map_err(|legal| format!("{legal}, or none"))
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x| (1e-8..=1.0).contains(x)).ok_or_else(|| "1e-8 to 1".to_owned())
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x| (0.01..=0.9).contains(x)).ok_or_else(|| "0.01 to 0.9".to_owned())
+}
