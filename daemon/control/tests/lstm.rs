@@ -145,7 +145,7 @@ fn no_predicted_displacement_exceeds_the_limit_and_the_limited_one_is_fed_back()
         let mut tensors = tensors(&spec, 9);
         tensors.out_weight.iter_mut().for_each(|w| *w *= 100.0);
         let weights = Arc::new(LstmWeights::new(spec, tensors).unwrap());
-        let mut lstm = Lstm::new(weights.clone());
+        let mut lstm = Lstm::exact(weights.clone());
         for x in pen(4, 20) {
             lstm.observe(x);
         }

@@ -79,15 +79,16 @@ impl Scalar for f64 {
         let rounded = self * std::f64::consts::LOG2_E + ROUND;
         let k = rounded - ROUND;
         let r = (self - k * LN2_HIGH) - k * LN2_LOW;
-        let p = 0.166_666_666_666_482_3
-            + r * (4.166_666_666_665_131e-2
-                + r * (8.333_333_353_778_42e-3
-                    + r * (1.388_888_890_592_238_2e-3
-                        + r * (1.984_120_863_463_913_5e-4
-                            + r * (2.480_153_630_713_628e-5
-                                + r * (2.762_516_988_352_066_7e-6 + r * 2.761_385_210_096_325_3e-7))))));
+        // In pairs: half as long a chain of dependent operations as Horner's.
+        let r2 = r * r;
+        let r4 = r2 * r2;
+        let low = (0.5 + r * 0.166_666_666_666_482_3)
+            + r2 * (4.166_666_666_665_131e-2 + r * 8.333_333_353_778_42e-3);
+        let high = (1.388_888_890_592_238_2e-3 + r * 1.984_120_863_463_913_5e-4)
+            + r2 * (2.480_153_630_713_628e-5 + r * 2.762_516_988_352_066_7e-6);
+        let p = low + r4 * (high + r4 * 2.761_385_210_096_325_3e-7);
         let power = Self::from_bits((rounded.to_bits() << 52).wrapping_add(Self::ONE.to_bits()));
-        (power, r + r * r * (0.5 + r * p))
+        (power, r + r2 * p)
     }
 }
 
@@ -117,9 +118,10 @@ impl Scalar for f32 {
         let rounded = self * std::f32::consts::LOG2_E + ROUND;
         let k = rounded - ROUND;
         let r = (self - k * LN2_HIGH) - k * LN2_LOW;
-        let p = 0.166_665_77 + r * (4.166_655_6e-2 + r * (8.363_203e-3 + r * 1.392_621_3e-3));
+        let r2 = r * r;
+        let p = (0.5 + r * 0.166_665_77) + r2 * ((4.166_655_6e-2 + r * 8.363_203e-3) + r2 * 1.392_621_3e-3);
         let power = Self::from_bits((rounded.to_bits() << 23).wrapping_add(Self::ONE.to_bits()));
-        (power, r + r * r * (0.5 + r * p))
+        (power, r + r2 * p)
     }
 }
 
@@ -139,14 +141,28 @@ pub fn exp_m1<T: Scalar>(x: T) -> T {
     (power - T::ONE) + power * rest
 }
 
+/// Numerator and denominator of tanh x.
+#[inline(always)]
+pub(super) fn tanh_parts<T: Scalar>(x: T) -> (T, T) {
+    let x = x.within(T::TANH_FLAT);
+    let (power, rest) = (x + x).exp_parts();
+    let t = (power - T::ONE) + power * rest;
+    (t, t + (T::ONE + T::ONE))
+}
+
+/// e^x for |x| up to twice [`Scalar::TANH_FLAT`], the value there beyond: products of three cannot overflow.
+#[inline(always)]
+pub(super) fn exp_gate<T: Scalar>(x: T) -> T {
+    let (power, rest) = x.within(T::TANH_FLAT + T::TANH_FLAT).exp_parts();
+    power + power * rest
+}
+
 /// Hyperbolic tangent.
 #[must_use]
 #[inline(always)]
 pub fn tanh<T: Scalar>(x: T) -> T {
-    let x = x.within(T::TANH_FLAT);
-    let (power, rest) = (x + x).exp_parts();
-    let t = (power - T::ONE) + power * rest;
-    t / (t + (T::ONE + T::ONE))
+    let (t, t2) = tanh_parts(x);
+    t / t2
 }
 
 /// Logistic function 1 / (1 + e^−x).

@@ -9,19 +9,25 @@
 //! zero. Sums run in a fixed order, so the bits are the same whatever instructions the compiler chose.
 
 use super::weights::{GATES, LstmWeights};
-use crate::predict::activation::{Scalar, sigmoid, tanh};
+use crate::predict::activation::{Scalar, exp_gate, tanh_parts};
 
 /// What multiplies one input: a number per gate and cell of a block.
 type Column<T, const U: usize> = [[T; U]; GATES];
 
+/// What a block of cells reads.
+#[derive(Debug, Clone)]
+struct Block<T, const H: usize, const U: usize> {
+    bias: Column<T, U>,
+    inputs: [Column<T, U>; 2],
+    cells: [Column<T, U>; H],
+}
+
 /// Parameters in the order they are read.
 #[derive(Debug, Clone)]
-pub(super) struct Cells<T, const U: usize, const B: usize> {
-    hidden: usize,
+pub(super) struct Cells<T, const H: usize, const U: usize, const B: usize> {
     residual: bool,
     clip: T,
-    /// Per block: bias, 2 inputs, H cells of the step before.
-    columns: Box<[Column<T, U>]>,
+    blocks: Box<[Block<T, H, U>]>,
     /// Per output: a number per cell.
     rows: Box<[[[T; U]; B]]>,
     biases: Box<[T]>,
@@ -39,38 +45,32 @@ impl<T: Scalar, const U: usize, const B: usize> Memory<T, U, B> {
     pub(super) const EMPTY: Self = Self { c: [[T::ZERO; U]; B], h: [[T::ZERO; U]; B], x: [T::ZERO; 2] };
 }
 
-impl<T: Scalar, const U: usize, const B: usize> Cells<T, U, B> {
+impl<T: Scalar, const H: usize, const U: usize, const B: usize> Cells<T, H, U, B> {
     pub(super) fn new(weights: &LstmWeights) -> Self {
         let (spec, tensors) = (weights.spec(), weights.tensors());
-        let hidden = spec.hidden;
-        let at = |tensor: &[f64], index: usize| T::of(tensor.get(index).copied().unwrap_or(0.0));
-        let mut columns = Vec::with_capacity(B * (3 + hidden));
-        for block in 0..B {
-            for input in 0..3 + hidden {
-                columns.push(std::array::from_fn(|gate| {
-                    std::array::from_fn(|unit| {
-                        let cell = block * U + unit;
-                        let row = gate * hidden + cell;
-                        match input {
-                            _ if cell >= hidden => T::ZERO,
-                            // In double precision first, like the sum that PyTorch's two biases are.
-                            0 => T::of(at64(&tensors.bias_ih, row) + at64(&tensors.bias_hh, row)),
-                            1 | 2 => at(&tensors.weight_ih, row * 2 + input - 1),
-                            _ => at(&tensors.weight_hh, row * hidden + input - 3),
-                        }
-                    })
-                }));
-            }
-        }
-        let rows = tensors.out_weight.chunks_exact(hidden).map(|row| {
-            let cell = |index: usize| row.get(index).map_or(T::ZERO, |w| T::of(*w));
+        // Numbers per gate and cell of a block, from their rows in PyTorch's tensors.
+        let column = |block: usize, number: &dyn Fn(usize) -> f64| -> Column<T, U> {
+            std::array::from_fn(|gate| {
+                std::array::from_fn(|unit| match block * U + unit {
+                    cell if cell < H => T::of(number(gate * H + cell)),
+                    _ => T::ZERO,
+                })
+            })
+        };
+        let blocks = (0..B).map(|block| Block {
+            // Added in double precision.
+            bias: column(block, &|row| at(&tensors.bias_ih, row) + at(&tensors.bias_hh, row)),
+            inputs: std::array::from_fn(|axis| column(block, &|row| at(&tensors.weight_ih, row * 2 + axis))),
+            cells: std::array::from_fn(|cell| column(block, &|row| at(&tensors.weight_hh, row * H + cell))),
+        });
+        let rows = tensors.out_weight.chunks_exact(H).map(|row| {
+            let cell = |index: usize| T::of(row.get(index).copied().unwrap_or(0.0));
             std::array::from_fn(|block| std::array::from_fn(|unit| cell(block * U + unit)))
         });
         Self {
-            hidden,
             residual: spec.residual,
             clip: T::of(spec.clip()),
-            columns: columns.into(),
+            blocks: blocks.collect(),
             rows: rows.collect(),
             biases: tensors.out_bias.iter().map(|b| T::of(*b)).collect(),
         }
@@ -82,22 +82,19 @@ impl<T: Scalar, const U: usize, const B: usize> Cells<T, U, B> {
         let x = x.map(|x| T::of(x).within(self.clip));
         let before = memory.h;
         memory.x = x;
-        let blocks = self.columns.chunks_exact(3 + self.hidden);
-        for ((columns, c), h) in blocks.zip(&mut memory.c).zip(&mut memory.h) {
-            let Some((bias, columns)) = columns.split_first() else { continue };
-            let mut z = *bias;
-            for (column, input) in columns.iter().zip(x.iter().chain(before.as_flattened())) {
-                for (sums, weights) in z.iter_mut().zip(column) {
-                    for (sum, weight) in sums.iter_mut().zip(weights) {
-                        *sum += *weight * *input;
-                    }
-                }
+        for ((block, c), h) in self.blocks.iter().zip(&mut memory.c).zip(&mut memory.h) {
+            let mut z = block.bias;
+            for (column, input) in block.inputs.iter().zip(x) {
+                accumulate(&mut z, column, input);
+            }
+            for (column, input) in block.cells.iter().zip(before.as_flattened()) {
+                accumulate(&mut z, column, *input);
             }
             let [i, f, g, o] = z;
             let gates = i.iter().zip(&f).zip(g.iter().zip(&o));
             for ((((i, f), (g, o)), c), h) in gates.zip(c).zip(h) {
-                *c = sigmoid(*f) * *c + sigmoid(*i) * tanh(*g);
-                *h = sigmoid(*o) * tanh(*c);
+                *c = carried(*i, *f, *g, *c);
+                *h = shown(*o, *c);
             }
         }
     }
@@ -115,7 +112,31 @@ impl<T: Scalar, const U: usize, const B: usize> Cells<T, U, B> {
     }
 }
 
-fn at64(tensor: &[f64], index: usize) -> f64 {
+/// z += column · input.
+#[inline(always)]
+fn accumulate<T: Scalar, const U: usize>(z: &mut Column<T, U>, column: &Column<T, U>, input: T) {
+    for (sum, weight) in z.as_flattened_mut().iter_mut().zip(column.as_flattened()) {
+        *sum += *weight * input;
+    }
+}
+
+/// σ(f)·c + σ(i)·tanh(g) over one common denominator: a division costs as much as a whole exponential.
+#[inline(always)]
+fn carried<T: Scalar>(i: T, f: T, g: T, c: T) -> T {
+    let (i, f) = (T::ONE + exp_gate(-i), T::ONE + exp_gate(-f));
+    let (g, g2) = tanh_parts(g);
+    let ig2 = i * g2;
+    (c * ig2 + g * f) / (f * ig2)
+}
+
+/// σ(o)·tanh(c).
+#[inline(always)]
+fn shown<T: Scalar>(o: T, c: T) -> T {
+    let (c, c2) = tanh_parts(c);
+    c / ((T::ONE + exp_gate(-o)) * c2)
+}
+
+fn at(tensor: &[f64], index: usize) -> f64 {
     tensor.get(index).copied().unwrap_or(0.0)
 }
 
@@ -128,14 +149,14 @@ fn dot<T: Scalar, const U: usize, const B: usize>(a: &[[T; U]; B], b: &[[T; U]; 
             *sum += *a * *b;
         }
     }
-    let mut width = U;
-    while width > 1 {
-        width /= 2;
-        let (low, high) = sums.split_at_mut(width);
+    let mut rest = sums.as_mut_slice();
+    while rest.len() > 1 {
+        let (low, high) = rest.split_at_mut(rest.len().div_ceil(2));
         for (low, high) in low.iter_mut().zip(high) {
             *low += *high;
         }
+        rest = low;
     }
-    let [total, ..] = sums.as_slice() else { return T::ZERO };
+    let [total, ..] = rest else { return T::ZERO };
     *total
 }

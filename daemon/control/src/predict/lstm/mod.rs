@@ -5,8 +5,8 @@
 //! predictions back; more leads predict each step directly from the newest state, and beyond the last one its displacement
 //! fades. Inputs are divided by the network's `input_scale`, limited to ±`input_clip`; outputs are multiplied back.
 //!
-//! Contract: no allocation after construction; the same bits on every machine. 10 cells are computed in `f64`, 32 and 64 in
-//! `f32` (as they were trained; half the memory to fetch), unless `f64` is asked for.
+//! Contract: no allocation after construction; the same bits on every machine. [`Lstm::new`] computes in `f32`, as PyTorch
+//! trains: half the memory and half the time; [`Lstm::exact`] in `f64`, for tables that are compared to the last digits.
 
 mod weights;
 mod cell;
@@ -42,19 +42,19 @@ pub struct Lstm {
     hidden: [f64; MAX_HIDDEN],
 }
 
-/// Compiled sizes: precision and number of cells; cells per block, blocks.
+/// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those tried with SSE2).
 #[derive(Debug, Clone)]
 #[expect(
     clippy::large_enum_variant,
     reason = "one kilobyte at most, and the memory is where the tick looks for it"
 )]
 enum Engine {
-    Double10(Machine<f64, 4, 3>),
-    Double32(Machine<f64, 4, 8>),
-    Double64(Machine<f64, 4, 16>),
-    Single10(Machine<f32, 4, 3>),
-    Single32(Machine<f32, 8, 4>),
-    Single64(Machine<f32, 8, 8>),
+    Double10(Machine<f64, 10, 2, 5>),
+    Double32(Machine<f64, 32, 4, 8>),
+    Double64(Machine<f64, 64, 4, 16>),
+    Single10(Machine<f32, 10, 12, 1>),
+    Single32(Machine<f32, 32, 8, 4>),
+    Single64(Machine<f32, 64, 8, 8>),
 }
 
 /// Does the same for whichever size is there.
@@ -72,17 +72,22 @@ macro_rules! with_machine {
 }
 
 #[derive(Debug, Clone)]
-struct Machine<T, const U: usize, const B: usize> {
-    cells: Arc<Cells<T, U, B>>,
+struct Machine<T, const H: usize, const U: usize, const B: usize> {
+    cells: Arc<Cells<T, H, U, B>>,
     memory: Memory<T, U, B>,
 }
 
 impl Lstm {
-    /// Starts with empty memory, in the precision that suits the size.
+    /// Starts with empty memory; computes in `f32`.
     #[must_use]
     pub fn new(weights: Arc<LstmWeights>) -> Self {
-        let precision = if weights.spec().hidden <= 10 { Precision::Double } else { Precision::Single };
-        Self::with_precision(weights, precision)
+        Self::with_precision(weights, Precision::Single)
+    }
+
+    /// Starts with empty memory; computes in `f64`.
+    #[must_use]
+    pub fn exact(weights: Arc<LstmWeights>) -> Self {
+        Self::with_precision(weights, Precision::Double)
     }
 
     /// Starts with empty memory, in the given precision.
@@ -149,7 +154,7 @@ impl Predictor for Lstm {
     }
 }
 
-impl<T: super::activation::Scalar, const U: usize, const B: usize> Machine<T, U, B> {
+impl<T: super::activation::Scalar, const H: usize, const U: usize, const B: usize> Machine<T, H, U, B> {
     fn new(weights: &LstmWeights) -> Self {
         Self { cells: Arc::new(Cells::new(weights)), memory: Memory::EMPTY }
     }
