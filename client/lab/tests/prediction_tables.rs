@@ -66,10 +66,10 @@ fn agree(what: &str, ours: &[f64], theirs: &[f64]) {
 }
 
 #[test]
-fn baselines_on_unipen_ced_are_those_of_the_reference() {
+fn baselines_and_the_network_on_unipen_ced_are_those_of_the_reference() {
     let Some(shared) = shared() else { return };
     let set = Set::load(&shared.join("data/unipen-ced"), &Split::test(), true).unwrap();
-    let scored = scored(&set, "zero,constant-velocity");
+    let scored = scored(&set, "zero,constant-velocity,lstm10-reference");
     let steps: usize = set.scored.iter().map(|s| s.v.len() - 1).sum();
     assert_eq!((set.scored.len(), steps), (3021, 243_052));
     let zero = row(&scored, "zero");
@@ -77,13 +77,22 @@ fn baselines_on_unipen_ced_are_those_of_the_reference() {
     close("zero within", zero.within, 30.921, 0.002);
     close("zero median", zero.median, 38.339, 0.002);
     close("zero PS-B", zero.ps_b, 31.1, 0.05);
+    close("zero PS-LSTM", zero.ps_lstm, 2.5, 0.05);
     close("zero RMS", zero.rms_mm_10, 1.475, 0.0006);
     let baseline = row(&scored, "constant-velocity");
     close("constant velocity", baseline.mse, 120.070, 0.002);
     close("constant velocity within", baseline.within, 5.258, 0.002);
     close("constant velocity median", baseline.median, 7.418, 0.002);
     close("constant velocity PS-B", baseline.ps_b, 0.0, 0.0);
+    close("constant velocity PS-LSTM", baseline.ps_lstm, 12.9, 0.05);
     close("constant velocity RMS", baseline.rms_mm_10, 1.128, 0.0006);
+    let lstm = row(&scored, "lstm10-reference");
+    close("LSTM", lstm.mse, 63.200, 0.002);
+    close("LSTM within", lstm.within, 4.877, 0.002);
+    close("LSTM median", lstm.median, 6.547, 0.002);
+    close("LSTM PS-B", lstm.ps_b, 87.1, 0.05);
+    close("LSTM PS-LSTM", lstm.ps_lstm, 0.0, 0.0);
+    close("LSTM RMS", lstm.rms_mm_10, 1.011, 0.0006);
     let rounded = |row: &Row| -> Vec<Option<f64>> {
         let leads = row.vel_mse.values().chain(row.pos_mse.values());
         leads
@@ -94,9 +103,11 @@ fn baselines_on_unipen_ced_are_those_of_the_reference() {
     let wanted = |values: [f64; 8]| values.map(Some).to_vec();
     assert_eq!(rounded(zero), wanted([89.2, 90.2, 93.0, 98.0, 89.0, 240.0, 1035.0, 3269.0]));
     assert_eq!(rounded(baseline), wanted([120.1, 125.1, 145.3, 182.0, 120.0, 372.0, 2080.0, 8968.0]));
+    assert_eq!(rounded(lstm), wanted([63.2, 66.1, 77.3, 94.8, 63.0, 139.0, 493.0, 1770.0]));
     let table = reference(&shared, "unipen-ced");
-    agree("zero", &scored.runs[0].per_sequence(), &column(&set, &table, 0));
-    agree("constant velocity", &scored.runs[1].per_sequence(), &column(&set, &table, 1));
+    for (index, model) in ["zero", "constant velocity", "LSTM"].into_iter().enumerate() {
+        agree(model, &scored.runs[index].per_sequence(), &column(&set, &table, index));
+    }
 }
 
 #[test]
@@ -123,14 +134,27 @@ fn baselines_on_unipen_tos_are_those_of_the_reference() {
 }
 
 #[test]
-fn boltzmann_machines_on_unipen_ced_are_those_of_the_reference() {
+fn models_that_learn_online_on_unipen_ced_are_those_of_the_reference() {
     let Some(shared) = shared() else { return };
     let set = Set::load(&shared.join("data/unipen-ced"), &Split::test(), false).unwrap();
-    let scored = scored(&set, "dybm-offline,dybm-online");
+    let scored = scored(&set, "dybm-offline,dybm-online,dybm-esn-online,ar-rls");
     close("offline", row(&scored, "dybm-offline").mse, 73.533, 0.002);
     close("offline within", row(&scored, "dybm-offline").within, 11.704, 0.002);
     close("offline PS-B", row(&scored, "dybm-offline").ps_b, 38.0, 0.05);
     close("online", row(&scored, "dybm-online").mse, 72.814, 0.002);
     close("online within", row(&scored, "dybm-online").within, 11.467, 0.002);
     close("online PS-B", row(&scored, "dybm-online").ps_b, 37.9, 0.05);
+    // Other random matrices than the reference's: its seeds 0, 1 and 2 spread as far.
+    let esn = row(&scored, "dybm-esn-online");
+    close("ESN", esn.mse, 63.902, 0.3);
+    close("ESN within", esn.within, 4.700, 0.2);
+    close("ESN PS-B", esn.ps_b, 92.3, 3.0);
+    // Another start and bound of the covariance than the reference's.
+    let rls = row(&scored, "ar-rls");
+    close("AR-RLS", rls.mse, 63.787, 0.02);
+    close("AR-RLS within", rls.within, 4.202, 0.01);
+    close("AR-RLS PS-B", rls.ps_b, 98.9, 0.3);
+    close("AR-RLS PS-LSTM", rls.ps_lstm, 55.2, 1.0);
+    close("AR-RLS RMS", rls.rms_mm_10, 0.806, 0.002);
+    assert!(scored.rows.iter().all(|row| row.train_s_per_epoch.is_some() && row.us_per_step.is_some()));
 }

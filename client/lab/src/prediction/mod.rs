@@ -7,6 +7,7 @@ mod sequence;
 mod set;
 mod model;
 mod scaled;
+mod network;
 mod registry;
 mod score;
 mod run;
@@ -16,10 +17,13 @@ pub mod lead_time;
 pub use by_label::{
     Correlation, LabelRow, MIN_SEQUENCES, by_label, correlations, curviness_of, gains, glyph_height,
 };
-pub use model::{Contestant, LinearDybm, OnScoredSet, Plain, constant_velocity, zero};
-pub use registry::{Built, CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, NAMES, Setting};
+pub use model::{Contestant, OnScoredSet, Online, Plain, constant_velocity, zero};
+pub use registry::{Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, Setting, names};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};
 pub use scaled::Scaled;
 pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
 pub use sequence::{PADDING_STEPS, Sequence, sequences};
 pub use set::Set;
+
+#[cfg(test)]
+mod tests;

@@ -4,10 +4,7 @@
 //! learns from it, in a model that learns online); `preview` takes `&self`, so a roll-out changes nothing. A model
 //! sees neither labels nor anything ahead of the step it predicts.
 
-use foretrace_control::predict::{
-    ConstantVelocity, DybmLearner, DybmSettings, DybmWeights, Hold, OnlineModel, Predictor, WeightsError,
-    dybm,
-};
+use foretrace_control::predict::{ConstantVelocity, Hold, OnlineModel, Predictor};
 
 /// A predictor that takes part in a table.
 pub trait Contestant: Send {
@@ -69,27 +66,22 @@ pub enum OnScoredSet {
     Learns,
 }
 
-/// A linear DyBM.
+/// A model that learns one displacement at a time.
 #[derive(Debug, Clone)]
-pub struct LinearDybm {
-    learner: DybmLearner,
+pub struct Online<M> {
+    learner: M,
     on_scored: OnScoredSet,
     learning: bool,
 }
 
-impl LinearDybm {
-    /// Starts at zero parameters.
-    ///
-    /// # Errors
-    /// Settings out of bounds.
-    pub fn new(settings: DybmSettings, on_scored: OnScoredSet) -> Result<Self, WeightsError> {
-        // Step and input scale of the weights are not used here: the tables are in raw units.
-        let learner = DybmLearner::new(settings, DybmWeights::zero(0, settings.shape))?;
-        Ok(Self { learner, on_scored, learning: true })
+impl<M: OnlineModel> Online<M> {
+    /// Learns until training ends, then as `on_scored` says.
+    pub fn new(learner: M, on_scored: OnScoredSet) -> Self {
+        Self { learner, on_scored, learning: true }
     }
 }
 
-impl Contestant for LinearDybm {
+impl<M: OnlineModel + Send> Contestant for Online<M> {
     fn start_sequence(&mut self) {
         self.learner.reset_state();
     }
@@ -103,7 +95,7 @@ impl Contestant for LinearDybm {
     }
 
     fn preview(&self, out: &mut [[f64; 2]]) {
-        dybm::roll_out(self.learner.weights(), *self.learner.state(), f64::INFINITY, out);
+        self.learner.preview(out);
     }
 
     fn end_training(&mut self) {

@@ -1,28 +1,51 @@
 //! The contestants by name.
 //!
 //! DyBM rows: delay 2, decay 0.5, AdaGrad 0.1, three training passes over the train split in its own order, raw units.
+//! Models whose numbers only fit displacements of a certain size (networks, gates) see the set's raw units where these
+//! are of that size, else the running scale of the loop ([`Scaled`]); the row's note says so.
 
 use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
 
+use foretrace_config::models::{self, LstmModel, shipped};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::{DybmSettings, Optimiser, WeightsError};
+use foretrace_control::predict::esn::{ReadoutRule, Reservoir, ReservoirSettings};
+use foretrace_control::predict::{
+    ArRlsLearner, ArRlsSettings, ArRlsWeights, DybmEsnLearner, DybmEsnSettings, DybmLearner, DybmSettings,
+    DybmWeights, Optimiser, WeightsError,
+};
 
 use super::Set;
-use super::model::{Contestant, LinearDybm, OnScoredSet, constant_velocity, zero};
+use super::model::{Contestant, OnScoredSet, Online, constant_velocity, zero};
+use super::network::network;
+use super::scaled::Scaled;
 
 /// The baseline of PS-B.
 pub const CONSTANT_VELOCITY: &str = "constant-velocity";
 /// The network of PS-LSTM.
 pub const LSTM_REFERENCE: &str = "lstm10-reference";
+/// Names that begin so are networks in files.
+pub const LSTM_FILE: &str = "lstm:";
 /// Training passes of the models that learn online.
 const PASSES: usize = 3;
+/// RMS per component of the displacements of unipen-ced, jumps included; and of its moving steps, as the running scale
+/// of the loop sees them.
+pub(super) const REFERENCE_RMS: f64 = 10.13;
+pub(super) const REFERENCE_MOVING_RMS: f64 = 6.24;
+/// Raw units are taken as they are up to this ratio to what a model was made for, either way.
+const SAME_SIZE: f64 = 2.0;
+/// AdaGrad's first step is 0.1: displacements far from its order would never be learned, or never settle.
+const LEARNABLE_RMS: std::ops::RangeInclusive<f64> = 0.05..=500.0;
 
-/// What a model may know of the set before it starts.
+/// What is known of the set before it starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
-    /// Units and rate are those of unipen-ced (50 units/mm, 200 Hz), for which the raw-unit networks were trained.
-    pub reference_units: bool,
-    /// There is a train split to learn from before scoring.
+    /// RMS per component of all displacements to be scored [raw units].
+    pub rms: f64,
+    /// Step of the device [ns].
+    pub step_ns: f64,
+    /// There is a train part to learn from before scoring.
     pub trained: bool,
 }
 
@@ -30,9 +53,19 @@ impl Setting {
     /// The setting of a set.
     #[must_use]
     pub fn of(set: &Set) -> Self {
-        let reference_units =
-            set.scored.iter().all(|s| s.units_per_m == Some([50_000.0; 2]) && s.rate_hz == 200.0);
-        Self { reference_units, trained: !set.cold && !set.train.is_empty() }
+        let steps = || set.scored.iter().flat_map(|s| &s.v);
+        let squares: f64 = steps().flatten().map(|v| v * v).sum();
+        let rate_hz = set.scored.first().map_or(f64::NAN, |s| s.rate_hz);
+        Self {
+            rms: (squares / (2 * steps().count().max(1)) as f64).sqrt(),
+            step_ns: 1e9 / rate_hz,
+            trained: !set.cold && !set.train.is_empty(),
+        }
+    }
+
+    /// Displacements are of the size that a model is made for.
+    pub(super) fn is_about(&self, rms: f64) -> bool {
+        (1.0 / SAME_SIZE..=SAME_SIZE).contains(&(self.rms / rms))
     }
 }
 
@@ -41,7 +74,7 @@ impl Setting {
 #[non_exhaustive]
 pub enum ModelError {
     /// No model of that name.
-    #[error("no model is called {name:?}; legal: {}", NAMES.join(", "))]
+    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors", names().join(", "))]
     Unknown {
         /// As given.
         name: String,
@@ -60,32 +93,33 @@ pub enum ModelError {
         /// Its reason.
         error: WeightsError,
     },
+    /// A network that cannot be loaded.
+    #[error(transparent)]
+    Network(#[from] models::ModelError),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 enum Kind {
     Zero,
     ConstantVelocity,
     Dybm(OnScoredSet),
+    DybmEsn,
+    ArRls,
+    Shipped,
+    File(Arc<LstmModel>),
 }
 
-const TABLE: [(&str, Kind); 4] = [
+const TABLE: [(&str, Kind); 9] = [
     ("zero", Kind::Zero),
     (CONSTANT_VELOCITY, Kind::ConstantVelocity),
+    (LSTM_REFERENCE, Kind::Shipped),
+    ("lstm10", Kind::Shipped),
     ("dybm-offline", Kind::Dybm(OnScoredSet::Frozen)),
     ("dybm-online", Kind::Dybm(OnScoredSet::Learns)),
+    ("dybm-esn-online", Kind::DybmEsn),
+    ("ar-rls", Kind::ArRls),
+    ("lstm32", Kind::Shipped),
 ];
-
-/// Every name, in the order of the table.
-pub const NAMES: [&str; TABLE.len()] = {
-    let mut names = [""; TABLE.len()];
-    let mut index = 0;
-    while index < TABLE.len() {
-        names[index] = TABLE[index].0;
-        index += 1;
-    }
-    names
-};
 
 /// A model by name.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,27 +131,44 @@ pub struct Model {
 /// A model ready to be scored, and what the reader must know about it.
 pub type Built = (Box<dyn Contestant>, Option<String>);
 
+/// Every name, in the order of the table.
+#[must_use]
+pub fn names() -> Vec<&'static str> {
+    // Networks that are not part of this build are no models of it.
+    let there = |(name, kind): &&(&str, Kind)| *kind != Kind::Shipped || shipped(name).is_some();
+    TABLE.iter().filter(there).map(|(name, _)| *name).collect()
+}
+
 impl Model {
     /// Every model, in the order of the table.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        TABLE.iter().map(|(name, kind)| Self { name: (*name).to_owned(), kind: *kind }).collect()
+        names().into_iter().filter_map(|name| Self::named(name).ok()).collect()
     }
 
-    /// The model of that name.
+    /// The model of that name; `lstm:FILE` is loaded.
     ///
     /// # Errors
-    /// No such model; the message lists the legal names.
+    /// No such model (the message lists the legal names), or a file that is not a network.
     pub fn named(name: &str) -> Result<Self, ModelError> {
-        let known = TABLE.iter().find(|(known, _)| *known == name);
-        let (_, kind) = known.ok_or_else(|| ModelError::Unknown { name: name.to_owned() })?;
-        Ok(Self { name: name.to_owned(), kind: *kind })
+        let kind = if let Some(file) = name.strip_prefix(LSTM_FILE) {
+            Some(Kind::File(Arc::new(LstmModel::load(Path::new(file))?)))
+        } else if names().contains(&name) {
+            TABLE.into_iter().find(|(known, _)| *known == name).map(|(_, kind)| kind)
+        } else {
+            None
+        };
+        let name = name.to_owned();
+        match kind {
+            Some(kind) => Ok(Self { name, kind }),
+            None => Err(ModelError::Unknown { name }),
+        }
     }
 
     /// The models of a comma-separated list, in its order.
     ///
     /// # Errors
-    /// An unknown or repeated name.
+    /// As `named`, and a repeated name.
     pub fn list(names: &str) -> Result<Vec<Self>, ModelError> {
         let mut models: Vec<Self> = Vec::new();
         for name in names.split(',').map(str::trim) {
@@ -140,18 +191,16 @@ impl Model {
     #[must_use]
     pub fn passes(&self) -> usize {
         match self.kind {
-            Kind::Zero | Kind::ConstantVelocity => 0,
-            Kind::Dybm(_) => PASSES,
+            Kind::Dybm(_) | Kind::DybmEsn => PASSES,
+            Kind::ArRls => 1,
+            Kind::Zero | Kind::ConstantVelocity | Kind::Shipped | Kind::File(_) => 0,
         }
     }
 
     /// It is of no use without training: weights from a file, or parameters that stay as training left them.
     #[must_use]
     pub fn needs_training(&self) -> bool {
-        match self.kind {
-            Kind::Zero | Kind::ConstantVelocity | Kind::Dybm(OnScoredSet::Learns) => false,
-            Kind::Dybm(OnScoredSet::Frozen) => true,
-        }
+        matches!(self.kind, Kind::Dybm(OnScoredSet::Frozen) | Kind::Shipped | Kind::File(_))
     }
 
     /// Builds it for a set.
@@ -160,17 +209,35 @@ impl Model {
     /// Settings or weights that the control law refuses.
     pub fn build(&self, setting: &Setting) -> Result<Built, ModelError> {
         let refused = |error| ModelError::Refused { model: self.name.clone(), error };
-        let contestant: Box<dyn Contestant> = match self.kind {
+        let mut notes: Vec<String> = Vec::new();
+        if self.passes() > 0 && !setting.trained {
+            notes.push("starts cold: no training passes were made before scoring".to_owned());
+        }
+        let learnable = LEARNABLE_RMS.contains(&setting.rms);
+        let contestant: Box<dyn Contestant> = match &self.kind {
             Kind::Zero => Box::new(zero()),
             Kind::ConstantVelocity => Box::new(constant_velocity()),
-            Kind::Dybm(on_scored) => Box::new(LinearDybm::new(paper_dybm(), on_scored).map_err(refused)?),
+            Kind::Dybm(on_scored) => {
+                let model = Online::new(dybm().map_err(refused)?, *on_scored);
+                fitted(model, learnable, REFERENCE_MOVING_RMS, &mut notes)
+            }
+            Kind::DybmEsn => {
+                let model = Online::new(dybm_esn().map_err(refused)?, OnScoredSet::Learns);
+                fitted(model, learnable, REFERENCE_MOVING_RMS, &mut notes)
+            }
+            Kind::ArRls => {
+                let model = Online::new(ar_rls().map_err(refused)?, OnScoredSet::Learns);
+                fitted(model, setting.is_about(REFERENCE_RMS), REFERENCE_MOVING_RMS, &mut notes)
+            }
+            Kind::Shipped => {
+                let mut model = LstmModel::find(&self.name)?;
+                // The reference was trained elsewhere, before the key was thought of.
+                model.notes.entry("units".to_owned()).or_insert_with(|| "raw".to_owned());
+                network(&model, setting, &mut notes)
+            }
+            Kind::File(model) => network(model, setting, &mut notes),
         };
-        Ok((contestant, self.note(setting)))
-    }
-
-    fn note(&self, setting: &Setting) -> Option<String> {
-        (self.passes() > 0 && !setting.trained)
-            .then(|| "starts cold: no training passes were made before scoring".to_owned())
+        Ok((contestant, (!notes.is_empty()).then(|| notes.join("; "))))
     }
 }
 
@@ -180,8 +247,44 @@ impl fmt::Display for Model {
     }
 }
 
+/// As it is where the raw units fit, else through the running scale.
+pub(super) fn fitted<C: Contestant + 'static>(
+    model: C,
+    fits: bool,
+    rms: f64,
+    notes: &mut Vec<String>,
+) -> Box<dyn Contestant> {
+    if fits {
+        return Box::new(model);
+    }
+    notes.push(format!(
+        "does not get the set's raw units: scaled as it goes, to moving steps of RMS {rms:.2}"
+    ));
+    Box::new(Scaled::new(model, rms))
+}
+
 /// The DyBM of the paper's Table 1.
 fn paper_dybm() -> DybmSettings {
     let shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
     DybmSettings { shape, optimiser: Optimiser::ada_grad(0.1), l1: 0.0, l2: 0.0 }
+}
+
+/// Steps and input scales of weights mean nothing here: the tables are in raw units.
+const ANY_STEP_NS: u64 = 0;
+
+fn dybm() -> Result<DybmLearner, WeightsError> {
+    let settings = paper_dybm();
+    DybmLearner::new(settings, DybmWeights::zero(ANY_STEP_NS, settings.shape))
+}
+
+fn dybm_esn() -> Result<DybmEsnLearner, WeightsError> {
+    let dybm = paper_dybm();
+    let settings = DybmEsnSettings { dybm, readout: Optimiser::ada_grad(0.1), rule: ReadoutRule::OwnError };
+    let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
+    DybmEsnLearner::untrained(settings, DybmWeights::zero(ANY_STEP_NS, dybm.shape), reservoir)
+}
+
+/// Gate 40 and Huber bound 6 raw units of unipen-ced.
+fn ar_rls() -> Result<ArRlsLearner, WeightsError> {
+    ArRlsLearner::new(ArRlsSettings::for_rms(10.0), ArRlsWeights::constant_velocity(ANY_STEP_NS))
 }

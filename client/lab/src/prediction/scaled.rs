@@ -3,7 +3,7 @@
 //! The scale is the daemon's own [`SpeedScale`] with raw units in place of metres. It starts from the first moving step
 //! of the set, since nothing else is known of an unknown device, and carries over from sequence to sequence.
 
-use foretrace_control::pen::{GridStep, Motion, SpeedScale, SpeedScaleSettings};
+use foretrace_control::pen::{GridStep, Motion, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 
 use super::model::Contestant;
 
@@ -12,21 +12,23 @@ const MAX_CHANGE: f64 = 0.25;
 /// How far the scale may move from its first value, either way.
 const RANGE: f64 = 1e6;
 
-/// Raw units outside, displacements of RMS about 10 inside.
+/// Raw units outside, displacements of a known RMS inside.
 #[derive(Debug, Clone)]
 pub struct Scaled<C> {
     inner: C,
+    /// RMS per component of moving steps that `inner` is made for.
+    rms: f64,
     scale: Option<SpeedScale>,
 }
 
 impl<C> Scaled<C> {
-    /// Wraps `inner`; the scale is unknown until the pen moves.
-    pub fn new(inner: C) -> Self {
-        Self { inner, scale: None }
+    /// Wraps `inner`, made for moving steps of this RMS per component; the scale is unknown until the pen moves.
+    pub fn new(inner: C, rms: f64) -> Self {
+        Self { inner, rms, scale: None }
     }
 
     fn raw_units_per_unit(&self) -> f64 {
-        self.scale.as_ref().map_or(1.0, SpeedScale::metres_per_unit)
+        self.scale.as_ref().map_or(1.0, |scale| scale.metres_per_unit() * TARGET_RMS / self.rms)
     }
 }
 
@@ -71,7 +73,7 @@ impl<C: Contestant> Contestant for Scaled<C> {
 /// Settings of a scale whose first moving step is `length` long.
 fn settings(length: f64) -> SpeedScaleSettings {
     // RMS per component of steps of this length, over the target RMS.
-    let initial_m = length / (std::f64::consts::SQRT_2 * foretrace_control::pen::TARGET_RMS);
+    let initial_m = length / (std::f64::consts::SQRT_2 * TARGET_RMS);
     SpeedScaleSettings {
         initial_m,
         min_m: initial_m / RANGE,
@@ -113,7 +115,7 @@ mod tests {
     #[test]
     fn any_device_is_brought_to_the_same_size() {
         for radius in [1e-5, 0.02, 7.0, 4000.0] {
-            let mut scaled = Scaled::new(Listener::default());
+            let mut scaled = Scaled::new(Listener::default(), 10.0);
             circle(radius).for_each(|v| scaled.observe(v));
             let late: Vec<f64> = scaled.inner.0[300..].iter().map(|[x, y]| x.hypot(*y)).collect();
             // RMS 10 per component is a length of 14.1 in two dimensions.
@@ -129,7 +131,7 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_linear_passes_through_unchanged(v in prop::collection::vec([-50.0..50.0f64, -50.0..50.0], 1..60)) {
-            let mut scaled = Scaled::new(constant_velocity());
+            let mut scaled = Scaled::new(constant_velocity(), 3.0);
             scaled.start_sequence();
             for v in v {
                 scaled.observe(v);
