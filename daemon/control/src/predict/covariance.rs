@@ -28,7 +28,11 @@ impl<const D: usize> Covariance<D> {
 
     /// Sum of the diagonal.
     pub(crate) fn trace(&self) -> f64 {
-        self.matrix.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum()
+        self.diagonal().sum()
+    }
+
+    fn diagonal(&self) -> impl Iterator<Item = f64> + '_ {
+        self.matrix.iter().enumerate().filter_map(|(i, row)| row.get(i).copied())
     }
 
     /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P back at its start, if P was no covariance any more.
@@ -41,13 +45,16 @@ impl<const D: usize> Covariance<D> {
         }
         let excitation: f64 = image.iter().zip(phi).map(|(a, b)| a * b).sum();
         let trace = self.trace();
-        let sound = excitation >= 0.0 && excitation.is_finite() && trace > 0.0 && trace.is_finite();
+        // A covariance has variances on its diagonal and an image that points forward; NaN fails everywhere.
+        let positive = self.diagonal().all(|variance| variance > 0.0);
+        let sound = positive && trace.is_finite() && excitation >= 0.0 && excitation.is_finite();
         if !sound {
             *self = Self::new(self.start, self.bound / (self.start * D as f64));
             return None;
         }
         let inverse = 1.0 / (forgetting + excitation);
-        let grown = if trace <= self.bound { 1.0 / forgetting } else { 1.0 };
+        // With room for the rounding of the sum, so that P forgets from its very first step on.
+        let grown = if trace <= self.bound * 1.000_001 { 1.0 / forgetting } else { 1.0 };
         for (row, left) in self.matrix.iter_mut().zip(&image) {
             for (p, right) in row.iter_mut().zip(&image) {
                 // The product of the two images first: P stays symmetric to the last bit.

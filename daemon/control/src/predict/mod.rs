@@ -27,11 +27,11 @@ pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimise
 pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
-pub use online::{ModelParameters, OnlineModel, WeightsError};
+pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use oracle::Oracle;
-pub use panel::{InitialWeights, ModelSettings, Panel, RollOut, Student};
 pub use ours::{Ours, OursLearner, OursParameters, OursSettings};
+pub use panel::{InitialWeights, ModelSettings, Panel, RollOut, Student};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.

@@ -10,6 +10,16 @@ use thiserror::Error;
 
 use crate::pen::TARGET_RMS;
 
+/// A displacement with a component beyond this is no motion in any unit: its squares would drown or overflow whatever a
+/// learner adds up.
+pub const LARGEST_DISPLACEMENT: f64 = 1e6;
+
+/// `x` can be remembered and learned from; NaN cannot.
+#[inline]
+pub(crate) fn is_usable(x: [f64; 2]) -> bool {
+    x.iter().all(|x| x.abs() <= LARGEST_DISPLACEMENT)
+}
+
 /// Parameters of a model with what they were made for; they reach the loop whole or not at all.
 pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
     /// Name in messages.
@@ -55,6 +65,9 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
 }
 
 /// A model of the pen that learns one step at a time.
+///
+/// What is not motion (NaN, beyond [`LARGEST_DISPLACEMENT`], or beyond a model's own gate) empties the memory and is not
+/// learned from, so that finite or not, no input poisons parameters or accumulators.
 pub trait OnlineModel {
     /// θ; whole sets of it are exchanged between threads.
     type Parameters: ModelParameters;

@@ -3,9 +3,9 @@
 //! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Cold-started from constant velocity
 //! with a large P it is of use from the first steps on.
 
-use crate::predict::covariance::Covariance;
 use super::{ArRlsState, ArRlsWeights, REGRESSORS, is_motion, roll_out};
 use crate::pen::TARGET_RMS;
+use crate::predict::covariance::Covariance;
 use crate::predict::dybm::difference;
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 
@@ -34,7 +34,7 @@ impl ArRlsSettings {
     /// The preset for displacements of that RMS per component: gate 4 RMS, Huber 0.6 RMS, λ 0.999.
     #[must_use]
     pub fn for_rms(rms: f64) -> Self {
-        Self { forgetting: 0.999, gate: 4.0 * rms, huber: 0.6 * rms, covariance: 100.0 / (rms * rms) }
+        Self { forgetting: 0.999, gate: 4.0 * rms, huber: 0.6 * rms, covariance: 1.0 / (rms * rms) }
     }
 
     /// Checks every bound.

@@ -3,7 +3,7 @@
 //! Natural gradient: b, W and V learn exactly as in the linear DyBM (no division by σ²), g_σ = d²/(2σ) − σ/2, no L1 or
 //! L2 on σ. Predictions do not depend on σ; it says how wrong they usually are.
 
-use super::super::online::{ModelParameters, OnlineModel, WeightsError};
+use super::super::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 use super::{
     Ascent, DybmSettings, DybmState, DybmWeights, Group, Parameters, Powers, Pull, difference, roll_out,
 };
@@ -141,13 +141,19 @@ impl OnlineModel for GaussianDybmLearner {
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
         let predicted = self.weights.dybm.predict(&self.state);
-        self.step(difference(x, predicted));
+        if is_usable(x) {
+            self.step(difference(x, predicted));
+        }
         self.observe(x);
         predicted
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        self.state.observe(&self.weights.dybm.shape, x);
+        if is_usable(x) {
+            self.state.observe(&self.weights.dybm.shape, x);
+        } else {
+            self.reset_state();
+        }
     }
 
     fn reset_state(&mut self) {

@@ -3,7 +3,7 @@
 //! With d = x − μ: g_b = d, g_W[l] = f_l ⊗ d, g_V[k] = e_k ⊗ d, all with the parameters from before the step; L2 is
 //! taken off the gradient (twice for W and b, once for V, as the reference does), L1 shrinks after the step.
 
-use super::super::online::{ModelParameters, OnlineModel, WeightsError};
+use super::super::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 use super::optimiser::{Group, Optimiser, Powers, Pull};
 use super::{DybmShape, DybmState, DybmWeights, Parameters, roll_out};
 
@@ -164,14 +164,20 @@ impl OnlineModel for DybmLearner {
     #[inline]
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
         let predicted = self.weights.predict(&self.state);
-        self.ascent.step(&mut self.weights, &self.state, difference(x, predicted));
+        if is_usable(x) {
+            self.ascent.step(&mut self.weights, &self.state, difference(x, predicted));
+        }
         self.observe(x);
         predicted
     }
 
     #[inline]
     fn observe(&mut self, x: [f64; 2]) {
-        self.state.observe(&self.ascent.settings.shape, x);
+        if is_usable(x) {
+            self.state.observe(&self.ascent.settings.shape, x);
+        } else {
+            self.reset_state();
+        }
     }
 
     fn reset_state(&mut self) {

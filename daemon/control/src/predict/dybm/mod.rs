@@ -20,7 +20,7 @@ pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput};
 pub(crate) use learner::{Ascent, difference};
 pub(crate) use optimiser::{Group, Powers, Pull};
 
-use super::online::ModelParameters;
+use super::online::{ModelParameters, is_usable};
 use super::{Predictor, shortened};
 
 /// Largest delay; the FIFO holds one input less.
@@ -115,7 +115,11 @@ impl Dybm {
 
 impl Predictor for Dybm {
     fn observe(&mut self, x: [f64; 2]) {
-        self.state.observe(&self.weights.shape, x);
+        if is_usable(x) {
+            self.state.observe(&self.weights.shape, x);
+        } else {
+            self.reset();
+        }
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{DybmEsnState, DybmEsnWeights, Reservoir, UNITS, judge, roll_out};
+use super::{DybmEsnState, DybmEsnWeights, Reservoir, UNITS, judge};
 use crate::predict::dybm::{
     Ascent, DybmSettings, DybmWeights, Group, Optimiser, Parameters, Powers, Pull, difference,
 };
-use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
+use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 
 /// Which error the read-out learns on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -143,20 +143,26 @@ impl OnlineModel for DybmEsnLearner {
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
         let own = self.weights.contribution(&self.state);
-        let [mx, my] = self.weights.dybm.predict(&self.state.dybm);
-        let predicted = [mx + own[0], my + own[1]];
-        let shared = difference(x, predicted);
-        self.ascent.step(&mut self.weights.dybm, &self.state.dybm, shared);
-        self.learn_readout(match self.settings.rule {
-            ReadoutRule::OwnError => difference(x, own),
-            ReadoutRule::SharedResidual => shared,
-        });
+        let ([mx, my], [dx, dy]) = (self.weights.dybm.predict(&self.state.dybm), own);
+        let predicted = [mx + dx, my + dy];
+        if is_usable(x) {
+            let shared = difference(x, predicted);
+            self.ascent.step(&mut self.weights.dybm, &self.state.dybm, shared);
+            self.learn_readout(match self.settings.rule {
+                ReadoutRule::OwnError => difference(x, own),
+                ReadoutRule::SharedResidual => shared,
+            });
+        }
         self.observe(x);
         predicted
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        self.state.observe(&self.weights, &self.reservoir, x);
+        if is_usable(x) {
+            self.state.observe(&self.weights, &self.reservoir, x);
+        } else {
+            self.reset_state();
+        }
     }
 
     fn reset_state(&mut self) {
@@ -189,6 +195,7 @@ impl OnlineModel for DybmEsnLearner {
         limit: f64,
         out: &mut [[f64; 2]],
     ) {
-        roll_out(parameters, &self.reservoir, memory, limit, out);
+        let (dybm, readout) = ((&parameters.dybm, &memory.dybm), (&parameters.readout, &memory.reservoir));
+        self.reservoir.double.roll_out(dybm, readout, limit, out);
     }
 }

@@ -4,6 +4,7 @@
 //! ([`DybmEsnState`]) and accumulators ([`DybmEsnLearner`]) are apart, as for the linear DyBM.
 //! Source: Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
 
+mod network;
 mod reservoir;
 mod weights;
 mod learner;
@@ -16,9 +17,9 @@ pub use weights::DybmEsnWeights;
 
 use std::sync::Arc;
 
+use super::Predictor;
 use super::dybm::DybmState;
-use super::online::{ModelParameters, WeightsError};
-use super::{Predictor, shortened};
+use super::online::{ModelParameters, WeightsError, is_usable};
 
 /// What the model remembers of the pen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,9 +46,14 @@ impl DybmEsnState {
 }
 
 /// The predictor: parameters, memory and the reservoir they belong to.
+///
+/// Its memory is exact; roll-outs are computed in single precision from there, which halves their time and is off by less
+/// than 1e-4 of a typical displacement after ten steps. [`DybmEsnLearner`] rolls out in double precision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DybmEsn {
     weights: DybmEsnWeights,
+    /// A in single precision.
+    readout: [[f32; 2]; UNITS],
     state: DybmEsnState,
     reservoir: Arc<Reservoir>,
 }
@@ -59,7 +65,7 @@ impl DybmEsn {
     pub fn new(weights: DybmEsnWeights, reservoir: Arc<Reservoir>) -> Result<Self, WeightsError> {
         weights.validate()?;
         judge(&weights, &reservoir)?;
-        Ok(Self { weights, state: DybmEsnState::default(), reservoir })
+        Ok(Self { weights, readout: single(&weights.readout), state: DybmEsnState::default(), reservoir })
     }
 
     /// Exchanges the parameters and keeps the memory.
@@ -69,6 +75,7 @@ impl DybmEsn {
         weights.validate()?;
         self.weights.accepts(weights)?;
         self.weights = *weights;
+        self.readout = single(&weights.readout);
         Ok(())
     }
 
@@ -87,34 +94,20 @@ impl DybmEsn {
 
 impl Predictor for DybmEsn {
     fn observe(&mut self, x: [f64; 2]) {
-        self.state.observe(&self.weights, &self.reservoir, x);
+        if is_usable(x) {
+            self.state.observe(&self.weights, &self.reservoir, x);
+        } else {
+            self.reset();
+        }
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
-        roll_out(&self.weights, &self.reservoir, &self.state, limit, out);
+        let dybm = (&self.weights.dybm, &self.state.dybm);
+        self.reservoir.single.roll_out(dybm, (&self.readout, &self.state.reservoir), limit, out);
     }
 
     fn reset(&mut self) {
         self.state = DybmEsnState::default();
-    }
-}
-
-/// Predicts `out.len()` steps from a copy of the memory, each prediction (shortened to `limit`) fed back.
-fn roll_out(
-    weights: &DybmEsnWeights,
-    reservoir: &Reservoir,
-    state: &DybmEsnState,
-    limit: f64,
-    out: &mut [[f64; 2]],
-) {
-    let mut state = *state;
-    let mut fed_back = None;
-    for predicted in out {
-        if let Some(x) = fed_back {
-            state.observe(weights, reservoir, x);
-        }
-        *predicted = shortened(weights.predict(&state), limit);
-        fed_back = Some(*predicted);
     }
 }
 
@@ -125,4 +118,8 @@ fn judge(weights: &DybmEsnWeights, reservoir: &Reservoir) -> Result<(), WeightsE
     } else {
         Err(WeightsError::Reservoir { got: weights.reservoir, wanted: reservoir.digest() })
     }
+}
+
+fn single(readout: &[[f64; 2]; UNITS]) -> [[f32; 2]; UNITS] {
+    readout.map(|row| row.map(|a| a as f32))
 }

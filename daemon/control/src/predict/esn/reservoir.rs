@@ -3,7 +3,7 @@
 //! s ← (1 − leak)·s + leak·tanh(x W_in + s W_rec), row vectors. Built once (that may allocate), shared from then on.
 //! The same seed gives the same matrices.
 
-use crate::predict::activation::tanh;
+use super::network::{Double, Single};
 use crate::predict::online::WeightsError;
 
 /// Units of the reservoir (the paper's 50).
@@ -46,11 +46,8 @@ impl ReservoirSettings {
 /// W_in, W_rec and the leak.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reservoir {
-    leak: f64,
-    /// W_in, 2 x UNITS.
-    input: [ReservoirState; 2],
-    /// W_rec, UNITS x UNITS; row j is what unit j sends.
-    recurrent: [ReservoirState; UNITS],
+    pub(super) double: Double,
+    pub(super) single: Single,
     digest: u64,
 }
 
@@ -60,16 +57,7 @@ impl Reservoir {
     /// *Errors*: settings outside their bounds.
     pub fn seeded(settings: &ReservoirSettings) -> Result<Self, WeightsError> {
         settings.validate()?;
-        let mut normal = Normal::new(settings.seed);
-        let mut matrix = |std: f64| std::array::from_fn(|_| std * normal.draw());
-        let input = [matrix(settings.input_std), matrix(settings.input_std)];
-        let mut recurrent: [ReservoirState; UNITS] = std::array::from_fn(|_| matrix(1.0));
-        let radius = spectral_radius(&recurrent);
-        if !(radius > 1e-6 && radius.is_finite()) {
-            return Err(WeightsError::Radius { got: radius });
-        }
-        let factor = settings.spectral_radius / radius;
-        recurrent.as_flattened_mut().iter_mut().for_each(|w| *w *= factor);
+        let (input, recurrent) = matrices(settings)?;
         Self::from_matrices(settings.leak, input, recurrent)
     }
 
@@ -91,7 +79,8 @@ impl Reservoir {
             .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
                 (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
             });
-        Ok(Self { leak, input, recurrent, digest })
+        let (double, single) = (Double::new(leak, &input, &recurrent), Single::new(leak, &input, &recurrent));
+        Ok(Self { double, single, digest })
     }
 
     /// Tells reservoirs apart: a read-out is worth nothing on another one.
@@ -103,21 +92,25 @@ impl Reservoir {
     /// Takes in one displacement.
     #[inline]
     pub fn observe(&self, state: &mut ReservoirState, x: [f64; 2]) {
-        let mut drive = [0.0; UNITS];
-        for (row, x) in self.input.iter().zip(x) {
-            for (drive, w) in drive.iter_mut().zip(row) {
-                *drive += x * w;
-            }
-        }
-        for (row, s) in self.recurrent.iter().zip(state.iter()) {
-            for (drive, w) in drive.iter_mut().zip(row) {
-                *drive += s * w;
-            }
-        }
-        for (s, drive) in state.iter_mut().zip(drive) {
-            *s = (1.0 - self.leak) * *s + self.leak * tanh(drive);
-        }
+        self.double.step(state, x);
     }
+}
+
+/// W_in, 2 x UNITS, and W_rec, UNITS x UNITS.
+type Matrices = ([ReservoirState; 2], [ReservoirState; UNITS]);
+
+fn matrices(settings: &ReservoirSettings) -> Result<Matrices, WeightsError> {
+    let mut normal = Normal::new(settings.seed);
+    let mut row = |std: f64| std::array::from_fn(|_| std * normal.draw());
+    let input = [row(settings.input_std), row(settings.input_std)];
+    let mut recurrent: [ReservoirState; UNITS] = std::array::from_fn(|_| row(1.0));
+    let radius = spectral_radius(&recurrent);
+    if !(radius > 1e-6 && radius.is_finite()) {
+        return Err(WeightsError::Radius { got: radius });
+    }
+    let factor = settings.spectral_radius / radius;
+    recurrent.as_flattened_mut().iter_mut().for_each(|w| *w *= factor);
+    Ok((input, recurrent))
 }
 
 /// Largest magnitude of the eigenvalues: lim ‖Aⁿ‖^(1/n) (Gelfand) by repeated squaring, n = 2³², A normalised each time.
@@ -191,12 +184,11 @@ mod tests {
     #[test]
     fn seeded_matrices_have_the_stated_moments_and_radius() {
         let settings = ReservoirSettings { seed: 3, ..ReservoirSettings::default() };
-        let reservoir = Reservoir::seeded(&settings).unwrap();
-        let eigen =
-            nalgebra::DMatrix::from_fn(UNITS, UNITS, |i, j| reservoir.recurrent[i][j]).complex_eigenvalues();
+        let (input, recurrent) = matrices(&settings).unwrap();
+        let eigen = nalgebra::DMatrix::from_fn(UNITS, UNITS, |i, j| recurrent[i][j]).complex_eigenvalues();
         let radius = eigen.iter().map(|e| e.norm()).fold(0.0, f64::max);
         assert!((radius - 0.95).abs() < 1e-7, "spectral radius {radius}");
-        let inputs: Vec<f64> = reservoir.input.iter().flatten().copied().collect();
+        let inputs = input.as_flattened();
         let std = (inputs.iter().map(|w| w * w).sum::<f64>() / inputs.len() as f64).sqrt();
         assert!((std / settings.input_std - 1.0).abs() < 0.25, "input std {std}");
     }

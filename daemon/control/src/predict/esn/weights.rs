@@ -1,5 +1,6 @@
 //! `DybmEsnWeights`: the DyBM's parameters and the read-out A, plain copies that can cross threads whole.
 
+use super::network::read;
 use super::{DybmEsnState, UNITS};
 use crate::predict::dybm::DybmWeights;
 use crate::predict::online::{ModelParameters, WeightsError};
@@ -29,12 +30,7 @@ impl DybmEsnWeights {
     #[must_use]
     #[inline]
     pub fn contribution(&self, state: &DybmEsnState) -> [f64; 2] {
-        let [mut x, mut y] = [0.0; 2];
-        for ([a, b], s) in self.readout.iter().zip(&state.reservoir) {
-            x += s * a;
-            y += s * b;
-        }
-        [x, y]
+        read(&self.readout, &state.reservoir)
     }
 
     /// μ for the next step.

@@ -8,10 +8,10 @@ use super::mixture::{Mixture, MixtureRule};
 use super::readout::{RlsReadout, RlsRule};
 use super::trunk::{ALL, OursMemory, PLAIN, Trunk, is_motion};
 use super::{EXPERTS, LEADS, OursParameters, Path, preview};
+use crate::pen::TARGET_RMS;
+use crate::predict::LstmWeights;
 use crate::predict::ar_rls::{ArRlsLearner, ArRlsSettings};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
-use crate::predict::LstmWeights;
-use crate::pen::TARGET_RMS;
 
 /// How it learns.
 #[derive(Debug, Clone, Copy, PartialEq)]
