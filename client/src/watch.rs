@@ -1,9 +1,10 @@
-//! The observer's end: `Telemetry` (every tick) and `StatusReader` (ten times per second).
+//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen sample).
 
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    HeaderBounds, Message, Rejections, ServiceError, Status, Subscriber, TickRecord, monotonic_now_ns,
+    HeaderBounds, Message, PenSample, Rejections, ServiceError, Status, Subscriber, TickRecord,
+    monotonic_now_ns,
 };
 
 use crate::Foretrace;
@@ -21,7 +22,22 @@ pub struct StatusReader {
     newest: Option<Status>,
 }
 
+/// Receives the pen samples that the daemon receives too.
+#[derive(Debug)]
+pub struct PenWatch {
+    subscriber: Subscriber<PenSample>,
+}
+
 impl Foretrace {
+    /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least once per
+    /// second.
+    ///
+    /// *Errors*: `NoPlace` when three others watch the pen already.
+    pub fn pen_watch(&self) -> Result<PenWatch, ServiceError> {
+        let buffer = PenSample::QOS.buffer;
+        Ok(PenWatch { subscriber: self.services.pen.subscriber(buffer, HeaderBounds::DEFAULT)? })
+    }
+
     /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice
     /// per second.
     ///
@@ -63,6 +79,23 @@ impl Telemetry {
     /// How often another daemon took over.
     pub fn restarts(&self) -> u64 {
         self.subscriber.restarts()
+    }
+}
+
+impl PenWatch {
+    /// Every unread sample, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_sample: impl FnMut(&PenSample)) -> usize {
+        self.subscriber.drain(monotonic_now_ns(), |sample| use_sample(&sample))
+    }
+
+    /// Samples lost so far between the pen's publisher and here.
+    pub fn lost(&self) -> u64 {
+        self.subscriber.dropped()
+    }
+
+    /// Samples refused, by reason.
+    pub fn rejections(&self) -> &Rejections {
+        self.subscriber.rejections()
     }
 }
 

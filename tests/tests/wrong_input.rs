@@ -65,9 +65,14 @@ fn missing_and_malformed_recordings_are_told_apart() {
 #[test]
 fn without_a_daemon_every_peer_says_so() {
     let world = World::new(PROGRAM);
-    for command in
-        [&["status"][..], &["status", "--watch"], &["request", "arm"], &["play", "glyphs:a"], &["arm", "sim"]]
-    {
+    for command in [
+        &["status"][..],
+        &["status", "--watch"],
+        &["request", "arm"],
+        &["play", "glyphs:a"],
+        &["arm", "sim"],
+        &["record", "--pen", "a.csv"],
+    ] {
         assert_refused(&world.run(0, command), 3, &["no daemon running", "foretrace daemon"]);
     }
 }

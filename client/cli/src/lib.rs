@@ -16,6 +16,7 @@ mod config;
 mod daemon;
 mod arm;
 mod play;
+mod record;
 mod request;
 mod status;
 mod demo;
@@ -49,6 +50,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
+    Record(record::RecordArgs),
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
@@ -80,6 +82,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Demo(args) => demo::run(args),
         Command::Daemon(args) => daemon::run(args),
         Command::Play(args) => play::run(args),
+        Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),
         Command::Status(args) => status::run(args),

@@ -1,15 +1,19 @@
-//! Plain CSV pen paths: header `t_s,x_m,y_m,contact`, one sample per line.
+//! CSV pen paths: header `t_s,x_m,y_m,contact`, one sample per line.
 //!
 //! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
-//! 0, 1, false or true. Empty lines and lines starting with `#` are skipped. Times rise strictly.
+//! 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of foretrace's own
+//! recordings ([`super::pen_log`]). Times rise strictly.
 
+use super::format::read_limited;
+use super::pen_log::{Head, read_head};
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
-use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
+pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
+const FILE_BYTES_MAX: u64 = 256 << 20;
 const TIME_MAX_S: f64 = 1e7;
 const POSITION_MAX_M: f64 = 100.0;
 
@@ -17,12 +21,12 @@ const POSITION_MAX_M: f64 = 100.0;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CsvError {
-    /// The file cannot be read as text.
-    #[error("{}: cannot read: {why}", file.display())]
-    Unreadable {
+    /// The file cannot be read as text, or is too large.
+    #[error("{}: {why}", file.display())]
+    Refused {
         /// The file.
         file: PathBuf,
-        /// The system's reason.
+        /// The reason.
         why: String,
     },
     /// The first line is not the header.
@@ -74,17 +78,26 @@ pub enum CsvError {
 /// # Errors
 /// [`CsvError`] naming line, field, value and legal range.
 pub fn load_csv(path: &Path) -> Result<PenPath, CsvError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| CsvError::Unreadable { file: path.to_path_buf(), why: e.to_string() })?;
+    let text = read(path)?;
     parse_csv(&text, path)
+}
+
+fn read(path: &Path) -> Result<String, CsvError> {
+    let bytes = read_limited(path, FILE_BYTES_MAX)
+        .map_err(|refusal| CsvError::Refused { file: path.to_path_buf(), why: refusal.reason })?;
+    String::from_utf8(bytes)
+        .map_err(|e| CsvError::Refused { file: path.to_path_buf(), why: format!("not UTF-8 text: {e}") })
 }
 
 /// Reads a CSV path as a recording: one character without a label, a component per change of contact and per gap.
 ///
 /// *Errors*: as [`load_csv`].
 pub(super) fn load_csv_recording(path: &Path) -> Result<Recording, CsvError> {
-    let pen = load_csv(path)?;
-    let gap_s = GAP_PERIODS / pen.rate_hz;
+    let text = read(path)?;
+    let pen = parse_csv(&text, path)?;
+    let head = head(&text, path)?.unwrap_or_default();
+    let rate_hz = head.rate_hz.unwrap_or(pen.rate_hz);
+    let gap_s = GAP_PERIODS / rate_hz;
     let mut components: Vec<Component> = Vec::new();
     let mut last: Option<PathSample> = None;
     for sample in &pen.samples {
@@ -102,11 +115,11 @@ pub(super) fn load_csv_recording(path: &Path) -> Result<Recording, CsvError> {
     }
     Ok(Recording {
         source: path.to_path_buf(),
-        rate_hz: pen.rate_hz,
+        rate_hz,
         rate_assumed: false,
         units_per_m: Some([1.0; 2]),
         quantity: Quantity::Position,
-        segments: vec![Character { components, ..Character::default() }],
+        segments: vec![Character { components, writer: head.writer, ..Character::default() }],
     })
 }
 
@@ -115,20 +128,46 @@ pub(super) fn begins_csv(text: &str) -> bool {
     content_lines(text).next().is_some_and(|(_, line)| column_order(line).is_some())
 }
 
-/// Writes `path` in the form that [`load_csv`] reads.
+/// Writes `path` in the form that [`load_csv`] reads; the file appears whole or not at all.
 ///
 /// # Errors
 /// Whatever the file system says.
 pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
-    let mut text = String::from("t_s,x_m,y_m,contact\n");
-    for s in &path.samples {
-        // Writing to a String cannot fail.
-        let _ = writeln!(text, "{:.6},{:.7},{:.7},{}", s.t_s, s.x_m, s.y_m, u8::from(s.contact));
+    let mut text = format!("{HEADER}\n");
+    for sample in &path.samples {
+        text.push_str(&row(sample));
+        text.push('\n');
     }
-    std::fs::write(file, text)
+    // A pipe or device cannot be renamed over.
+    if std::fs::metadata(file).is_ok_and(|meta| !meta.is_file()) {
+        return std::fs::write(file, text);
+    }
+    let mut part = file.as_os_str().to_owned();
+    part.push(".part");
+    let part = PathBuf::from(part);
+    std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, file)).inspect_err(|_| {
+        // The first error is the one to tell.
+        let _ = std::fs::remove_file(&part);
+    })
+}
+
+/// A sample as a line.
+pub(super) fn row(s: &PathSample) -> String {
+    format!("{:.6},{:.7},{:.7},{}", s.t_s, s.x_m, s.y_m, u8::from(s.contact))
+}
+
+fn head(text: &str, file: &Path) -> Result<Option<Head>, CsvError> {
+    read_head(text).map_err(|(field, value, legal)| CsvError::Field {
+        file: file.to_path_buf(),
+        line: 1,
+        field,
+        value: value.chars().take(40).collect(),
+        legal: legal.to_owned(),
+    })
 }
 
 fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
+    head(text, file)?;
     let mut lines = content_lines(text);
     let (line, header) = lines.next().unwrap_or((1, ""));
     let order = column_order(header).ok_or_else(|| CsvError::Header {

@@ -6,6 +6,7 @@
 
 pub mod unipen;
 pub mod csv;
+mod pen_log;
 mod mat;
 mod inkml;
 mod format;
@@ -14,6 +15,7 @@ mod set;
 
 pub use csv::{CsvError, load_csv, write_csv};
 pub use format::{FileError, Format, Refusal, load_recording};
+pub use pen_log::{PenLog, PenLogSummary};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;
 pub use unipen::{UnipenError, load_unipen};

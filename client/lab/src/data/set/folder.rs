@@ -55,7 +55,9 @@ fn walk(root: &Path, below: &str, depth: usize, files: &mut Vec<String>) -> Resu
     let folder = root.join(below);
     let unreadable = |why: String| SetError::Unreadable {
         path: folder.clone(),
-        why: format!("cannot read the folder: {why}"),
+        why: format!(
+            "cannot read the folder: {why}; a set is a folder of recordings, with or without a split.tsv"
+        ),
     };
     if depth > DEPTH_MAX {
         return Err(unreadable(format!("nested deeper than {DEPTH_MAX} folders")));

@@ -1,0 +1,143 @@
+//! `foretrace record`: the pen samples of a running instance as a recording.
+//!
+//! Contract: every sample that the daemon receives is written, or counted as lost; the recording appears under its name
+//! when it is whole, and what was recorded until then is beside it. Ctrl-C is the ordinary end. Outlives the daemon.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Foretrace, PenWatch};
+use foretrace_lab::data::PenLog;
+use serde::Serialize;
+
+use crate::attach::{Lookout, News, unattached};
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::output::{JsonArgs, note, say};
+use crate::settings::InstanceArgs;
+
+/// Between two looks; 256 samples are kept meanwhile.
+const NAP: Duration = Duration::from_millis(50);
+
+/// Record the pen of a running daemon until Ctrl-C
+///
+/// The recording is CSV with the columns t_s,x_m,y_m,contact (metres in the pen's own plane) below a line with version,
+/// unit, rate and writer. It can be played, and a folder of recordings is a data set.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace record --pen anna-1.csv --writer anna\n  foretrace record --pen test.csv --seconds 10"
+)]
+pub(crate) struct RecordArgs {
+    /// The recording; must not exist yet
+    #[arg(long, value_name = "FILE.csv")]
+    pen: PathBuf,
+
+    /// Who holds the pen: one word
+    #[arg(long, value_name = "NAME", default_value = "")]
+    writer: String,
+
+    /// End after this many seconds
+    #[arg(long, value_name = "S", value_parser = crate::play::source::positive)]
+    seconds: Option<f64>,
+
+    #[command(flatten)]
+    instance: InstanceArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Default, Serialize)]
+struct Report {
+    samples: u64,
+    rate_hz: f64,
+    /// From the first sample to the last.
+    seconds: f64,
+    /// Sent by the pen, but not received here.
+    lost: u64,
+    /// Left out: stamps that repeat or go back.
+    out_of_order: u64,
+}
+
+pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let interrupt = Interrupt::listen()?;
+    let mut foretrace = args.instance.attach()?;
+    let mut watch = foretrace.pen_watch().map_err(unattached)?;
+    let mut log = PenLog::create(&args.pen, &args.writer).map_err(|error| {
+        Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
+    })?;
+    note!("record: recording the pen into {} until Ctrl-C", args.pen.display());
+    let part = log.part().to_path_buf();
+    let kept = |error: std::io::Error| {
+        let remedy = format!("what was recorded is in {}", part.display());
+        Failure::failed(format_args!("cannot write the recording: {error}"), remedy)
+    };
+    let mut report = Report::default();
+    let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
+    let mut lookout = Lookout::new();
+    let mut ends = false;
+    while !ends {
+        ends = interrupt.is_set() || deadline.is_some_and(|deadline| Instant::now() >= deadline);
+        report.out_of_order += written(&mut watch, &mut log).map_err(kept)?;
+        if let Some(renewed) = renewed(&mut lookout, &mut foretrace) {
+            report.lost += watch.lost();
+            watch = renewed;
+        }
+        if !ends {
+            std::thread::sleep(NAP);
+        }
+    }
+    report.lost += watch.lost();
+    let summary = log.finish().map_err(kept)?;
+    let Some(rate_hz) = summary.rate_hz else {
+        let what = format!("{} pen samples came, and a recording needs 2", summary.samples);
+        return Err(Failure::failed(what, "feed the pen meanwhile, for example by foretrace play"));
+    };
+    let report = Report { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
+    say!(
+        "{}: {} samples, {:.1} s at {:.0} Hz, {} lost, {} out of order",
+        args.pen.display(),
+        report.samples,
+        report.seconds,
+        report.rate_hz,
+        report.lost,
+        report.out_of_order
+    );
+    args.json.write(&report)
+}
+
+/// Writes the unread samples; returns how many were left out.
+fn written(watch: &mut PenWatch, log: &mut PenLog) -> std::io::Result<u64> {
+    let mut left_out = 0;
+    let mut failure = None;
+    watch.drain(|sample| {
+        if failure.is_none() {
+            match log.push(sample.device_stamp_ns, sample.x_m, sample.y_m, sample.contact()) {
+                Ok(written) => left_out += u64::from(!written),
+                Err(error) => failure = Some(error),
+            }
+        }
+    });
+    failure.map_or(Ok(left_out), Err)
+}
+
+/// A new watch where a new daemon made the old one deaf.
+fn renewed(lookout: &mut Lookout, foretrace: &mut Foretrace) -> Option<PenWatch> {
+    match lookout.look(foretrace) {
+        News::None => None,
+        News::Gone => {
+            note!("record: the daemon is gone; waiting for another");
+            None
+        }
+        News::Back => {
+            note!("record: a daemon took over");
+            None
+        }
+        News::Renewed => {
+            note!("record: a new daemon is there");
+            foretrace.pen_watch().map_err(|error| note!("{}", unattached(error))).ok()
+        }
+    }
+}

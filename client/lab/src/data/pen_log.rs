@@ -1,0 +1,284 @@
+//! foretrace's own recordings: the CSV of [`super::csv`] below a line that names version, unit, rate and writer.
+//!
+//! ```text
+//! # foretrace-pen version=1 unit=m rate_hz=200.000    writer=anna
+//! t_s,x_m,y_m,contact
+//! 0.000000,0.1000000,0.0500000,1
+//! ```
+//!
+//! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`, which is
+//! a readable recording itself and stays behind if the recorder is killed. Nothing that exists is written over.
+
+use super::csv::HEADER;
+use crate::path::PathSample;
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Begins the first line.
+pub(super) const MARK: &str = "# foretrace-pen ";
+pub(super) const VERSION: &str = "1";
+pub(super) const UNKNOWN: &str = "unknown";
+/// Steps from which the rate is taken.
+const STEPS_MAX: usize = 1_000_000;
+/// So much may be lost when the machine dies [µs of the recording].
+const FLUSH_EVERY_US: i64 = 1_000_000;
+
+/// Writes a recording, sample by sample.
+#[derive(Debug)]
+pub struct PenLog {
+    file: BufWriter<File>,
+    part: PathBuf,
+    target: PathBuf,
+    writer: String,
+    first_ns: Option<u64>,
+    last_us: i64,
+    flushed_us: i64,
+    steps_us: Vec<u32>,
+    samples: u64,
+}
+
+/// A finished recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PenLogSummary {
+    /// Samples in it.
+    pub samples: u64,
+    /// One over the median step [Hz]; `None` with fewer than two samples, which make no recording.
+    pub rate_hz: Option<f64>,
+    /// From the first sample to the last [s].
+    pub seconds: f64,
+}
+
+impl PenLog {
+    /// Begins the recording `target`. `writer` names who holds the pen: no blanks, or empty.
+    ///
+    /// # Errors
+    /// Illegal writer; `target` or `target.part` exists already; the folder cannot be written.
+    pub fn create(target: &Path, writer: &str) -> io::Result<Self> {
+        if writer.chars().any(|c| c.is_whitespace() || c.is_control()) {
+            let why = format!("writer {writer:?} has blanks; legal: one word");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, why));
+        }
+        let mut part = target.as_os_str().to_owned();
+        part.push(".part");
+        let part = PathBuf::from(part);
+        if target.symlink_metadata().is_ok() {
+            return Err(exists(target, "choose another name"));
+        }
+        let file = OpenOptions::new().write(true).create_new(true).open(&part).map_err(|error| {
+            if error.kind() == io::ErrorKind::AlreadyExists {
+                exists(&part, "a recording was interrupted there: rename or remove it")
+            } else {
+                io::Error::new(error.kind(), format!("{}: {error}", part.display()))
+            }
+        })?;
+        let mut log = Self {
+            file: BufWriter::new(file),
+            part,
+            target: target.to_path_buf(),
+            writer: writer.to_owned(),
+            first_ns: None,
+            last_us: -1,
+            flushed_us: 0,
+            steps_us: Vec::new(),
+            samples: 0,
+        };
+        log.head(UNKNOWN)?;
+        writeln!(log.file, "{HEADER}")?;
+        log.file.flush()?;
+        Ok(log)
+    }
+
+    /// The file that grows.
+    #[must_use]
+    pub fn part(&self) -> &Path {
+        &self.part
+    }
+
+    /// Adds a reading of the pen at `stamp_ns`; `false`: left out, because its stamp is not at least a microsecond
+    /// after the last one or a number is not finite.
+    ///
+    /// # Errors
+    /// Whatever the file system says; what was written before stays in [`PenLog::part`].
+    pub fn push(&mut self, stamp_ns: u64, x_m: f64, y_m: f64, contact: bool) -> io::Result<bool> {
+        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+        let Some(after_us) = stamp_ns.checked_sub(first_ns).and_then(|ns| i64::try_from(ns / 1000).ok())
+        else {
+            return Ok(false);
+        };
+        if after_us <= self.last_us || !(x_m.is_finite() && y_m.is_finite()) {
+            return Ok(false);
+        }
+        if self.last_us >= 0 && self.steps_us.len() < STEPS_MAX {
+            self.steps_us.push(u32::try_from(after_us - self.last_us).unwrap_or(u32::MAX));
+        }
+        self.last_us = after_us;
+        self.samples += 1;
+        let sample = PathSample { t_s: after_us as f64 * 1e-6, x_m, y_m, contact };
+        writeln!(self.file, "{}", super::csv::row(&sample))?;
+        if after_us - self.flushed_us >= FLUSH_EVERY_US {
+            self.flushed_us = after_us;
+            self.file.flush()?;
+        }
+        Ok(true)
+    }
+
+    /// Completes the recording: its rate is filled in and it gets its name. Fewer than two samples leave no file.
+    ///
+    /// # Errors
+    /// Whatever the file system says; what was written before stays in [`PenLog::part`].
+    pub fn finish(mut self) -> io::Result<PenLogSummary> {
+        self.steps_us.sort_unstable();
+        let median = self.steps_us.get(self.steps_us.len() / 2);
+        let rate_hz = median.map(|us| 1e6 / f64::from(*us));
+        let seconds = self.last_us.max(0) as f64 * 1e-6;
+        let summary = PenLogSummary { samples: self.samples, rate_hz, seconds };
+        self.file.flush()?;
+        let Some(rate_hz) = rate_hz else {
+            std::fs::remove_file(&self.part)?;
+            return Ok(summary);
+        };
+        self.file.seek(SeekFrom::Start(0))?;
+        self.head(&format!("{rate_hz:.3}"))?;
+        self.file.flush()?;
+        self.file.get_ref().sync_all()?;
+        // `rename` would write over what came into being meanwhile.
+        if self.target.symlink_metadata().is_ok() {
+            return Err(exists(&self.target, "the recording is beside it, in the .part file"));
+        }
+        std::fs::rename(&self.part, &self.target)?;
+        Ok(summary)
+    }
+
+    /// The first line, as long with every rate.
+    fn head(&mut self, rate: &str) -> io::Result<()> {
+        let word = if self.writer.is_empty() { "-" } else { &self.writer };
+        writeln!(self.file, "{MARK}version={VERSION} unit=m rate_hz={rate:<14} writer={word}")
+    }
+}
+
+fn exists(path: &Path, remedy: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::AlreadyExists, format!("{} exists already; {remedy}", path.display()))
+}
+
+/// What the first line of a recording says.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Head {
+    /// `None` in a recording that was not finished.
+    pub(super) rate_hz: Option<f64>,
+    pub(super) writer: String,
+}
+
+/// Reads the first line of a recording; `None` where `text` does not begin with one.
+///
+/// *Errors*: field, value and what is legal.
+pub(super) fn read_head(text: &str) -> Result<Option<Head>, (&'static str, String, &'static str)> {
+    let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
+    let Some(fields) = first.strip_prefix(MARK) else { return Ok(None) };
+    let field = |name: &str| {
+        let named = |f: &str| f.split_once('=').filter(|(n, _)| *n == name).map(|(_, v)| v.to_owned());
+        fields.split_whitespace().find_map(named).unwrap_or_default()
+    };
+    let version = field("version");
+    if version != VERSION {
+        return Err(("version", version, "1; a later foretrace wrote it"));
+    }
+    let unit = field("unit");
+    if unit != "m" {
+        return Err(("unit", unit, "m"));
+    }
+    let rate = field("rate_hz");
+    let rate_hz = match rate.parse::<f64>() {
+        _ if rate == UNKNOWN => None,
+        Ok(rate_hz) if (1e-3..=1e6).contains(&rate_hz) => Some(rate_hz),
+        _ => return Err(("rate_hz", rate, "unknown, or a number from 0.001 to 1000000")),
+    };
+    let writer = Some(field("writer")).filter(|w| w != "-").unwrap_or_default();
+    Ok(Some(Head { rate_hz, writer }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{load_csv, load_recording};
+
+    fn logged(folder: &Path, samples: u32) -> PenLog {
+        let mut log = PenLog::create(&folder.join("a.csv"), "anna").unwrap();
+        for i in 0..samples {
+            let pushed =
+                log.push(7_000_000_000 + u64::from(i) * 5_000_000, 0.1, 0.002 * f64::from(i), i >= 10);
+            assert!(pushed.unwrap());
+        }
+        log
+    }
+
+    #[test]
+    fn what_was_recorded_loads_with_rate_writer_and_strokes() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut log = logged(folder.path(), 100);
+        // A stamp that stands still, one that goes back, and a number that is none.
+        assert!(!log.push(7_495_000_000, 0.0, 0.0, true).unwrap());
+        assert!(!log.push(6_000_000_000, 0.0, 0.0, true).unwrap());
+        assert!(!log.push(8_000_000_000, f64::NAN, 0.0, true).unwrap());
+        assert!(log.push(8_000_000_000, 0.3, 0.0, true).unwrap());
+        let summary = log.finish().unwrap();
+        assert_eq!(summary, PenLogSummary { samples: 101, rate_hz: Some(200.0), seconds: 1.0 });
+        let file = folder.path().join("a.csv");
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(
+            text.starts_with("# foretrace-pen version=1 unit=m rate_hz=200.000        writer=anna\n"),
+            "{text}"
+        );
+        let r = load_recording(&file).unwrap();
+        assert_eq!((r.rate_hz, r.rate_assumed, r.units_per_m), (200.0, false, Some([1.0; 2])));
+        let [character] = &r.segments[..] else { panic!("{:?}", r.segments) };
+        assert_eq!((character.writer.as_str(), character.label.as_str()), ("anna", ""));
+        let parts: Vec<_> =
+            character.components.iter().map(|c| (c.contact, c.points.len(), c.dt_before_s)).collect();
+        assert_eq!(parts[..2], [(false, 10, None), (true, 90, None)]);
+        assert!(matches!(parts[2], (true, 1, Some(gap)) if (gap - 0.505).abs() < 1e-9), "{parts:?}");
+        assert_eq!(load_csv(&file).unwrap().samples.len(), 101);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_killed_recorder_leaves_is_readable_and_never_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut log = logged(folder.path(), 500);
+        log.file.flush().unwrap();
+        std::mem::forget(log);
+        let part = folder.path().join("a.csv.part");
+        assert_eq!(load_recording(&part).unwrap().rate_hz.round(), 200.0);
+        let error = PenLog::create(&folder.path().join("a.csv"), "").unwrap_err().to_string();
+        assert!(
+            error.ends_with(
+                "a.csv.part exists already; a recording was interrupted there: rename or remove it"
+            )
+        );
+        let error = PenLog::create(&part, "").unwrap_err().to_string();
+        assert!(error.ends_with("a.csv.part exists already; choose another name"), "{error}");
+        let error = PenLog::create(&folder.path().join("b.csv"), "a b").unwrap_err().to_string();
+        assert_eq!(error, "writer \"a b\" has blanks; legal: one word");
+    }
+
+    #[test]
+    fn one_sample_is_no_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(logged(folder.path(), 1).finish().unwrap().rate_hz, None);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn heads_of_other_versions_units_and_rates_are_refused() {
+        for (head, wanted) in [
+            ("version=2 unit=m rate_hz=1", ("version", "2")),
+            ("version=1 unit=mm rate_hz=1", ("unit", "mm")),
+            ("version=1 unit=m rate_hz=NaN", ("rate_hz", "NaN")),
+            ("version=1 unit=m", ("rate_hz", "")),
+        ] {
+            let (field, value, _) = read_head(&format!("{MARK}{head}\n")).unwrap_err();
+            assert_eq!((field, value.as_str()), wanted);
+        }
+        assert_eq!(read_head("t_s,x_m,y_m,contact\n"), Ok(None));
+    }
+}
