@@ -274,8 +274,8 @@ fn missing_and_wrong_metadata_is_named() {
     );
     assert_eq!(
         with("input_clp", "4"),
-        "pen.safetensors: metadata key `input_clp` = \"4\" cannot be read, legal is no such key; `input_clip` is meant?: \
-         correct it and save again"
+        "pen.safetensors: metadata key `input_clp` is unknown but looks like `input_clip`: correct it, or name the note \
+         otherwise"
     );
     assert!(with("note", "anything").starts_with("LstmSpec"));
 }

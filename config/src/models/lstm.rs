@@ -164,7 +164,7 @@ impl Reader<'_> {
                 .find(|known| *key != known && key.len() < 20 && nearest::distance(key, known) == 1)
         };
         if let Some((key, meant)) = self.container.metadata.keys().find_map(|key| Some((key, slip(&key)?))) {
-            return Err(self.key(key, format!("no such key; `{meant}` is meant?")));
+            return Err(ModelError::Slip { file: self.file.to_owned(), key: key.clone(), meant });
         }
         let input_scale = self.number("input_scale", "a positive number")?.or(assumed.input_scale);
         let step_ns = self.number("step_ns", "a whole number of nanoseconds")?.or(assumed.step_ns);
@@ -237,14 +237,18 @@ impl Reader<'_> {
         })
     }
 
-    fn number<T: std::str::FromStr>(&self, key: &str, legal: &str) -> Result<Option<T>, ModelError> {
+    fn number<T: std::str::FromStr>(
+        &self,
+        key: &'static str,
+        legal: &'static str,
+    ) -> Result<Option<T>, ModelError> {
         let Some(text) = self.container.metadata.get(key) else { return Ok(None) };
-        text.trim().parse().map(Some).map_err(|_| self.key(key, legal.to_owned()))
-    }
-
-    fn key(&self, key: &str, legal: String) -> ModelError {
-        let value = self.container.metadata.get(key).cloned().unwrap_or_default();
-        ModelError::Key { file: self.file.to_owned(), key: key.to_owned(), value, legal }
+        text.trim().parse().map(Some).map_err(|_| ModelError::Key {
+            file: self.file.to_owned(),
+            key,
+            value: text.clone(),
+            legal,
+        })
     }
 
     fn missing_key(&self, key: &'static str) -> ModelError {

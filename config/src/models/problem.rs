@@ -109,11 +109,23 @@ pub enum ModelError {
         /// The file.
         file: String,
         /// The key.
-        key: String,
+        key: &'static str,
         /// As written.
         value: String,
         /// What is legal.
-        legal: String,
+        legal: &'static str,
+    },
+    /// Metadata whose key is almost one with a meaning.
+    #[error(
+        "{file}: metadata key `{key}` is unknown but looks like `{meant}`: correct it, or name the note otherwise"
+    )]
+    Slip {
+        /// The file.
+        file: String,
+        /// As written.
+        key: String,
+        /// The key it looks like.
+        meant: &'static str,
     },
     /// The network itself was refused: a size, a NaN, another loop.
     #[error("{file}: {why}")]
