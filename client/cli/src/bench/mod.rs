@@ -3,6 +3,7 @@
 //! Contract: for every instance each backend is timed once, in turning order, so that all see the same machine and about
 //! the same caches. The clock's own cost is reported, not subtracted. Percentiles are over instances.
 
+mod predictors;
 mod workload;
 
 use std::hint::black_box;
@@ -98,6 +99,8 @@ struct Report {
     ik_us: Row,
     predict_us: Row,
     step_us: Row,
+    /// One observation and one preview each.
+    predictors_us: Vec<predictors::PredictorCost>,
     clock_us: f64,
     samples: u32,
     optimised_build: bool,
@@ -120,6 +123,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
         ik_us: reaching(&config, &workload, args.samples)?,
         predict_us: predicting(&config, &workload, args.samples)?,
         step_us: stepping(&config, &workload, args.samples)?,
+        predictors_us: predictors::predictors(&config, &workload, args.samples)?,
         clock_us: clock_cost(),
         samples: args.samples,
         optimised_build: !cfg!(debug_assertions),
@@ -330,6 +334,10 @@ fn table(report: &Report) {
             other(&row.clarabel_tuned),
             ratio(&row.clarabel_tuned)
         );
+    }
+    say!("");
+    for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
+        say!("{:<22} {:>15}   observe, {steps} steps", name, format!("{:.2} / {:.2}", us.p50, us.p99));
     }
 }
 

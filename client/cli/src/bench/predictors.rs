@@ -1,0 +1,118 @@
+//! One row per predictor: what taking in a displacement and predicting from it costs.
+//!
+//! Contract: every predictor sees the same displacements of the recorded pen, normalised like the loop's, one after the
+//! other, and is timed in turning order. A cost is one `observe` and one `preview`. The numbers of a network do not change
+//! its time, so sizes for which no trained weights are shipped run on made-up ones.
+
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+use foretrace_config::Config;
+use foretrace_config::models::LstmModel;
+use foretrace_control::pen::{Motion, PenReading, PenTracker, SpeedScale};
+use foretrace_control::predict::lstm::{LstmSpec, LstmTensors};
+use foretrace_control::predict::{Lstm, LstmWeights, MAX_PREVIEW, Predictor};
+use serde::Serialize;
+
+use super::workload::Workload;
+use super::{Cost, cost, elapsed_us};
+use crate::failure::Failure;
+
+/// A predictor under the clock.
+struct Candidate {
+    name: &'static str,
+    /// Steps it previews.
+    steps: usize,
+    predictor: Box<dyn Predictor>,
+}
+
+/// What one predictor costs.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct PredictorCost {
+    pub(super) name: &'static str,
+    pub(super) steps: usize,
+    #[serde(flatten)]
+    pub(super) us: Cost,
+}
+
+/// Times every predictor on `samples` displacements of the recorded pen.
+///
+/// *Errors*: settings the pen's grid refuses, a pen that never moves.
+pub(super) fn predictors(
+    config: &Config,
+    workload: &Workload,
+    samples: u32,
+) -> Result<Vec<PredictorCost>, Failure> {
+    let pen = displacements(config, workload)?;
+    if pen.is_empty() {
+        return Err(Failure::bad_input("the pen never moves in the recorded loop", "choose another --pen"));
+    }
+    let mut candidates = candidates(config)?;
+    let mut times = vec![Vec::new(); candidates.len()];
+    let mut out = [[0.0; 2]; MAX_PREVIEW];
+    let count = candidates.len();
+    for (round, x) in pen.iter().cycle().take(samples as usize).enumerate() {
+        for turn in 0..count {
+            let which = (turn + round) % count;
+            let Candidate { steps, predictor, .. } = &mut candidates[which];
+            let out = &mut out[..*steps];
+            let x = black_box(*x);
+            let begin = Instant::now();
+            predictor.observe(x);
+            predictor.preview(black_box(out));
+            times[which].push(elapsed_us(begin));
+        }
+    }
+    let costs = candidates.iter().zip(times);
+    Ok(costs.map(|(c, times)| PredictorCost { name: c.name, steps: c.steps, us: cost(times) }).collect())
+}
+
+fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
+    let refused = |error: &dyn std::fmt::Display| Failure::failed(error, "");
+    let step_ns = config.follower_settings().preview.step_ns;
+    let reference = LstmModel::find("lstm10-reference").map_err(|error| refused(&error))?.weights;
+    let plain = made_up(LstmSpec::plain(32, 10.0, step_ns)).map_err(|error| refused(&error))?;
+    let spec =
+        LstmSpec { leads: 24, residual: true, input_clip: Some(4.0), ..LstmSpec::plain(64, 10.0, step_ns) };
+    let direct = made_up(spec).map_err(|error| refused(&error))?;
+    let lstm = |name, weights, steps| Candidate { name, steps, predictor: Box::new(Lstm::new(weights)) };
+    Ok(vec![
+        lstm("lstm10, rolled out", reference, 10),
+        lstm("lstm32, rolled out", plain, 10),
+        lstm("lstm64, direct", direct, 24),
+    ])
+}
+
+/// Weights within ±0.5, like those of a trained network.
+fn made_up(spec: LstmSpec) -> Result<Arc<LstmWeights>, foretrace_control::predict::LstmError> {
+    let mut tensors = LstmTensors::zero(spec.hidden, spec.leads);
+    let mut dice = 0x9e37_79b9_7f4a_7c15_u64;
+    for value in tensors.all_mut().into_iter().flatten() {
+        dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        *value = (dice >> 33) as f64 / (1_u64 << 31) as f64 - 0.5;
+    }
+    LstmWeights::new(spec, tensors).map(Arc::new)
+}
+
+/// The recorded pen's grid steps, normalised.
+fn displacements(config: &Config, workload: &Workload) -> Result<Vec<[f64; 2]>, Failure> {
+    let settings = config.follower_settings();
+    let refused = |error: &dyn std::fmt::Display| Failure::bad_input(error, "");
+    let mut tracker = PenTracker::new(settings.pen).map_err(|error| refused(&error))?;
+    let mut scale = SpeedScale::new(settings.preview.scale).map_err(|error| refused(&error))?;
+    let mut out = Vec::new();
+    for tick in &workload.ticks {
+        for reading in &tick.pen {
+            let position = settings.plane.from_pen(reading.position);
+            tracker.ingest(tick.now, &PenReading { position, ..*reading });
+        }
+        while let Some(step) = tracker.next_step() {
+            if step.motion == Motion::Continues {
+                scale.observe(&step);
+                out.push(scale.normalise(step.displacement));
+            }
+        }
+    }
+    Ok(out)
+}
