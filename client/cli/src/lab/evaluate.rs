@@ -36,8 +36,10 @@ pub(crate) struct EvaluateArgs {
 
 pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     args.json.claim_stdout();
-    let standard = || Model::all().into_iter().filter(|m| !(args.cold && m.needs_training())).collect();
-    let models = table::models(args.models.as_deref(), standard)?;
+    let models = match &args.models {
+        Some(names) => table::models(names)?,
+        None => Model::all().into_iter().filter(|m| !(args.cold && m.needs_training())).collect(),
+    };
     if let Some(model) = models.iter().find(|m| args.cold && m.needs_training()) {
         let what = format_args!(
             "--cold and model {model} exclude each other: it has trained weights or learns offline"

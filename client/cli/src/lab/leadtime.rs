@@ -143,13 +143,14 @@ fn print(board: &Board) {
     );
     let heads: String = SHOWN_MS.iter().map(|ms| format!(" {:>9}", format!("{ms} ms"))).collect();
     say!(
-        "{:<24}{heads}   {:>8} {:>8} {:>8} {:>6} {:>6}",
+        "{:<24}{heads}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
         "model",
         "along",
         "cross",
         "mean",
         "in 50%",
-        "in 90%"
+        "in 90%",
+        "radius"
     );
     for lane in &board.models {
         let at = |ms: u32| lane.leads.iter().find(|row| row.lead_ms == ms);
@@ -159,13 +160,14 @@ fn print(board: &Board) {
             .collect();
         let of = |field: fn(&LeadRow) -> Option<f64>| at(100).and_then(field);
         say!(
-            "{:<24}{cells}   {:>8} {:>8} {:>8} {:>6} {:>6}",
+            "{:<24}{cells}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
             lane.model,
             table::figure(of(|r| r.along_rms)),
             table::figure(of(|r| r.cross_rms)),
             table::figure(of(|r| r.along_mean)),
             table::fixed(of(|r| r.coverage_50), 1),
-            table::fixed(of(|r| r.coverage_90), 1)
+            table::fixed(of(|r| r.coverage_90), 1),
+            table::figure(of(|r| r.radius_90))
         );
     }
     for lane in &board.models {
@@ -203,18 +205,23 @@ fn draw(args: &LeadtimeArgs, boards: &[Board]) -> Result<(), Failure> {
             let points = |rows: &[LeadRow]| {
                 rows.iter().filter_map(|row| Some((f64::from(row.lead_ms), row.rms?))).collect()
             };
-            board.models.iter().map(|lane| (lane.model.as_str(), points(&lane.leads))).collect()
+            let mut lanes: Vec<Drawn<'_>> =
+                board.models.iter().map(|lane| (lane.model.as_str(), points(&lane.leads))).collect();
+            let ceiling = ceiling(&lanes);
+            lanes.iter_mut().for_each(|lane| cut(&mut lane.1, ceiling));
+            lanes
         })
         .collect();
     let lines: Vec<Vec<Line<'_>>> = drawn
         .iter()
         .map(|lanes| lanes.iter().map(|(label, points)| Line { label, points, mark: Mark::Solid }).collect())
         .collect();
+    let ranges: Vec<_> = drawn.iter().map(|lanes| Some((0.0, ceiling(lanes)))).collect();
     let labels: Vec<String> = boards.iter().map(|b| format!("{} [{}]", b.set, b.unit)).collect();
     let stacked: Vec<Panel<'_>> = lines
         .iter()
-        .zip(&labels)
-        .map(|(lines, label)| Panel { y_label: label, y_range: None, lines })
+        .zip(labels.iter().zip(ranges))
+        .map(|(lines, (y_label, y_range))| Panel { y_label, y_range, lines })
         .collect();
     let subtitle = boards.iter().map(title).collect::<Vec<_>>().join("; ");
     std::fs::create_dir_all(&args.out)
@@ -230,4 +237,41 @@ fn draw(args: &LeadtimeArgs, boards: &[Board]) -> Result<(), Failure> {
     .map_err(|error| Failure::failed(error, ""))?;
     say!("\npicture  {}", file.display());
     Ok(())
+}
+
+/// Where a panel ends: a model that runs away would press all others flat.
+fn ceiling(lanes: &[Drawn<'_>]) -> f64 {
+    let last = lanes.iter().filter_map(|(_, points)| Some(points.last()?.1)).filter(|y| y.is_finite());
+    let lowest = last.fold(f64::INFINITY, f64::min);
+    if lowest.is_finite() && lowest > 0.0 { 1.35 * lowest } else { 1.0 }
+}
+
+/// Leaves out what lies above `ceiling`, to the point where the line crosses it.
+fn cut(points: &mut Vec<(f64, f64)>, ceiling: f64) {
+    let Some(over) = points.iter().position(|p| !(p.1 <= ceiling)) else { return };
+    let crossing = match (over.checked_sub(1).and_then(|before| points.get(before)), points.get(over)) {
+        (Some((x0, y0)), Some((x1, y1))) if y1.is_finite() => {
+            Some((x0 + (x1 - x0) * (ceiling - y0) / (y1 - y0), ceiling))
+        }
+        _ => None,
+    };
+    points.truncate(over);
+    points.extend(crossing);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ceiling, cut};
+
+    #[test]
+    fn lines_that_run_away_end_at_the_ceiling() {
+        let lanes = [("a", vec![(10.0, 1.0), (20.0, 2.0)]), ("b", vec![(10.0, 1.7), (20.0, 3.7)])];
+        assert!((ceiling(&lanes) - 2.7).abs() < 1e-12);
+        let mut line = lanes[1].1.clone();
+        cut(&mut line, 2.7);
+        assert_eq!(line, [(10.0, 1.7), (15.0, 2.7)]);
+        let mut line = lanes[0].1.clone();
+        cut(&mut line, 2.7);
+        assert_eq!(line, lanes[0].1);
+    }
 }

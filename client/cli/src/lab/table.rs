@@ -26,15 +26,9 @@ pub(super) fn load(folder: &Path, split: &Split, cold: bool) -> Result<Set, Fail
     Ok(set)
 }
 
-/// The models of a comma-separated list; `standard` where there is none.
-pub(super) fn models(
-    names: Option<&str>,
-    standard: impl FnOnce() -> Vec<Model>,
-) -> Result<Vec<Model>, Failure> {
-    match names {
-        None => Ok(standard()),
-        Some(names) => Model::list(names).map_err(|error| Failure::bad_input(error, "")),
-    }
+/// The models of a comma-separated list.
+pub(super) fn models(names: &str) -> Result<Vec<Model>, Failure> {
+    Model::list(names).map_err(|error| Failure::bad_input(error, ""))
 }
 
 /// Scores the models with a progress bar where somebody watches.

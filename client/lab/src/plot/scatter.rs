@@ -50,9 +50,12 @@ pub fn scatter(
             .build_cartesian_2d(x_range, y_range)?;
         axes(&mut chart, labels.0, labels.1)?;
         chart.draw_series(std::iter::once(PathElement::new(ends, MUTED.stroke_width(2))))?;
-        chart.draw_series(shown.iter().map(|p| Circle::new(p.point, 2, PEN.mix(0.6).filled())))?;
-        let style = text_at(&INK, HPos::Center, VPos::Bottom);
-        chart.draw_series(shown.iter().map(|p| Text::new(p.name.to_owned(), p.point, style.clone())))?;
+        let style = text_at(&INK, HPos::Left, VPos::Center);
+        chart.draw_series(shown.iter().map(|p| {
+            EmptyElement::at(p.point)
+                + Circle::new((0, 0), 3, PEN.mix(0.6).filled())
+                + Text::new(p.name.to_owned(), (6, 0), style.clone())
+        }))?;
         Ok(())
     })
 }

@@ -1,7 +1,7 @@
 //! Prediction tables: recorded characters as displacement sequences, the contestants, and their scores.
 //!
 //! Contract: everything is in the set's raw units per sample, exactly as the reference tables were made. Models reset
-//! their state before each sequence and carry parameters over. Absent: training of networks and the closed loop.
+//! their state before each sequence and carry parameters over. Networks are trained in [`crate::train`]. Absent: the closed loop.
 
 mod sequence;
 mod set;
@@ -11,6 +11,7 @@ mod network;
 mod registry;
 mod score;
 mod run;
+mod retrain;
 mod by_label;
 pub mod lead_time;
 
@@ -18,9 +19,12 @@ pub use by_label::{
     Correlation, LabelRow, MIN_SEQUENCES, by_label, correlations, curviness_of, gains, glyph_height,
 };
 pub use model::{Contestant, OnScoredSet, Online, Plain, constant_velocity, zero};
-pub use registry::{Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, Setting, names};
+pub use registry::{
+    Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, ORDER, Setting, names,
+};
+pub use retrain::{RetrainError, Retrained, TRAINABLE, retrain, retrain_epochs};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};
-pub use scaled::Scaled;
+pub use scaled::{RunningScale, Scaled};
 pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
 pub use sequence::{PADDING_STEPS, Sequence, sequences};
 pub use set::Set;

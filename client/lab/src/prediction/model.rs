@@ -17,12 +17,6 @@ pub trait Contestant: Send {
     /// Predicts the next `out.len()` displacements [raw units per sample].
     fn preview(&self, out: &mut [[f64; 2]]);
 
-    /// Fills `out[i]` with the radius [raw units] about the predicted position i+1 steps ahead that should hold the true
-    /// one with probability `share`; `false` (and `out` as it was) for models without error bands.
-    fn bands(&self, _share: f64, _out: &mut [f64]) -> bool {
-        false
-    }
-
     /// Training is over; a model that does not learn on the scored set stops learning.
     fn end_training(&mut self) {}
 }

@@ -9,16 +9,19 @@ use std::path::Path;
 use std::sync::Arc;
 
 use foretrace_config::models::{self, LstmModel, shipped};
+use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::esn::{ReadoutRule, Reservoir, ReservoirSettings};
+use foretrace_control::predict::ours::{OursLearner, OursParameters, OursSettings};
 use foretrace_control::predict::{
     ArRlsLearner, ArRlsSettings, ArRlsWeights, DybmEsnLearner, DybmEsnSettings, DybmLearner, DybmSettings,
-    DybmWeights, Optimiser, WeightsError,
+    DybmWeights, LstmWeights, Optimiser, WeightsError,
 };
 
 use super::Set;
 use super::model::{Contestant, OnScoredSet, Online, constant_velocity, zero};
 use super::network::network;
+use super::retrain::Retrained;
 use super::scaled::Scaled;
 
 /// The baseline of PS-B.
@@ -105,11 +108,13 @@ enum Kind {
     Dybm(OnScoredSet),
     DybmEsn,
     ArRls,
+    OursCold,
     Shipped,
     File(Arc<LstmModel>),
+    Retrained(Arc<LstmModel>, f64),
 }
 
-const TABLE: [(&str, Kind); 9] = [
+const TABLE: [(&str, Kind); 10] = [
     ("zero", Kind::Zero),
     (CONSTANT_VELOCITY, Kind::ConstantVelocity),
     (LSTM_REFERENCE, Kind::Shipped),
@@ -119,6 +124,7 @@ const TABLE: [(&str, Kind); 9] = [
     ("dybm-esn-online", Kind::DybmEsn),
     ("ar-rls", Kind::ArRls),
     ("lstm32", Kind::Shipped),
+    ("ours-cold", Kind::OursCold),
 ];
 
 /// A model by name.
@@ -131,7 +137,18 @@ pub struct Model {
 /// A model ready to be scored, and what the reader must know about it.
 pub type Built = (Box<dyn Contestant>, Option<String>);
 
-/// Every name, in the order of the table.
+/// The names that a table may have, in its order; not every build has every network.
+pub const ORDER: [&str; TABLE.len()] = {
+    let mut names = [""; TABLE.len()];
+    let mut index = 0;
+    while index < TABLE.len() {
+        names[index] = TABLE[index].0;
+        index += 1;
+    }
+    names
+};
+
+/// The names that this build has, in the order of the table.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     // Networks that are not part of this build are no models of it.
@@ -181,6 +198,22 @@ impl Model {
         Ok(models)
     }
 
+    /// A network that was trained just now, under `name`.
+    #[must_use]
+    pub fn retrained(name: &str, trained: &Retrained) -> Self {
+        let kind = Kind::Retrained(Arc::new(trained.model.clone()), trained.train_s_per_epoch);
+        Self { name: name.to_owned(), kind }
+    }
+
+    /// What an epoch of its training took, where it was trained just now [s].
+    #[must_use]
+    pub fn train_s_per_epoch(&self) -> Option<f64> {
+        match self.kind {
+            Kind::Retrained(_, seconds) => Some(seconds),
+            _ => None,
+        }
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -193,14 +226,22 @@ impl Model {
         match self.kind {
             Kind::Dybm(_) | Kind::DybmEsn => PASSES,
             Kind::ArRls => 1,
-            Kind::Zero | Kind::ConstantVelocity | Kind::Shipped | Kind::File(_) => 0,
+            Kind::Zero
+            | Kind::ConstantVelocity
+            | Kind::OursCold
+            | Kind::Shipped
+            | Kind::File(_)
+            | Kind::Retrained(..) => 0,
         }
     }
 
     /// It is of no use without training: weights from a file, or parameters that stay as training left them.
     #[must_use]
     pub fn needs_training(&self) -> bool {
-        matches!(self.kind, Kind::Dybm(OnScoredSet::Frozen) | Kind::Shipped | Kind::File(_))
+        matches!(
+            self.kind,
+            Kind::Dybm(OnScoredSet::Frozen) | Kind::Shipped | Kind::File(_) | Kind::Retrained(..)
+        )
     }
 
     /// Builds it for a set.
@@ -229,13 +270,17 @@ impl Model {
                 let model = Online::new(ar_rls().map_err(refused)?, OnScoredSet::Learns);
                 fitted(model, setting.is_about(REFERENCE_RMS), REFERENCE_MOVING_RMS, &mut notes)
             }
+            Kind::OursCold => {
+                let model = Online::new(ours(None).map_err(refused)?, OnScoredSet::Learns);
+                Box::new(Scaled::new(model, TARGET_RMS))
+            }
             Kind::Shipped => {
                 let mut model = LstmModel::find(&self.name)?;
                 // The reference was trained elsewhere, before the key was thought of.
                 model.notes.entry("units".to_owned()).or_insert_with(|| "raw".to_owned());
                 network(&model, setting, &mut notes)
             }
-            Kind::File(model) => network(model, setting, &mut notes),
+            Kind::File(model) | Kind::Retrained(model, _) => network(model, setting, &mut notes),
         };
         Ok((contestant, (!notes.is_empty()).then(|| notes.join("; "))))
     }
@@ -282,6 +327,12 @@ fn dybm_esn() -> Result<DybmEsnLearner, WeightsError> {
     let settings = DybmEsnSettings { dybm, readout: Optimiser::ada_grad(0.1), rule: ReadoutRule::OwnError };
     let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
     DybmEsnLearner::untrained(settings, DybmWeights::zero(ANY_STEP_NS, dybm.shape), reservoir)
+}
+
+/// Experts and mixture that know nothing yet, with the LSTM that they build on where there is one.
+fn ours(lstm: Option<Arc<LstmWeights>>) -> Result<OursLearner, WeightsError> {
+    let parameters = OursParameters::untrained(ANY_STEP_NS, lstm.is_some());
+    OursLearner::new(OursSettings::default(), lstm, parameters)
 }
 
 /// Gate 40 and Huber bound 6 raw units of unipen-ced.

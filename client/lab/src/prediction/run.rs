@@ -154,7 +154,8 @@ pub struct Scored {
 pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, ModelError> {
     let (mut contestant, note) = model.build(&Setting::of(set))?;
     let passes = if set.cold { 0 } else { model.passes() };
-    let train_s_per_epoch = train(&mut *contestant, &set.train, passes, done);
+    let train_s_per_epoch =
+        train(&mut *contestant, &set.train, passes, done).or_else(|| model.train_s_per_epoch());
     let mut times_us = Vec::with_capacity(set.scored.len());
     let mut tallies = Vec::with_capacity(set.scored.len());
     let mut previews = Vec::new();

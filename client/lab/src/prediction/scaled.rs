@@ -1,4 +1,4 @@
-//! `Scaled`: a contestant that wants normalised displacements, fed from raw units through the running scale of the loop.
+//! [`Scaled`]: a contestant that wants normalised displacements, fed from raw units through the running scale of the loop.
 //!
 //! The scale is the daemon's own [`SpeedScale`] with raw units in place of metres. It starts from the first moving step
 //! of the set, since nothing else is known of an unknown device, and carries over from sequence to sequence.
@@ -12,23 +12,46 @@ const MAX_CHANGE: f64 = 0.25;
 /// How far the scale may move from its first value, either way.
 const RANGE: f64 = 1e6;
 
+/// The running scale of a device of which nothing is known.
+#[derive(Debug, Clone, Default)]
+pub struct RunningScale(Option<SpeedScale>);
+
+impl RunningScale {
+    /// Follows one displacement [raw units].
+    pub fn observe(&mut self, v: [f64; 2]) {
+        let length = v[0].hypot(v[1]);
+        if self.0.is_none() && length > 0.0 && length.is_finite() {
+            self.0 = SpeedScale::new(settings(length)).ok();
+        }
+        if let Some(scale) = &mut self.0 {
+            scale.observe(&GridStep { displacement: v, motion: Motion::Continues, ..GridStep::default() });
+        }
+    }
+
+    /// Raw units per normalised unit; 1 before the pen moves.
+    #[must_use]
+    pub fn raw_per_unit(&self) -> f64 {
+        self.0.as_ref().map_or(1.0, SpeedScale::metres_per_unit)
+    }
+}
+
 /// Raw units outside, displacements of a known RMS inside.
 #[derive(Debug, Clone)]
 pub struct Scaled<C> {
     inner: C,
     /// RMS per component of moving steps that `inner` is made for.
     rms: f64,
-    scale: Option<SpeedScale>,
+    scale: RunningScale,
 }
 
 impl<C> Scaled<C> {
     /// Wraps `inner`, made for moving steps of this RMS per component; the scale is unknown until the pen moves.
     pub fn new(inner: C, rms: f64) -> Self {
-        Self { inner, rms, scale: None }
+        Self { inner, rms, scale: RunningScale::default() }
     }
 
-    fn raw_units_per_unit(&self) -> f64 {
-        self.scale.as_ref().map_or(1.0, |scale| scale.metres_per_unit() * TARGET_RMS / self.rms)
+    fn raw_per_input(&self) -> f64 {
+        self.scale.raw_per_unit() * TARGET_RMS / self.rms
     }
 }
 
@@ -38,31 +61,15 @@ impl<C: Contestant> Contestant for Scaled<C> {
     }
 
     fn observe(&mut self, v: [f64; 2]) {
-        let [x, y] = v;
-        let length = x.hypot(y);
-        if self.scale.is_none() && length > 0.0 && length.is_finite() {
-            self.scale = SpeedScale::new(settings(length)).ok();
-        }
-        if let Some(scale) = &mut self.scale {
-            scale.observe(&GridStep { displacement: v, motion: Motion::Continues, ..GridStep::default() });
-        }
-        let unit = self.raw_units_per_unit();
-        self.inner.observe([x / unit, y / unit]);
+        self.scale.observe(v);
+        let unit = self.raw_per_input();
+        self.inner.observe(v.map(|component| component / unit));
     }
 
     fn preview(&self, out: &mut [[f64; 2]]) {
         self.inner.preview(out);
-        let unit = self.raw_units_per_unit();
+        let unit = self.raw_per_input();
         out.iter_mut().flatten().for_each(|component| *component *= unit);
-    }
-
-    fn bands(&self, share: f64, out: &mut [f64]) -> bool {
-        let has = self.inner.bands(share, out);
-        if has {
-            let unit = self.raw_units_per_unit();
-            out.iter_mut().for_each(|radius| *radius *= unit);
-        }
-        has
     }
 
     fn end_training(&mut self) {
@@ -102,10 +109,6 @@ mod tests {
         fn preview(&self, out: &mut [[f64; 2]]) {
             out.fill([1.0; 2]);
         }
-        fn bands(&self, share: f64, out: &mut [f64]) -> bool {
-            out.fill(share);
-            true
-        }
     }
 
     fn circle(radius: f64) -> impl Iterator<Item = [f64; 2]> {
@@ -120,11 +123,9 @@ mod tests {
             let late: Vec<f64> = scaled.inner.0[300..].iter().map(|[x, y]| x.hypot(*y)).collect();
             // RMS 10 per component is a length of 14.1 in two dimensions.
             assert!(late.iter().all(|l| (l - 14.14).abs() < 0.2), "{radius}: {late:?}");
-            let (mut preview, mut radii) = ([[0.0; 2]; 1], [0.0; 1]);
+            let mut preview = [[0.0; 2]; 1];
             scaled.preview(&mut preview);
-            assert!(scaled.bands(0.5, &mut radii));
             assert!((preview[0][0] / radius - 1.0 / 14.14).abs() < 0.01, "{preview:?}");
-            assert!((radii[0] - 0.5 * preview[0][0]).abs() < 1e-12 * radius);
         }
     }
 

@@ -37,22 +37,35 @@ struct Shot {
     paths: [[[f64; 2]; BAND_LEADS]; KINDS],
 }
 
-/// ln c and its updates, of one predictor at one lead.
+/// c of one predictor at one lead, learned from scores s: errors over the recent step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Factor {
+pub struct Factor {
     ln: f64,
     updates: u32,
     misses: u32,
 }
 
 impl Factor {
-    fn judge(&mut self, score: f64) {
+    /// As far off as the pen goes in `steps`: a band that is too wide is safer than one too narrow.
+    #[must_use]
+    pub fn untried(steps: f64) -> Self {
+        Self { ln: steps.ln().clamp(-LN_BOUND, LN_BOUND), updates: 0, misses: 0 }
+    }
+
+    /// Learns from one case so that a share `coverage` of them falls within c.
+    pub fn judge(&mut self, score: f64, coverage: f64) {
         let missed = !(score <= self.ln.exp());
         let rate = (FIRST_RATE / f64::from(self.updates.saturating_add(1)).sqrt()).max(RATE);
-        let pull = if missed { COVERAGE } else { COVERAGE - 1.0 };
+        let pull = if missed { coverage } else { coverage - 1.0 };
         self.ln = (self.ln + rate * pull).clamp(-LN_BOUND, LN_BOUND);
         self.updates = self.updates.saturating_add(1);
         self.misses = self.misses.saturating_add(u32::from(missed));
+    }
+
+    /// c, once enough cases were seen.
+    #[must_use]
+    pub fn get(&self) -> Option<f64> {
+        (self.updates >= WARM).then(|| self.ln.exp())
     }
 }
 
@@ -75,8 +88,7 @@ impl Calibration {
         let mut factors = [[Factor { ln: 0.0, updates: 0, misses: 0 }; BAND_LEADS]; KINDS];
         for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&mut factors) {
             for ((lead, factor), known) in (1..).zip(of_kind).zip(weights.bands.of(kind)) {
-                // As far off as the pen goes: a band that is too wide is safer than one too narrow.
-                *factor = Factor { ln: f64::from(lead).ln(), updates: 0, misses: 0 };
+                *factor = Factor::untried(f64::from(lead));
                 if *known > 0.0 {
                     *factor = Factor { ln: f64::from(*known).ln(), updates: WARM, misses: 0 };
                 }
@@ -122,7 +134,7 @@ impl Calibration {
         for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&self.factors) {
             let Some(out) = table.factors.get_mut(kind.index()) else { continue };
             for (out, factor) in out.iter_mut().zip(of_kind) {
-                *out = if factor.updates >= WARM { factor.ln.exp() as f32 } else { 0.0 };
+                *out = factor.get().unwrap_or(0.0) as f32;
             }
         }
         table
@@ -148,7 +160,7 @@ impl Calibration {
             }
             for (factors, path) in self.factors.iter_mut().zip(&shot.paths) {
                 let (Some(factor), Some([px, py])) = (factors.get_mut(age), path.get(age)) else { continue };
-                factor.judge((px - *x).hypot(py - *y) / shot.unit_m);
+                factor.judge((px - *x).hypot(py - *y) / shot.unit_m, COVERAGE);
             }
         }
     }

@@ -9,7 +9,7 @@ mod shadow;
 mod course;
 mod calibration;
 
-pub use calibration::Calibration;
+pub use calibration::{Calibration, Factor};
 pub use course::{CourseCounters, CourseErrors, Rule};
 pub use shadow::{Leads, LeadsError, MAX_LEAD, Versus};
 

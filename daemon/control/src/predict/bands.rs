@@ -93,14 +93,14 @@ pub const REST_LEVEL: f64 = 1.0;
 
 /// Mean squared step per component, times 2, after `x` [normalised²].
 #[must_use]
-pub(crate) fn level_square(before: f64, x: [f64; 2]) -> f64 {
+pub fn level_square(before: f64, x: [f64; 2]) -> f64 {
     let [dx, dy] = x;
     before + (dx * dx + dy * dy - before) / LEVEL_STEPS
 }
 
 /// The recent step [normalised], never below [`REST_LEVEL`].
 #[must_use]
-pub(crate) fn level(square: f64) -> f64 {
+pub fn level(square: f64) -> f64 {
     if square > REST_LEVEL * REST_LEVEL { square.sqrt() } else { REST_LEVEL }
 }
 

@@ -6,10 +6,11 @@ use super::super::model::Contestant;
 use super::super::registry::{Model, ModelError, Setting};
 use super::super::run::train;
 use super::super::{Set, glyph_height};
+use super::LEADS_MS;
+use super::bands::Bands;
 use super::file::{Answer, PredictionError, Predictions};
 use super::tally::{LeadRow, LeadTally};
 use super::targets::{Targets, between};
-use super::{LEADS_MS, SHARES};
 use crate::parallel;
 
 /// The model that standings are measured against.
@@ -176,21 +177,20 @@ fn walk(
     let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
     let mut instants = targets.instants.iter().peekable();
     let (mut steps, mut path): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
-    let mut bands: [Vec<f64>; SHARES.len()] = Default::default();
+    let mut bands = Bands::untried(|lead| targets.steps_ahead(0, lead));
     for (index, sequence) in set.scored.iter().enumerate() {
         contestant.start_sequence();
         let farthest = targets.steps_ahead(index, LEADS_MS.len() - 1).ceil().max(1.0) as usize;
         steps.resize(farthest, [0.0; 2]);
-        bands.iter_mut().for_each(|b| b.resize(farthest, 0.0));
         for (t, v) in sequence.v.iter().enumerate() {
             contestant.observe(*v);
             // After step t the newest point is t + 1.
+            bands.observe(t + 1, *v);
             let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
                 continue;
             };
             contestant.preview(&mut steps);
             sum_up(&steps, &mut path);
-            let banded = SHARES.iter().zip(&mut bands).all(|(share, out)| contestant.bands(*share, out));
             for lead in instant.scored() {
                 let ahead = targets.steps_ahead(index, lead);
                 let (Some(truth), Some(predicted), Some(tally)) =
@@ -198,10 +198,13 @@ fn walk(
                 else {
                     continue;
                 };
-                let radii = banded.then(|| bands.each_ref().map(|b| radius(b, ahead)));
-                tally.push(predicted, &truth, radii, unit);
+                tally.push(predicted, &truth, bands.at(lead), unit);
+                let [x, y] = truth.position;
+                let due = instant.point + ahead.ceil() as usize;
+                bands.push(lead, due, (predicted[0] - x).hypot(predicted[1] - y), x.hypot(y));
             }
         }
+        bands.end_sequence();
     }
     tallies
 }
@@ -234,15 +237,6 @@ fn sum_up(steps: &[[f64; 2]], path: &mut Vec<[f64; 2]>) {
         at = [at[0] + x, at[1] + y];
         path.push(at);
     }
-}
-
-/// The radius at a fractional number of steps, from 0 at none.
-fn radius(bands: &[f64], ahead: f64) -> f64 {
-    let whole = ahead.floor();
-    let at =
-        |step: f64| if step < 1.0 { 0.0 } else { bands.get(step as usize - 1).copied().unwrap_or(f64::NAN) };
-    let share = ahead - whole;
-    if share == 0.0 { at(whole) } else { (1.0 - share) * at(whole) + share * at(whole + 1.0) }
 }
 
 fn standings(entrants: &[Entrant], boards: &[Board]) -> Vec<Standing> {

@@ -15,6 +15,7 @@ pub struct LeadTally {
     cross_square: Mean,
     lengths: Vec<f32>,
     inside: [Mean; 2],
+    radius: Mean,
 }
 
 /// A summary of them; lengths in `unit` of the board, `null` where unknown.
@@ -36,10 +37,12 @@ pub struct LeadRow {
     pub along_mean: Option<f64>,
     /// RMS of the error across the true motion.
     pub cross_rms: Option<f64>,
-    /// Share of targets inside the 50 % band [%]; `null` for models without bands.
+    /// Share of targets inside the 50 % band [%]; `null` without bands.
     pub coverage_50: Option<f64>,
     /// Share of targets inside the 90 % band [%].
     pub coverage_90: Option<f64>,
+    /// Mean radius of the 90 % band, in units along x.
+    pub radius_90: Option<f64>,
 }
 
 impl LeadTally {
@@ -68,6 +71,7 @@ impl LeadTally {
             for (inside, radius) in self.inside.iter_mut().zip(radii) {
                 inside.push(f64::from(u8::from(raw[0].hypot(raw[1]) <= radius)));
             }
+            self.radius.push(radii[1] * unit[0]);
         }
     }
 
@@ -88,6 +92,7 @@ impl LeadTally {
             cross_rms: root(&self.cross_square),
             coverage_50: percent(&self.inside[0]),
             coverage_90: percent(&self.inside[1]),
+            radius_90: self.radius.get(),
         }
     }
 }
