@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 
 pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
-const FILE_BYTES_MAX: u64 = 256 << 20;
 const TIME_MAX_S: f64 = 1e7;
 const POSITION_MAX_M: f64 = 100.0;
 
@@ -78,24 +77,23 @@ pub enum CsvError {
 /// # Errors
 /// [`CsvError`] naming line, field, value and legal range.
 pub fn load_csv(path: &Path) -> Result<PenPath, CsvError> {
-    let text = read(path)?;
-    parse_csv(&text, path)
-}
-
-fn read(path: &Path) -> Result<String, CsvError> {
-    let bytes = read_limited(path, FILE_BYTES_MAX)
+    let bytes = read_limited(path)
         .map_err(|refusal| CsvError::Refused { file: path.to_path_buf(), why: refusal.reason })?;
-    String::from_utf8(bytes)
-        .map_err(|e| CsvError::Refused { file: path.to_path_buf(), why: format!("not UTF-8 text: {e}") })
+    parse_csv(text(&bytes, path)?, path)
 }
 
-/// Reads a CSV path as a recording: one character without a label, a component per change of contact and per gap.
+fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, CsvError> {
+    let refused = |e| CsvError::Refused { file: path.to_path_buf(), why: format!("not UTF-8 text: {e}") };
+    std::str::from_utf8(bytes).map_err(refused)
+}
+
+/// Reads the bytes of a CSV path as a recording: one character without a label, a component per change of contact and per gap.
 ///
 /// *Errors*: as [`load_csv`].
-pub(super) fn load_csv_recording(path: &Path) -> Result<Recording, CsvError> {
-    let text = read(path)?;
-    let pen = parse_csv(&text, path)?;
-    let head = head(&text, path)?.unwrap_or_default();
+pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording, CsvError> {
+    let text = text(bytes, path)?;
+    let pen = parse_csv(text, path)?;
+    let head = head(text, path)?.unwrap_or_default();
     let rate_hz = head.rate_hz.unwrap_or(pen.rate_hz);
     let gap_s = GAP_PERIODS / rate_hz;
     let mut components: Vec<Component> = Vec::new();

@@ -1,14 +1,17 @@
 //! The formats of recordings: told apart by contents, loaded into one form.
 
-use super::inkml::{begins_inkml, load_inkml};
-use super::mat::{begins_mat, load_mat};
-use super::{CsvError, Recording, UnipenError, load_unipen};
+use super::csv::{begins_csv, parse_csv_recording};
+use super::inkml::{begins_inkml, parse_inkml};
+use super::mat::{begins_mat, parse_mat};
+use super::unipen::parse_unipen;
+use super::{CsvError, Recording, UnipenError};
 use std::fmt;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// How much of a file decides what it is.
-const SNIFFED_BYTES: u64 = 64 << 10;
+const SNIFFED_BYTES: usize = 64 << 10;
+const FILE_BYTES_MAX: u64 = 128 << 20;
 
 /// A format of recordings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -83,13 +86,21 @@ impl fmt::Display for LineSuffix {
 /// # Errors
 /// [`FileError`] with file, line and reason; a file of no known format is refused with the formats there are.
 pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
-    match Format::of_file(path)?.or_else(|| Format::of_name(path)) {
-        Some(format) => format.load(path),
-        None => Err(Refusal::whole(
-            path,
-            format!("not a recording in a known format; legal: {}", Format::ALL_NAMES),
-        )
-        .into()),
+    parse_recording(&read_limited(path)?, path)
+}
+
+/// Reads a recording from the bytes of a file; `path` stands in messages, and UNIPEN looks for includes around it.
+///
+/// # Errors
+/// As [`load_recording`].
+pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
+    let head = bytes.get(..SNIFFED_BYTES).unwrap_or(bytes);
+    match Format::of_contents(head).or_else(|| Format::of_name(path)) {
+        Some(format) => format.parse(bytes, path),
+        None => {
+            let why = format!("not a recording in a known format; legal: {}", Format::ALL_NAMES);
+            Err(Refusal::whole(path, why).into())
+        }
     }
 }
 
@@ -113,11 +124,15 @@ impl Format {
 
     /// Loads `path` as this format.
     pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
+        self.parse(&read_limited(path)?, path)
+    }
+
+    fn parse(self, bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
         match self {
-            Self::Unipen => Ok(load_unipen(path)?),
-            Self::Mat => Ok(load_mat(path)?),
-            Self::InkMl => Ok(load_inkml(path)?),
-            Self::Csv => Ok(super::csv::load_csv_recording(path)?),
+            Self::Unipen => Ok(parse_unipen(bytes, path)?),
+            Self::Mat => Ok(parse_mat(bytes, path)?),
+            Self::InkMl => Ok(parse_inkml(bytes, path)?),
+            Self::Csv => Ok(parse_csv_recording(bytes, path)?),
         }
     }
 
@@ -125,7 +140,7 @@ impl Format {
     pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
         let file = open(path)?;
         let mut head = Vec::new();
-        file.take(SNIFFED_BYTES).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
+        file.take(SNIFFED_BYTES as u64).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
         Ok(Self::of_contents(&head))
     }
 
@@ -137,7 +152,7 @@ impl Format {
             return Some(Self::InkMl);
         }
         let text = String::from_utf8_lossy(head);
-        if super::csv::begins_csv(&text) {
+        if begins_csv(&text) {
             return Some(Self::Csv);
         }
         const INK: [&str; 4] = [".SEGMENT", ".PEN_DOWN", ".INCLUDE", ".HIERARCHY"];
@@ -172,14 +187,14 @@ fn open(path: &Path) -> Result<std::fs::File, Refusal> {
     std::fs::File::open(path).map_err(|e| unreadable(path, e))
 }
 
-/// The whole of a regular file of at most `limit` bytes.
-pub(super) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, Refusal> {
+/// The whole of a regular file that is not too large.
+pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, Refusal> {
     let mut bytes = Vec::new();
-    open(path)?.take(limit + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
-    if bytes.len() as u64 > limit {
+    open(path)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
         return Err(Refusal::whole(
             path,
-            format!("the file has more than {limit} bytes, which is the most that is read"),
+            format!("the file has more than {FILE_BYTES_MAX} bytes, which is the most that is read"),
         ));
     }
     Ok(bytes)

@@ -14,7 +14,7 @@ mod split;
 mod set;
 
 pub use csv::{CsvError, load_csv, write_csv};
-pub use format::{FileError, Format, Refusal, load_recording};
+pub use format::{FileError, Format, Refusal, load_recording, parse_recording};
 pub use pen_log::{PenLog, PenLogSummary};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;

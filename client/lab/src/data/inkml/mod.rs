@@ -14,7 +14,7 @@ mod context;
 mod trace;
 mod document;
 
-use super::format::{Refusal, read_limited};
+use super::format::Refusal;
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use context::{Context, Layout};
 use document::{Document, Fault, Item, Named, Trace};
@@ -23,7 +23,6 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::rc::Rc;
 
-const FILE_BYTES_MAX: u64 = 64 << 20;
 const POINTS_MAX: usize = 20_000_000;
 const COMPONENT_COST: usize = 4;
 const RATE_HZ: f64 = 100.0;
@@ -40,14 +39,13 @@ pub(super) fn begins_inkml(head: &[u8]) -> bool {
     text.starts_with('<') && text.match_indices('<').any(is_root)
 }
 
-/// Reads an InkML file.
+/// Reads the bytes of an InkML file.
 ///
 /// # Errors
 /// [`Refusal`] with line: malformed XML, a reference to nothing, a format without X and Y, a value that is not a
 /// number or too large, points of the wrong length, several rates or units in one file, no ink.
-pub(super) fn load_inkml(path: &Path) -> Result<Recording, Refusal> {
-    let bytes = read_limited(path, FILE_BYTES_MAX)?;
-    let text = decoded(&bytes);
+pub(super) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, Refusal> {
+    let text = decoded(bytes);
     let text = text.trim_start_matches('\u{feff}');
     let refused = |(at, reason): Fault| {
         let line = 1 + text.as_bytes().iter().take(at).filter(|b| **b == b'\n').count();

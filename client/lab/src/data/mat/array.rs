@@ -9,11 +9,11 @@ use std::io::Read as _;
 
 pub(super) const HEADER_BYTES: usize = 128;
 /// Numbers kept of a file, all variables together.
-pub(super) const NUMBERS_MAX: usize = 32 << 20;
+pub(super) const NUMBERS_MAX: usize = 16 << 20;
 const ARRAYS_MAX: usize = 1 << 20;
 const DEPTH_MAX: usize = 8;
 /// Bytes that all compressed variables together may grow to.
-const INFLATED_MAX: u64 = 256 << 20;
+const INFLATED_MAX: u64 = 128 << 20;
 
 /// A variable, cell or field.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,12 +10,11 @@
 mod bytes;
 mod array;
 
-use super::format::{Refusal, read_limited};
+use super::format::Refusal;
 use super::{Character, Component, Quantity, Recording};
 use array::{Array, Content, read_file};
 use std::path::Path;
 
-const FILE_BYTES_MAX: u64 = 256 << 20;
 const RATE_HZ: f64 = 200.0;
 const VELOCITY_MAX: f64 = 1e6;
 
@@ -24,14 +23,13 @@ pub(super) fn begins_mat(head: &[u8]) -> bool {
     head.starts_with(b"MATLAB ") && head.len() >= array::HEADER_BYTES
 }
 
-/// Reads a file of the set.
+/// Reads the bytes of a file of the set.
 ///
 /// # Errors
 /// [`Refusal`] that names the variable and cell: not MATLAB v5, damaged, too large when inflated, no or several cell
 /// arrays of 3 x T matrices, numbers that are not finite, labels that do not fit.
-pub(super) fn load_mat(path: &Path) -> Result<Recording, Refusal> {
-    let data = read_limited(path, FILE_BYTES_MAX)?;
-    let segments = read_file(&data).and_then(|variables| characters(&variables));
+pub(super) fn parse_mat(data: &[u8], path: &Path) -> Result<Recording, Refusal> {
+    let segments = read_file(data).and_then(|variables| characters(&variables));
     Ok(Recording {
         source: path.to_path_buf(),
         rate_hz: RATE_HZ,

@@ -42,8 +42,17 @@ const PENDIGITS_RATE_HZ: f64 = 100.0;
 /// [`UnipenError`] with file, line and reason: unreadable file, missing, escaping or cyclic include, unreadable or
 /// illegal number, missing `.COORD` or rate, malformed segment, segment out of range, no characters, no points.
 pub fn load_unipen(path: &Path) -> Result<Recording, UnipenError> {
+    parse(&text::read_latin1(path)?, path)
+}
+
+/// Reads the bytes of a UNIPEN file at `path`, where its includes are looked for.
+pub(super) fn parse_unipen(bytes: &[u8], path: &Path) -> Result<Recording, UnipenError> {
+    parse(&text::latin1(bytes), path)
+}
+
+fn parse(text: &str, path: &Path) -> Result<Recording, UnipenError> {
     let mut ink = Ink::default();
-    ink.read_file(path, path, &mut Vec::new())?;
+    ink.read_text(text, path, path, &mut Vec::new())?;
     ink.finish(path)
 }
 
@@ -74,15 +83,21 @@ struct Columns {
 }
 
 impl Ink {
-    fn read_file(&mut self, root: &Path, path: &Path, stack: &mut Vec<PathBuf>) -> Result<(), UnipenError> {
-        let text = text::read_latin1(path)?;
+    /// Takes the text of `path`, a file that `root` includes, or `root` itself.
+    fn read_text(
+        &mut self,
+        text: &str,
+        root: &Path,
+        path: &Path,
+        stack: &mut Vec<PathBuf>,
+    ) -> Result<(), UnipenError> {
         self.bytes += text.len() as u64;
         if self.bytes > BYTES_MAX {
             let reason = Reason::TooLarge { bytes: self.bytes, limit: BYTES_MAX };
             return Err(At::new(path, 0).fails(reason));
         }
         stack.push(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
-        let statements = read_statements(&text);
+        let statements = read_statements(text);
         if stack.len() == 1 && statements.iter().any(|s| s.keyword == ".SEGMENT" && s.first() == "DIGIT") {
             let extension = path.extension().map(|e| e.to_string_lossy().into_owned());
             self.pendigits = Some(extension.unwrap_or_default());
@@ -122,7 +137,7 @@ impl Ink {
         if stack.contains(&file.canonicalize().unwrap_or_else(|_| file.clone())) {
             return Err(at.fails(Reason::CyclicInclude { wanted: wanted.to_owned() }));
         }
-        self.read_file(root, &file, stack)
+        self.read_text(&text::read_latin1(&file)?, root, &file, stack)
     }
 
     fn take(&mut self, statement: &Statement<'_>, at: At) -> Result<(), UnipenError> {

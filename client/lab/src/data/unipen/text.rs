@@ -57,8 +57,11 @@ pub(super) fn read_latin1(path: &Path) -> Result<String, UnipenError> {
     if meta.len() > FILE_BYTES_MAX {
         return Err(at.fails(Reason::TooLarge { bytes: meta.len(), limit: FILE_BYTES_MAX }));
     }
-    let bytes = std::fs::read(path).map_err(unreadable)?;
-    Ok(bytes.into_iter().map(char::from).collect())
+    Ok(latin1(&std::fs::read(path).map_err(unreadable)?))
+}
+
+pub(super) fn latin1(bytes: &[u8]) -> String {
+    bytes.iter().copied().map(char::from).collect()
 }
 
 /// Looks for `wanted` below `include/` beside each folder above `root` (nearest first), then beside `root`.
