@@ -40,7 +40,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = duration)]
     seconds: f64,
 
-    /// Handwriting to follow, over and over: UNIPEN file, data-set folder, CSV, or glyphs:TEXT
+    /// Handwriting to follow, over and over: recording, data-set folder, CSV, or glyphs:TEXT
     #[arg(long, value_name = "SOURCE", default_value = "glyphs:foretrace")]
     pen: String,
 

@@ -1,4 +1,4 @@
-//! Where a pen path comes from: UNIPEN files, a data-set folder, a plain CSV, or the built-in writer.
+//! Where a pen path comes from: recordings, a data-set folder, a plain CSV, or the built-in writer.
 //!
 //! Contract: recorded ink is recentred into the workspace, one scale for all of it; a CSV is taken as it stands. Whatever
 //! had to be left out is said in `notes`.

@@ -52,7 +52,7 @@ fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<O
 }
 
 fn walk(root: &Path, below: &str, depth: usize, files: &mut Vec<String>) -> Result<(), SetError> {
-    let folder = root.join(below);
+    let folder = if below.is_empty() { root.to_path_buf() } else { root.join(below) };
     let unreadable = |why: String| SetError::Unreadable {
         path: folder.clone(),
         why: format!(
