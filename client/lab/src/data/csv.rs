@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
+const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 const TIME_MAX_S: f64 = 1e7;
 const POSITION_MAX_M: f64 = 100.0;
 
@@ -61,6 +62,14 @@ pub enum CsvError {
         value: String,
         /// What is legal.
         legal: String,
+    },
+    /// Samples too close together or too far apart for a pen.
+    #[error("{}: the median step in time gives a rate of {rate_hz} Hz; legal: 0.001 to 1000000 (is t_s in seconds?)", file.display())]
+    Rate {
+        /// The file.
+        file: PathBuf,
+        /// One over the median step [Hz].
+        rate_hz: f64,
     },
     /// Fewer than two samples.
     #[error("{}: {samples} samples; a path needs at least 2", file.display())]
@@ -211,7 +220,11 @@ fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
     if samples.len() < 2 {
         return Err(CsvError::TooShort { file: file.to_path_buf(), samples: samples.len() });
     }
-    Ok(PenPath::from_samples(samples))
+    let path = PenPath::from_samples(samples);
+    if !RATE_HZ.contains(&path.rate_hz) {
+        return Err(CsvError::Rate { file: file.to_path_buf(), rate_hz: path.rate_hz });
+    }
+    Ok(path)
 }
 
 fn content_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
@@ -260,6 +273,10 @@ mod tests {
             assert!(matches!(&error, CsvError::Field { line: 3, field: f, .. } if *f == field), "{error}");
             assert!(error.to_string().starts_with("pen.csv:3: "), "{error}");
         }
+        let slow = parse("t_s,x_m,y_m,contact\n0,0,0,1\n5000,0,0,1\n").unwrap_err().to_string();
+        assert!(
+            slow.starts_with("pen.csv: the median step in time gives a rate of 0.0002 Hz; legal: 0.001 to")
+        );
         assert!(matches!(parse("t,x,y,c\n"), Err(CsvError::Header { line: 1, .. })));
         assert!(matches!(parse(&format!("{head}1,2,3\n")), Err(CsvError::Fields { line: 3, found: 3, .. })));
         assert!(matches!(parse(head), Err(CsvError::TooShort { samples: 1, .. })));
