@@ -72,13 +72,15 @@ const WORDS: [&[u8]; 44] = [
     b".POINTS_PER_SECOND ",
 ];
 
+const NUMBERS: [u32; 12] = [0, 1, 2, 3, 9, 14, 15, 18, 0x0004_0001, 0x0000_ffff, 0x7fff_ffff, 0xffff_ffff];
+
 fn mutate(seeds: &[Vec<u8>], random: &mut Pcg64) -> Vec<u8> {
     let mut file = seeds[random.random_range(0..seeds.len())].clone();
     for _ in 0..random.random_range(1..6) {
         let length = file.len();
         let at = random.random_range(0..=length);
         let end = (at + random.random_range(0..24)).min(length);
-        match random.random_range(0..9) {
+        match random.random_range(0..10) {
             0 => file.truncate(at),
             1 => file.drain(at..end).for_each(drop),
             2 => {
@@ -102,6 +104,11 @@ fn mutate(seeds: &[Vec<u8>], random: &mut Pcg64) -> Vec<u8> {
             }
             6 => file.iter_mut().skip(at).take(1).for_each(|b| *b = random.random()),
             7 => file.iter_mut().skip(at).take(1).for_each(|b| *b ^= 1 << random.random_range(0..8)),
+            8 => {
+                // A tag, count or class of a binary format.
+                let number = NUMBERS[random.random_range(0..NUMBERS.len())];
+                file.iter_mut().skip(at / 4 * 4).zip(number.to_le_bytes()).for_each(|(to, from)| *to = from);
+            }
             _ => {
                 let to = random.random_range(0..=length);
                 let piece: Vec<u8> = file.drain(at..end).collect();
@@ -201,7 +208,11 @@ fn mat() {
     let consts =
         [("key", little.cells("", &[little.text("", "ab")])), ("charlabels", little.bytes("", &[1]))];
     let letter = little.numbers("", [3, 2], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-    let published = little.file(&[little.cells("mixout", &[letter]), little.fields("consts", &consts)]);
+    let published = little.file(&[
+        little.cells("mixout", &[letter]),
+        little.fields("consts", &consts),
+        little.fields("none", &[]),
+    ]);
     let plain = [little.train_file(false), big.train_file(false), published];
     fuzz("a.mat", &[&plain[..], &[little.train_file(true)]].concat());
     // Damage inside of what is compressed afterwards, so that the check sum is right.

@@ -139,6 +139,9 @@ fn recordings(names: &[String], args: &PathArgs, workspace: &Workspace) -> Resul
         );
         return Err(Failure::bad_input(what, "play files of one rate together"));
     }
+    if let Some(guessed) = recordings.iter().find(|recording| recording.rate_assumed) {
+        notes.push(format!("{} does not state its rate; {rate_hz} Hz assumed", guessed.source.display()));
+    }
     let all: Vec<Character> = recordings.into_iter().flat_map(|recording| recording.segments).collect();
     let median_height = median_glyph_height(&all).unwrap_or_default();
     let chosen = chosen(all, args)?;

@@ -140,3 +140,30 @@ fn words(key: &Array) -> Result<Vec<String>, String> {
     };
     words.ok_or_else(|| "key: neither a text nor a cell array of texts".to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+
+    #[test]
+    fn the_published_matrices_have_the_lengths_their_readme_states() {
+        let shared = std::env::var_os("FORETRACE_SHARED")
+            .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), Into::into);
+        let folder = shared.join("data/character-trajectories");
+        if !folder.is_dir() {
+            // Past the capture of the test runner: a skipped test must be seen.
+            let _ = writeln!(std::io::stderr(), "skipped: no {} (set FORETRACE_SHARED)", folder.display());
+            return;
+        }
+        let mut lengths: Vec<usize> = Vec::new();
+        for name in ["trajectories_train.mat", "trajectories_xtest.mat"] {
+            let variables = read_file(&std::fs::read(folder.join(name)).unwrap()).unwrap();
+            let cells = variables.iter().filter_map(Array::cells).find(|cells| trajectories(cells)).unwrap();
+            lengths.extend(cells.iter().map(|c| c.dims[1]));
+        }
+        lengths.sort_unstable();
+        let found = (lengths.len(), lengths[0], lengths[1429], lengths[2857], lengths.iter().sum::<usize>());
+        assert_eq!(found, (2858, 109, 174, 205, 487_277));
+    }
+}
