@@ -1,6 +1,11 @@
 //! The recipes behind the reference rows, as starting points for options.
 
+use foretrace_control::pen::TARGET_RMS;
+use foretrace_control::predict::ours;
+
 use super::adam::Schedule;
+use super::augment::Augment;
+use super::corpus::Units;
 use super::loss::{Objective, Padding, Penalty};
 use super::parameters::{Network, Shape};
 
@@ -12,15 +17,25 @@ pub enum Recipe {
     /// `l32h` of the reference tables: inputs cut at 4 RMS, residual output, Huber (0.5 RMS), padding masked, one-cycle
     /// Adam up to 1e-2, batch 32, 60 epochs.
     Robust,
+    /// The trunk of `ours`: 24 direct leads on normalised inputs, positions at every lead, no jump learned from or across,
+    /// changed copies for other hands and rates.
+    Ours,
 }
 
+/// Displacements beyond this many RMS are jumps to `ours`.
+const OURS_GATE: f64 = ours::GATE / TARGET_RMS;
+
 impl Recipe {
+    /// Every recipe.
+    pub const ALL: [Self; 3] = [Self::Paper, Self::Robust, Self::Ours];
+
     /// Its name in options and metadata.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
             Self::Robust => "robust",
+            Self::Ours => "ours",
         }
     }
 
@@ -31,20 +46,71 @@ impl Recipe {
         match self {
             Self::Paper => Network { shape, clip: None, residual: false, reset_beyond: None },
             Self::Robust => Network { shape, clip: Some(4.0), residual: true, reset_beyond: None },
+            Self::Ours => Network { shape, clip: Some(4.0), residual: true, reset_beyond: Some(OURS_GATE) },
         }
     }
 
-    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead.
+    /// Usual number of leads.
+    #[must_use]
+    pub const fn leads(self) -> usize {
+        match self {
+            Self::Paper | Self::Robust => 1,
+            Self::Ours => ours::LEADS,
+        }
+    }
+
+    /// Usual units.
+    #[must_use]
+    pub const fn units(self) -> Units {
+        match self {
+            Self::Paper | Self::Robust => Units::Raw,
+            Self::Ours => Units::Normalised,
+        }
+    }
+
+    /// Usual changes of the sequences.
+    #[must_use]
+    pub fn augment(self) -> Augment {
+        match self {
+            Self::Paper | Self::Robust => Augment::default(),
+            Self::Ours => Augment {
+                scale: Some((0.7, 1.4)),
+                time: Some((0.8, 1.25)),
+                rotate: 10.0,
+                shear: 0.15,
+                ..Augment::default()
+            },
+        }
+    }
+
+    /// Usual longest gradient.
+    #[must_use]
+    pub const fn limit_norm(self) -> Option<f64> {
+        match self {
+            Self::Paper | Self::Robust => None,
+            Self::Ours => Some(1.0),
+        }
+    }
+
+    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead; for `ours` by
+    /// about the inverse of its usual squared error, and the next step 40 times over.
     #[must_use]
     pub fn objective(self, leads: usize) -> Objective {
         let (penalty, padding) = match self {
             Self::Paper => (Penalty::Squared, Padding::Counted),
             Self::Robust => (Penalty::Huber { delta: 0.5 }, Padding::Masked),
+            Self::Ours => (Penalty::Squared, Padding::Masked),
         };
-        let weights: Vec<f64> = (1..=leads).map(|lead| 1.0 / lead as f64).collect();
+        let weight = |lead: usize| match (self, lead) {
+            (Self::Paper | Self::Robust, _) => 1.0 / lead as f64,
+            (Self::Ours, 1) => 40.0,
+            (Self::Ours, _) => (lead as f64).powf(-2.5),
+        };
+        let gate = (self == Self::Ours).then_some(OURS_GATE);
+        let weights: Vec<f64> = (1..=leads).map(weight).collect();
         let zeros = vec![0.0; leads];
         let (step, position) = if leads == 1 { (weights, zeros) } else { (zeros, weights) };
-        Objective { penalty, padding, gate: None, step, position }
+        Objective { penalty, padding, gate, step, position }
     }
 
     /// Learning rate over the steps, at the given or usual (peak) rate.
@@ -53,6 +119,7 @@ impl Recipe {
         match self {
             Self::Paper => Schedule::Constant { rate: rate.unwrap_or(1e-3) },
             Self::Robust => Schedule::OneCycle { peak: rate.unwrap_or(1e-2), warm_up: 0.3 },
+            Self::Ours => Schedule::OneCycle { peak: rate.unwrap_or(1e-2), warm_up: 0.15 },
         }
     }
 
@@ -65,6 +132,7 @@ impl Recipe {
             (Self::Robust, ..=31) => 60,
             (Self::Robust, 32..=63) => 40,
             (Self::Robust, _) => 30,
+            (Self::Ours, _) => 60,
         }
     }
 
@@ -73,7 +141,7 @@ impl Recipe {
     pub const fn batch(self) -> usize {
         match self {
             Self::Paper => 16,
-            Self::Robust => 32,
+            Self::Robust | Self::Ours => 32,
         }
     }
 }

@@ -107,7 +107,7 @@ impl Data {
             names.push(set.name);
         }
         let (mut items, step_ms) = corpus::at_step(items, args.step_ms).map_err(|error| wrong(&error))?;
-        if args.units == Units::Normalised {
+        if args.units() == Units::Normalised {
             corpus::normalise(&mut items);
         }
         let (train, held_out) = if args.all_writers {
@@ -120,7 +120,7 @@ impl Data {
         });
         let strokes = |items: Vec<Item>| items.into_iter().map(|item| item.strokes).collect::<Vec<_>>();
         let (train, held_out) = (strokes(train), strokes(held_out));
-        let scale = match args.units {
+        let scale = match args.units() {
             Units::Raw => corpus::rms(&train),
             Units::Normalised => TARGET_RMS,
         };
@@ -293,7 +293,7 @@ fn notes(
         ("split", args.split.to_string()),
         ("writers", format!("{} trained on, {} held out", data.writers[0], data.writers[1])),
         ("sequences", format!("{} trained on, {} held out", data.train.len(), data.held_out.len())),
-        ("units", if args.units == Units::Raw { "raw" } else { "normalised" }.to_owned()),
+        ("units", if args.units() == Units::Raw { "raw" } else { "normalised" }.to_owned()),
         ("seed", args.seed.to_string()),
         ("epochs", format!("{epochs}, parameters of epoch {}", best + 1)),
         ("recipe", choice.recipe.name().to_owned()),

@@ -26,8 +26,9 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "bench")]
     pub(super) out: Option<PathBuf>,
 
-    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3) or robust (inputs cut, residual output,
-    /// Huber loss, one-cycle Adam) [default: paper for lstm10, else robust]
+    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual output, Huber
+    /// loss, one-cycle Adam) or ours (what the predictor `ours` reads: 24 leads, normalised, changed copies; for lstm64)
+    /// [default: paper for lstm10, else robust]
     #[arg(long, value_name = "NAME", value_parser = recipe)]
     pub(super) recipe: Option<Recipe>,
 
@@ -56,12 +57,13 @@ pub(crate) struct TrainArgs {
     pub(super) step_ms: Option<f64>,
 
     /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any device
-    #[arg(long, value_name = "raw|normalised", default_value = "raw", value_parser = units)]
-    pub(super) units: Units,
+    /// [default: raw; ours: normalised]
+    #[arg(long, value_name = "raw|normalised", value_parser = units)]
+    pub(super) units: Option<Units>,
 
-    /// Steps predicted directly; 1 is rolled out by feeding predictions back
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub(super) leads: u32,
+    /// Steps predicted directly; 1 is rolled out by feeding predictions back [default: 1; ours: 24]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(super) leads: Option<u32>,
 
     /// Cut inputs to this many RMS per component, or none
     #[arg(long, value_name = "RMS|none", value_parser = positive_or_none)]
@@ -92,9 +94,9 @@ pub(crate) struct TrainArgs {
     pub(super) limit_norm: Option<f64>,
 
     /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10, shear=0.1,
-    /// noise=0.02, grid=0.2, comma-separated
-    #[arg(long, value_name = "LIST", default_value = "none")]
-    pub(super) augment: Augment,
+    /// noise=0.02, grid=0.2, comma-separated [default: none; ours: scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
+    #[arg(long, value_name = "LIST")]
+    pub(super) augment: Option<Augment>,
 
     /// Share of the writers held out to choose the best epoch
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = share)]
@@ -142,22 +144,22 @@ pub(super) struct Choice {
 
 impl TrainArgs {
     pub(super) fn choice(&self) -> Result<Choice, Failure> {
-        let usual = if self.model == 10 { Recipe::Paper } else { Recipe::Robust };
-        let recipe = self.recipe.unwrap_or(usual);
-        let leads = self.leads as usize;
+        let recipe = self.recipe();
+        let leads = self.leads.map_or(recipe.leads(), |k| k as usize);
+        let augment = self.augment.unwrap_or(recipe.augment());
         let mut network = recipe.network(self.model, leads);
         if let Some(Maybe(clip)) = self.clip {
             network.clip = clip;
         }
         network.residual = self.residual.unwrap_or(network.residual);
-        network.reset_beyond = self.reset_at_jump;
+        network.reset_beyond = self.reset_at_jump.or(network.reset_beyond);
         let mut objective = recipe.objective(leads);
         if let Some(Maybe(delta)) = self.huber {
             objective.penalty = delta.map_or(Penalty::Squared, |delta| Penalty::Huber { delta });
         }
         objective.padding = self.padding.unwrap_or(objective.padding);
-        objective.gate = self.gate;
-        if objective.padding == Padding::Counted && !self.augment.is_off() {
+        objective.gate = self.gate.or(objective.gate);
+        if objective.padding == Padding::Counted && !augment.is_off() {
             return Err(Failure::bad_input(
                 "--augment changes the lengths of sequences, and the padding that is counted with them",
                 "give --padding masked as well",
@@ -170,12 +172,21 @@ impl TrainArgs {
             epochs: self.epochs.map_or(recipe.epochs(self.model), |n| n as usize),
             batch: self.batch.map_or(recipe.batch(), |n| n as usize),
             seed: self.seed,
-            limit_norm: self.limit_norm,
-            augment: self.augment,
-            keep_speed: self.units == Units::Normalised,
+            limit_norm: self.limit_norm.or(recipe.limit_norm()),
+            augment,
+            keep_speed: self.units() == Units::Normalised,
             patience: self.patience.map(|n| n as usize).or(patient).filter(|_| !self.all_writers),
         };
         Ok(Choice { recipe, network, objective, plan })
+    }
+
+    fn recipe(&self) -> Recipe {
+        let usual = if self.model == 10 { Recipe::Paper } else { Recipe::Robust };
+        self.recipe.unwrap_or(usual)
+    }
+
+    pub(super) fn units(&self) -> Units {
+        self.units.unwrap_or(self.recipe().units())
     }
 
     pub(super) fn threads(&self) -> usize {
@@ -198,8 +209,7 @@ fn cells(text: &str) -> Result<usize, String> {
 }
 
 fn recipe(text: &str) -> Result<Recipe, String> {
-    let known = [Recipe::Paper, Recipe::Robust];
-    known.into_iter().find(|r| r.name() == text).ok_or_else(|| "paper or robust".to_owned())
+    Recipe::ALL.into_iter().find(|r| r.name() == text).ok_or_else(|| "paper, robust or ours".to_owned())
 }
 
 fn units(text: &str) -> Result<Units, String> {

@@ -26,7 +26,7 @@ pub struct OursSettings {
 
 impl Default for OursSettings {
     fn default() -> Self {
-        Self { forgetting: 0.9997, rate: 0.05, share: 1e-3 }
+        Self { forgetting: 0.99985, rate: 0.1, share: 1e-3 }
     }
 }
 
@@ -138,12 +138,11 @@ impl OnlineModel for OursLearner {
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        if is_motion(x) {
-            self.trunk.observe(&mut self.memory, x);
-            self.keep();
-        } else {
+        if !is_motion(x) {
             self.reset_state();
         }
+        self.trunk.observe(&mut self.memory, x);
+        self.keep();
     }
 
     fn reset_state(&mut self) {

@@ -80,12 +80,17 @@ impl Trunk {
         self.lstm.is_some()
     }
 
-    /// Takes in one displacement; a jump (and NaN) empties the memory.
+    /// Takes in one displacement; a jump (and NaN) empties the memory and counts as a rest, as in training.
     pub fn observe(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
-        if !is_motion(x) {
+        if is_motion(x) {
+            self.take_in(memory, x);
+        } else {
             self.reset(memory);
-            return;
+            self.take_in(memory, [0.0; 2]);
         }
+    }
+
+    fn take_in(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
         memory.recent.observe(x);
         self.reservoir.observe(&mut memory.reservoir, x);
         let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
