@@ -104,16 +104,13 @@ impl OursLearner {
         }
     }
 
-    fn keep(&mut self) {
-        let paths = self.parameters.experts(&self.memory);
-        let [constant, _, _, lstm, _] = paths;
+    fn keep(&mut self, paths: &[Path; EXPERTS]) {
+        let [constant, _, _, lstm, _] = *paths;
         self.plain.keep(self.memory.plain(), constant);
         if self.trunk.trained() {
             self.full.keep(&self.memory.features, lstm);
         }
-        self.mixture.keep(&paths);
-        let [next, ..] = self.parameters.mix(&paths);
-        self.expected = next;
+        self.mixture.keep(paths);
     }
 }
 
@@ -138,11 +135,17 @@ impl OnlineModel for OursLearner {
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        if !is_motion(x) {
+        let motion = is_motion(x);
+        if !motion {
             self.reset_state();
         }
         self.trunk.observe(&mut self.memory, x);
-        self.keep();
+        let paths = self.parameters.experts(&self.memory);
+        if motion {
+            self.keep(&paths);
+        }
+        let [next, ..] = self.parameters.mix(&paths);
+        self.expected = next;
     }
 
     fn reset_state(&mut self) {

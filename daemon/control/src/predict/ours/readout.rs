@@ -171,3 +171,62 @@ impl<const D: usize> RlsReadout<D> {
 
 /// |φ|² below which nothing moves.
 const SILENCE: f64 = 1e-4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RULE: RlsRule = RlsRule { forgetting: 0.99, start: 10.0, ceiling: 1e9, huber: 1e9 };
+
+    /// Features and displacements that have something to do with each other.
+    fn step(t: usize) -> ([f32; 3], [f64; 2]) {
+        let t = t as f64;
+        let phi = [(0.3 * t).sin(), (0.17 * t).cos(), (0.05 * t * t).sin()];
+        let next = 0.3 * (t + 1.0);
+        (phi.map(|f| f as f32), [2.0 * next.sin(), (0.17 * (t + 1.0)).cos() - next.cos()])
+    }
+
+    /// Recursive least squares of one lead as the books write it, with targets that come `lead` steps late.
+    fn textbook(lead: usize, steps: usize) -> [[f64; 2]; 3] {
+        let mut p = nalgebra::Matrix3::<f64>::identity() * RULE.start;
+        let mut theta = nalgebra::Matrix3x2::<f64>::zeros();
+        for t in 0..steps - lead {
+            let phi = nalgebra::Vector3::from(step(t).0.map(f64::from));
+            let gain = p * phi / (RULE.forgetting + (phi.transpose() * p * phi)[0]);
+            p = (p - gain * phi.transpose() * p) / RULE.forgetting;
+            let target = (t + 1..=t + lead).map(|k| step(k - 1).1).fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
+            let error = nalgebra::RowVector2::from(target) - phi.transpose() * theta;
+            theta += gain * error;
+        }
+        std::array::from_fn(|i| [theta[(i, 0)], theta[(i, 1)]])
+    }
+
+    #[test]
+    fn every_lead_learns_by_recursive_least_squares_of_its_own() {
+        const STEPS: usize = 300;
+        let mut readout = Readout::<3>::ZERO;
+        let mut learner = RlsReadout::new(RULE);
+        let mut shown = [[0.0; 2]; LEADS];
+        for t in 0..STEPS {
+            // The displacement that was predicted at t − 1 is seen before the features of t are.
+            if t > 0 {
+                let [x, y] = step(t - 1).1;
+                shown.rotate_right(1);
+                shown[0] = [0.0; 2];
+                shown.iter_mut().for_each(|[a, b]| (*a, *b) = (*a + x, *b + y));
+                learner.settle(&mut readout, &shown);
+            }
+            learner.keep(&step(t).0, [[0.0; 2]; NODE_COUNT]);
+        }
+        for (node, lead) in NODES.iter().enumerate() {
+            let expected = textbook(*lead, STEPS);
+            for (row, expected) in readout.rows.iter().zip(expected) {
+                let got = [f64::from(row[2 * node]), f64::from(row[2 * node + 1])];
+                for (got, expected) in got.iter().zip(expected) {
+                    // Read-outs are kept in single precision.
+                    assert!((got - expected).abs() < 2e-3 * (1.0 + expected.abs()), "lead {lead}: {got} {expected}");
+                }
+            }
+        }
+    }
+}
