@@ -108,13 +108,14 @@ enum Kind {
     Dybm(OnScoredSet),
     DybmEsn,
     ArRls,
+    Ours,
     OursCold,
     Shipped,
     File(Arc<LstmModel>),
     Retrained(Arc<LstmModel>, f64),
 }
 
-const TABLE: [(&str, Kind); 10] = [
+const TABLE: [(&str, Kind); 11] = [
     ("zero", Kind::Zero),
     (CONSTANT_VELOCITY, Kind::ConstantVelocity),
     (LSTM_REFERENCE, Kind::Shipped),
@@ -124,6 +125,7 @@ const TABLE: [(&str, Kind); 10] = [
     ("dybm-esn-online", Kind::DybmEsn),
     ("ar-rls", Kind::ArRls),
     ("lstm32", Kind::Shipped),
+    ("ours", Kind::Ours),
     ("ours-cold", Kind::OursCold),
 ];
 
@@ -225,7 +227,7 @@ impl Model {
     pub fn passes(&self) -> usize {
         match self.kind {
             Kind::Dybm(_) | Kind::DybmEsn => PASSES,
-            Kind::ArRls => 1,
+            Kind::ArRls | Kind::Ours => 1,
             Kind::Zero
             | Kind::ConstantVelocity
             | Kind::OursCold
@@ -269,6 +271,12 @@ impl Model {
             Kind::ArRls => {
                 let model = Online::new(ar_rls().map_err(refused)?, OnScoredSet::Learns);
                 fitted(model, setting.is_about(REFERENCE_RMS), REFERENCE_MOVING_RMS, &mut notes)
+            }
+            Kind::Ours => {
+                let network = nearest(setting.step_ns)?;
+                notes.push(format!("builds on {}", network.file));
+                let model = Online::new(ours(Some(network.weights)).map_err(refused)?, OnScoredSet::Learns);
+                Box::new(Scaled::new(model, TARGET_RMS))
             }
             Kind::OursCold => {
                 let model = Online::new(ours(None).map_err(refused)?, OnScoredSet::Learns);
@@ -333,6 +341,13 @@ fn dybm_esn() -> Result<DybmEsnLearner, WeightsError> {
 fn ours(lstm: Option<Arc<LstmWeights>>) -> Result<OursLearner, WeightsError> {
     let parameters = OursParameters::untrained(ANY_STEP_NS, lstm.is_some());
     OursLearner::new(OursSettings::default(), lstm, parameters)
+}
+
+/// The shipped network of `ours` whose step is nearest to the device's, by ratio.
+fn nearest(step_ns: f64) -> Result<LstmModel, models::ModelError> {
+    // Half way between 5 and 10 ms.
+    let name = if step_ns < 7_071_000.0 { "ours-5ms" } else { "ours-10ms" };
+    LstmModel::find(name)
 }
 
 /// Gate 40 and Huber bound 6 raw units of unipen-ced.
