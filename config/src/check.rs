@@ -5,24 +5,25 @@
 use std::path::Path;
 
 use foretrace_control::pen::STEP_QUEUE_CAPACITY;
-use foretrace_control::predict::MAX_PREVIEW;
 use foretrace_control::predict::dybm::MAX_TRACES;
+use foretrace_control::predict::{MAX_PREVIEW, Models};
 
 use crate::follower::judge;
 use crate::layers::Found;
+use crate::predictor::models;
 use crate::problem::Problem;
 use crate::robot::{Robot, robot};
 use crate::settings::{Optimiser, PredictorChoice, Settings};
 use crate::written::Place;
 
 /// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot
-/// that the settings describe, unless a contradiction is about it.
+/// and the models that the settings describe, unless a contradiction is about them.
 pub(crate) fn check(
     settings: &Settings,
     found: &Found,
     whole: &Place,
     problems: &mut Vec<Problem>,
-) -> Option<Robot> {
+) -> Option<(Robot, Models)> {
     let mut report = Report { found, whole, problems };
     time(settings, &mut report);
     plane(settings, &mut report);
@@ -33,14 +34,15 @@ pub(crate) fn check(
     if report.problems.iter().any(|problem| problem.key().is_some_and(|key| key.starts_with("plane."))) {
         return None;
     }
-    let robot = robot(settings, &mut report)?;
+    let (robot, models) = (robot(settings, &mut report), models(settings, &mut report));
+    let (robot, models) = (robot?, models?);
     if report.problems.is_empty()
-        && let Err(refused) = judge(settings, &robot)
+        && let Err(refused) = judge(settings, &robot, &models)
     {
         report.problems.push(Problem::Refused { place: whole.clone(), why: refused.to_string() });
         return None;
     }
-    Some(robot)
+    Some((robot, models))
 }
 
 /// Knows where each key was written.

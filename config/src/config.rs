@@ -4,10 +4,12 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use foretrace_control::predict::Models;
 use toml::de::DeValue;
 
 use crate::check::check;
 use crate::layers::{self, Found};
+use crate::models::shipped;
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
 use crate::robot::Robot;
@@ -19,6 +21,7 @@ use crate::written::{Place, Raw};
 pub struct Config {
     settings: Settings,
     robot: Robot,
+    models: Models,
     found: Found,
     name: String,
 }
@@ -66,6 +69,12 @@ impl Config {
     #[must_use]
     pub const fn robot(&self) -> &Robot {
         &self.robot
+    }
+
+    /// What the predictors are made of, the trained network included.
+    #[must_use]
+    pub const fn models(&self) -> &Models {
+        &self.models
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.
@@ -196,10 +205,15 @@ impl Draft {
                 problems.retain(|problem| !matches!(problem, Problem::Missing { .. }));
             }
             if let Some(mut settings) = settings {
-                settings.robot.urdf = resolved(&settings.robot.urdf, &folder);
-                let robot = check(&settings, &found, &whole, &mut problems);
-                if let (Some(robot), true) = (robot, problems.is_empty()) {
-                    return Ok(Config { settings, robot, found, name: whole.to_string() });
+                settings.robot.urdf =
+                    resolved(&settings.robot.urdf, &folder, |name| presets::robot(name).is_some());
+                settings.predictor.lstm = settings
+                    .predictor
+                    .lstm
+                    .map(|network| resolved(&network, &folder, |name| shipped(name).is_some()));
+                let built = check(&settings, &found, &whole, &mut problems);
+                if let (Some((robot, models)), true) = (built, problems.is_empty()) {
+                    return Ok(Config { settings, robot, models, found, name: whole.to_string() });
                 }
             }
         }
@@ -212,11 +226,11 @@ impl Draft {
     }
 }
 
-/// A robot's name as it is; a path made absolute, so that settings shown here load elsewhere.
-fn resolved(urdf: &str, folder: &Path) -> String {
-    if presets::robot(urdf).is_some() {
-        return urdf.to_owned();
+/// The name of something embedded as it is; a path made absolute, so that settings shown here load elsewhere.
+fn resolved(name: &str, folder: &Path, embedded: impl Fn(&str) -> bool) -> String {
+    if embedded(name) {
+        return name.to_owned();
     }
-    let path = folder.join(urdf);
+    let path = folder.join(name);
     std::path::absolute(&path).unwrap_or(path).to_string_lossy().into_owned()
 }

@@ -9,23 +9,20 @@ use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::{
-    DybmSettings, InitialWeights, ModelSettings, Optimiser, PredictorKind, PreviewSettings,
-};
+use foretrace_control::predict::{Models, PreviewSettings};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
 
 use crate::config::Config;
 use crate::robot::{JOINTS, Robot};
-use crate::settings::{self, PredictorChoice, QpBackend, Settings, TraceChoice, TrustMode};
+use crate::settings::{self, QpBackend, Settings, TrustMode};
 
 impl Config {
     /// What the follower is built from; the horizon N is `settings().mpc.horizon`.
     #[must_use]
     pub fn follower_settings(&self) -> FollowerSettings<JOINTS> {
-        follower_settings(self.settings(), self.robot())
+        follower_settings(self.settings(), self.robot(), self.models())
     }
 
     /// What the learner is built from.
@@ -49,18 +46,6 @@ impl Settings {
     }
 }
 
-impl PredictorChoice {
-    /// The predictor of the control law.
-    #[must_use]
-    pub const fn kind(self) -> PredictorKind {
-        match self {
-            Self::Hold => PredictorKind::Hold,
-            Self::ConstantVelocity => PredictorKind::ConstantVelocity,
-            Self::Dybm => PredictorKind::Dybm,
-        }
-    }
-}
-
 impl settings::TrustSection {
     /// Who decides the trust, in the words of the control law.
     #[must_use]
@@ -73,9 +58,9 @@ impl settings::TrustSection {
 }
 
 /// What the control law says to settings that passed every other test.
-pub(crate) fn judge(settings: &Settings, robot: &Robot) -> Result<(), Refused> {
-    Learner::new(learner_settings(settings))?;
-    let follower = follower_settings(settings, robot);
+pub(crate) fn judge(settings: &Settings, robot: &Robot, models: &Models) -> Result<(), Refused> {
+    Learner::new(learner_settings(settings), models)?;
+    let follower = follower_settings(settings, robot, models);
     match settings.mpc.horizon {
         10 => drop(Follower::<10, JOINTS>::new(follower)?),
         20 => drop(Follower::<20, JOINTS>::new(follower)?),
@@ -95,7 +80,7 @@ pub(crate) enum Refused {
     Learner(#[from] LearnError),
 }
 
-fn follower_settings(s: &Settings, robot: &Robot) -> FollowerSettings<JOINTS> {
+fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSettings<JOINTS> {
     FollowerSettings {
         period_ns: s.period_ns(),
         pen: pen(s),
@@ -113,8 +98,8 @@ fn follower_settings(s: &Settings, robot: &Robot) -> FollowerSettings<JOINTS> {
                 max_change: s.predictor.scale.max_change,
             },
         },
-        models: models(s),
-        weights: models(s).initial_weights(),
+        models: models.clone(),
+        weights: models.initial_weights(),
         trust: TrustSettings {
             step_ns: s.step_ns(),
             ramp_steps: f64::from(s.trust.ramp_steps),
@@ -229,7 +214,6 @@ fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
 
 fn learner_settings(s: &Settings) -> LearnerSettings {
     LearnerSettings {
-        models: models(s),
         leads: Leads::of_loop(s.step_ns(), ns(s.timing.dead_time_ms), s.mpc.horizon as usize),
         rule: Rule {
             memory_steps: s.learner.memory_steps,
@@ -239,35 +223,6 @@ fn learner_settings(s: &Settings) -> LearnerSettings {
             follow_steps: s.learner.follow_steps,
         },
         max_learned: s.learner.max_learned,
-    }
-}
-
-fn models(s: &Settings) -> ModelSettings {
-    let dybm = &s.predictor.dybm;
-    ModelSettings {
-        step_ns: s.step_ns(),
-        dybm: DybmSettings {
-            shape: DybmShape::new(
-                dybm.delay as usize,
-                &dybm.decays,
-                match dybm.trace_input {
-                    TraceChoice::Newest => TraceInput::Newest,
-                    TraceChoice::Delayed => TraceInput::Delayed,
-                },
-            ),
-            optimiser: match dybm.optimiser {
-                settings::Optimiser::Adagrad => Optimiser::ada_grad(dybm.rate),
-                settings::Optimiser::Rmsprop => Optimiser::rms_prop(dybm.rate),
-                settings::Optimiser::Adam => Optimiser::adam(dybm.rate),
-            },
-            l1: dybm.l1,
-            l2: dybm.l2,
-        },
-        initial: if s.learner.initial_persistence > 0.0 {
-            InitialWeights::Persistent(s.learner.initial_persistence)
-        } else {
-            InitialWeights::Zero
-        },
     }
 }
 

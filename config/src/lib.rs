@@ -19,6 +19,7 @@ pub mod models;
 mod layers;
 mod check;
 mod robot;
+mod predictor;
 mod follower;
 mod config;
 mod live;

@@ -61,6 +61,11 @@ impl Config {
             let (from, to) = (Some(format!("{path} as loaded")), Some(format!("{path} as it is now")));
             refused.push(StartOnlyKey(KeyChange { key: "robot.urdf".to_owned(), from, to }));
         }
+        if refused.is_empty() && self.models() != new.models() {
+            let path = new.settings().predictor.lstm.clone().unwrap_or_default();
+            let (from, to) = (Some(format!("{path} as loaded")), Some(format!("{path} as it is now")));
+            refused.push(StartOnlyKey(KeyChange { key: "predictor.lstm".to_owned(), from, to }));
+        }
         if refused.is_empty() {
             Ok(LiveChange { keys, settings: new.settings().clone() })
         } else {

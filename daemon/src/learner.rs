@@ -155,7 +155,7 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
         while let Ok(order) = links.orders.try_recv() {
             enabled = order.enabled;
             if order.settings != *learner.settings() {
-                let renewed = Learner::from_weights(order.settings, *learner.weights());
+                let renewed = Learner::from_weights(order.settings, learner.models(), *learner.weights());
                 let outcome = renewed.map(|renewed| learner = renewed);
                 links.tell(LearnerEvent::Rules(outcome));
             }
@@ -191,10 +191,15 @@ mod tests {
 
     use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
+    use foretrace_control::predict::{ModelSettings, Models};
 
     use super::*;
 
     const STEP_NS: u64 = 10_000_000;
+
+    fn models() -> Models {
+        Models::new(ModelSettings::preset(STEP_NS), None).unwrap()
+    }
 
     struct Bench {
         board: Arc<LearnerBoard>,
@@ -234,7 +239,7 @@ mod tests {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
         let (weights, mut mailbox) = rtrb::RingBuffer::new(4);
         let (links, bench) = links();
-        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0)).unwrap();
+        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0), &models()).unwrap();
         let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
         let mut index = 0;
         while bench.board.view().promotions == 0 {
@@ -269,7 +274,7 @@ mod tests {
         let (weights, mailbox) = rtrb::RingBuffer::new(4);
         let (links, bench) = links();
         let settings = LearnerSettings::preset(STEP_NS, 0);
-        let learner = Learner::new(settings).unwrap();
+        let learner = Learner::new(settings, &models()).unwrap();
         let thread = spawn(learner, false, LearnerRings { learn, weights }, links).unwrap();
         for index in 0..500 {
             steps.push(circle(index)).unwrap();
@@ -299,7 +304,7 @@ mod tests {
         let (full, _kept) = channel::bounded(1);
         full.send(LearnerEvent::Rules(Ok(()))).unwrap();
         links.events = full;
-        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0)).unwrap();
+        let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0), &models()).unwrap();
         let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
         let mut index = 0;
         while bench.board.view().events_lost == 0 || bench.board.view().overtaken == 0 {

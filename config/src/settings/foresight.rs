@@ -11,6 +11,12 @@ words! {
         ConstantVelocity = "constant-velocity",
         /// Dynamic Boltzmann machine, linear, learning online.
         Dybm = "dybm",
+        /// DyBM with an echo state network beside it, learning online.
+        DybmEsn = "dybm-esn",
+        /// Trained long short-term memory network.
+        Lstm = "lstm",
+        /// Autoregression by recursive least squares, learning online.
+        ArRls = "ar-rls",
     }
 }
 
@@ -49,8 +55,12 @@ words! {
 section! {
     /// The predictor of the hand.
     pub struct Predictor {
-        /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm": learns online.
+        /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm", "dybm-esn" (with a
+        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`.
         kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"dybm\"";
+        /// The trained network: a shipped one by name, or a .safetensors file relative to the settings file; made for
+        /// this pen.step_ms. Not set: the predictor "lstm" is not available.
+        lstm: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get
         /// faster.
         limit_factor: f64 = Between(1.0, 10.0), Default("1.25"), AtStart, "1.25";
@@ -62,6 +72,10 @@ section! {
         scale @ "scale": ScaleSection;
         /// The DyBM.
         dybm @ "dybm": DybmSection;
+        /// The reservoir beside it.
+        esn @ "esn": EsnSection;
+        /// Least squares.
+        ar_rls @ "ar_rls": ArRlsSection;
     }
 }
 
@@ -85,7 +99,7 @@ section! {
 }
 
 section! {
-    /// The dynamic Boltzmann machine (used when predictor.kind = "dybm").
+    /// The dynamic Boltzmann machine (predictor.kind = "dybm", and beside the reservoir "dybm-esn").
     pub struct DybmSection {
         /// Delay d: the last d - 1 steps have weights of their own.
         delay: u32 = Between(2.0, 16.0), Required, AtStart, "9";
@@ -102,6 +116,34 @@ section! {
         l1: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0";
         /// Strength of the shrinking of weights.
         l2: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0";
+    }
+}
+
+section! {
+    /// The echo state network beside the DyBM (predictor.kind = "dybm-esn"): 50 units, fixed and random, with a
+    /// read-out that learns by AdaGrad.
+    pub struct EsnSection {
+        /// Of the random numbers; the same seed gives the same network.
+        seed: u32 = Between(0.0, 4294967295.0), Default("0"), AtStart, "0";
+        /// Share of the new state per step.
+        leak: f64 = Between(0.0, 1.0), Default("0.7"), AtStart, "0.7, as in the paper";
+        /// Largest magnitude of the network's eigenvalues: how long it remembers.
+        spectral_radius: f64 = Between(0.0, 0.999), Default("0.95"), AtStart, "0.95";
+        /// Learning rate of the read-out.
+        rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
+    }
+}
+
+section! {
+    /// Autoregression over the last 8 steps by recursive least squares (predictor.kind = "ar-rls"). Lengths are
+    /// normalised: a typical step is 14.
+    pub struct ArRlsSection {
+        /// Factor per step by which the past loses weight: 0.999 remembers a thousand steps.
+        forgetting: f64 = Between(0.9, 1.0), Default("0.999"), AtStart, "0.999";
+        /// A longer step is a jump: it empties the memory and is not learned from.
+        gate: f64 = Between(1.0, 1e6), Default("40.0"), AtStart, "40";
+        /// Largest error per axis that is learned from in full.
+        huber: f64 = Between(0.001, 1e4), Default("6.0"), AtStart, "6";
     }
 }
 

@@ -5,12 +5,13 @@ use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Leads, LearnerSettings};
 use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
 use foretrace_control::pen::SpeedScaleSettings;
-use foretrace_control::predict::{InitialWeights, PredictorKind, PreviewSettings};
+use foretrace_control::predict::{InitialWeights, ModelSettings, PredictorKind, PreviewSettings};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
 use super::over_ur5;
 use crate::follower::judge;
+use crate::settings::PredictorChoice;
 use crate::{Config, JOINTS, Settings};
 
 #[test]
@@ -29,7 +30,8 @@ fn presets_keep_what_was_measured_in_the_control_law() {
         let law = config.follower_settings();
         let learner = LearnerSettings::preset(10_000_000, law.dead_time_ns);
         assert_eq!(config.learner_settings(), learner, "{name}");
-        assert_eq!((law.models, law.weights), (learner.models, learner.models.initial_weights()), "{name}");
+        assert_eq!(*law.models.settings(), ModelSettings::preset(10_000_000), "{name}");
+        assert_eq!((&law.models, law.weights), (config.models(), law.models.initial_weights()), "{name}");
         assert_eq!(law.mpc.gains_feedback, [Gains::FEEDBACK; 3], "{name}");
         assert_eq!(law.mpc.gains_feedforward, [Gains::FEEDFORWARD; 3], "{name}");
         assert_eq!(law.mpc.effort, Gains::EFFORT);
@@ -94,7 +96,7 @@ fn words_choose_what_they_say() {
     assert_eq!(law.preview.kind, PredictorKind::Hold);
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
     assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
-    assert_eq!(config.learner_settings().models.initial, InitialWeights::Zero);
+    assert_eq!(law.models.settings().initial, InitialWeights::Zero);
     assert_eq!(law.ik_backend, IkBackend::Exact);
     let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n[ik]\nbackend = \"clarabel\"\n")
         .unwrap()
@@ -117,12 +119,13 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
     let refused = |change: fn(&mut Settings)| {
         let mut settings = config.settings().clone();
         change(&mut settings);
-        judge(&settings, config.robot()).map_err(|error| error.to_string())
+        judge(&settings, config.robot(), config.models()).map_err(|error| error.to_string())
     };
     assert_eq!(refused(|_| ()), Ok(()));
     assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));
     assert!(refused(|s| s.learner.follow_steps = 0).unwrap_err().contains("follow_steps"));
     assert!(refused(|s| s.pen.step_ms = 7).unwrap_err().contains("not a multiple"));
+    assert!(refused(|s| s.predictor.kind = PredictorChoice::Lstm).unwrap_err().contains("trained network"));
 }
 
 #[test]
@@ -132,6 +135,35 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
     let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
+}
+
+/// A loop whose step is that of the shipped network.
+const FIVE_MS: &str = "[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 5\nstale_ms = 100\n[trust]\n";
+
+#[test]
+fn every_predictor_of_the_law_but_the_oracle_can_be_chosen() {
+    let choices: Vec<_> = PredictorChoice::WORDS.to_vec();
+    for kind in PredictorKind::LIVE {
+        assert!(choices.contains(&kind.name()), "{kind:?} cannot be chosen");
+        let text = format!("{FIVE_MS}[predictor]\nkind = \"{}\"\nlstm = \"lstm10-reference\"\n", kind.name());
+        let config = over_ur5(&text).unwrap();
+        let law = config.follower_settings();
+        assert_eq!((law.preview.kind, law.models.has(kind)), (kind, true));
+    }
+    assert_eq!(choices.len(), PredictorKind::LIVE.len());
+}
+
+#[test]
+fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
+    for (text, words) in [
+        ("[predictor]\nlstm = \"lstm10-reference\"\n", ["5000000 ns", "10000000 ns"]),
+        ("[predictor]\nlstm = \"lstm99\"\n", ["lstm99", "lstm10-reference"]),
+        ("[predictor]\nkind = \"lstm\"\n", ["predictor.kind", "predictor.lstm is not set"]),
+        ("[predictor.ar_rls]\ngate = 1.0\nhuber = 5e3\n", ["huber", "1000"]),
+    ] {
+        let error = over_ur5(text).unwrap_err().to_string();
+        assert!(words.iter().all(|word| error.contains(word)), "{text} -> {error}");
+    }
 }
 
 #[test]

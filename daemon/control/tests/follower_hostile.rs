@@ -50,12 +50,24 @@ fn poisoned_joints(rng: &mut Pcg64, good: JointReading<6>) -> JointReading<6> {
 /// Breaks one model's parameters, or the bands, under a new version.
 fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
     weights.version += 1;
-    match rng.random_range(0..2) {
+    match rng.random_range(0..4) {
         0 => {
             weights.dybm.version = weights.version;
             weights.dybm.parameters.fifo[0][rng.random_range(0..2)][rng.random_range(0..2)] = value;
         }
-        _ => weights.bands.factors[rng.random_range(0..3)][rng.random_range(0..BAND_LEADS)] = value as f32,
+        1 => {
+            weights.dybm_esn.dybm.version = weights.version;
+            weights.dybm_esn.readout[rng.random_range(0..50)][rng.random_range(0..2)] = value;
+        }
+        2 => {
+            weights.ar_rls.version = weights.version;
+            weights.ar_rls.coefficients[rng.random_range(0..8)][rng.random_range(0..2)]
+                [rng.random_range(0..2)] = value;
+        }
+        _ => {
+            weights.bands.factors[rng.random_range(0..PredictorKind::ALL.len())]
+                [rng.random_range(0..BAND_LEADS)] = value as f32
+        }
     }
 }
 

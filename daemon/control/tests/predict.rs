@@ -1,11 +1,12 @@
 //! Predictors and the previewer: memory untouched by rollouts, units, bounds, hostile input.
 
-use foretrace_control::learn::LearnerSettings;
+mod support;
+
 use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
-    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, OnlineWeights, Oracle, Predictor,
-    PredictorKind, PreviewError, PreviewSettings, Previewer,
+    ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
+    Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
 };
 use proptest::prelude::*;
 
@@ -15,10 +16,10 @@ fn shape() -> DybmShape {
     DybmShape::new(9, &[0.5, 0.9], TraceInput::Delayed)
 }
 
-fn models() -> ModelSettings {
-    let mut models = LearnerSettings::preset(STEP_NS, 0).models;
-    models.dybm.shape = shape();
-    models
+fn models() -> Models {
+    let mut settings = ModelSettings::preset(STEP_NS);
+    settings.dybm.shape = shape();
+    Models::new(settings, Some(support::network(STEP_NS))).unwrap()
 }
 
 fn with(dybm: DybmWeights) -> OnlineWeights {

@@ -178,6 +178,9 @@ pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
         PredictorKind::ConstantVelocity => shm::PredictorId::ConstantVelocity,
         PredictorKind::Dybm => shm::PredictorId::Dybm,
         PredictorKind::Oracle => shm::PredictorId::Oracle,
+        PredictorKind::Lstm => shm::PredictorId::Lstm,
+        PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
+        PredictorKind::ArRls => shm::PredictorId::ArRls,
     }
 }
 
@@ -187,7 +190,10 @@ const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
         shm::PredictorId::ConstantVelocity => Some(PredictorKind::ConstantVelocity),
         shm::PredictorId::Dybm => Some(PredictorKind::Dybm),
         shm::PredictorId::Oracle => Some(PredictorKind::Oracle),
-        _ => None,
+        shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
+        shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
+        shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
+        shm::PredictorId::Ours => None,
     }
 }
 

@@ -79,7 +79,7 @@ impl Daemon {
             orders: learner_ordered,
             quit: quit.clone(),
         };
-        let learner = Learner::new(config.learner_settings())?;
+        let learner = Learner::new(config.learner_settings(), config.models())?;
         let enabled = config.settings().learner.enabled;
         let learner = learner::spawn(learner, enabled, learner_rings, links).map_err(&thread)?;
 

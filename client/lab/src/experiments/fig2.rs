@@ -4,13 +4,12 @@
 //! instant. The DyBM learns on from letter to letter, as in the daemon.
 
 use foretrace_config::Config;
-use foretrace_control::learn::Learner;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
 use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run};
-use super::{ExperimentError, Letter, WAIT_S, median, settings_for, ur5_at};
+use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
 use crate::metrics::tracking;
 use crate::parallel;
 
@@ -103,13 +102,7 @@ fn row(
         settings.trust_request = TrustRequest::Manual(Trust::NONE);
     }
     let home = config.robot().home;
-    let mut learner = match predictor {
-        PredictorKind::Dybm => Some(
-            Learner::new(config.learner_settings())
-                .map_err(|error| ExperimentError::Settings(error.to_string()))?,
-        ),
-        _ => None,
-    };
+    let mut learner = learner_for(config, &settings, predictor)?;
     let mut runs = Vec::with_capacity(letters.len());
     for letter in letters {
         let oracle = predictor == PredictorKind::Oracle;

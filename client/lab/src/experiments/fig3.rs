@@ -5,12 +5,11 @@
 
 use foretrace_config::Config;
 use foretrace_control::follower::Request;
-use foretrace_control::learn::Learner;
 use foretrace_control::predict::PredictorKind;
 
 use super::closed_loop::{ArmKind, ClosedLoop, RunOptions, run};
 use super::fig2::failed;
-use super::{ExperimentError, Letter, WAIT_S, median, settings_for};
+use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
 use crate::metrics::{ToolSample, error_series};
 
 /// First and last grid step of the ramp, counted from the letter's first sample.
@@ -54,8 +53,7 @@ pub struct Fig3 {
 pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Result<Fig3, ExperimentError> {
     let settings = settings_for(config, ArmKind::Ideal, PredictorKind::Dybm);
     let step_s = settings.mpc.step_s;
-    let mut learner = Learner::new(config.learner_settings())
-        .map_err(|error| ExperimentError::Settings(error.to_string()))?;
+    let mut learner = learner_for(config, &settings, PredictorKind::Dybm)?;
     let mut out = Vec::new();
     for (index, letter) in letters.iter().enumerate() {
         let path = &letter.path.samples;
@@ -66,7 +64,7 @@ pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Resu
             let options = RunOptions {
                 arm: ArmKind::Ideal,
                 oracle: false,
-                learner: Some(&mut learner),
+                learner: learner.as_mut(),
                 requests: &requests,
                 wait_s: WAIT_S,
             };

@@ -12,6 +12,7 @@ pub use letters::{Labels, Letter, LetterError, letters};
 
 use foretrace_config::Config;
 use foretrace_control::follower::FollowerSettings;
+use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::predict::PredictorKind;
 
 use crate::arm::{ArmSettings, JOINTS};
@@ -53,6 +54,22 @@ fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerS
         ArmKind::Ur5(arm) => (arm.group_delay_s() * 1e9).round() as u64,
     };
     settings
+}
+
+/// A learner for that loop, if its predictor learns.
+fn learner_for(
+    config: &Config,
+    settings: &FollowerSettings<JOINTS>,
+    kind: PredictorKind,
+) -> Result<Option<Learner>, ExperimentError> {
+    if !matches!(kind, PredictorKind::Dybm | PredictorKind::DybmEsn | PredictorKind::ArRls) {
+        return Ok(None);
+    }
+    let horizon = config.settings().mpc.horizon as usize;
+    let leads = Leads::of_loop(settings.pen.step_ns, settings.dead_time_ns, horizon);
+    Learner::new(LearnerSettings { leads, ..config.learner_settings() }, config.models())
+        .map(Some)
+        .map_err(|error| ExperimentError::Settings(error.to_string()))
 }
 
 /// The simulated arm whose controller runs at the loop's own rate.

@@ -6,7 +6,7 @@ use super::plane::Plane;
 use crate::ik::{BackendError, Chain, IkBackend, IkSettings, JointLimits};
 use crate::mpc::{MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
-use crate::predict::{MAX_PREVIEW, ModelSettings, OnlineWeights, PreviewError, PreviewSettings};
+use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 
 /// Bounds of time and motion around the law itself.
@@ -45,9 +45,9 @@ pub struct FollowerSettings<const J: usize> {
     pub pen: PenSettings,
     /// Predictor at start, bound of its rollout, normaliser.
     pub preview: PreviewSettings,
-    /// Sizes and learning rules of the models that learn online.
-    pub models: ModelSettings,
-    /// Their weights at start.
+    /// What the predictors are made of.
+    pub models: Models,
+    /// Weights at start of those that learn online.
     pub weights: OnlineWeights,
     /// When to believe the preview.
     pub trust: TrustSettings,

@@ -11,12 +11,16 @@
 
 use super::LearnStep;
 use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE, REST_LEVEL};
-use crate::predict::{ModelSettings, OnlineWeights, Panel, PredictorKind, WeightsError};
+use crate::predict::{Models, OnlineWeights, Panel, PredictorKind, WeightsError};
 
 /// Predictors that get bands: all but the oracle.
 const KINDS: usize = PredictorKind::LIVE.len();
+/// Steps between two previews that are judged: those of neighbouring steps say nearly the same.
+const STRIDE: usize = 3;
+/// Previews that wait at most.
+const SHOTS: usize = BAND_LEADS.div_ceil(STRIDE);
 /// η after many updates.
-const RATE: f64 = 0.02;
+const RATE: f64 = 0.03;
 /// η of the first update; it falls with the root of their number.
 const FIRST_RATE: f64 = 0.5;
 /// Updates before a band is offered.
@@ -31,6 +35,8 @@ struct Shot {
     unit_m: f64,
     /// The pen rested.
     resting: bool,
+    /// Steps since.
+    age: usize,
     /// Way of the pen since [m].
     way: [f64; 2],
     /// Predicted ways [m]; KINDS x BAND_LEADS.
@@ -76,6 +82,8 @@ pub struct Calibration {
     /// Newest first.
     shots: Box<[Shot]>,
     waiting: usize,
+    /// Steps since the newest shot.
+    since: usize,
     factors: [[Factor; BAND_LEADS]; KINDS],
 }
 
@@ -83,8 +91,9 @@ impl Calibration {
     /// Starts with the bands of `weights`, or with wide ones that are not offered yet.
     ///
     /// *Errors*: settings or weights that a panel refuses.
-    pub fn new(models: &ModelSettings, weights: &OnlineWeights) -> Result<Self, WeightsError> {
-        let shot = Shot { unit_m: 0.0, resting: true, way: [0.0; 2], paths: [[[0.0; 2]; BAND_LEADS]; KINDS] };
+    pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
+        let paths = [[[0.0; 2]; BAND_LEADS]; KINDS];
+        let shot = Shot { unit_m: 0.0, resting: true, age: 0, way: [0.0; 2], paths };
         let mut factors = [[Factor { ln: 0.0, updates: 0, misses: 0 }; BAND_LEADS]; KINDS];
         for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&mut factors) {
             for ((lead, factor), known) in (1..).zip(of_kind).zip(weights.bands.of(kind)) {
@@ -95,13 +104,14 @@ impl Calibration {
             }
         }
         let panel = Panel::new(models, weights)?;
-        Ok(Self { panel, shots: vec![shot; BAND_LEADS].into_boxed_slice(), waiting: 0, factors })
+        Ok(Self { panel, shots: vec![shot; SHOTS].into_boxed_slice(), waiting: 0, since: 0, factors })
     }
 
     /// The pen was interrupted.
     pub fn interrupt(&mut self) {
         self.panel.forget();
         self.waiting = 0;
+        self.since = 0;
     }
 
     /// Other weights predict from here on.
@@ -111,20 +121,25 @@ impl Calibration {
         self.panel.set_weights(weights)
     }
 
-    /// Judges the previews that this step of ordinary motion follows, then lets every predictor preview.
+    /// Judges the previews that this step of ordinary motion follows; every few steps lets every predictor preview.
     pub fn observe(&mut self, step: &LearnStep) {
         let moved = step.x.map(|x| x * step.scale_m);
         self.judge(moved);
         self.panel.observe(step.x);
+        self.since += 1;
+        if self.since < STRIDE {
+            return;
+        }
+        self.since = 0;
         self.shots.rotate_right(1);
         let Some(shot) = self.shots.first_mut() else { return };
         shot.unit_m = step.level * step.scale_m;
         shot.resting = step.level <= REST_LEVEL;
-        shot.way = [0.0; 2];
+        (shot.age, shot.way) = (0, [0.0; 2]);
         for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut shot.paths) {
             self.panel.roll_out(kind, step.limit, step.scale_m, [0.0; 2], path);
         }
-        self.waiting = (self.waiting + 1).min(BAND_LEADS);
+        self.waiting = (self.waiting + 1).min(SHOTS);
     }
 
     /// The bands as they are.
@@ -152,14 +167,18 @@ impl Calibration {
 
     fn judge(&mut self, moved: [f64; 2]) {
         let [dx, dy] = moved;
-        for (age, shot) in self.shots.iter_mut().take(self.waiting).enumerate() {
+        for shot in self.shots.iter_mut().take(self.waiting) {
+            let lead = shot.age;
+            shot.age += 1;
             let [x, y] = &mut shot.way;
             (*x, *y) = (*x + dx, *y + dy);
             if shot.resting && x.hypot(*y) <= shot.unit_m {
                 continue;
             }
             for (factors, path) in self.factors.iter_mut().zip(&shot.paths) {
-                let (Some(factor), Some([px, py])) = (factors.get_mut(age), path.get(age)) else { continue };
+                let (Some(factor), Some([px, py])) = (factors.get_mut(lead), path.get(lead)) else {
+                    continue;
+                };
                 factor.judge((px - *x).hypot(py - *y) / shot.unit_m, COVERAGE);
             }
         }

@@ -4,6 +4,8 @@
 //! model, what becomes live is finite, was not worse than the live weights on recent motion, and carries a version never
 //! used before. A candidate that leaves its bounds starts again from the live weights.
 
+use std::iter::Sum;
+
 use super::shadow::{Contender, Leads, Shadow, Versus};
 use super::{LearnStep, Promotion, PromotionCause};
 use crate::predict::{ModelParameters, OnlineModel, PredictorKind, WeightsError};
@@ -17,7 +19,8 @@ pub struct Rule {
     pub min_evidence: u32,
     /// A settled candidate is promoted when its error is below this part of the live error, at most 1.
     pub promote_ratio: f64,
-    /// The live weights are rolled back when their error is above this many times their predecessor's, at least 1.
+    /// The live weights are rolled back when their error is above this many times their predecessor's, at least 1; for
+    /// weights that follow their candidate at least 1.5 counts.
     pub rollback_ratio: f64,
     /// Moving steps between two hand-overs of a candidate that the live weights follow.
     pub follow_steps: u32,
@@ -35,6 +38,9 @@ pub(super) enum Pace {
 
 /// A following candidate may be this much worse: two runs of luck differ by as much.
 const FOLLOW_RATIO: f64 = 1.02;
+/// Live weights that follow are taken back only when this much worse than their anchor: what they follow changes with the
+/// writing, and a little worse on the last letter is no fault.
+const ASTRAY_RATIO: f64 = 1.5;
 /// Candidate error above this many times the live error: start the candidate again from the live weights.
 const ABANDON_RATIO: f64 = 2.0;
 /// Evidence, in units of the least, after which an anchor is renewed.
@@ -51,6 +57,17 @@ pub struct CourseCounters {
     pub poisoned: u64,
     /// Candidates thrown away because they did much worse than the live weights.
     pub abandoned: u64,
+}
+
+impl Sum for CourseCounters {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |sum, one| Self {
+            promotions: sum.promotions + one.promotions,
+            rollbacks: sum.rollbacks + one.rollbacks,
+            poisoned: sum.poisoned + one.poisoned,
+            abandoned: sum.abandoned + one.abandoned,
+        })
+    }
 }
 
 /// Recent errors of a model's weights.
@@ -92,7 +109,7 @@ impl<M: OnlineModel> Course<M> {
     }
 
     /// One step of ordinary motion, learned from if `learnable`; changes `live` when the evidence asks for it, giving it
-    /// the version after `version`.
+    /// `version`.
     pub(super) fn learn(
         &mut self,
         step: &LearnStep,
@@ -124,9 +141,15 @@ impl<M: OnlineModel> Course<M> {
             parameters.is_some()
         });
         let (cause, leaving, coming) = self.decide(live)?;
-        *live = live.with_version(version.wrapping_add(1));
+        *live = live.with_version(version);
         let (model, version, index) = (self.kind, live.version(), step.index);
         Some(Promotion { model, version, cause, index, error_leaving: leaving, error_coming: coming })
+    }
+
+    /// Checks what `propose` would refuse.
+    pub(super) fn judge(&self, weights: &M::Parameters) -> Result<(), WeightsError> {
+        weights.validate()?;
+        self.candidate.parameters().accepts(weights)
     }
 
     /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
@@ -153,9 +176,13 @@ impl<M: OnlineModel> Course<M> {
         let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
         let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;
         let old = self.shadow.live();
+        let tolerated = match self.pace {
+            Pace::Settled => rollback_ratio,
+            Pace::Following => rollback_ratio.max(ASTRAY_RATIO),
+        };
         if let Some(before) = self.previous
             && old.compared >= min_evidence
-            && old.challenger > rollback_ratio * old.other
+            && old.challenger > tolerated * old.other
         {
             self.counters.rollbacks += 1;
             *live = before;

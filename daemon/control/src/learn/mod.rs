@@ -16,10 +16,8 @@ pub use shadow::{Leads, LeadsError, MAX_LEAD, Versus};
 use thiserror::Error;
 
 use crate::pen::Motion;
-use crate::predict::dybm::{DybmShape, TraceInput};
 use crate::predict::{
-    DybmLearner, DybmSettings, InitialWeights, ModelSettings, OnlineWeights, Optimiser, PredictorKind,
-    WeightsError,
+    ArRlsLearner, DybmEsnLearner, DybmLearner, Models, OnlineWeights, PredictorKind, WeightsError,
 };
 use course::{Course, Pace};
 
@@ -59,8 +57,6 @@ impl Default for LearnStep {
 /// How the learner learns and when it dares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnerSettings {
-    /// Sizes and learning rules of the models.
-    pub models: ModelSettings,
     /// Leads over which weights are compared: those that the plan looks at, see [`Leads::of_loop`].
     pub leads: Leads,
     /// When live weights may change.
@@ -80,16 +76,6 @@ impl LearnerSettings {
     #[must_use]
     pub fn preset(step_ns: u64, dead_time_ns: u64) -> Self {
         Self {
-            models: ModelSettings {
-                step_ns,
-                dybm: DybmSettings {
-                    shape: DybmShape::new(9, &[0.5], TraceInput::Delayed),
-                    optimiser: Optimiser::ada_grad(0.01),
-                    l1: 0.0,
-                    l2: 0.0,
-                },
-                initial: InitialWeights::Persistent(0.95),
-            },
             leads: Leads::of_loop(step_ns, dead_time_ns, 10),
             rule: Rule {
                 memory_steps: 300.0,
@@ -106,7 +92,7 @@ impl LearnerSettings {
 /// A setting that cannot work.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum LearnError {
-    /// A model's settings or initial weights.
+    /// A model's weights.
     #[error(transparent)]
     Weights(#[from] WeightsError),
     /// A number of the promotion rule.
@@ -152,7 +138,7 @@ pub struct Promotion {
 }
 
 /// Models that learn online.
-const MODELS: usize = 1;
+const MODELS: usize = 3;
 
 /// What one step brought.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -194,7 +180,10 @@ const BAND_STEPS: u32 = 10;
 pub struct Learner {
     settings: LearnerSettings,
     live: OnlineWeights,
+    models: Models,
     dybm: Course<DybmLearner>,
+    dybm_esn: Course<DybmEsnLearner>,
+    ar_rls: Course<ArRlsLearner>,
     calibration: Calibration,
     newest_index: Option<u64>,
     /// Steps of motion since the last hand-over.
@@ -203,18 +192,22 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Starts with the initial weights of the settings as candidates and live.
+    /// Starts with the initial weights of the models as candidates and live.
     ///
     /// *Errors*: the first setting outside its bounds.
-    pub fn new(settings: LearnerSettings) -> Result<Self, LearnError> {
-        Self::from_weights(settings, settings.models.initial_weights())
+    pub fn new(settings: LearnerSettings, models: &Models) -> Result<Self, LearnError> {
+        Self::from_weights(settings, models, models.initial_weights())
     }
 
     /// As `new`, from stored weights.
     ///
     /// *Errors*: the first setting outside its bounds, or weights that are invalid or made for another loop.
-    pub fn from_weights(settings: LearnerSettings, live: OnlineWeights) -> Result<Self, LearnError> {
-        let LearnerSettings { models, leads, rule, max_learned } = settings;
+    pub fn from_weights(
+        settings: LearnerSettings,
+        models: &Models,
+        live: OnlineWeights,
+    ) -> Result<Self, LearnError> {
+        let LearnerSettings { leads, rule, max_learned } = settings;
         for (name, got, min, max) in [
             ("memory_steps", rule.memory_steps, 10.0, 1e6),
             ("min_evidence", f64::from(rule.min_evidence), 10.0, 1e6),
@@ -228,12 +221,17 @@ impl Learner {
             }
         }
         live.validate()?;
-        live.fits(models.step_ns)?;
-        let dybm = DybmLearner::new(models.dybm, live.dybm)?;
+        live.fits(models.settings().step_ns)?;
+        let (settled, following) = (Pace::Settled, Pace::Following);
+        let (dybm, dybm_esn, ar_rls) =
+            (models.dybm_learner(&live)?, models.dybm_esn_learner(&live)?, models.ar_rls_learner(&live)?);
         Ok(Self {
             settings,
-            dybm: Course::new(PredictorKind::Dybm, Pace::Settled, rule, leads, dybm),
-            calibration: Calibration::new(&models, &live)?,
+            models: models.clone(),
+            dybm: Course::new(PredictorKind::Dybm, settled, rule, leads, dybm),
+            dybm_esn: Course::new(PredictorKind::DybmEsn, settled, rule, leads, dybm_esn),
+            ar_rls: Course::new(PredictorKind::ArRls, following, rule, leads, ar_rls),
+            calibration: Calibration::new(models, &live)?,
             live,
             newest_index: None,
             since: 0,
@@ -250,21 +248,28 @@ impl Learner {
         if !finite || step.motion != Motion::Continues || !follows {
             *(if finite { &mut self.counters.interruptions } else { &mut self.counters.refused }) += 1;
             self.dybm.interrupt();
+            self.dybm_esn.interrupt();
+            self.ar_rls.interrupt();
             self.calibration.interrupt();
             return Lesson::default();
         }
         let [dx, dy] = step.x;
         let learnable = dx.hypot(dy) <= self.settings.max_learned;
         *(if learnable { &mut self.counters.updates } else { &mut self.counters.unlearned }) += 1;
-        let version = self.live.version;
-        let changes = [self.dybm.learn(step, learnable, &mut self.live.dybm, version)];
+        // Whatever changes in this step goes out in one set.
+        let (version, live) = (self.live.version + 1, &mut self.live);
+        let changes = [
+            self.dybm.learn(step, learnable, &mut live.dybm, version),
+            self.dybm_esn.learn(step, learnable, &mut live.dybm_esn, version),
+            self.ar_rls.learn(step, learnable, &mut live.ar_rls, version),
+        ];
         let mut lesson = Lesson { changes, hand_over: false };
         self.calibration.observe(step);
         self.since += 1;
         let changed = lesson.promotions().next().is_some();
         if changed || self.since >= BAND_STEPS {
             self.since = 0;
-            self.live.version += 1;
+            self.live.version = version;
             self.live.bands = self.calibration.table();
             // Live weights were judged before they became live: they cannot be refused.
             let _ = self.calibration.set_weights(&self.live);
@@ -278,8 +283,14 @@ impl Learner {
     /// *Errors*: invalid weights or weights that do not fit; all candidates stay.
     pub fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
         weights.validate()?;
-        weights.fits(self.settings.models.step_ns)?;
-        self.dybm.propose(&weights.dybm)
+        weights.fits(self.models.settings().step_ns)?;
+        // All or nothing.
+        self.dybm.judge(&weights.dybm)?;
+        self.dybm_esn.judge(&weights.dybm_esn)?;
+        self.ar_rls.judge(&weights.ar_rls)?;
+        self.dybm.propose(&weights.dybm)?;
+        self.dybm_esn.propose(&weights.dybm_esn)?;
+        self.ar_rls.propose(&weights.ar_rls)
     }
 
     /// The set of weights that the loop should be using.
@@ -291,7 +302,12 @@ impl Learner {
     /// The weights that learn, under the version and with the bands of the live ones.
     #[must_use]
     pub fn candidates(&self) -> OnlineWeights {
-        OnlineWeights { dybm: *self.dybm.candidate(), ..self.live }
+        OnlineWeights {
+            dybm: *self.dybm.candidate(),
+            dybm_esn: *self.dybm_esn.candidate(),
+            ar_rls: *self.ar_rls.candidate(),
+            ..self.live
+        }
     }
 
     /// Recent roll-out errors of a model's weights; zero for what does not learn online.
@@ -299,6 +315,8 @@ impl Learner {
     pub fn errors(&self, model: PredictorKind) -> CourseErrors {
         match model {
             PredictorKind::Dybm => self.dybm.errors(),
+            PredictorKind::DybmEsn => self.dybm_esn.errors(),
+            PredictorKind::ArRls => self.ar_rls.errors(),
             _ => CourseErrors::default(),
         }
     }
@@ -312,7 +330,25 @@ impl Learner {
     /// What happened so far.
     #[must_use]
     pub fn counters(&self) -> LearnCounters {
-        LearnCounters { courses: self.dybm.counters(), ..self.counters }
+        let courses = [self.dybm.counters(), self.dybm_esn.counters(), self.ar_rls.counters()];
+        LearnCounters { courses: courses.into_iter().sum(), ..self.counters }
+    }
+
+    /// What happened to one model's weights; zero for what does not learn online.
+    #[must_use]
+    pub fn counters_of(&self, model: PredictorKind) -> CourseCounters {
+        match model {
+            PredictorKind::Dybm => self.dybm.counters(),
+            PredictorKind::DybmEsn => self.dybm_esn.counters(),
+            PredictorKind::ArRls => self.ar_rls.counters(),
+            _ => CourseCounters::default(),
+        }
+    }
+
+    /// The models that it teaches.
+    #[must_use]
+    pub const fn models(&self) -> &Models {
+        &self.models
     }
 
     /// The settings in force.

@@ -16,6 +16,7 @@ pub mod esn;
 pub mod ar_rls;
 pub mod bands;
 mod online_weights;
+mod models;
 mod panel;
 mod covariance;
 pub mod ours;
@@ -27,11 +28,12 @@ pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimise
 pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
+pub use models::{InitialWeights, ModelSettings, Models, ModelsError};
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use oracle::Oracle;
 pub use ours::{Ours, OursLearner, OursParameters, OursSettings};
-pub use panel::{InitialWeights, ModelSettings, Panel, RollOut, Student};
+pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
@@ -67,14 +69,29 @@ pub enum PredictorKind {
     Dybm,
     /// The recorded future; experiments only.
     Oracle,
+    /// Trained network, if one was loaded.
+    Lstm,
+    /// DyBM with an echo state network beside it, learning online.
+    DybmEsn,
+    /// Autoregression by recursive least squares, learning online.
+    ArRls,
 }
 
 impl PredictorKind {
     /// Every predictor.
-    pub const ALL: [Self; 4] = [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Oracle];
+    pub const ALL: [Self; 7] = [
+        Self::Hold,
+        Self::ConstantVelocity,
+        Self::Dybm,
+        Self::Oracle,
+        Self::Lstm,
+        Self::DybmEsn,
+        Self::ArRls,
+    ];
 
     /// Those that a running loop has: all but the oracle.
-    pub const LIVE: [Self; 3] = [Self::Hold, Self::ConstantVelocity, Self::Dybm];
+    pub const LIVE: [Self; 6] =
+        [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Lstm, Self::DybmEsn, Self::ArRls];
 
     /// Place in [`Self::ALL`].
     #[must_use]
@@ -90,6 +107,9 @@ impl PredictorKind {
             Self::ConstantVelocity => "constant-velocity",
             Self::Dybm => "dybm",
             Self::Oracle => "oracle",
+            Self::Lstm => "lstm",
+            Self::DybmEsn => "dybm-esn",
+            Self::ArRls => "ar-rls",
         }
     }
 

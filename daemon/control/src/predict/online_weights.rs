@@ -4,9 +4,9 @@
 //! take over; the set's version counts hand-overs. What is not finite, too large or made for another loop is refused
 //! together with the set that carries it.
 
-use super::DybmWeights;
 use super::bands::BandTable;
 use super::online::{ModelParameters, WeightsError};
+use super::{ArRlsWeights, DybmEsnWeights, DybmWeights};
 
 /// Parameters of all models that learn online, and how wrong every predictor has lately been.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,10 @@ pub struct OnlineWeights {
     pub version: u64,
     /// Linear DyBM.
     pub dybm: DybmWeights,
+    /// DyBM with a reservoir.
+    pub dybm_esn: DybmEsnWeights,
+    /// AR-RLS.
+    pub ar_rls: ArRlsWeights,
     /// Bands of all predictors.
     pub bands: BandTable,
 }
@@ -25,6 +29,8 @@ impl OnlineWeights {
     /// *Errors*: the first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         self.dybm.validate()?;
+        self.dybm_esn.validate()?;
+        self.ar_rls.validate()?;
         self.bands.validate()
     }
 
@@ -32,6 +38,8 @@ impl OnlineWeights {
     ///
     /// *Errors*: another grid step or input scale.
     pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
-        self.dybm.fits(loop_ns)
+        self.dybm.fits(loop_ns)?;
+        self.dybm_esn.fits(loop_ns)?;
+        self.ar_rls.fits(loop_ns)
     }
 }

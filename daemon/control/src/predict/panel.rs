@@ -2,108 +2,62 @@
 //!
 //! Contract: all observe every step, so a switch needs no new history. The loop previews from its panel, the learner
 //! calibrates error bands on one of its own: the same code, fed with the same steps, so the bands are those of the loop.
-//! A further predictor is a field here and a line in `observe`, `forget`, `preview` and `set_weights`; one that learns
-//! online needs its parameters in [`OnlineWeights`] besides.
+//! A further predictor is a field here and a line in `observe`, `forget` and `predictor`; one that learns online needs its
+//! parameters in [`OnlineWeights`], a line in `set_weights` and `weights`, and a course in [`crate::learn::Learner`] besides.
 
 use super::bands::BandTable;
-use super::online::{ModelParameters, OnlineModel, WeightsError};
+use super::online::{ModelParameters, WeightsError};
 use super::online_weights::OnlineWeights;
 use super::{
-    ConstantVelocity, DybmLearner, DybmSettings, DybmWeights, Hold, MAX_PREVIEW, Oracle, Predictor,
-    PredictorKind,
+    ArRls, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnWeights, DybmWeights, Hold, Lstm,
+    MAX_PREVIEW, Models, Oracle, Predictor, PredictorKind,
 };
 
-/// A model that learns online as a predictor: its memory, and parameters from elsewhere.
-#[derive(Debug, Clone)]
-pub struct Student<M: OnlineModel> {
-    model: M,
-}
+/// A predictor whose parameters are learned elsewhere.
+trait Taught: Predictor {
+    type Parameters: ModelParameters;
 
-impl<M: OnlineModel> Student<M> {
-    /// Predicts with the parameters of `model`.
-    pub const fn new(model: M) -> Self {
-        Self { model }
-    }
+    /// Parameters in use.
+    fn parameters(&self) -> &Self::Parameters;
 
-    /// Exchanges the parameters, unless they are the same version; memory stays.
-    ///
-    /// *Errors*: parameters that are invalid or do not fit; the old ones stay.
-    pub fn set_parameters(&mut self, parameters: &M::Parameters) -> Result<(), WeightsError> {
-        if parameters.version() == self.model.parameters().version() {
-            return Ok(());
-        }
-        self.model.continue_from(parameters)
-    }
+    /// Exchanges the parameters; memory stays.
+    fn exchange(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
 
-    /// Checks what `set_parameters` would refuse.
-    ///
-    /// *Errors*: parameters that are invalid or do not fit.
-    pub fn check(&self, parameters: &M::Parameters) -> Result<(), WeightsError> {
-        if parameters.version() == self.model.parameters().version() {
+    /// What `exchange` would say; the version in use is not judged again.
+    fn judge(&self, parameters: &Self::Parameters) -> Result<(), WeightsError> {
+        if parameters.version() == self.parameters().version() {
             return Ok(());
         }
         parameters.validate()?;
-        self.model.parameters().accepts(parameters)
+        self.parameters().accepts(parameters)
     }
 
-    /// Parameters in use.
-    pub fn parameters(&self) -> &M::Parameters {
-        self.model.parameters()
-    }
-
-    /// Memory of the pen.
-    pub fn memory(&self) -> &M::Memory {
-        self.model.memory()
+    /// Exchanges the parameters, unless they are the version in use.
+    fn take_over(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError> {
+        if parameters.version() == self.parameters().version() {
+            return Ok(());
+        }
+        self.exchange(parameters)
     }
 }
 
-impl<M: OnlineModel> Predictor for Student<M> {
-    fn observe(&mut self, x: [f64; 2]) {
-        self.model.observe(x);
-    }
+macro_rules! taught {
+    ($($predictor:ty => $parameters:ty),* $(,)?) => {$(
+        impl Taught for $predictor {
+            type Parameters = $parameters;
 
-    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
-        self.model.preview_from(self.model.parameters(), self.model.memory(), limit, out);
-    }
-
-    fn reset(&mut self) {
-        self.model.reset_state();
-    }
-}
-
-/// Weights before anything was learned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum InitialWeights {
-    /// All zero, as in the paper: predicts like Hold at first.
-    Zero,
-    /// W_1 = this·I: predicts the last displacement, fading by this factor per step.
-    Persistent(f64),
-}
-
-/// Sizes and learning rules of the models that learn online.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ModelSettings {
-    /// Δ [ns].
-    pub step_ns: u64,
-    /// Linear DyBM.
-    pub dybm: DybmSettings,
-    /// Its start.
-    pub initial: InitialWeights,
-}
-
-impl ModelSettings {
-    /// The weights before anything was learned.
-    #[must_use]
-    pub fn initial_weights(&self) -> OnlineWeights {
-        let dybm = match self.initial {
-            InitialWeights::Zero => DybmWeights::zero(self.step_ns, self.dybm.shape),
-            InitialWeights::Persistent(factor) => {
-                DybmWeights::persistent(self.step_ns, self.dybm.shape, factor)
+            fn parameters(&self) -> &$parameters {
+                self.weights()
             }
-        };
-        OnlineWeights { version: 0, dybm, bands: BandTable::default() }
-    }
+
+            fn exchange(&mut self, parameters: &$parameters) -> Result<(), WeightsError> {
+                self.set_weights(parameters)
+            }
+        }
+    )*};
 }
+
+taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights }
 
 /// What a roll-out came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,22 +73,31 @@ pub struct RollOut {
 pub struct Panel {
     hold: Hold,
     constant_velocity: ConstantVelocity,
-    dybm: Student<DybmLearner>,
+    dybm: Dybm,
+    dybm_esn: DybmEsn,
+    ar_rls: ArRls,
+    lstm: Option<Lstm>,
     oracle: Option<Oracle>,
+    /// Something was observed since the memories were last emptied.
+    knows: bool,
 }
 
 impl Panel {
     /// Starts with empty memories.
     ///
-    /// *Errors*: settings outside their bounds, or weights that are invalid or made for another loop.
-    pub fn new(settings: &ModelSettings, weights: &OnlineWeights) -> Result<Self, WeightsError> {
+    /// *Errors*: weights that are invalid or made for another loop.
+    pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
         weights.validate()?;
-        weights.fits(settings.step_ns)?;
+        weights.fits(models.settings().step_ns)?;
         Ok(Self {
             hold: Hold,
             constant_velocity: ConstantVelocity::default(),
-            dybm: Student::new(DybmLearner::new(settings.dybm, weights.dybm)?),
+            dybm: models.dybm(weights)?,
+            dybm_esn: models.dybm_esn(weights)?,
+            ar_rls: models.ar_rls(weights)?,
+            lstm: models.lstm(),
             oracle: None,
+            knows: false,
         })
     }
 
@@ -143,6 +106,12 @@ impl Panel {
         self.hold.observe(x);
         self.constant_velocity.observe(x);
         self.dybm.observe(x);
+        self.dybm_esn.observe(x);
+        self.ar_rls.observe(x);
+        if let Some(lstm) = &mut self.lstm {
+            lstm.observe(x);
+        }
+        self.knows = true;
     }
 
     /// Empties all memories.
@@ -150,26 +119,34 @@ impl Panel {
         self.hold.reset();
         self.constant_velocity.reset();
         self.dybm.reset();
-    }
-
-    /// The linear DyBM.
-    #[must_use]
-    pub const fn dybm(&self) -> &Student<DybmLearner> {
-        &self.dybm
+        self.dybm_esn.reset();
+        self.ar_rls.reset();
+        if let Some(lstm) = &mut self.lstm {
+            lstm.reset();
+        }
+        self.knows = false;
     }
 
     /// `kind` can be chosen.
     #[must_use]
     pub fn offers(&self, kind: PredictorKind) -> bool {
-        kind != PredictorKind::Oracle || self.oracle.is_some()
+        match kind {
+            PredictorKind::Oracle => self.oracle.is_some(),
+            PredictorKind::Lstm => self.lstm.is_some(),
+            _ => true,
+        }
     }
 
     /// Takes over what changed, all or nothing; memories stay.
     ///
     /// *Errors*: weights that are invalid or do not fit; the old ones stay.
     pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
-        self.dybm.check(&weights.dybm)?;
-        self.dybm.set_parameters(&weights.dybm)
+        self.dybm.judge(&weights.dybm)?;
+        self.dybm_esn.judge(&weights.dybm_esn)?;
+        self.ar_rls.judge(&weights.ar_rls)?;
+        self.dybm.take_over(&weights.dybm)?;
+        self.dybm_esn.take_over(&weights.dybm_esn)?;
+        self.ar_rls.take_over(&weights.ar_rls)
     }
 
     /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
@@ -222,15 +199,30 @@ impl Panel {
 
     /// The weights in use as a set.
     pub(super) fn weights(&self, version: u64, bands: BandTable) -> OnlineWeights {
-        OnlineWeights { version, dybm: *self.dybm.parameters(), bands }
+        OnlineWeights {
+            version,
+            dybm: *self.dybm.parameters(),
+            dybm_esn: *self.dybm_esn.parameters(),
+            ar_rls: *self.ar_rls.parameters(),
+            bands,
+        }
     }
 
     fn preview(&self, kind: PredictorKind, limit: f64, out: &mut [[f64; 2]]) {
-        match (kind, &self.oracle) {
-            (PredictorKind::Hold, _) | (PredictorKind::Oracle, None) => self.hold.preview_within(limit, out),
-            (PredictorKind::ConstantVelocity, _) => self.constant_velocity.preview_within(limit, out),
-            (PredictorKind::Dybm, _) => self.dybm.preview_within(limit, out),
-            (PredictorKind::Oracle, Some(oracle)) => oracle.preview_within(limit, out),
+        self.predictor(kind).preview_within(limit, out);
+    }
+
+    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet.
+    fn predictor(&self, kind: PredictorKind) -> &dyn Predictor {
+        match kind {
+            PredictorKind::Oracle => self.oracle.as_ref().map_or(&self.hold, |oracle| oracle),
+            _ if !self.knows => &self.hold,
+            PredictorKind::Hold => &self.hold,
+            PredictorKind::ConstantVelocity => &self.constant_velocity,
+            PredictorKind::Dybm => &self.dybm,
+            PredictorKind::DybmEsn => &self.dybm_esn,
+            PredictorKind::ArRls => &self.ar_rls,
+            PredictorKind::Lstm => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
         }
     }
 }

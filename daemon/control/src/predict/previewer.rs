@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
-use super::{ModelSettings, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
+use super::{Models, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::learn::LearnStep;
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 
@@ -65,6 +65,9 @@ pub enum PreviewError {
     /// No recording was loaded.
     #[error("predictor oracle needs a recording: it is for experiments, choose another predictor")]
     NoRecording,
+    /// No trained network was loaded.
+    #[error("predictor lstm needs a trained network: load one, or choose another predictor")]
+    NoNetwork,
 }
 
 /// What one preview is worth.
@@ -108,22 +111,21 @@ impl Previewer {
     /// *Errors*: settings outside their bounds, or weights that are invalid or made for another loop.
     pub fn new(
         settings: PreviewSettings,
-        models: &ModelSettings,
+        models: &Models,
         weights: &OnlineWeights,
     ) -> Result<Self, PreviewError> {
         let PreviewSettings { limit_factor, peak_fade, .. } = settings;
         if !((1.0..=10.0).contains(&limit_factor) && (0.5..=0.999).contains(&peak_fade)) {
             return Err(PreviewError::Limit { limit_factor, peak_fade });
         }
-        if settings.kind == PredictorKind::Oracle {
-            return Err(PreviewError::NoRecording);
-        }
         weights.fits(settings.step_ns)?;
+        let panel = Panel::new(models, weights)?;
+        offered(&panel, settings.kind)?;
         Ok(Self {
             settings,
             active: settings.kind,
             scale: SpeedScale::new(settings.scale)?,
-            panel: Panel::new(models, weights)?,
+            panel,
             version: weights.version,
             bands: weights.bands,
             newest: None,
@@ -196,9 +198,7 @@ impl Previewer {
     ///
     /// *Errors*: a predictor that is not there; the old one stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
-        if !self.offers(kind) {
-            return Err(PreviewError::NoRecording);
-        }
+        offered(&self.panel, kind)?;
         self.active = kind;
         Ok(())
     }
@@ -285,5 +285,14 @@ impl Previewer {
         self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
         self.level_square = bands::level_square(self.level_square, x);
         self.panel.observe(x);
+    }
+}
+
+/// What `kind` lacks.
+fn offered(panel: &Panel, kind: PredictorKind) -> Result<(), PreviewError> {
+    match kind {
+        _ if panel.offers(kind) => Ok(()),
+        PredictorKind::Lstm => Err(PreviewError::NoNetwork),
+        _ => Err(PreviewError::NoRecording),
     }
 }

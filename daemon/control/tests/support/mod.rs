@@ -1,20 +1,29 @@
 //! A UR5 above a table, a pen, and ideal joint states: what the whole-step tests share.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod strokes;
+
+use std::sync::Arc;
+
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Plane, Request, SafetySettings,
     StepInput, StepOutput,
 };
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
-use foretrace_control::learn::LearnerSettings;
+use foretrace_control::learn::{Learner, LearnerSettings};
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::{InitialWeights, ModelSettings, PredictorKind, PreviewSettings};
+use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::{
+    DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, PredictorKind, PreviewSettings,
+};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 
 pub const HOME: [f64; 6] = [0.0, -1.9, -1.7, -1.112_388_980_384_69, std::f64::consts::FRAC_PI_2, 0.0];
 pub const PERIOD_NS: u64 = 2_000_000;
@@ -89,11 +98,41 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
 }
 
 /// Those of the preset, but the linear DyBM starts as constant velocity.
-pub fn models() -> ModelSettings {
-    let mut models = LearnerSettings::preset(STEP_NS, 0).models;
-    models.dybm.shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
-    models.initial = InitialWeights::Persistent(1.0);
-    models
+pub fn models() -> Models {
+    let mut settings = ModelSettings::preset(STEP_NS);
+    settings.dybm.shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
+    settings.initial = InitialWeights::Persistent(1.0);
+    Models::new(settings, Some(network(STEP_NS))).unwrap()
+}
+
+/// A network of 10 cells that nobody trained: small numbers from a fixed seed.
+pub fn network(step_ns: u64) -> Arc<LstmWeights> {
+    let spec = LstmSpec { residual: true, input_clip: Some(4.0), ..LstmSpec::plain(10, 10.0, step_ns) };
+    let mut tensors = LstmTensors::zero(spec.hidden, spec.leads);
+    let mut rng = Pcg64::seed_from_u64(10);
+    for value in tensors.all_mut().into_iter().flatten() {
+        *value = rng.random_range(-0.3..0.3);
+    }
+    Arc::new(LstmWeights::new(spec, tensors).unwrap())
+}
+
+/// The models of the preset, and an untrained network.
+pub fn models_with_network() -> Models {
+    Models::new(ModelSettings::preset(STEP_NS), Some(network(STEP_NS))).unwrap()
+}
+
+/// A learner that compares over leads of 1 to 10 steps.
+pub fn preset() -> LearnerSettings {
+    LearnerSettings::preset(STEP_NS, 0)
+}
+
+pub fn learner() -> Learner {
+    Learner::new(preset(), &models_with_network()).unwrap()
+}
+
+/// The initial weights with another linear DyBM.
+pub fn with_dybm(dybm: DybmWeights) -> OnlineWeights {
+    OnlineWeights { dybm, ..models_with_network().initial_weights() }
 }
 
 /// A follower, the arm that obeys it exactly, and an independent check of every command.
