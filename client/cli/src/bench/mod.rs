@@ -3,6 +3,7 @@
 //! Contract: for every instance each backend is timed once, in turning order, so that all see the same machine and about
 //! the same caches. The clock's own cost is reported, not subtracted. Percentiles are over instances.
 
+mod online;
 mod predictors;
 mod workload;
 
@@ -337,7 +338,8 @@ fn table(report: &Report) {
     }
     say!("");
     for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
-        say!("{:<22} {:>15}   observe, {steps} steps", name, format!("{:.2} / {:.2}", us.p50, us.p99));
+        let what = if *steps == 0 { "learn".to_owned() } else { format!("observe, {steps} steps") };
+        say!("{:<22} {:>15}   {what}", name, format!("{:.2} / {:.2}", us.p50, us.p99));
     }
 }
 

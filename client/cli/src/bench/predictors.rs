@@ -1,8 +1,8 @@
 //! One row per predictor: what taking in a displacement and predicting from it costs.
 //!
 //! Contract: every predictor sees the same displacements of the recorded pen, normalised like the loop's, one after the
-//! other, and is timed in turning order. A cost is one `observe` and one `preview`. The numbers of a network do not change
-//! its time, so sizes for which no trained weights are shipped run on made-up ones.
+//! other, and is timed in turning order. A cost is one `observe` and one `preview`, or one `learn`. The numbers of a
+//! network do not change its time, so sizes for which no trained weights are shipped run on made-up ones.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -15,16 +15,17 @@ use foretrace_control::predict::lstm::{LstmSpec, LstmTensors};
 use foretrace_control::predict::{Lstm, LstmWeights, MAX_PREVIEW, Predictor};
 use serde::Serialize;
 
+use super::online;
 use super::workload::Workload;
 use super::{Cost, cost, elapsed_us};
 use crate::failure::Failure;
 
 /// A predictor under the clock.
-struct Candidate {
-    name: &'static str,
-    /// Steps it previews.
-    steps: usize,
-    predictor: Box<dyn Predictor>,
+pub(super) struct Candidate {
+    pub(super) name: &'static str,
+    /// Steps it previews; none for one that learns instead.
+    pub(super) steps: usize,
+    pub(super) predictor: Box<dyn Predictor>,
 }
 
 /// What one predictor costs.
@@ -77,11 +78,13 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
         LstmSpec { leads: 24, residual: true, input_clip: Some(4.0), ..LstmSpec::plain(64, 10.0, step_ns) };
     let direct = made_up(spec).map_err(|error| refused(&error))?;
     let lstm = |name, weights, steps| Candidate { name, steps, predictor: Box::new(Lstm::new(weights)) };
-    Ok(vec![
+    let mut candidates = vec![
         lstm("lstm10, rolled out", reference, 10),
         lstm("lstm32, rolled out", plain, 10),
         lstm("lstm64, direct", direct, 24),
-    ])
+    ];
+    candidates.extend(online::candidates(step_ns).map_err(|error| refused(&error))?);
+    Ok(candidates)
 }
 
 /// Weights within ±0.5, like those of a trained network.
