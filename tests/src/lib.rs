@@ -170,7 +170,12 @@ impl World {
         });
     }
 
-    fn start_plain(&self, arguments: &[String]) -> Process {
+    /// Starts a command that belongs to no instance.
+    ///
+    /// # Panics
+    /// The program cannot be started.
+    #[must_use]
+    pub fn start_plain(&self, arguments: &[String]) -> Process {
         let mut command = Command::new(&self.program);
         command.args(arguments).current_dir(&self.folder);
         command.env_remove("XDG_RUNTIME_DIR").env("HOME", &self.folder);

@@ -57,7 +57,9 @@ fn a_killed_training_leaves_no_model_and_continues_to_the_same_bytes() {
         assert!(!world.file("killed.safetensors").exists());
         let process = world.start_plain(&[&words[..], &["--resume".to_owned()]].concat());
         std::thread::sleep(std::time::Duration::from_millis(50));
-        process.end();
+        process.signal("-INT");
+        let output = process.output();
+        assert!(matches!(output.status.code(), Some(0 | 130)), "{}", told(&output));
         if checkpoint.exists() {
             let other = world
                 .run_plain(&[&options(&data, &killed, &more)[..], &["--resume", "--batch", "7"]].concat());

@@ -156,6 +156,10 @@ fn a_common_step_takes_both_phases_and_refuses_what_no_device_saw() {
     assert_ne!(changed[0].strokes, changed[1].strokes);
     assert!(matches!(corpus::at_step(items.clone(), None), Err(CorpusError::Rates { .. })));
     assert!(matches!(corpus::at_step(items, Some(5.0)), Err(CorpusError::TooFine { .. })));
+    let estimated = vec![item("a", 199.999_999_8, strokes.clone()), item("b", 200.4, strokes.clone())];
+    assert_eq!(corpus::at_step(estimated.clone(), None).unwrap().1, 4.99);
+    assert_eq!(corpus::at_step(estimated[..1].to_vec(), None).unwrap().1, 5.0);
+    assert_eq!(corpus::at_step(estimated, Some(10.0)).unwrap().0.len(), 4);
     let still = vec![item("a", 200.0, Strokes::plain(vec![[0.0; 2]; 9]))];
     assert_eq!(corpus::at_step(still, None), Err(CorpusError::Empty));
 }

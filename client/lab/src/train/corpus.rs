@@ -15,6 +15,9 @@ use super::resample;
 use crate::data::DataSet;
 use crate::prediction::{PADDING_STEPS, Sequence};
 
+/// Rates that differ by no more than this part are the same: devices' clocks and estimates from stamps are no better.
+const RATE_TOLERANCE: f64 = 0.01;
+
 /// One recorded character as displacements per step, with what is known of its jumps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Strokes {
@@ -143,17 +146,23 @@ pub fn at_step(items: Vec<Item>, step_ms: Option<f64>) -> Result<(Vec<Item>, f64
         return Err(CorpusError::Empty);
     }
     let Some(step_ms) = step_ms else {
-        return if low == high { Ok((items, 1e3 / low)) } else { Err(CorpusError::Rates { low, high }) };
+        let same = high - low <= RATE_TOLERANCE * high;
+        let [low, high] = [low, high].map(to_thousandths);
+        return if same {
+            Ok((items, to_thousandths(1e3 / high)))
+        } else {
+            Err(CorpusError::Rates { low, high })
+        };
     };
     let mut changed = Vec::new();
     for item in items {
         let ratio = step_ms * 1e-3 * item.rate_hz;
         let whole = ratio.round();
-        if ratio < 1.0 - 1e-6 {
-            let (rate_hz, least_ms) = (item.rate_hz, 1e3 / item.rate_hz);
+        if ratio < 1.0 - RATE_TOLERANCE {
+            let [rate_hz, least_ms] = [item.rate_hz, 1e3 / item.rate_hz].map(to_thousandths);
             return Err(CorpusError::TooFine { step_ms, rate_hz, least_ms });
         }
-        let versions = if (ratio - whole).abs() < 1e-6 * ratio {
+        let versions = if (ratio - whole).abs() <= RATE_TOLERANCE * ratio {
             (0..whole as usize)
                 .map(|phase| resample::decimated(&item.strokes, whole as usize, phase))
                 .collect()
@@ -168,6 +177,11 @@ pub fn at_step(items: Vec<Item>, step_ms: Option<f64>) -> Result<(Vec<Item>, f64
         }));
     }
     Ok((changed, step_ms))
+}
+
+/// Rates are often estimated from stamps; a model's step is compared to the nanosecond.
+fn to_thousandths(x: f64) -> f64 {
+    (x * 1e3).round() / 1e3
 }
 
 /// Parts the items by writer: (train, held out), `share` of the writers (at least one) held out as `seed` draws them.

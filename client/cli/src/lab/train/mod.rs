@@ -78,7 +78,7 @@ fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Fa
         FitError::Diverged { .. } => Failure::failed(error, ""),
     })?;
     let held_out = done.held_out.map_or_else(String::new, |s| {
-        format!(", held out {:.5}, MSE {:.3}, within strokes {:.3}", s.loss, s.mse, s.within)
+        format!(", held out {:.5}, MSE {}, within strokes {}", s.loss, figure(s.mse), figure(s.within))
     });
     note!("epoch {number:>3}/{}: loss {:.5}{held_out}", choice.plan.epochs, done.train_loss);
     Ok(())
@@ -245,13 +245,8 @@ fn finish(
     let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
     curve(&picture, &title, &data.title(), history).map_err(|error| Failure::failed(error, ""))?;
     if let Some(s) = scores {
-        say!(
-            "held out {:.5} after epoch {}: MSE {:.3}, within strokes {:.3}",
-            s.loss,
-            best + 1,
-            s.mse,
-            s.within
-        );
+        let (mse, within) = (figure(s.mse), figure(s.within));
+        say!("held out {:.5} after epoch {}: MSE {mse}, within strokes {within}", s.loss, best + 1);
     }
     if let Some(us) = us_per_step {
         say!("training {us:.3} us per step, scoring and checkpoints included");
@@ -276,6 +271,11 @@ fn finish(
         "epochs": epochs,
         "out": out.display().to_string(),
     }))
+}
+
+/// An error in the device's units, whatever their size.
+fn figure(error: f64) -> String {
+    if error.abs() < 1e-2 { format!("{error:.3e}") } else { format!("{error:.3}") }
 }
 
 /// Where the model comes from, for its metadata.

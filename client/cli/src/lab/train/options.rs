@@ -9,6 +9,8 @@ use crate::failure::Failure;
 use crate::output::JsonArgs;
 
 #[derive(Debug, clap::Args)]
+// So that negative numbers are answered with what is legal.
+#[command(allow_negative_numbers = true)]
 pub(crate) struct TrainArgs {
     /// Network to train: lstm10, lstm32 or lstm64, with as many cells
     #[arg(long, value_name = "NAME", default_value = "lstm10", value_parser = cells)]
