@@ -62,6 +62,17 @@ fn columns_may_come_in_any_order_and_number() {
 }
 
 #[test]
+fn resolution_may_be_stated_per_inch_and_the_writer_anywhere() {
+    let dat = ".COORD X Y\n.POINTS_PER_SECOND 100\n.X_POINTS_PER_INCH 508\n.Y_POINTS_PER_INCH 254\n\
+               .PEN_DOWN 0 2\n.SEGMENT CHARACTER 0 ? \"a\"\n.WRITER_ID  NAPL4256\n";
+    let (_folder, file) = set(dat.as_bytes(), &[]);
+    let r = load_unipen(&file).unwrap();
+    let [x, y] = r.units_per_m.unwrap();
+    assert!((x - 20e3).abs() < 1e-6 && (y - 10e3).abs() < 1e-6, "{x} {y}");
+    assert_eq!((r.segments[0].writer.as_str(), r.rate_assumed), ("NAPL4256", false));
+}
+
+#[test]
 fn every_refusal_names_file_line_and_reason() {
     let seg = ".SEGMENT CHARACTER 0 ? \"a\"\n";
     type Case = (String, &'static [(&'static str, &'static str)], &'static str);

@@ -146,6 +146,8 @@ impl Ink {
             ".POINTS_PER_SECOND" => self.rate_hz = Some(positive(statement, &at)?),
             ".X_POINTS_PER_MM" => self.per_mm[0] = Some(positive(statement, &at)?),
             ".Y_POINTS_PER_MM" => self.per_mm[1] = Some(positive(statement, &at)?),
+            ".X_POINTS_PER_INCH" => self.per_mm[0] = Some(positive(statement, &at)? / 25.4),
+            ".Y_POINTS_PER_INCH" => self.per_mm[1] = Some(positive(statement, &at)? / 25.4),
             ".PEN_DOWN" => self.pen(true, statement, &at)?,
             ".PEN_UP" => self.pen(false, statement, &at)?,
             ".DT" => self.gap(statement, &at)?,
