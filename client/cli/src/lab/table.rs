@@ -103,9 +103,9 @@ pub(super) fn json(set: &Set, scored: &Scored) -> Value {
     })
 }
 
+/// What has to be known about single models, those that the others are measured against included.
 fn notes(scored: &Scored) -> impl Iterator<Item = (&str, &str)> {
-    let chosen = scored.runs.iter().filter(|run| scored.rows.iter().any(|row| row.model == run.model));
-    chosen.filter_map(|run| Some((run.model.as_str(), run.note.as_deref()?)))
+    scored.runs.iter().filter_map(|run| Some((run.model.as_str(), run.note.as_deref()?)))
 }
 
 /// The table as bars in `folder`/`name`.
