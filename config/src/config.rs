@@ -10,6 +10,7 @@ use toml::de::DeValue;
 use crate::check::check;
 use crate::layers::{self, Found};
 use crate::models::shipped;
+use crate::predictor::NO_NETWORK;
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
 use crate::robot::Robot;
@@ -207,10 +208,10 @@ impl Draft {
             if let Some(mut settings) = settings {
                 settings.robot.urdf =
                     resolved(&settings.robot.urdf, &folder, |name| presets::robot(name).is_some());
-                settings.predictor.lstm = settings
-                    .predictor
-                    .lstm
-                    .map(|network| resolved(&network, &folder, |name| shipped(name).is_some()));
+                for network in [&mut settings.predictor.lstm, &mut settings.predictor.ours.network] {
+                    let known = |name: &str| name == NO_NETWORK || shipped(name).is_some();
+                    *network = network.take().map(|name| resolved(&name, &folder, known));
+                }
                 let built = check(&settings, &found, &whole, &mut problems);
                 if let (Some((robot, models)), true) = (built, problems.is_empty()) {
                     return Ok(Config { settings, robot, models, found, name: whole.to_string() });

@@ -62,8 +62,8 @@ impl Config {
             refused.push(StartOnlyKey(KeyChange { key: "robot.urdf".to_owned(), from, to }));
         }
         if refused.is_empty() && self.models() != new.models() {
-            let path = new.settings().predictor.lstm.clone().unwrap_or_default();
-            let (from, to) = (Some(format!("{path} as loaded")), Some(format!("{path} as it is now")));
+            let (from, to) =
+                (Some("networks as loaded".to_owned()), Some("their files as they are now".to_owned()));
             refused.push(StartOnlyKey(KeyChange { key: "predictor.lstm".to_owned(), from, to }));
         }
         if refused.is_empty() {

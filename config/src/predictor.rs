@@ -1,16 +1,19 @@
-//! The predictors: sizes and learning rules from the settings, the trained network from its file.
+//! The predictors: sizes and learning rules from the settings, trained networks from their files.
 //!
-//! Contract: a network is loaded and judged when the settings are, so that a daemon that starts has a network that fits.
+//! Contract: networks are loaded and judged when the settings are, so that a daemon that starts has networks that fit.
+
+use std::sync::Arc;
 
 use foretrace_control::predict::ar_rls::ArRlsSettings;
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::esn::ReservoirSettings;
 use foretrace_control::predict::{
-    DybmSettings, InitialWeights, ModelSettings, Models, Optimiser, PredictorKind,
+    DybmSettings, InitialWeights, LstmWeights, ModelSettings, Models, Networks, Optimiser, OursSettings,
+    PredictorKind,
 };
 
 use crate::check::Report;
-use crate::models::LstmModel;
+use crate::models::{LstmModel, shipped};
 use crate::settings::{self, PredictorChoice, Settings, TraceChoice};
 
 impl PredictorChoice {
@@ -24,35 +27,29 @@ impl PredictorChoice {
             Self::DybmEsn => PredictorKind::DybmEsn,
             Self::Lstm => PredictorKind::Lstm,
             Self::ArRls => PredictorKind::ArRls,
+            Self::Ours => PredictorKind::Ours,
         }
     }
 }
 
+/// Says that a network shall not be used, not even a shipped one.
+pub(crate) const NO_NETWORK: &str = "none";
+
 /// Builds what the predictors are made of; `None` when something was reported.
 pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Models> {
-    let lstm = match &settings.predictor.lstm {
-        Some(name) => match network(name, settings.step_ns()) {
-            Ok(model) => Some(model.weights),
-            Err(error) => {
-                report.conflict(
-                    "predictor.lstm",
-                    format!("cannot be used: {error}"),
-                    "name another network, or leave the key out",
-                );
-                return None;
-            }
-        },
-        None if settings.predictor.kind == PredictorChoice::Lstm => {
-            report.conflict(
-                "predictor.kind",
-                "needs a trained network, and predictor.lstm is not set",
-                "set predictor.lstm to a .safetensors file, or choose another predictor",
-            );
-            return None;
-        }
-        None => None,
-    };
-    match Models::new(model_settings(settings), lstm) {
+    let section = &settings.predictor;
+    let lstm = network("predictor.lstm", section.lstm.as_deref(), "lstm10", settings, report);
+    let ours = network("predictor.ours.network", section.ours.network.as_deref(), "ours", settings, report);
+    let networks = Networks { lstm: lstm?, ours: ours? };
+    if section.kind == PredictorChoice::Lstm && networks.lstm.is_none() {
+        report.conflict(
+            "predictor.kind",
+            format!("needs a trained network, and none is there for pen.step_ms = {}", settings.pen.step_ms),
+            "set predictor.lstm to a .safetensors file made for this step, or choose another predictor",
+        );
+        return None;
+    }
+    match Models::new(model_settings(settings), networks) {
         Ok(models) => Some(models),
         Err(error) => {
             report.conflict("predictor.kind", format!("cannot be built: {error}"), "correct that setting");
@@ -61,14 +58,38 @@ pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Mod
     }
 }
 
-fn network(name: &str, step_ns: u64) -> Result<LstmModel, crate::models::ModelError> {
-    let model = LstmModel::find(name)?;
-    model.fits(step_ns)?;
-    Ok(model)
+/// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there is one.
+/// `None` when something was reported.
+fn network(
+    key: &str,
+    name: Option<&str>,
+    family: &str,
+    settings: &Settings,
+    report: &mut Report<'_>,
+) -> Option<Option<Arc<LstmWeights>>> {
+    let suited = format!("{family}-{}ms", settings.pen.step_ms);
+    let name = match name {
+        Some(NO_NETWORK) => return Some(None),
+        Some(name) => name,
+        None if shipped(&suited).is_some() => &suited,
+        None => return Some(None),
+    };
+    let loaded = LstmModel::find(name).and_then(|model| model.fits(settings.step_ns()).map(|()| model));
+    match loaded {
+        Ok(model) => Some(Some(model.weights)),
+        Err(error) => {
+            report.conflict(
+                key,
+                format!("cannot be used: {error}"),
+                format!("name another network, or leave the key out (\"{NO_NETWORK}\" does without)"),
+            );
+            None
+        }
+    }
 }
 
 fn model_settings(s: &Settings) -> ModelSettings {
-    let settings::Predictor { dybm, esn, ar_rls, .. } = &s.predictor;
+    let settings::Predictor { dybm, esn, ar_rls, ours, .. } = &s.predictor;
     ModelSettings {
         step_ns: s.step_ns(),
         dybm: DybmSettings {
@@ -100,6 +121,7 @@ fn model_settings(s: &Settings) -> ModelSettings {
             ..ReservoirSettings::default()
         },
         readout: Optimiser::ada_grad(esn.rate),
+        ours: OursSettings { forgetting: ours.forgetting, rate: ours.rate, share: ours.share },
         ar_rls: ArRlsSettings {
             forgetting: ar_rls.forgetting,
             gate: ar_rls.gate,

@@ -191,14 +191,14 @@ mod tests {
 
     use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
-    use foretrace_control::predict::{ModelSettings, Models};
+    use foretrace_control::predict::{ModelSettings, Models, Networks};
 
     use super::*;
 
     const STEP_NS: u64 = 10_000_000;
 
     fn models() -> Models {
-        Models::new(ModelSettings::preset(STEP_NS), None).unwrap()
+        Models::new(ModelSettings::preset(STEP_NS), Networks::default()).unwrap()
     }
 
     struct Bench {

@@ -17,6 +17,8 @@ words! {
         Lstm = "lstm",
         /// Autoregression by recursive least squares, learning online.
         ArRls = "ar-rls",
+        /// Mixture that learns online which of five experts to believe.
+        Ours = "ours",
     }
 }
 
@@ -56,10 +58,12 @@ section! {
     /// The predictor of the hand.
     pub struct Predictor {
         /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm", "dybm-esn" (with a
-        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`.
+        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`; "ours": learns online
+        /// which of five experts to believe.
         kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"dybm\"";
-        /// The trained network: a shipped one by name, or a .safetensors file relative to the settings file; made for
-        /// this pen.step_ms. Not set: the predictor "lstm" is not available.
+        /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings file; made for
+        /// this pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", there is
+        /// no predictor "lstm".
         lstm: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get
         /// faster.
@@ -76,6 +80,8 @@ section! {
         esn @ "esn": EsnSection;
         /// Least squares.
         ar_rls @ "ar_rls": ArRlsSection;
+        /// The mixture.
+        ours @ "ours": OursSection;
     }
 }
 
@@ -144,6 +150,23 @@ section! {
         gate: f64 = Between(1.0, 1e6), Default("40.0"), AtStart, "40";
         /// Largest error per axis that is learned from in full.
         huber: f64 = Between(0.001, 1e4), Default("6.0"), AtStart, "6";
+    }
+}
+
+section! {
+    /// The mixture (predictor.kind = "ours"): constant velocity, least squares, a reservoir's read-out, a trained network,
+    /// and that network corrected online, weighed anew at every step and for every lead.
+    pub struct OursSection {
+        /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24 direct
+        /// leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is none, or with
+        /// "none", the mixture does without.
+        network: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
+        /// Factor per step by which the past loses weight in the read-outs.
+        forgetting: f64 = Between(0.99, 1.0), Default("0.99985"), AtStart, "0.99985";
+        /// How fast the weights of the experts follow their errors.
+        rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
+        /// Part of the weights that is dealt out anew at every step, so that no expert is given up for good.
+        share: f64 = Between(0.0, 0.1), Default("0.001"), AtStart, "0.001";
     }
 }
 

@@ -13,8 +13,8 @@ mod arm;
 
 pub use arm::{Arming, Ik, RobotSection, Timing};
 pub use foresight::{
-    ArRlsSection, DybmSection, EsnSection, Learner, Optimiser, Predictor, PredictorChoice, ScaleSection,
-    TraceChoice, TrustMode, TrustSection,
+    ArRlsSection, DybmSection, EsnSection, Learner, Optimiser, OursSection, Predictor, PredictorChoice,
+    ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};

@@ -125,7 +125,6 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
     assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));
     assert!(refused(|s| s.learner.follow_steps = 0).unwrap_err().contains("follow_steps"));
     assert!(refused(|s| s.pen.step_ms = 7).unwrap_err().contains("not a multiple"));
-    assert!(refused(|s| s.predictor.kind = PredictorChoice::Lstm).unwrap_err().contains("trained network"));
 }
 
 #[test]
@@ -137,15 +136,12 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
 }
 
-/// A loop whose step is that of the shipped network.
-const FIVE_MS: &str = "[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 5\nstale_ms = 100\n[trust]\n";
-
 #[test]
 fn every_predictor_of_the_law_but_the_oracle_can_be_chosen() {
     let choices: Vec<_> = PredictorChoice::WORDS.to_vec();
     for kind in PredictorKind::LIVE {
         assert!(choices.contains(&kind.name()), "{kind:?} cannot be chosen");
-        let text = format!("{FIVE_MS}[predictor]\nkind = \"{}\"\nlstm = \"lstm10-reference\"\n", kind.name());
+        let text = format!("[predictor]\nkind = \"{}\"\n", kind.name());
         let config = over_ur5(&text).unwrap();
         let law = config.follower_settings();
         assert_eq!((law.preview.kind, law.models.has(kind)), (kind, true));
@@ -158,12 +154,28 @@ fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
     for (text, words) in [
         ("[predictor]\nlstm = \"lstm10-reference\"\n", ["5000000 ns", "10000000 ns"]),
         ("[predictor]\nlstm = \"lstm99\"\n", ["lstm99", "lstm10-reference"]),
-        ("[predictor]\nkind = \"lstm\"\n", ["predictor.kind", "predictor.lstm is not set"]),
+        ("[predictor]\nkind = \"lstm\"\nlstm = \"none\"\n", ["predictor.kind", "needs a trained network"]),
+        ("[predictor.ours]\nnetwork = \"lstm10-10ms\"\n", ["leads of the LSTM", "24"]),
         ("[predictor.ar_rls]\ngate = 1.0\nhuber = 5e3\n", ["huber", "1000"]),
     ] {
         let error = over_ur5(text).unwrap_err().to_string();
         assert!(words.iter().all(|word| error.contains(word)), "{text} -> {error}");
     }
+}
+
+#[test]
+fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
+    let without = |text: &str| {
+        let law = over_ur5(text).unwrap().follower_settings();
+        (law.models.has(PredictorKind::Lstm), law.models.networks().ours.is_some())
+    };
+    assert_eq!(without(""), (true, true));
+    assert_eq!(
+        without("[predictor]\nlstm = \"none\"\n[predictor.ours]\nnetwork = \"none\"\n"),
+        (false, false)
+    );
+    assert_eq!(without("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n"), (false, false));
+    assert_eq!(without("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 5\n"), (false, true));
 }
 
 #[test]

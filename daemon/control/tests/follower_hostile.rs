@@ -38,7 +38,7 @@ fn pen(rng: &mut Pcg64, now: Stamp, t: f64, spite: f64) -> PenReading {
 
 fn poisoned_joints(rng: &mut Pcg64, good: JointReading<6>) -> JointReading<6> {
     let mut bad = good;
-    match rng.random_range(0..4) {
+    match rng.random_range(0..5) {
         0 => bad.q[rng.random_range(0..6)] = POISON[rng.random_range(0..POISON.len())],
         1 => bad.qd[rng.random_range(0..6)] = POISON[rng.random_range(0..POISON.len())],
         2 => bad.stamp = Stamp(rng.next_u64()),
@@ -50,7 +50,7 @@ fn poisoned_joints(rng: &mut Pcg64, good: JointReading<6>) -> JointReading<6> {
 /// Breaks one model's parameters, or the bands, under a new version.
 fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
     weights.version += 1;
-    match rng.random_range(0..4) {
+    match rng.random_range(0..5) {
         0 => {
             weights.dybm.version = weights.version;
             weights.dybm.parameters.fifo[0][rng.random_range(0..2)][rng.random_range(0..2)] = value;
@@ -63,6 +63,10 @@ fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
             weights.ar_rls.version = weights.version;
             weights.ar_rls.coefficients[rng.random_range(0..8)][rng.random_range(0..2)]
                 [rng.random_range(0..2)] = value;
+        }
+        3 => {
+            weights.ours.version = weights.version;
+            weights.ours.ar.coefficients[rng.random_range(0..8)][rng.random_range(0..2)][1] = value;
         }
         _ => {
             weights.bands.factors[rng.random_range(0..PredictorKind::ALL.len())]

@@ -6,7 +6,7 @@ mod support;
 use foretrace_control::learn::{LearnStep, Learner, Lesson, Promotion, PromotionCause, Versus};
 use foretrace_control::pen::{GridStep, Motion};
 use foretrace_control::predict::{
-    DybmWeights, InitialWeights, ModelParameters, ModelSettings, Models, Optimiser, PredictorKind,
+    DybmWeights, InitialWeights, ModelParameters, ModelSettings, Models, Networks, Optimiser, PredictorKind,
     PreviewSettings, Previewer,
 };
 use support::strokes::{first_order, handwriting};
@@ -60,7 +60,7 @@ fn learned_dybm_beats_hold_and_constant_velocity_on_every_lead() {
 fn papers_zero_start_learns_as_well_but_later() {
     let steps = handwriting(2, 30);
     let zero = ModelSettings { initial: InitialWeights::Zero, ..ModelSettings::preset(STEP_NS) };
-    let zero = Models::new(zero, None).unwrap();
+    let zero = Models::new(zero, Networks::default()).unwrap();
     let ([hold, _, from_zero], _) = errors(&steps, &zero, 10, 700);
     let (_, learner) = errors(&steps, &zero, 10, 700);
     assert!(from_zero < hold, "{from_zero} {hold}");
@@ -89,6 +89,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
             (PredictorKind::Dybm, before.dybm.version(), after.dybm.version()),
             (PredictorKind::DybmEsn, before.dybm_esn.version(), after.dybm_esn.version()),
             (PredictorKind::ArRls, before.ar_rls.version(), after.ar_rls.version()),
+            (PredictorKind::Ours, before.ours.version(), after.ours.version()),
         ];
         for (model, was, is) in changed {
             let told = lesson.promotions().find(|promotion| promotion.model == model);
@@ -108,7 +109,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
                     rollbacks += 1;
                 }
                 PromotionCause::Followed => {
-                    assert_eq!(promotion.model, PredictorKind::ArRls);
+                    assert!(matches!(promotion.model, PredictorKind::ArRls | PredictorKind::Ours));
                     assert!(promotion.error_coming <= 1.02 * promotion.error_leaving);
                     promotions += 1;
                 }
@@ -130,7 +131,7 @@ fn of_dybm(lesson: &Lesson) -> Option<Promotion> {
 fn frozen() -> Learner {
     let mut settings = ModelSettings::preset(STEP_NS);
     settings.dybm.optimiser = Optimiser::ada_grad(0.0);
-    Learner::new(preset(), &Models::new(settings, None).unwrap()).unwrap()
+    Learner::new(preset(), &Models::new(settings, support::networks(STEP_NS)).unwrap()).unwrap()
 }
 
 #[test]

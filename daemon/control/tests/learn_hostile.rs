@@ -5,7 +5,7 @@ mod support;
 use foretrace_control::learn::{Leads, LearnError, LearnStep, Learner, LearnerSettings, Rule};
 use foretrace_control::pen::Motion;
 use foretrace_control::predict::{
-    DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, Optimiser, PredictorKind,
+    DybmWeights, InitialWeights, ModelSettings, Models, Networks, OnlineWeights, Optimiser, PredictorKind,
 };
 use proptest::prelude::*;
 use support::strokes::first_order;
@@ -16,7 +16,7 @@ fn poisoned_candidates_are_thrown_away_and_never_promoted() {
     // A rate of 10 per parameter makes the candidate leave its bounds by itself.
     let mut settings = ModelSettings::preset(STEP_NS);
     settings.dybm.optimiser = Optimiser::rms_prop(10.0);
-    let mut learner = Learner::new(preset(), &Models::new(settings, None).unwrap()).unwrap();
+    let mut learner = Learner::new(preset(), &Models::new(settings, Networks::default()).unwrap()).unwrap();
     for step in first_order(0.9, 20_000, 0, 10) {
         learner.learn(&step);
         learner.weights().validate().unwrap();
@@ -44,12 +44,13 @@ fn poison_from_outside_is_not_even_proposed() {
 }
 
 /// `good` with one number replaced, once per part.
-fn poisoned(good: &OnlineWeights, value: f64) -> [OnlineWeights; 4] {
-    let mut sets = [*good; 4];
+fn poisoned(good: &OnlineWeights, value: f64) -> [OnlineWeights; 5] {
+    let mut sets = [*good; 5];
     sets[0].dybm.parameters.bias[0] = value;
     sets[1].bands.factors[1][4] = value as f32;
     sets[2].dybm_esn.readout[49][1] = value;
     sets[3].ar_rls.coefficients[7][1][0] = value;
+    sets[4].ours.ar.coefficients[0][1][0] = value;
     sets
 }
 
@@ -75,7 +76,7 @@ fn jumps_starts_and_wild_steps_teach_nothing() {
         learner.learn(&lesson);
         let after = learner.candidates();
         assert_eq!((before.dybm, before.dybm_esn), (after.dybm, after.dybm_esn), "{lesson:?}");
-        assert_eq!(before.ar_rls, after.ar_rls, "{lesson:?}");
+        assert_eq!((before.ar_rls, before.ours), (after.ar_rls, after.ours), "{lesson:?}");
     }
     let counters = learner.counters();
     assert_eq!(counters.updates, updates);
@@ -115,9 +116,9 @@ fn models_that_cannot_be_built_are_refused() {
     bad[2].reservoir.leak = 2.0;
     bad[3].ar_rls.forgetting = 0.5;
     for bad in bad {
-        assert!(Models::new(bad, None).is_err(), "{bad:?}");
+        assert!(Models::new(bad, Networks::default()).is_err(), "{bad:?}");
     }
-    let error = Models::new(good, Some(support::network(5_000_000))).unwrap_err().to_string();
+    let error = Models::new(good, support::networks(5_000_000)).unwrap_err().to_string();
     assert!(error.contains("5000000") && error.contains("10000000"), "{error}");
 }
 

@@ -19,7 +19,7 @@ fn shape() -> DybmShape {
 fn models() -> Models {
     let mut settings = ModelSettings::preset(STEP_NS);
     settings.dybm.shape = shape();
-    Models::new(settings, Some(support::network(STEP_NS))).unwrap()
+    Models::new(settings, support::networks(STEP_NS)).unwrap()
 }
 
 fn with(dybm: DybmWeights) -> OnlineWeights {

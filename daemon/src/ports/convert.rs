@@ -181,6 +181,7 @@ pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
         PredictorKind::Lstm => shm::PredictorId::Lstm,
         PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
         PredictorKind::ArRls => shm::PredictorId::ArRls,
+        PredictorKind::Ours => shm::PredictorId::Ours,
     }
 }
 
@@ -193,7 +194,7 @@ const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
         shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
         shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
         shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
-        shm::PredictorId::Ours => None,
+        shm::PredictorId::Ours => Some(PredictorKind::Ours),
     }
 }
 

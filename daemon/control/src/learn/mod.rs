@@ -17,7 +17,8 @@ use thiserror::Error;
 
 use crate::pen::Motion;
 use crate::predict::{
-    ArRlsLearner, DybmEsnLearner, DybmLearner, Models, OnlineWeights, PredictorKind, WeightsError,
+    ArRlsLearner, DybmEsnLearner, DybmLearner, Models, OnlineWeights, OursLearner, PredictorKind,
+    WeightsError,
 };
 use course::{Course, Pace};
 
@@ -138,7 +139,7 @@ pub struct Promotion {
 }
 
 /// Models that learn online.
-const MODELS: usize = 3;
+const MODELS: usize = 4;
 
 /// What one step brought.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -184,6 +185,7 @@ pub struct Learner {
     dybm: Course<DybmLearner>,
     dybm_esn: Course<DybmEsnLearner>,
     ar_rls: Course<ArRlsLearner>,
+    ours: Course<OursLearner>,
     calibration: Calibration,
     newest_index: Option<u64>,
     /// Steps of motion since the last hand-over.
@@ -231,6 +233,7 @@ impl Learner {
             dybm: Course::new(PredictorKind::Dybm, settled, rule, leads, dybm),
             dybm_esn: Course::new(PredictorKind::DybmEsn, settled, rule, leads, dybm_esn),
             ar_rls: Course::new(PredictorKind::ArRls, following, rule, leads, ar_rls),
+            ours: Course::new(PredictorKind::Ours, following, rule, leads, models.ours_learner(&live)?),
             calibration: Calibration::new(models, &live)?,
             live,
             newest_index: None,
@@ -250,6 +253,7 @@ impl Learner {
             self.dybm.interrupt();
             self.dybm_esn.interrupt();
             self.ar_rls.interrupt();
+            self.ours.interrupt();
             self.calibration.interrupt();
             return Lesson::default();
         }
@@ -262,6 +266,7 @@ impl Learner {
             self.dybm.learn(step, learnable, &mut live.dybm, version),
             self.dybm_esn.learn(step, learnable, &mut live.dybm_esn, version),
             self.ar_rls.learn(step, learnable, &mut live.ar_rls, version),
+            self.ours.learn(step, learnable, &mut live.ours, version),
         ];
         let mut lesson = Lesson { changes, hand_over: false };
         self.calibration.observe(step);
@@ -288,9 +293,11 @@ impl Learner {
         self.dybm.judge(&weights.dybm)?;
         self.dybm_esn.judge(&weights.dybm_esn)?;
         self.ar_rls.judge(&weights.ar_rls)?;
+        self.ours.judge(&weights.ours)?;
         self.dybm.propose(&weights.dybm)?;
         self.dybm_esn.propose(&weights.dybm_esn)?;
-        self.ar_rls.propose(&weights.ar_rls)
+        self.ar_rls.propose(&weights.ar_rls)?;
+        self.ours.propose(&weights.ours)
     }
 
     /// The set of weights that the loop should be using.
@@ -306,6 +313,7 @@ impl Learner {
             dybm: *self.dybm.candidate(),
             dybm_esn: *self.dybm_esn.candidate(),
             ar_rls: *self.ar_rls.candidate(),
+            ours: *self.ours.candidate(),
             ..self.live
         }
     }
@@ -317,6 +325,7 @@ impl Learner {
             PredictorKind::Dybm => self.dybm.errors(),
             PredictorKind::DybmEsn => self.dybm_esn.errors(),
             PredictorKind::ArRls => self.ar_rls.errors(),
+            PredictorKind::Ours => self.ours.errors(),
             _ => CourseErrors::default(),
         }
     }
@@ -330,8 +339,8 @@ impl Learner {
     /// What happened so far.
     #[must_use]
     pub fn counters(&self) -> LearnCounters {
-        let courses = [self.dybm.counters(), self.dybm_esn.counters(), self.ar_rls.counters()];
-        LearnCounters { courses: courses.into_iter().sum(), ..self.counters }
+        let courses = PredictorKind::ALL.into_iter().map(|model| self.counters_of(model)).sum();
+        LearnCounters { courses, ..self.counters }
     }
 
     /// What happened to one model's weights; zero for what does not learn online.
@@ -341,6 +350,7 @@ impl Learner {
             PredictorKind::Dybm => self.dybm.counters(),
             PredictorKind::DybmEsn => self.dybm_esn.counters(),
             PredictorKind::ArRls => self.ar_rls.counters(),
+            PredictorKind::Ours => self.ours.counters(),
             _ => CourseCounters::default(),
         }
     }

@@ -28,7 +28,7 @@ pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimise
 pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
-pub use models::{InitialWeights, ModelSettings, Models, ModelsError};
+pub use models::{InitialWeights, ModelSettings, Models, ModelsError, Networks};
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use oracle::Oracle;
@@ -75,11 +75,13 @@ pub enum PredictorKind {
     DybmEsn,
     /// Autoregression by recursive least squares, learning online.
     ArRls,
+    /// Mixture of experts that learns online whom to believe.
+    Ours,
 }
 
 impl PredictorKind {
     /// Every predictor.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Hold,
         Self::ConstantVelocity,
         Self::Dybm,
@@ -87,11 +89,12 @@ impl PredictorKind {
         Self::Lstm,
         Self::DybmEsn,
         Self::ArRls,
+        Self::Ours,
     ];
 
     /// Those that a running loop has: all but the oracle.
-    pub const LIVE: [Self; 6] =
-        [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Lstm, Self::DybmEsn, Self::ArRls];
+    pub const LIVE: [Self; 7] =
+        [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Lstm, Self::DybmEsn, Self::ArRls, Self::Ours];
 
     /// Place in [`Self::ALL`].
     #[must_use]
@@ -110,6 +113,7 @@ impl PredictorKind {
             Self::Lstm => "lstm",
             Self::DybmEsn => "dybm-esn",
             Self::ArRls => "ar-rls",
+            Self::Ours => "ours",
         }
     }
 

@@ -1,5 +1,5 @@
-//! `Models`: what the predictors are made of and never changes while they run: sizes, learning rules, the reservoir, the
-//! trained network. The loop and the learner are built from the same, so that weights learned in one fit the other.
+//! `Models`: what the predictors are made of and never changes while they run: sizes, learning rules, the reservoir,
+//! trained networks. The loop and the learner are built from the same, so that weights learned in one fit the other.
 
 use std::sync::Arc;
 
@@ -12,7 +12,8 @@ use super::lstm::{Lstm, LstmError, LstmWeights};
 use super::online::WeightsError;
 use super::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmEsnWeights, DybmLearner, DybmSettings, DybmWeights, OnlineWeights, Optimiser, PredictorKind,
+    DybmEsnWeights, DybmLearner, DybmSettings, DybmWeights, OnlineWeights, Optimiser, Ours, OursLearner,
+    OursParameters, OursSettings, PredictorKind,
 };
 
 /// A DyBM before anything was learned.
@@ -39,6 +40,8 @@ pub struct ModelSettings {
     pub readout: Optimiser,
     /// AR-RLS.
     pub ar_rls: ArRlsSettings,
+    /// The mixture.
+    pub ours: OursSettings,
 }
 
 impl ModelSettings {
@@ -57,6 +60,7 @@ impl ModelSettings {
             reservoir: ReservoirSettings::default(),
             readout: Optimiser::ada_grad(0.1),
             ar_rls: ArRlsSettings::default(),
+            ours: OursSettings::default(),
         }
     }
 }
@@ -67,33 +71,44 @@ pub enum ModelsError {
     /// A model that learns online.
     #[error(transparent)]
     Weights(#[from] WeightsError),
-    /// The trained network.
+    /// A trained network.
     #[error(transparent)]
     Lstm(#[from] LstmError),
 }
 
-/// Settings, reservoir and trained network; clones share the large parts.
+/// Settings, reservoir and trained networks; clones share the large parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Models {
     settings: ModelSettings,
     reservoir: Arc<Reservoir>,
-    lstm: Option<Arc<LstmWeights>>,
+    networks: Networks,
+}
+
+/// Networks that were trained offline.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Networks {
+    /// The predictor `lstm`; without it there is none.
+    pub lstm: Option<Arc<LstmWeights>>,
+    /// The expert of `ours`, with a direct output per lead; without it the mixture starts cold.
+    pub ours: Option<Arc<LstmWeights>>,
 }
 
 impl Models {
-    /// Builds the reservoir; without `lstm` there is no such predictor.
+    /// Builds the reservoir.
     ///
-    /// *Errors*: settings outside their bounds, or a network trained for another loop.
-    pub fn new(settings: ModelSettings, lstm: Option<Arc<LstmWeights>>) -> Result<Self, ModelsError> {
-        if let Some(lstm) = &lstm {
-            lstm.fits(settings.step_ns)?;
+    /// *Errors*: settings outside their bounds, or a network of another kind or trained for another loop.
+    pub fn new(settings: ModelSettings, networks: Networks) -> Result<Self, ModelsError> {
+        for network in networks.lstm.iter().chain(&networks.ours) {
+            network.fits(settings.step_ns)?;
         }
-        let models = Self { settings, reservoir: Arc::new(Reservoir::seeded(&settings.reservoir)?), lstm };
+        let models =
+            Self { settings, reservoir: Arc::new(Reservoir::seeded(&settings.reservoir)?), networks };
         // Whatever is built later is built from settings that were judged here.
         let weights = models.initial_weights();
         models.dybm_learner(&weights)?;
         models.dybm_esn_learner(&weights)?;
         models.ar_rls_learner(&weights)?;
+        models.ours_learner(&weights)?;
         Ok(models)
     }
 
@@ -103,10 +118,16 @@ impl Models {
         &self.settings
     }
 
+    /// The trained networks.
+    #[must_use]
+    pub const fn networks(&self) -> &Networks {
+        &self.networks
+    }
+
     /// `kind` can be chosen. The oracle needs a recording as well.
     #[must_use]
     pub const fn has(&self, kind: PredictorKind) -> bool {
-        !matches!(kind, PredictorKind::Lstm) || self.lstm.is_some()
+        !matches!(kind, PredictorKind::Lstm) || self.networks.lstm.is_some()
     }
 
     /// The weights before anything was learned.
@@ -122,6 +143,7 @@ impl Models {
             dybm,
             dybm_esn: DybmEsnWeights::new(dybm, self.reservoir.digest()),
             ar_rls: ArRlsWeights::constant_velocity(step_ns),
+            ours: OursParameters::untrained(step_ns, self.networks.ours.is_some()),
             bands: BandTable::default(),
         }
     }
@@ -160,9 +182,19 @@ impl Models {
         ArRlsLearner::new(self.settings.ar_rls, weights.ar_rls)
     }
 
+    /// The mixture, to predict with.
+    pub fn ours(&self, weights: &OnlineWeights) -> Result<Ours, WeightsError> {
+        Ours::new(self.networks.ours.clone(), weights.ours)
+    }
+
+    /// The same, to learn with.
+    pub fn ours_learner(&self, weights: &OnlineWeights) -> Result<OursLearner, WeightsError> {
+        OursLearner::new(self.settings.ours, self.networks.ours.clone(), weights.ours)
+    }
+
     /// The trained network, with empty memory.
     #[must_use]
     pub fn lstm(&self) -> Option<Lstm> {
-        self.lstm.clone().map(Lstm::new)
+        self.networks.lstm.clone().map(Lstm::new)
     }
 }

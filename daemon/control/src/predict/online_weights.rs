@@ -6,7 +6,7 @@
 
 use super::bands::BandTable;
 use super::online::{ModelParameters, WeightsError};
-use super::{ArRlsWeights, DybmEsnWeights, DybmWeights};
+use super::{ArRlsWeights, DybmEsnWeights, DybmWeights, OursParameters};
 
 /// Parameters of all models that learn online, and how wrong every predictor has lately been.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +19,8 @@ pub struct OnlineWeights {
     pub dybm_esn: DybmEsnWeights,
     /// AR-RLS.
     pub ar_rls: ArRlsWeights,
+    /// The mixture and its experts.
+    pub ours: OursParameters,
     /// Bands of all predictors.
     pub bands: BandTable,
 }
@@ -31,6 +33,7 @@ impl OnlineWeights {
         self.dybm.validate()?;
         self.dybm_esn.validate()?;
         self.ar_rls.validate()?;
+        self.ours.validate()?;
         self.bands.validate()
     }
 
@@ -40,6 +43,7 @@ impl OnlineWeights {
     pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
         self.dybm.fits(loop_ns)?;
         self.dybm_esn.fits(loop_ns)?;
-        self.ar_rls.fits(loop_ns)
+        self.ar_rls.fits(loop_ns)?;
+        self.ours.fits(loop_ns)
     }
 }

@@ -10,7 +10,7 @@ use super::online::{ModelParameters, WeightsError};
 use super::online_weights::OnlineWeights;
 use super::{
     ArRls, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnWeights, DybmWeights, Hold, Lstm,
-    MAX_PREVIEW, Models, Oracle, Predictor, PredictorKind,
+    MAX_PREVIEW, Models, Oracle, Ours, OursParameters, Predictor, PredictorKind,
 };
 
 /// A predictor whose parameters are learned elsewhere.
@@ -57,7 +57,7 @@ macro_rules! taught {
     )*};
 }
 
-taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights }
+taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights, Ours => OursParameters }
 
 /// What a roll-out came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +76,7 @@ pub struct Panel {
     dybm: Dybm,
     dybm_esn: DybmEsn,
     ar_rls: ArRls,
+    ours: Ours,
     lstm: Option<Lstm>,
     oracle: Option<Oracle>,
     /// Something was observed since the memories were last emptied.
@@ -95,6 +96,7 @@ impl Panel {
             dybm: models.dybm(weights)?,
             dybm_esn: models.dybm_esn(weights)?,
             ar_rls: models.ar_rls(weights)?,
+            ours: models.ours(weights)?,
             lstm: models.lstm(),
             oracle: None,
             knows: false,
@@ -108,6 +110,7 @@ impl Panel {
         self.dybm.observe(x);
         self.dybm_esn.observe(x);
         self.ar_rls.observe(x);
+        self.ours.observe(x);
         if let Some(lstm) = &mut self.lstm {
             lstm.observe(x);
         }
@@ -121,6 +124,7 @@ impl Panel {
         self.dybm.reset();
         self.dybm_esn.reset();
         self.ar_rls.reset();
+        self.ours.reset();
         if let Some(lstm) = &mut self.lstm {
             lstm.reset();
         }
@@ -144,9 +148,11 @@ impl Panel {
         self.dybm.judge(&weights.dybm)?;
         self.dybm_esn.judge(&weights.dybm_esn)?;
         self.ar_rls.judge(&weights.ar_rls)?;
+        self.ours.judge(&weights.ours)?;
         self.dybm.take_over(&weights.dybm)?;
         self.dybm_esn.take_over(&weights.dybm_esn)?;
-        self.ar_rls.take_over(&weights.ar_rls)
+        self.ar_rls.take_over(&weights.ar_rls)?;
+        self.ours.take_over(&weights.ours)
     }
 
     /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
@@ -204,6 +210,7 @@ impl Panel {
             dybm: *self.dybm.parameters(),
             dybm_esn: *self.dybm_esn.parameters(),
             ar_rls: *self.ar_rls.parameters(),
+            ours: *self.ours.parameters(),
             bands,
         }
     }
@@ -222,6 +229,7 @@ impl Panel {
             PredictorKind::Dybm => &self.dybm,
             PredictorKind::DybmEsn => &self.dybm_esn,
             PredictorKind::ArRls => &self.ar_rls,
+            PredictorKind::Ours => &self.ours,
             PredictorKind::Lstm => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
         }
     }

@@ -14,6 +14,7 @@ use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
 use foretrace_control::learn::{Learner, LearnerSettings};
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
+use foretrace_control::predict::Networks;
 use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
 use foretrace_control::predict::{
@@ -102,12 +103,18 @@ pub fn models() -> Models {
     let mut settings = ModelSettings::preset(STEP_NS);
     settings.dybm.shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
     settings.initial = InitialWeights::Persistent(1.0);
-    Models::new(settings, Some(network(STEP_NS))).unwrap()
+    Models::new(settings, networks(STEP_NS)).unwrap()
 }
 
-/// A network of 10 cells that nobody trained: small numbers from a fixed seed.
-pub fn network(step_ns: u64) -> Arc<LstmWeights> {
-    let spec = LstmSpec { residual: true, input_clip: Some(4.0), ..LstmSpec::plain(10, 10.0, step_ns) };
+/// Networks that nobody trained: one step ahead, and direct leads.
+pub fn networks(step_ns: u64) -> Networks {
+    Networks { lstm: Some(network(step_ns, 1)), ours: Some(network(step_ns, 24)) }
+}
+
+/// A network of 10 cells with small numbers from a fixed seed.
+fn network(step_ns: u64, leads: usize) -> Arc<LstmWeights> {
+    let spec =
+        LstmSpec { residual: true, input_clip: Some(4.0), leads, ..LstmSpec::plain(10, 10.0, step_ns) };
     let mut tensors = LstmTensors::zero(spec.hidden, spec.leads);
     let mut rng = Pcg64::seed_from_u64(10);
     for value in tensors.all_mut().into_iter().flatten() {
@@ -118,7 +125,7 @@ pub fn network(step_ns: u64) -> Arc<LstmWeights> {
 
 /// The models of the preset, and an untrained network.
 pub fn models_with_network() -> Models {
-    Models::new(ModelSettings::preset(STEP_NS), Some(network(STEP_NS))).unwrap()
+    Models::new(ModelSettings::preset(STEP_NS), networks(STEP_NS)).unwrap()
 }
 
 /// A learner that compares over leads of 1 to 10 steps.

@@ -194,7 +194,8 @@ mod tests {
             let phi = nalgebra::Vector3::from(step(t).0.map(f64::from));
             let gain = p * phi / (RULE.forgetting + (phi.transpose() * p * phi)[0]);
             p = (p - gain * phi.transpose() * p) / RULE.forgetting;
-            let target = (t + 1..=t + lead).map(|k| step(k - 1).1).fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
+            let target =
+                (t + 1..=t + lead).map(|k| step(k - 1).1).fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
             let error = nalgebra::RowVector2::from(target) - phi.transpose() * theta;
             theta += gain * error;
         }
@@ -224,7 +225,10 @@ mod tests {
                 let got = [f64::from(row[2 * node]), f64::from(row[2 * node + 1])];
                 for (got, expected) in got.iter().zip(expected) {
                     // Read-outs are kept in single precision.
-                    assert!((got - expected).abs() < 2e-3 * (1.0 + expected.abs()), "lead {lead}: {got} {expected}");
+                    assert!(
+                        (got - expected).abs() < 2e-3 * (1.0 + expected.abs()),
+                        "lead {lead}: {got} {expected}"
+                    );
                 }
             }
         }
