@@ -13,7 +13,7 @@ use crate::layers::Found;
 use crate::predictor::models;
 use crate::problem::Problem;
 use crate::robot::{Robot, robot};
-use crate::settings::{Optimiser, PredictorChoice, Settings};
+use crate::settings::{Optimiser, Settings};
 use crate::written::Place;
 
 /// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot
@@ -209,7 +209,7 @@ fn predictor(s: &Settings, report: &mut Report<'_>) {
             "drop the ones that are closest to each other",
         );
     }
-    if dybm.optimiser != Optimiser::Adagrad && dybm.rate > 0.05 && s.predictor.kind == PredictorChoice::Dybm {
+    if dybm.optimiser != Optimiser::Adagrad && dybm.rate > 0.05 {
         report.conflict(
             "predictor.dybm.rate",
             format!("is far too fast for {}, whose steps do not shrink with time", dybm.optimiser.word()),

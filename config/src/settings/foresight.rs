@@ -60,7 +60,7 @@ section! {
         /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm", "dybm-esn" (with a
         /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`; "ours": learns online
         /// which of five experts to believe.
-        kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"dybm\"";
+        kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"ours\"";
         /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings file; made for
         /// this pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", there is
         /// no predictor "lstm".

@@ -2,7 +2,7 @@
 //!
 //! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
 //! 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of foretrace's own
-//! recordings ([`super::PenLog`]). Times rise strictly.
+//! recordings (`super::PenLog`). Times rise strictly.
 
 use super::format::read_limited;
 use super::pen_log::{Head, read_head};

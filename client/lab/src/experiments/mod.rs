@@ -62,7 +62,8 @@ fn learner_for(
     settings: &FollowerSettings<JOINTS>,
     kind: PredictorKind,
 ) -> Result<Option<Learner>, ExperimentError> {
-    if !matches!(kind, PredictorKind::Dybm | PredictorKind::DybmEsn | PredictorKind::ArRls) {
+    let learns = [PredictorKind::Dybm, PredictorKind::DybmEsn, PredictorKind::ArRls, PredictorKind::Ours];
+    if !learns.contains(&kind) {
         return Ok(None);
     }
     let horizon = config.settings().mpc.horizon as usize;

@@ -65,7 +65,6 @@ pub enum PredictorKind {
     /// Last displacement repeated (the baseline of the paper's Table 1).
     ConstantVelocity,
     /// Linear dynamic Boltzmann machine, learning online.
-    #[default]
     Dybm,
     /// The recorded future; experiments only.
     Oracle,
@@ -76,6 +75,7 @@ pub enum PredictorKind {
     /// Autoregression by recursive least squares, learning online.
     ArRls,
     /// Mixture of experts that learns online whom to believe.
+    #[default]
     Ours,
 }
 
