@@ -153,9 +153,8 @@ pub const ORDER: [&str; TABLE.len()] = {
 /// The names that this build has, in the order of the table.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
-    // Weights that are not part of this build make no models of it.
-    let there =
-        |(name, kind): &&(&str, Kind)| !matches!(kind, Kind::Shipped | Kind::Ours) || shipped(name).is_some();
+    // Networks that are not part of this build are no models of it.
+    let there = |(name, kind): &&(&str, Kind)| *kind != Kind::Shipped || shipped(name).is_some();
     TABLE.iter().filter(there).map(|(name, _)| *name).collect()
 }
 
