@@ -34,7 +34,7 @@ pub(crate) enum LabCommand {
     Fig3(LabArgs),
     /// Table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
-    /// Models that learn online make three passes over the train writers first. PS-B and PS-LSTM are the shares of
+    /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are the shares of
     /// sequences with a smaller error than constant velocity and than the reference LSTM(10).
     Table1(table1::Table1Args),
     /// Any predictor on any part of any data set, also without a train part
