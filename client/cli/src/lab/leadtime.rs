@@ -141,9 +141,10 @@ fn print(board: &Board) {
     say!(
         "RMS of the 2-D position error [{unit}]; at 100 ms also along and across the motion, the mean lag, and the bands\n"
     );
+    let wide = table::width(board.models.iter().map(|lane| lane.model.as_str()));
     let heads: String = SHOWN_MS.iter().map(|ms| format!(" {:>9}", format!("{ms} ms"))).collect();
     say!(
-        "{:<24}{heads}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
+        "{:<wide$}{heads}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
         "model",
         "along",
         "cross",
@@ -160,7 +161,7 @@ fn print(board: &Board) {
             .collect();
         let of = |field: fn(&LeadRow) -> Option<f64>| at(100).and_then(field);
         say!(
-            "{:<24}{cells}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
+            "{:<wide$}{cells}   {:>8} {:>8} {:>8} {:>6} {:>6} {:>8}",
             lane.model,
             table::figure(of(|r| r.along_rms)),
             table::figure(of(|r| r.cross_rms)),
@@ -180,13 +181,19 @@ fn print(board: &Board) {
 
 fn print_standings(standings: &[Standing], sets: usize) {
     say!("Over all sets and look-ahead times: RMS over that of a pen that stands still, geometric mean");
+    let wide = table::width(standings.iter().map(|s| s.model.as_str()));
     for (index, standing) in standings.iter().enumerate() {
         let some = if standing.sets < sets {
             format!("  ({} of {sets} sets)", standing.sets)
         } else {
             String::new()
         };
-        say!("{:>3}  {:<24} {:>7}{some}", index + 1, standing.model, table::fixed(standing.rms_over_zero, 4));
+        say!(
+            "{:>3}  {:<wide$} {:>7}{some}",
+            index + 1,
+            standing.model,
+            table::fixed(standing.rms_over_zero, 4)
+        );
     }
     if standings.iter().any(|s| s.sets < sets) {
         note!("lab: standings over different sets do not compare");

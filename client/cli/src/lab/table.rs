@@ -46,9 +46,10 @@ pub(super) fn title(set: &Set) -> String {
 
 /// The table, then what has to be known about single rows.
 pub(super) fn print(set: &Set, scored: &Scored) {
+    let wide = width(scored.rows.iter().map(|row| row.model.as_str()));
     say!("{}\n", title(set));
     say!(
-        "{:<20} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
+        "{:<wide$} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
         "model",
         "MSE",
         "within",
@@ -63,7 +64,7 @@ pub(super) fn print(set: &Set, scored: &Scored) {
     );
     for row in &scored.rows {
         say!(
-            "{:<20} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
+            "{:<wide$} {:>8} {:>8} {:>8} {:>6} {:>7}  {:<31} {:<31} {:>7} {:>7} {:>8}",
             row.model,
             figure(row.mse),
             figure(row.within),
@@ -132,6 +133,11 @@ pub(super) fn draw(folder: &Path, name: &str, title: &str, set: &Set, rows: &[Ro
         .map_err(|error| Failure::failed(error, ""))?;
     say!("\npicture  {}", file.display());
     Ok(())
+}
+
+/// Width of the column of names.
+pub(super) fn width<'a>(names: impl Iterator<Item = &'a str>) -> usize {
+    names.map(|name| name.chars().count()).max().unwrap_or(0).max(20)
 }
 
 /// A number with four figures or more, `-` where unknown.
