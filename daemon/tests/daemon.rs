@@ -44,8 +44,9 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
     let hold = u32::from(PredictorId::Hold);
     assert!(operator.ask(ControlOp::SwitchPredictor, 0.0, hold).is_success());
     operator.status_when("Hold has taken over", |status| status.predictor == hold);
-    let lstm = operator.ask(ControlOp::SwitchPredictor, 0.0, PredictorId::Lstm.into());
-    assert!(!lstm.is_success(), "{lstm}");
+    // A live loop has no recording of the future.
+    let oracle = operator.ask(ControlOp::SwitchPredictor, 0.0, PredictorId::Oracle.into());
+    assert!(!oracle.is_success(), "{oracle}");
     assert!(operator.ask(ControlOp::Stop, 0.0, 0).is_success());
     let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
     assert_eq!(stopped.fault, u32::from(FaultReason::None));

@@ -5,7 +5,7 @@ mod support;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use foretrace_shm::{ControlOp, ControlStatus, Mode, Stage};
+use foretrace_shm::{ControlOp, ControlStatus, Mode, PredictorId, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
 use support::{Operator, Place, Running, arm, pen, turn};
 
@@ -25,7 +25,7 @@ fn the_allocator_counts_per_thread() {
 }
 
 #[test]
-fn no_tick_allocates_while_the_arm_follows_and_peers_come_and_go() {
+fn no_tick_allocates_with_any_predictor_while_peers_come_and_go() {
     let _turn = turn();
     let place = Place::new();
     let daemon = Running::start(&place, place.source());
@@ -33,10 +33,17 @@ fn no_tick_allocates_while_the_arm_follows_and_peers_come_and_go() {
     let (arm, log) = arm(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::Ok);
-    for _ in 0..3 {
+    // Each predictor writes for a while, with weights coming in from the learner.
+    for predictor in PredictorId::ALL.iter().filter(|id| **id != PredictorId::Oracle) {
+        let wanted = u32::from(*predictor);
+        let answer = operator.ask(ControlOp::SwitchPredictor, 0.0, wanted);
+        assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&place);
-        operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
-        std::thread::sleep(Duration::from_millis(700));
+        let taken = operator.status_when("it follows with the predictor that was asked for", |status| {
+            status.mode == u32::from(Mode::Following) && status.predictor == wanted && status.trust > 0.9
+        });
+        operator
+            .status_when("new weights come in", |status| status.learner_version > taken.learner_version + 2);
         drop(pen);
     }
     let learned = operator.status_when("it learns", |status| status.learner_updates > 20);

@@ -148,11 +148,11 @@ fn trust_and_predictor_follow_requests() {
     world.wait_for_mode(0, "following");
     assert!(world.run(0, &["request", "trust", "0.25"]).status.success());
     until("trust is 0.25", || (world.status(0)["trust"]["value"] == 0.25).then_some(()));
-    assert!(world.run(0, &["request", "predictor", "constant-velocity"]).status.success());
-    until("the predictor is another", || {
-        (world.status(0)["predictor"]["name"] == "constant-velocity").then_some(())
-    });
-    assert_refused(&world.run(0, &["request", "predictor", "lstm"]), 4, &["refused"]);
+    for name in ["hold", "constant-velocity", "dybm", "dybm-esn", "ar-rls", "lstm", "ours"] {
+        assert!(world.run(0, &["request", "predictor", name]).status.success(), "{name}");
+        until("the predictor is another", || (world.status(0)["predictor"]["name"] == name).then_some(()));
+    }
+    assert_refused(&world.run(0, &["request", "predictor", "oracle"]), 4, &["refused"]);
     for process in [player, arm, daemon] {
         process.end();
     }

@@ -136,7 +136,7 @@ section! {
         /// Largest magnitude of the network's eigenvalues: how long it remembers.
         spectral_radius: f64 = Between(0.0, 0.999), Default("0.95"), AtStart, "0.95";
         /// Learning rate of the read-out.
-        rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
+        rate: f64 = Between(0.0, 10.0), Default("0.01"), AtStart, "0.01";
     }
 }
 
@@ -147,9 +147,9 @@ section! {
         /// Factor per step by which the past loses weight: 0.999 remembers a thousand steps.
         forgetting: f64 = Between(0.9, 1.0), Default("0.999"), AtStart, "0.999";
         /// A longer step is a jump: it empties the memory and is not learned from.
-        gate: f64 = Between(1.0, 1e6), Default("40.0"), AtStart, "40";
+        gate: f64 = Between(1.0, 1e6), Default("100.0"), AtStart, "100";
         /// Largest error per axis that is learned from in full.
-        huber: f64 = Between(0.001, 1e4), Default("6.0"), AtStart, "6";
+        huber: f64 = Between(0.001, 1e4), Default("12.0"), AtStart, "12";
     }
 }
 

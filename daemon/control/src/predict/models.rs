@@ -58,8 +58,9 @@ impl ModelSettings {
             },
             initial: InitialWeights::Persistent(0.95),
             reservoir: ReservoirSettings::default(),
-            readout: Optimiser::ada_grad(0.1),
-            ar_rls: ArRlsSettings::default(),
+            readout: Optimiser::ada_grad(0.01),
+            // Jumps have been recognised before a displacement comes here; the gate is for what is left.
+            ar_rls: ArRlsSettings { gate: 100.0, huber: 12.0, ..ArRlsSettings::default() },
             ours: OursSettings::default(),
         }
     }
