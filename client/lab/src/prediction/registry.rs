@@ -227,9 +227,11 @@ impl Model {
     pub fn passes(&self) -> usize {
         match self.kind {
             Kind::Dybm(_) | Kind::DybmEsn => PASSES,
-            Kind::ArRls | Kind::Ours => 1,
+            Kind::ArRls => 1,
+            // What it has to learn it learns within a page.
             Kind::Zero
             | Kind::ConstantVelocity
+            | Kind::Ours
             | Kind::OursCold
             | Kind::Shipped
             | Kind::File(_)

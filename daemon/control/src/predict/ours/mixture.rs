@@ -1,8 +1,8 @@
 //! Whom to believe: exponential weights with fixed share, per lead, on realised position errors.
 //!
-//! w_e ← w_e · exp(−η · min(ℓ_e/ℓ̄, cap)), normalised, then mixed with a little of the equal weights so that an expert that
-//! was wrong for long can come back within steps. ℓ_e = squared error of the summed displacement; ℓ̄ = running mean of the
-//! mixture's own, so that units, speeds and leads do not matter.
+//! w_e ← w_e · exp(−η_h · min(ℓ_e/ℓ̄, cap)), η_h = η (1 + NEAR/h) at lead h, normalised, then mixed with a little of the
+//! equal weights so that an expert that was wrong for long can come back within steps. ℓ_e = squared error of the summed
+//! displacement; ℓ̄ = running mean of the mixture's own, so that units, speeds and leads do not matter.
 //! Source: Herbster & Warmuth 1998, "Tracking the best expert".
 
 use super::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
@@ -81,7 +81,7 @@ impl Mixture {
             if own.is_finite() {
                 *mean += MEAN_RATE * (own.min(MEAN_CAP * *mean) - *mean);
             }
-            self.rule.reweigh(shares, &losses, mean.max(1e-6), self.taking_part);
+            self.rule.reweigh(*lead, shares, &losses, mean.max(1e-6), self.taking_part);
         }
     }
 
@@ -95,14 +95,26 @@ impl Mixture {
     }
 }
 
+/// How much faster the next step's weights follow than those of far leads.
+const NEAR: f64 = 3.0;
+
 impl MixtureRule {
-    fn reweigh(&self, shares: &mut [f32; EXPERTS], losses: &[f64; EXPERTS], mean: f64, taking_part: usize) {
+    fn reweigh(
+        &self,
+        lead: usize,
+        shares: &mut [f32; EXPERTS],
+        losses: &[f64; EXPERTS],
+        mean: f64,
+        taking_part: usize,
+    ) {
+        // Errors of far leads overlap from step to step: one of them says less that is new.
+        let rate = self.rate * (1.0 + NEAR / lead as f64);
         let mut weighed = [0.0; EXPERTS];
         let entries = weighed.iter_mut().zip(shares.iter()).zip(losses).take(taking_part);
         for ((weighed, share), loss) in entries {
             // A loss that is NaN is as bad as can be.
             let bounded = if *loss < self.cap * mean { *loss / mean } else { self.cap };
-            *weighed = f64::from(*share) * (-self.rate * bounded).exp();
+            *weighed = f64::from(*share) * (-rate * bounded).exp();
         }
         let total: f64 = weighed.iter().sum();
         if !(total > 0.0) {
