@@ -61,7 +61,7 @@ impl Pair {
         let mut bits = Vec::new();
         for _ in 0..ticks {
             let t = (self.tick * PERIOD_NS) as f64 * 1e-9;
-            let due = self.tick % 5 == 0 || self.tick % 5 == 3;
+            let due = matches!(self.tick % 5, 0 | 3);
             let samples = [self.bench.pen(curve(t))];
             let output = self.tick(if due { &samples } else { &[] }, None);
             bits.extend(output.command.iter().flat_map(|command| command.q).map(f64::to_bits));
@@ -102,7 +102,7 @@ fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_er
         for _ in 0..4000 {
             // What the tick before said about the pen one grid step after it, in a loop without dead time.
             let t = (pair.tick * PERIOD_NS) as f64 * 1e-9;
-            if pair.tick % 5 == 0
+            if pair.tick.is_multiple_of(5)
                 && let Some(([x, y], band)) = claimed.take()
             {
                 let [real_x, real_y] = curve(t);

@@ -6,12 +6,12 @@
 mod online;
 mod predictors;
 mod workload;
+mod stepping;
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use foretrace_config::Config;
-use foretrace_control::follower::{Budget, Follower, NoClock};
 use foretrace_control::ik::{Ik, IkBackend};
 use foretrace_control::mpc::{Backend, ClarabelProfile, Mpc, Plan};
 use foretrace_control::pen::PenTracker;
@@ -100,6 +100,10 @@ struct Report {
     ik_us: Row,
     predict_us: Row,
     step_us: Row,
+    /// The whole step with each predictor, weights coming in as in the daemon.
+    step_by_predictor_us: Vec<stepping::PredictorSteps>,
+    /// One grid step of the learner: all models, their comparisons, all bands.
+    learn_us: Cost,
     /// One observation and one preview each.
     predictors_us: Vec<predictors::PredictorCost>,
     clock_us: f64,
@@ -118,12 +122,15 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let path = source::load(std::slice::from_ref(&args.pen), &PathArgs::default(), config.settings())?.path;
     let seconds = (f64::from(args.samples) * 0.02).clamp(20.0, 600.0);
     let workload = workload::record(&config, &path, seconds)?;
+    let (step_by_predictor_us, learn_us) = stepping::by_predictor(&config, &workload, args.samples)?;
     let report = Report {
         mpc_free_us: planning(&config, &workload, 0..=0, args.samples)?,
         mpc_active_us: planning(&config, &workload, 3..=8, args.samples)?,
         ik_us: reaching(&config, &workload, args.samples)?,
         predict_us: predicting(&config, &workload, args.samples)?,
-        step_us: stepping(&config, &workload, args.samples)?,
+        step_us: stepping::stepping(&config, &workload, args.samples)?,
+        step_by_predictor_us,
+        learn_us,
         predictors_us: predictors::predictors(&config, &workload, args.samples)?,
         clock_us: clock_cost(),
         samples: args.samples,
@@ -231,41 +238,6 @@ fn predicting(config: &Config, workload: &Workload, samples: u32) -> Result<Row,
     Ok(Row { exact: cost(times), clarabel: None, clarabel_tuned: None })
 }
 
-/// The whole step, all ways through the same ticks.
-fn stepping(config: &Config, workload: &Workload, samples: u32) -> Result<Row, Failure> {
-    let mut followers = Vec::new();
-    for way in WAYS {
-        let mut settings = config.follower_settings();
-        settings.mpc.backend = way.mpc();
-        settings.ik_backend = way.ik();
-        let follower = Follower::<N, J>::new(settings).map_err(|error| Failure::bad_input(error, ""))?;
-        followers.push(follower);
-    }
-    let following = workload.ticks.iter().filter(|tick| tick.following).count();
-    // The predictor warms up and trust ramps in the first second.
-    let skip = following.min(500) / 2;
-    let mut times = [const { Vec::new() }; 3];
-    let mut seen = 0;
-    for tick in &workload.ticks {
-        seen += usize::from(tick.following);
-        for turn in 0..WAYS.len() {
-            let way = (turn + seen) % WAYS.len();
-            let input = black_box(tick.input());
-            let begin = Instant::now();
-            black_box(followers[way].step(black_box(&input), Budget::default(), &mut NoClock));
-            let us = elapsed_us(begin);
-            if tick.following && seen > skip {
-                times[way].push(us);
-            }
-        }
-        if times[0].len() >= samples as usize {
-            break;
-        }
-    }
-    let [exact, clarabel, tuned] = times.map(cost);
-    Ok(Row { exact, clarabel: Some(clarabel), clarabel_tuned: Some(tuned) })
-}
-
 /// Times `solve` for every way on `samples` of `problems`, in an order that neither a cache nor a prefetcher knows.
 fn interleaved<T>(problems: &[T], samples: u32, mut solve: impl FnMut(Way, &T) -> f64) -> Row {
     let mut times = [const { Vec::new() }; 3];
@@ -336,6 +308,19 @@ fn table(report: &Report) {
             ratio(&row.clarabel_tuned)
         );
     }
+    say!(
+        "\n{:<22} {:>15} {:>19} {:>19}",
+        "whole step with",
+        "any tick",
+        "with a new preview",
+        "with new weights"
+    );
+    let pair = |cost: &Cost| format!("{:.2} / {:.2}", cost.p50, cost.p99);
+    for stepping::PredictorSteps { predictor, any, new_preview, new_weights } in &report.step_by_predictor_us
+    {
+        say!("{:<22} {:>15} {:>19} {:>19}", predictor, pair(any), pair(new_preview), pair(new_weights));
+    }
+    say!("{:<22} {:>15}   off the loop: all models, all bands", "learner's step", pair(&report.learn_us));
     say!("");
     for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
         let what = if *steps == 0 { "learn".to_owned() } else { format!("observe, {steps} steps") };
