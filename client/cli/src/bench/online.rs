@@ -10,7 +10,7 @@ use foretrace_control::predict::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::esn::{ReadoutRule, Reservoir, ReservoirSettings};
 use foretrace_control::predict::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmLearner, DybmSettings, DybmWeights, OnlineModel, Optimiser, Predictor, WeightsError,
+    DybmLearner, DybmSettings, DybmWeights, Models, OnlineModel, Optimiser, Predictor, WeightsError,
 };
 
 use super::predictors::Candidate;
@@ -54,5 +54,18 @@ pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
         learning("dybm, learning", Box::new(Learning(DybmLearner::new(dybm, dybm_weights)?))),
         learning("dybm-esn, learning", Box::new(Learning(esn))),
         learning("ar-rls, learning", Box::new(Learning(ArRlsLearner::new(ar_settings, ar_weights)?))),
+    ])
+}
+
+/// The mixture of the loop, predicting `leads` steps and learning.
+pub(super) fn ours(models: &Models, leads: usize) -> Result<[Candidate; 2], WeightsError> {
+    let weights = models.initial_weights();
+    Ok([
+        Candidate { name: "ours", steps: leads, predictor: Box::new(models.ours(&weights)?) },
+        Candidate {
+            name: "ours, learning",
+            steps: 0,
+            predictor: Box::new(Learning(models.ours_learner(&weights)?)),
+        },
     ])
 }

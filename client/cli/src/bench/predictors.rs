@@ -84,6 +84,10 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
         lstm("lstm64, direct", direct, 24),
     ];
     candidates.extend(online::candidates(step_ns).map_err(|error| refused(&error))?);
+    // As the loop has it: its network, and as many steps as its plan and dead time ask for.
+    let models = config.models();
+    let leads = config.learner_settings().leads.last();
+    candidates.extend(online::ours(models, leads).map_err(|error| refused(&error))?);
     Ok(candidates)
 }
 
