@@ -19,17 +19,19 @@ fn written() -> Vec<Letter> {
 }
 
 #[test]
-fn perfect_prediction_beats_the_dybm_and_the_dybm_beats_feedback() {
+fn perfect_prediction_beats_ours_and_the_dybm_and_both_beat_feedback() {
     let config = Config::preset("ur5").unwrap();
     let figure = fig2(&config, &written(), || {}).unwrap();
     let mse = |arm, predictor| {
         figure.rows.iter().find(|row| row.arm == arm && row.predictor == predictor).unwrap().mse_m2
     };
     for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
-        let [hold, dybm, oracle] =
-            [PredictorKind::Hold, PredictorKind::Dybm, PredictorKind::Oracle].map(|kind| mse(arm, kind));
-        println!("{arm:?}: hold {hold:e}, DyBM {dybm:e}, oracle {oracle:e} m²");
+        let [hold, dybm, ours, oracle] =
+            [PredictorKind::Hold, PredictorKind::Dybm, PredictorKind::Ours, PredictorKind::Oracle]
+                .map(|kind| mse(arm, kind));
+        println!("{arm:?}: hold {hold:e}, DyBM {dybm:e}, ours {ours:e}, oracle {oracle:e} m²");
         assert!(dybm < 0.7 * hold && oracle < 0.2 * dybm, "{arm:?}: {hold:e} {dybm:e} {oracle:e}");
+        assert!(ours < 0.7 * hold && oracle < 0.5 * ours, "{arm:?}: {hold:e} {ours:e} {oracle:e}");
     }
     assert!(mse(Fig2Arm::Ideal, PredictorKind::Oracle) < 1e-6, "perfect prediction leaves more than 1 mm");
 }

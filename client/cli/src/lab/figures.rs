@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use foretrace_lab::experiments::{Fig2, Fig2Arm, Fig2Row, Fig3, fig2, fig3};
+use foretrace_lab::experiments::{Fig2, Fig2Arm, Fig2Row, Fig3, PREDICTORS, fig2, fig3};
 use foretrace_lab::plot::{Cell, Rampup, letter_grid, trust_ramp};
 use serde_json::{Map, Value, json};
 
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::output::say;
 
 /// Predictors times arms: the rows that finish one by one.
-const FIG2_ROWS: usize = 8;
+const FIG2_ROWS: usize = 2 * PREDICTORS.len();
 
 impl Session {
     pub(super) fn fig2(&self, args: &LabArgs) -> Result<(), Failure> {

@@ -54,9 +54,14 @@ pub struct Fig2 {
     pub typical_runs: Vec<ClosedLoop>,
 }
 
-/// Predictors of the figure: the paper's three cases and its baseline.
-const PREDICTORS: [PredictorKind; 4] =
-    [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm, PredictorKind::Oracle];
+/// Predictors of the figure: the paper's three cases, its baseline, and ours.
+pub const PREDICTORS: [PredictorKind; 5] = [
+    PredictorKind::Hold,
+    PredictorKind::ConstantVelocity,
+    PredictorKind::Dybm,
+    PredictorKind::Ours,
+    PredictorKind::Oracle,
+];
 
 /// Writes every letter with every predictor in front of both arms; `done` hears of each finished row.
 ///

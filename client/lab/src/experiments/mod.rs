@@ -6,7 +6,7 @@ mod fig3;
 mod letters;
 
 pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run};
-pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2};
+pub use fig2::{Fig2, Fig2Arm, Fig2Row, PREDICTORS, fig2};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
 
