@@ -208,12 +208,17 @@ fn corrupted_weights_are_refused_and_counted() {
     let mut bench = Bench::new();
     let mut refused = 0;
     for value in [f64::NAN, f64::INFINITY, 1e9, -1e300] {
-        let mut parameters = OnlineWeights { version: 9, ..good };
-        parameters.dybm.version = 9;
-        parameters.dybm.parameters.bias = [value, 0.0];
-        let mut bands = OnlineWeights { version: 9, ..good };
-        bands.bands.factors[0][3] = value as f32;
-        for poison in [parameters, bands] {
+        let mut sets = [OnlineWeights { version: 9, ..good }; 5];
+        sets[0].dybm.version = 9;
+        sets[0].dybm.parameters.bias = [value, 0.0];
+        sets[1].dybm_esn.dybm.version = 9;
+        sets[1].dybm_esn.readout[7] = [0.0, value];
+        sets[2].ar_rls.version = 9;
+        sets[2].ar_rls.coefficients[3][0][1] = value;
+        sets[3].ours.version = 9;
+        sets[3].ours.ar.coefficients[0][0][0] = value;
+        sets[4].bands.factors[0][3] = value as f32;
+        for poison in sets {
             bench.learner.weights.push(poison).unwrap();
             refused += 1;
             let last = bench.run(0);
