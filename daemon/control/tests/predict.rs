@@ -134,7 +134,7 @@ fn diverging_weights_are_bounded_by_the_recent_peak_in_the_previewer_only() {
         free.observe(x);
     }
     let mut positions = [[0.0; 2]; 16];
-    let report = bounded.preview(&mut positions).unwrap();
+    let report = bounded.preview_of(PredictorKind::Dybm, &mut positions).unwrap();
     assert!(report.finite && report.limited >= 14, "{report:?}");
     let mut before = report.base_position;
     for [x, y] in positions {

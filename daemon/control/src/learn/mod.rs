@@ -3,7 +3,7 @@
 //! Contract: one call per grid step, no clock and no allocation after construction, so that the learner thread, the lab and
 //! replay make the same weights. What reaches the loop is whole, finite and was not worse than the live weights on recent
 //! motion; what then turns out worse than its predecessor is rolled back. Parameters carry over from stroke to stroke,
-//! memory does not. One [`course`] per model, the same rules for all.
+//! memory does not. One course per model, the same rules for all.
 
 mod shadow;
 mod course;
