@@ -5,7 +5,7 @@ use std::fmt;
 
 use crate::check::{known, within};
 use crate::layout::wire;
-use crate::{ControlOp, ControlStatus, PredictorId, Rejection, Validate};
+use crate::{ControlOp, ControlStatus, PredictorId, RejectReason, Rejection, Validate};
 
 /// Bytes of the text in a response.
 pub const MESSAGE_BYTES: usize = 160;
@@ -103,7 +103,10 @@ impl Validate for ControlRequest {
         let op = known::<_, ControlOp>("op", self.op)?;
         within("value", &[self.value], 1e6)?;
         match op {
-            ControlOp::SetTrust => within("value", &[self.value - 0.5], 0.5),
+            // Compared as it is: a difference would round the smallest negative numbers to legal ones.
+            ControlOp::SetTrust if !(0.0..=1.0).contains(&self.value) => {
+                Err(Rejection { reason: RejectReason::OutOfRange, field: "value" })
+            }
             ControlOp::SwitchPredictor => known::<_, PredictorId>("param", self.param).map(|_| ()),
             _ => Ok(()),
         }
@@ -120,7 +123,6 @@ impl Validate for ControlResponse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RejectReason;
 
     fn request(op: ControlOp) -> ControlRequest {
         ControlRequest::new(1, 2, op)
@@ -128,7 +130,9 @@ mod tests {
 
     #[test]
     fn trust_outside_zero_to_one_is_refused() {
-        for (value, ok) in [(0.0, true), (1.0, true), (-0.01, false), (1.01, false), (f64::NAN, false)] {
+        for (value, ok) in
+            [(0.0, true), (1.0, true), (-0.01, false), (1.01, false), (-5e-324, false), (f64::NAN, false)]
+        {
             let request = ControlRequest { value, ..request(ControlOp::SetTrust) };
             assert_eq!(request.validate().is_ok(), ok, "{value}");
         }
