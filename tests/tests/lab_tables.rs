@@ -163,3 +163,17 @@ fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
         world.run_plain(&["lab", "evaluate", "--data", &set, "--cold", "--models", "lstm10-reference"]);
     assert_refused(&output, 5, &["--cold", "lstm10-reference", "ours-cold"]);
 }
+
+#[test]
+fn one_bad_file_is_named_and_left_out_and_ends_only_a_strict_command() {
+    let world = World::new(PROGRAM);
+    let set = set(&world);
+    world.write("w4.dat", ".PEN_DOWN\n1 2\nthree 4\n");
+    for command in ["table1", "evaluate"] {
+        let arguments = ["lab", command, "--data", &set, "--models", "zero"];
+        let lenient = done(&world, &arguments);
+        assert!(told(&lenient).contains("w4.dat"), "{}", told(&lenient));
+        let strict = world.run_plain(&[&arguments[..], &["--strict"]].concat());
+        assert_refused(&strict, 5, &["w4.dat", "--strict"]);
+    }
+}

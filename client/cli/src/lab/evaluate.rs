@@ -15,6 +15,10 @@ pub(crate) struct EvaluateArgs {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    strict: bool,
+
     /// Models, comma-separated [default: all; with --cold all that need no training]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
@@ -51,7 +55,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             format_args!("leave --cold out, or choose from {}", cold.join(", ")),
         ));
     }
-    let set = table::load(&args.data, &args.split, args.cold)?;
+    let set = table::load(&args.data, &args.split, args.cold, args.strict)?;
     let scored = table::scored(&models, &set)?;
     table::print(&set, &scored);
     args.json.write(&table::json(&set, &scored))

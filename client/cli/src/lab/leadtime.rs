@@ -23,6 +23,10 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long, value_name = "DIR", value_delimiter = ',', required = true)]
     data: Vec<PathBuf>,
 
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    strict: bool,
+
     /// Models, comma-separated; also lstm:FILE.safetensors and file:PREDICTIONS.csv [default: all]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
@@ -53,7 +57,7 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
             Some(split) => split.clone(),
             None => usual_split(folder)?,
         };
-        sets.push(table::load(folder, &split, exports.is_some())?);
+        sets.push(table::load(folder, &split, exports.is_some(), args.strict)?);
     }
     if let Some(twice) =
         sets.iter().enumerate().find(|(i, set)| sets.iter().take(*i).any(|s| s.name == set.name))

@@ -61,6 +61,10 @@ pub(crate) struct LabArgs {
     #[arg(long, value_name = "WORD", default_value = "test")]
     split: Split,
 
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    strict: bool,
+
     /// Letters with this label, or all
     #[arg(long, value_name = "LABEL|all", default_value = "K")]
     label: String,
@@ -110,7 +114,7 @@ impl Session {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")
         };
-        let set = DataSet::load(&args.data, &args.split, false).map_err(|error| wrong(&error))?;
+        let set = DataSet::load(&args.data, &args.split, args.strict).map_err(|error| wrong(&error))?;
         for error in &set.errors {
             note!("lab: {error}");
         }

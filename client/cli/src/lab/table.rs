@@ -11,11 +11,14 @@ use super::Progress;
 use crate::failure::Failure;
 use crate::output::{note, say};
 
-/// Loads a set and says what was left out of it.
-pub(super) fn load(folder: &Path, split: &Split, cold: bool) -> Result<Set, Failure> {
+/// Loads a set and says what was left out of it; strict: nothing may be.
+pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Result<Set, Failure> {
     let set = Set::load(folder, split, cold).map_err(|error| {
         Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
     })?;
+    if let Some(first) = set.refused.first().filter(|_| strict) {
+        return Err(Failure::bad_input(first, "mend the file, or leave --strict out to do without it"));
+    }
     for error in &set.refused {
         note!("lab: left out: {error}");
     }

@@ -35,6 +35,10 @@ pub(crate) struct Table1Args {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    strict: bool,
+
     /// Models, comma-separated [default: all]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
@@ -71,7 +75,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     }
     // Wrong names are told before anything is loaded or trained.
     let mut models = if shipped.is_empty() { Vec::new() } else { table::models(&shipped.join(","))? };
-    let set = table::load(&args.data, &Split::test(), false)?;
+    let set = table::load(&args.data, &Split::test(), false, args.strict)?;
     for (place, name) in names.iter().enumerate() {
         if let Some(cells) = anew(args, name) {
             models.insert(place.min(models.len()), trained(name, cells, &set)?);

@@ -17,7 +17,8 @@ const EPOCHS: u32 = 5;
 pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut sequences: Vec<Strokes> = Vec::new();
     for folder in &args.data {
-        let set = DataSet::load(folder, &args.split, false).map_err(|error| Failure::bad_input(error, ""))?;
+        let set =
+            DataSet::load(folder, &args.split, args.strict).map_err(|error| Failure::bad_input(error, ""))?;
         sequences.extend(corpus::items(&set).into_iter().map(|item| item.strokes));
     }
     if args.data.is_empty() {

@@ -101,7 +101,7 @@ impl Data {
         let mut items = Vec::new();
         let mut names = Vec::new();
         for folder in &args.data {
-            let set = DataSet::load(folder, &args.split, false).map_err(|error| wrong(&error))?;
+            let set = DataSet::load(folder, &args.split, args.strict).map_err(|error| wrong(&error))?;
             set.errors.iter().for_each(|error| note!("lab: {error}"));
             items.extend(corpus::items(&set));
             names.push(set.name);

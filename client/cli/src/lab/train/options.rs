@@ -20,6 +20,10 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
     pub(super) data: Vec<PathBuf>,
 
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    pub(super) strict: bool,
+
     /// Which part of the sets to train on: a word of their split.tsv, or all
     #[arg(long, value_name = "WORD", default_value = "train")]
     pub(super) split: Split,
