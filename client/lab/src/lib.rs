@@ -13,6 +13,7 @@ pub mod path;
 pub mod arm;
 pub mod metrics;
 pub mod experiments;
+pub mod closed_loop;
 pub mod prediction;
 pub mod train;
 pub mod plot;

@@ -1,5 +1,6 @@
 //! `foretrace lab`: the paper's experiments through the daemon's own control law.
 
+mod closed_loop;
 mod figures;
 mod table;
 mod table1;
@@ -32,6 +33,11 @@ pub(crate) enum LabCommand {
     ///
     /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
     Fig3(LabArgs),
+    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against today's ways, four arms
+    ///
+    /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and letters of
+    /// 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of 0.03 m.
+    ClosedLoop(closed_loop::ClosedLoopArgs),
     /// Table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
     /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are the shares of
@@ -92,6 +98,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
     match command {
         LabCommand::Fig2(args) => Session::prepare(args)?.fig2(args),
         LabCommand::Fig3(args) => Session::prepare(args)?.fig3(args),
+        LabCommand::ClosedLoop(args) => closed_loop::run(args),
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),

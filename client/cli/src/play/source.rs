@@ -10,7 +10,7 @@ use foretrace_config::Settings;
 use foretrace_lab::data::{
     Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height,
 };
-use foretrace_lab::path::{Anchor, Ink, Layout, PathSample, PenPath, Placement};
+use foretrace_lab::path::{Anchor, Ink, Layout, Lift, PathSample, PenPath, Placement};
 use foretrace_lab::writer::text_path;
 
 use crate::failure::Failure;
@@ -95,7 +95,8 @@ impl Workspace {
     }
 
     pub(crate) fn placement(&self, height_m: f64, layout: Layout, anchor: Anchor) -> Placement {
-        Placement { centre_m: self.centre_m, size_m: self.size_m, glyph_height_m: height_m, layout, anchor }
+        let Self { centre_m, size_m } = *self;
+        Placement { centre_m, size_m, glyph_height_m: height_m, layout, anchor, lift: Lift::Travel }
     }
 }
 

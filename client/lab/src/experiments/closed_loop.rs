@@ -4,13 +4,15 @@
 //! no delay. The learner, if there is one, takes each closed step at once, and its weights go live at the next tick.
 
 use foretrace_control::follower::{
-    Budget, Follower, FollowerError, FollowerSettings, JointReading, NoClock, Refusal, Request, StepInput,
-    StepOutput,
+    Budget, Follower, FollowerError, FollowerSettings, Health, JointCommand, JointReading, NoClock, Refusal,
+    Request, StepInput, StepOutput,
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::Oracle;
 use foretrace_control::units::Stamp;
+
+use std::collections::VecDeque;
 
 use crate::arm::{ArmModel, ArmSettings, JOINTS};
 use crate::metrics::ToolSample;
@@ -21,6 +23,8 @@ use crate::path::PathSample;
 pub enum ArmKind {
     /// Is where the command says, without delay.
     Ideal,
+    /// Is where the command said this long ago [s]; no limits.
+    Delayed(f64),
     /// A simulated UR5 behind its servo.
     Ur5(ArmSettings),
 }
@@ -36,6 +40,8 @@ pub struct TickTrace {
     pub acceleration: [f64; 2],
     /// Trust.
     pub alpha: f64,
+    /// A limit of plan, joints or guard shaped the command.
+    pub limited: bool,
 }
 
 /// One run.
@@ -81,6 +87,23 @@ pub enum RunError {
 const EPOCH_NS: u64 = 10_000_000_000;
 /// Spacing of the samples while the pen waits [s].
 const WAIT_STEP_S: f64 = 0.005;
+
+/// As [`run`], with the horizon `horizon` of the settings: 10, 20 or 30 steps.
+///
+/// *Errors*: see [`run`].
+pub fn run_with(
+    horizon: u32,
+    settings: &FollowerSettings<JOINTS>,
+    home: [f64; JOINTS],
+    path: &[PathSample],
+    options: RunOptions<'_>,
+) -> Result<ClosedLoop, RunError> {
+    match horizon {
+        30 => run::<30>(settings, home, path, options),
+        20 => run::<20>(settings, home, path, options),
+        _ => run::<10>(settings, home, path, options),
+    }
+}
 
 /// Runs `path` from beginning to end, and 0.3 s of a resting pen behind it.
 ///
@@ -165,6 +188,8 @@ impl ClosedLoop {
             setpoint: [x.position, y.position],
             acceleration: [x.acceleration, y.acceleration],
             alpha: output.trust.alpha.alpha(),
+            limited: output.axes.iter().take(2).any(|axis| axis.active.total() > 0)
+                || output.health.has(Health::IK_LIMITED | Health::GUARD_ALTERED),
         });
     }
 }
@@ -222,15 +247,21 @@ struct Arm {
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
     servo: Option<ArmModel>,
+    /// Delay [s] and the commands that are on their way, oldest first.
+    delay: Option<(f64, VecDeque<JointCommand<JOINTS>>)>,
 }
 
 impl Arm {
     fn new(kind: ArmKind, home: [f64; JOINTS]) -> Self {
         let servo = match kind {
-            ArmKind::Ideal => None,
+            ArmKind::Ideal | ArmKind::Delayed(_) => None,
             ArmKind::Ur5(settings) => Some(ArmModel::at_rest(settings, home)),
         };
-        Self { q: home, qd: [0.0; JOINTS], servo }
+        let delay = match kind {
+            ArmKind::Delayed(delay_s) => Some((delay_s, VecDeque::new())),
+            _ => None,
+        };
+        Self { q: home, qd: [0.0; JOINTS], servo, delay }
     }
 
     fn reading(&self, stamp: Stamp) -> JointReading<JOINTS> {
@@ -240,6 +271,20 @@ impl Arm {
     /// Lives through one period with the command made at its beginning.
     fn obey(&mut self, output: &StepOutput<JOINTS>) {
         let Some(command) = &output.command else { return };
+        if let Some((delay_s, underway)) = &mut self.delay {
+            underway.push_back(*command);
+            // The command that ends at or after the instant which the arm has reached holds for it, as a line.
+            let reached = |c: &JointCommand<JOINTS>| command.stamp.seconds_since(c.stamp) - *delay_s;
+            while underway.len() > 1 && underway.front().is_some_and(|c| reached(c) > 1e-9) {
+                underway.pop_front();
+            }
+            if let Some(due) =
+                underway.front().filter(|c| command.stamp.seconds_since(c.stamp) > *delay_s - 1e-9)
+            {
+                (self.q, self.qd) = (due.q, due.qd);
+            }
+            return;
+        }
         match &mut self.servo {
             None => (self.q, self.qd) = (command.q, command.qd),
             Some(servo) => {

@@ -8,7 +8,7 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
-use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run};
+use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run_with};
 use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
 use crate::metrics::tracking;
 use crate::parallel;
@@ -114,11 +114,7 @@ fn row(
         let learner = learner.as_mut();
         let options = RunOptions { arm: kind, oracle, learner, requests: &[], wait_s: WAIT_S };
         let path = &letter.path.samples;
-        let result = match config.settings().mpc.horizon {
-            30 => run::<30>(&settings, home, path, options),
-            20 => run::<20>(&settings, home, path, options),
-            _ => run::<10>(&settings, home, path, options),
-        };
+        let result = run_with(config.settings().mpc.horizon, &settings, home, path, options);
         runs.push(result.map_err(|error| failed(letter, error))?);
     }
     let scores: Vec<_> =

@@ -7,7 +7,7 @@ use foretrace_config::Config;
 use foretrace_control::follower::Request;
 use foretrace_control::predict::PredictorKind;
 
-use super::closed_loop::{ArmKind, ClosedLoop, RunOptions, run};
+use super::closed_loop::{ArmKind, ClosedLoop, RunOptions, run_with};
 use super::fig2::failed;
 use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
 use crate::metrics::{ToolSample, error_series};
@@ -69,11 +69,7 @@ pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Resu
                 wait_s: WAIT_S,
             };
             let home = config.robot().home;
-            let result = match config.settings().mpc.horizon {
-                30 => run::<30>(&settings, home, path, options),
-                20 => run::<20>(&settings, home, path, options),
-                _ => run::<10>(&settings, home, path, options),
-            };
+            let result = run_with(config.settings().mpc.horizon, &settings, home, path, options);
             let run = result.map_err(|error| failed(letter, error))?;
             out.extend(judge(index, letter, &run, start_s, step_s));
         }

@@ -5,7 +5,7 @@ mod fig2;
 mod fig3;
 mod letters;
 
-pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run};
+pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run, run_with};
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, PREDICTORS, fig2};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
@@ -46,18 +46,19 @@ pub enum ExperimentError {
 }
 
 /// The loop of `config` in front of one of the experiments' arms.
-fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
+pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
     settings.dead_time_ns = match arm {
         ArmKind::Ideal => 0,
+        ArmKind::Delayed(delay_s) => (delay_s * 1e9).round() as u64,
         ArmKind::Ur5(arm) => (arm.group_delay_s() * 1e9).round() as u64,
     };
     settings
 }
 
 /// A learner for that loop, if its predictor learns.
-fn learner_for(
+pub(crate) fn learner_for(
     config: &Config,
     settings: &FollowerSettings<JOINTS>,
     kind: PredictorKind,
@@ -74,16 +75,16 @@ fn learner_for(
 }
 
 /// The simulated arm whose controller runs at the loop's own rate.
-fn ur5_at(config: &Config) -> ArmSettings {
+pub(crate) fn ur5_at(config: &Config) -> ArmSettings {
     ArmSettings::ur5(config.settings().period_ns() as f64 * 1e-9, LOOK_AHEAD_S)
 }
 
 /// servoj's smallest look-ahead [s].
 const LOOK_AHEAD_S: f64 = 0.030;
 /// The pen rests above a letter's first point for this long, so that the tool starts there [s].
-const WAIT_S: f64 = 1.2;
+pub(crate) const WAIT_S: f64 = 1.2;
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;

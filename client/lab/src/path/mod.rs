@@ -6,7 +6,7 @@
 mod place;
 mod travel;
 
-pub use place::{Anchor, Ink, Layout, PathError, Placement};
+pub use place::{Anchor, Ink, Layout, Lift, PathError, Placement};
 pub use travel::travel_duration_s;
 
 use crate::metrics::{Motion, ToolSample, motion};
@@ -47,6 +47,8 @@ pub struct PenPath {
     pub inserted_travels: usize,
     /// Recorded stretches without samples.
     pub gaps: usize,
+    /// Indices of the samples that the pen reached by a lift that nobody recorded, where none was made up.
+    pub leaps: Vec<usize>,
 }
 
 impl PenPath {
@@ -58,7 +60,7 @@ impl PenPath {
         steps.sort_by(f64::total_cmp);
         let rate_hz = steps.get(steps.len() / 2).filter(|d| **d > 0.0).map_or(0.0, |d| 1.0 / d);
         let gaps = steps.iter().filter(|d| **d * rate_hz > 4.0).count();
-        Self { samples, rate_hz, spans: Vec::new(), inserted_travels: 0, gaps }
+        Self { samples, rate_hz, spans: Vec::new(), inserted_travels: 0, gaps, leaps: Vec::new() }
     }
 
     /// Time from the first to the last sample [s].

@@ -33,6 +33,15 @@ pub enum Anchor {
     Baseline,
 }
 
+/// What becomes of a lift between two strokes that nobody recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lift {
+    /// A travel is made up.
+    Travel,
+    /// It stays as it was recorded: the pen is elsewhere one sample later.
+    Leap,
+}
+
 /// The writing workspace and how characters are laid into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
@@ -46,6 +55,8 @@ pub struct Placement {
     pub layout: Layout,
     /// What of a character is put there.
     pub anchor: Anchor,
+    /// What becomes of a lift that nobody recorded.
+    pub lift: Lift,
 }
 
 impl Default for Placement {
@@ -56,6 +67,7 @@ impl Default for Placement {
             glyph_height_m: 0.03,
             layout: Layout::Centre,
             anchor: Anchor::Middle,
+            lift: Lift::Travel,
         }
     }
 }
@@ -172,6 +184,7 @@ impl<'a> Placer<'a> {
             spans: Vec::new(),
             inserted_travels: 0,
             gaps: 0,
+            leaps: Vec::new(),
         };
         Self {
             placement,
@@ -287,7 +300,11 @@ impl<'a> Placer<'a> {
         for (index, step) in steps.iter().enumerate() {
             let link =
                 if index == 0 && !self.path.samples.is_empty() { Link::Travel(0.0) } else { step.link };
-            if let (Link::Travel(at_least_s), Some(&last)) = (link, self.path.samples.last()) {
+            let leaps = self.placement.lift == Lift::Leap && matches!(link, Link::Travel(_));
+            if leaps {
+                self.path.leaps.push(self.path.samples.len());
+            }
+            if let (false, Link::Travel(at_least_s), Some(&last)) = (leaps, link, self.path.samples.last()) {
                 let arriving = self.arriving(steps.get(index..).unwrap_or_default());
                 let rate_hz = self.path.rate_hz;
                 let hover = travel(last, self.leaving(), step.at_m, arriving, rate_hz, at_least_s);
@@ -296,6 +313,7 @@ impl<'a> Placer<'a> {
             }
             let elapsed_s = match link {
                 Link::Gap(gap_s) => gap_s,
+                Link::Travel(at_least_s) if leaps => at_least_s.max(self.period_s),
                 Link::Sampled | Link::Travel(_) => self.period_s,
             };
             self.path.gaps += usize::from(matches!(link, Link::Gap(_)));

@@ -1,0 +1,205 @@
+//! `foretrace lab closed-loop`: the benchmark with predictors in the loop, and arms behind it.
+
+use std::path::PathBuf;
+
+use foretrace_config::Config;
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, hands};
+use foretrace_lab::data::{DataSet, Split, median_glyph_height};
+use foretrace_lab::path::Lift;
+use serde_json::json;
+
+use super::Progress;
+use crate::failure::Failure;
+use crate::output::{JsonArgs, note, say};
+use crate::settings::SettingsArgs;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct ClosedLoopArgs {
+    /// Data-set folder
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+
+    /// Which part of the set: a word of its split.tsv, or all [default: test where there is one, else all]
+    #[arg(long, value_name = "WORD")]
+    split: Option<Split>,
+
+    /// Who takes part, comma-separated [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    predictors: Vec<String>,
+
+    /// In front of which arms, comma-separated
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "ideal,delay30,ur5,slow")]
+    arms: Vec<String>,
+
+    /// Lifts that nobody recorded: the leap of one sample that they are in the recording, or a made-up travel
+    #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
+    lifts: String,
+
+    /// At most this many sequences of each file, in the order of the file
+    #[arg(long, value_name = "N")]
+    limit: Option<usize>,
+
+    /// A bad file ends the command instead of being left out
+    #[arg(long)]
+    strict: bool,
+
+    /// Folder for the pictures
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    out: PathBuf,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let config = args.settings.load()?;
+    let entrants = entrants(&args.predictors)?;
+    let arms = arms(&args.arms)?;
+    let set = Set::load(args)?;
+    let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
+    let arms: Vec<_> = arms
+        .into_iter()
+        .map(|arm| Ok((arm, placed(&set, arm, &config, lift, args.limit)?)))
+        .collect::<Result<_, Failure>>()?;
+    let benchmark = Benchmark { config: &config, arms, entrants };
+    let progress = Progress::of(benchmark.jobs());
+    let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
+    drop(progress);
+    let rows = Outcome::table(&outcomes);
+    if rows.is_empty() {
+        let what = format_args!("{}: nothing in this part can be scored", args.data.display());
+        return Err(Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)"));
+    }
+    let sequences = rows.iter().map(|row| row.sequences).max().unwrap_or(0);
+    say!("{}: {sequences} sequences\n", set.title);
+    print(&rows);
+    args.json.write(&json!({
+        "set": set.title,
+        "lifts": args.lifts,
+        "rows": rows,
+    }))
+}
+
+struct Set {
+    scored: DataSet,
+    title: String,
+    median_height: f64,
+}
+
+impl Set {
+    /// The part to be written, and the one scale: the median glyph of the train part, or of all where there is none.
+    fn load(args: &ClosedLoopArgs) -> Result<Self, Failure> {
+        let wrong = |error: &dyn std::fmt::Display| {
+            Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
+        };
+        let words = DataSet::splits(&args.data).map_err(|error| wrong(&error))?;
+        let has = |wanted: &str| words.iter().any(|word| word == wanted);
+        let named = |word: &str| word.parse::<Split>().map_err(|error| wrong(&error));
+        let split = match &args.split {
+            Some(split) => split.clone(),
+            None if has("test") => Split::test(),
+            None => Split::All,
+        };
+        let scored = DataSet::load(&args.data, &split, args.strict).map_err(|error| wrong(&error))?;
+        for error in &scored.errors {
+            note!("lab: left out: {error}");
+        }
+        let scale_by = if has("train") { named("train")? } else { Split::All };
+        let scale = DataSet::load(&args.data, &scale_by, args.strict).map_err(|error| wrong(&error))?;
+        let median_height = median_glyph_height(scale.characters()).ok_or_else(|| {
+            wrong(&format_args!("{}: no glyph with a height to scale by", args.data.display()))
+        })?;
+        let title = match &split {
+            Split::All => scored.name.clone(),
+            part => format!("{} ({part})", scored.name),
+        };
+        Ok(Self { scored, title, median_height })
+    }
+}
+
+fn placed(
+    set: &Set,
+    arm: BenchArm,
+    config: &Config,
+    lift: Lift,
+    limit: Option<usize>,
+) -> Result<Vec<Hand>, Failure> {
+    let (mut hands, left_out) = hands(&set.scored, set.median_height, arm, config, lift)
+        .map_err(|error| Failure::bad_input(error, "give a set whose rate and heights are positive"))?;
+    if left_out > 0 {
+        note!("lab: {left_out} sequences do not fit the paper of {} and are left out", arm.name());
+    }
+    for hand in &mut hands {
+        hand.sequences.truncate(limit.unwrap_or(usize::MAX));
+    }
+    Ok(hands)
+}
+
+fn entrants(names: &[String]) -> Result<Vec<Entrant>, Failure> {
+    if names.is_empty() {
+        return Ok(Entrant::ALL.to_vec());
+    }
+    let named = |name: &String| {
+        Entrant::named(name.trim())
+            .map_err(|error| Failure::bad_input(error, "choose from them (--predictors)"))
+    };
+    names.iter().map(named).collect()
+}
+
+fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {
+    let named = |name: &String| {
+        BenchArm::ALL.into_iter().find(|arm| arm.name() == name.trim()).ok_or_else(|| {
+            let known = BenchArm::ALL.map(BenchArm::name).join(" ");
+            Failure::bad_input(
+                format_args!("no arm is called {name:?}"),
+                format_args!("choose from {known} (--arms)"),
+            )
+        })
+    };
+    names.iter().map(named).collect()
+}
+
+fn print(rows: &[Row]) {
+    let optional = |value: Option<f64>, factor: f64, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", value * factor))
+    };
+    say!(
+        "{:<18} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>7} {:>8}",
+        "predictor",
+        "arm",
+        "mse m²",
+        "of hold",
+        "median",
+        "pen down",
+        "leaps",
+        "max mm",
+        "lag ms",
+        "rms jerk",
+        "sat %",
+        "worse %",
+        "worst mm"
+    );
+    for row in rows {
+        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Entrant::Hold.name());
+        say!(
+            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>7} {:>8}",
+            row.predictor,
+            row.arm,
+            row.mse_m2,
+            optional(hold.map(|hold| row.mse_m2 / hold.mse_m2), 1.0, 3),
+            row.median_mse_m2,
+            row.pen_down_mse_m2,
+            row.leap_mse_m2.map_or_else(|| "-".to_owned(), |mse| format!("{mse:.2e}")),
+            row.max_m * 1e3,
+            row.lag_ms,
+            row.rms_jerk,
+            row.saturated_pct,
+            optional(row.worse_than_hold_pct, 1.0, 2),
+            optional(row.worst_beyond_hold_m, 1e3, 2),
+        );
+    }
+}

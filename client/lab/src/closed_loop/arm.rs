@@ -1,0 +1,121 @@
+//! The arms of the benchmark, each with the loop in front of it.
+
+use foretrace_config::Config;
+use foretrace_control::follower::FollowerSettings;
+use foretrace_control::ik::JointLimits;
+
+use crate::arm::{ArmSettings, JOINTS};
+use crate::experiments::{ArmKind, ur5_at};
+
+/// An arm and the size of the letters written with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BenchArm {
+    /// Is where the command says; motion limits off.
+    Ideal,
+    /// 30 ms of pure delay; motion limits off.
+    Delay30,
+    /// The simulated UR5 behind its servo, all limits on.
+    Ur5,
+    /// A UR5 behind a servo that takes 100 ms, all limits on.
+    Slow,
+}
+
+/// Delay of [`BenchArm::Delay30`] [s].
+const DELAY_S: f64 = 0.030;
+/// From command to motion on [`BenchArm::Slow`] [s].
+const SLOW_S: f64 = 0.100;
+/// "Off" for the plan's limits: jerk [m/s³], acceleration [m/s²], velocity [m/s]. The largest legal ones; letters of 0.1 m
+/// in real time ask for some 35 m/s².
+const FREE_PLAN: [f64; 3] = [1e5, 1e3, 20.0];
+/// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
+const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
+/// Half the width and height of the paper in front of an unlimited arm [m].
+const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
+
+impl BenchArm {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Ideal, Self::Delay30, Self::Ur5, Self::Slow];
+
+    /// Name in tables and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ideal => "ideal",
+            Self::Delay30 => "delay30",
+            Self::Ur5 => "ur5",
+            Self::Slow => "slow",
+        }
+    }
+
+    /// Height that the median train glyph gets [m].
+    #[must_use]
+    pub const fn glyph_height_m(self) -> f64 {
+        if self.limited() { 0.03 } else { 0.1 }
+    }
+
+    /// Motion limits hold.
+    #[must_use]
+    pub const fn limited(self) -> bool {
+        matches!(self, Self::Ur5 | Self::Slow)
+    }
+
+    /// The arm behind the loop of `config`.
+    #[must_use]
+    pub fn kind(self, config: &Config) -> ArmKind {
+        let ur5 = ur5_at(config);
+        match self {
+            Self::Ideal => ArmKind::Ideal,
+            Self::Delay30 => ArmKind::Delayed(DELAY_S),
+            Self::Ur5 => ArmKind::Ur5(ur5),
+            Self::Slow => ArmKind::Ur5(ArmSettings {
+                look_ahead_s: SLOW_S - (ur5.group_delay_s() - ur5.look_ahead_s),
+                ..ur5
+            }),
+        }
+    }
+
+    /// Width and height of the paper [m], centred on [`Self::centre_m`].
+    #[must_use]
+    pub fn paper_m(self, config: &Config) -> [f64; 2] {
+        let [x, y, _] = config.settings().plane.workspace_m;
+        if self.limited() { [x[1] - x[0], y[1] - y[0]] } else { FREE_HALF_M.map(|half| 2.0 * half) }
+    }
+
+    /// Middle of the paper [m].
+    #[must_use]
+    pub fn centre_m(self, config: &Config) -> [f64; 2] {
+        let [x, y, _] = config.settings().plane.workspace_m;
+        [0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])]
+    }
+
+    /// `settings` for this arm: limits on or off, and a pen gate that grows with the letters.
+    pub(super) fn fit(self, config: &Config, settings: &mut FollowerSettings<JOINTS>) {
+        // The paths are in metres of the plane already.
+        settings.plane.pen_scale = 1.0;
+        settings.plane.pen_origin = [0.0; 2];
+        if self.limited() {
+            return;
+        }
+        let [jerk_mps3, acceleration_mps2, velocity_mps] = FREE_PLAN;
+        let centre = self.centre_m(config);
+        for (axis, limits) in settings.mpc.axes.iter_mut().enumerate() {
+            limits.jerk_mps3 = jerk_mps3;
+            limits.acceleration_mps2 = acceleration_mps2;
+            limits.velocity_mps = velocity_mps;
+            if let (Some(centre), Some(half)) = (centre.get(axis), FREE_HALF_M.get(axis)) {
+                limits.position_m = [centre - half - 0.1, centre + half + 0.1];
+            }
+        }
+        let growth = self.glyph_height_m() / Self::Ur5.glyph_height_m();
+        settings.pen.max_speed_mps *= growth;
+        settings.pen.position_min_m = settings.pen.position_min_m.map(|low| low * growth);
+        settings.pen.position_max_m = settings.pen.position_max_m.map(|high| high * growth);
+        let [velocity, acceleration] = FREE_JOINTS;
+        let position = *settings.limits.position();
+        if let Ok(free) = JointLimits::new(position, [velocity; JOINTS], [acceleration; JOINTS]) {
+            settings.limits = free;
+        }
+        settings.ik.correction_mps = velocity_mps;
+        settings.ik.correction_mps2 = acceleration_mps2;
+    }
+}

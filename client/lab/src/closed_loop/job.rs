@@ -1,0 +1,166 @@
+//! Runs entrants in front of arms, over all hands, on all cores.
+
+use foretrace_config::Config;
+
+use super::{BenchArm, Entrant, Hand, Row, Score, rows};
+use crate::experiments::{ClosedLoop, RunError, RunOptions, WAIT_S, learner_for, run_with, settings_for};
+use crate::parallel;
+use foretrace_control::predict::PredictorKind;
+
+/// A benchmark that could not be run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BenchError {
+    /// A sequence.
+    #[error("{file}, sequence {index} ({label:?}), {entrant} on {arm}: {error}")]
+    Run {
+        /// The file.
+        file: String,
+        /// Place in the file from 0, of what was written.
+        index: usize,
+        /// Its label.
+        label: String,
+        /// Who.
+        entrant: &'static str,
+        /// In front of what.
+        arm: &'static str,
+        /// What went wrong.
+        error: RunError,
+    },
+    /// The settings.
+    #[error("{0}")]
+    Settings(String),
+}
+
+/// What is run.
+#[derive(Debug)]
+pub struct Benchmark<'a> {
+    /// The loop.
+    pub config: &'a Config,
+    /// The arms, each with its hands.
+    pub arms: Vec<(BenchArm, Vec<Hand>)>,
+    /// Who.
+    pub entrants: Vec<Entrant>,
+}
+
+/// One entrant in front of one arm.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Who.
+    pub entrant: Entrant,
+    /// In front of what.
+    pub arm: BenchArm,
+    /// Per sequence, hand after hand.
+    pub scores: Vec<Option<Score>>,
+}
+
+struct Job<'a> {
+    entrant: Entrant,
+    arm: BenchArm,
+    hand: &'a Hand,
+}
+
+impl Benchmark<'_> {
+    /// How often `run` reports.
+    #[must_use]
+    pub fn jobs(&self) -> usize {
+        self.arms.iter().map(|(_, hands)| hands.len()).sum::<usize>() * self.entrants.len()
+    }
+
+    /// Writes everything; `done` hears of each finished hand.
+    ///
+    /// # Errors
+    /// The first sequence that could not be run.
+    pub fn run(&self, done: impl FnMut()) -> Result<Vec<Outcome>, BenchError> {
+        let pairs =
+            || self.arms.iter().flat_map(|arm| self.entrants.iter().map(move |entrant| (arm, *entrant)));
+        let jobs: Vec<_> = pairs()
+            .flat_map(|((arm, hands), entrant)| {
+                hands.iter().map(move |hand| Job { entrant, arm: *arm, hand })
+            })
+            .collect();
+        let mut finished = parallel::map(&jobs, |job| self.hand(job), done).into_iter();
+        pairs()
+            .map(|((arm, hands), entrant)| {
+                let mut scores = Vec::new();
+                for result in finished.by_ref().take(hands.len()) {
+                    scores.extend(result?);
+                }
+                Ok(Outcome { entrant, arm: *arm, scores })
+            })
+            .collect()
+    }
+
+    /// Writes one sequence again with everything before it in its file, so that learners know what they knew.
+    ///
+    /// # Errors
+    /// A sequence that could not be run.
+    pub fn replay(
+        &self,
+        entrant: Entrant,
+        arm: BenchArm,
+        hand: &Hand,
+        index: usize,
+    ) -> Result<Option<ClosedLoop>, BenchError> {
+        let mut last = None;
+        self.write(&Job { entrant, arm, hand }, index + 1, |_, run| last = Some(run))?;
+        Ok(last)
+    }
+
+    fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<Score>>, BenchError> {
+        let mut scores = Vec::with_capacity(job.hand.sequences.len());
+        self.write(job, usize::MAX, |sequence, run| scores.push(Score::of(sequence, &run)))?;
+        Ok(scores)
+    }
+
+    fn write(
+        &self,
+        job: &Job<'_>,
+        count: usize,
+        mut take: impl FnMut(&super::Sequence, ClosedLoop),
+    ) -> Result<(), BenchError> {
+        let arm = job.arm.kind(self.config);
+        let kind = job.entrant.predictor();
+        let mut settings = settings_for(self.config, arm, kind);
+        settings.trust_request = job.entrant.trust();
+        job.arm.fit(self.config, &mut settings);
+        let home = self.config.robot().home;
+        let horizon = self.config.settings().mpc.horizon;
+        let mut learner = learner_for(self.config, &settings, kind)
+            .map_err(|error| BenchError::Settings(error.to_string()))?;
+        for (index, sequence) in job.hand.sequences.iter().enumerate().take(count) {
+            let options = RunOptions {
+                arm,
+                oracle: kind == PredictorKind::Oracle,
+                learner: learner.as_mut(),
+                requests: &[],
+                wait_s: WAIT_S,
+            };
+            let run =
+                run_with(horizon, &settings, home, &sequence.path.samples, options).map_err(|error| {
+                    BenchError::Run {
+                        file: job.hand.file.clone(),
+                        index,
+                        label: sequence.label.clone(),
+                        entrant: job.entrant.name(),
+                        arm: job.arm.name(),
+                        error,
+                    }
+                })?;
+            take(sequence, run);
+        }
+        Ok(())
+    }
+}
+
+impl Outcome {
+    /// The table: one row per outcome with anything scored, compared with `hold` in front of the same arm.
+    #[must_use]
+    pub fn table(outcomes: &[Self]) -> Vec<Row> {
+        let hold = |arm| outcomes.iter().find(|o| o.entrant == Entrant::Hold && o.arm == arm);
+        outcomes
+            .iter()
+            .filter_map(|o| rows(o.entrant, o.arm, &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice())))
+            .collect()
+    }
+}

@@ -1,0 +1,19 @@
+//! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control law.
+//!
+//! Contract: one constant scale per set and arm (its median *train* glyph becomes [`BenchArm::glyph_height_m`]), no scaling
+//! per letter. Hover paths are kept where they were recorded; a lift that nobody recorded stays the leap of one sample
+//! that it is in the recording, and what lies within [`LEAP_S`] behind it is scored apart, because nobody can foresee it.
+//! What learns starts cold with every file (a new hand) and carries over from letter to letter. The same data and settings
+//! give the same numbers on any number of cores.
+
+mod arm;
+mod entrant;
+mod job;
+mod score;
+mod sequences;
+
+pub use arm::BenchArm;
+pub use entrant::{Entrant, UnknownEntrant};
+pub use job::{BenchError, Benchmark, Outcome};
+pub use score::{Row, Score, rows};
+pub use sequences::{Hand, LEAP_S, Sequence, hands};

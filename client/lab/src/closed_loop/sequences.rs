@@ -1,0 +1,97 @@
+//! The sequences of a set, file by file, as stamped paths on the benchmark's paper.
+
+use foretrace_config::Config;
+
+use super::BenchArm;
+use crate::data::DataSet;
+use crate::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenPath, Placement};
+
+/// What lies within this behind a leap is scored apart [s]: the time a hand would have needed, and the arm needs, to get there.
+pub const LEAP_S: f64 = 0.15;
+
+/// One character to be written.
+#[derive(Debug, Clone)]
+pub struct Sequence {
+    /// Its label.
+    pub label: String,
+    /// Its path.
+    pub path: PenPath,
+    /// Behind a leap, per sample of the path.
+    pub behind_leap: Vec<bool>,
+}
+
+/// What one file holds: one hand, in most sets.
+#[derive(Debug, Clone)]
+pub struct Hand {
+    /// The file.
+    pub file: String,
+    /// Its characters in order.
+    pub sequences: Vec<Sequence>,
+}
+
+/// The characters of `set` on the paper of `arm`, one scale for all: `median_height` [device units] becomes the arm's glyph
+/// height. Also how many characters are left out because they do not fit or have no more than one sample.
+///
+/// # Errors
+/// A height, rate or size that is not positive.
+pub fn hands(
+    set: &DataSet,
+    median_height: f64,
+    arm: BenchArm,
+    config: &Config,
+    lift: Lift,
+) -> Result<(Vec<Hand>, usize), PathError> {
+    let placement = Placement {
+        centre_m: arm.centre_m(config),
+        size_m: arm.paper_m(config),
+        glyph_height_m: arm.glyph_height_m(),
+        layout: Layout::Centre,
+        anchor: Anchor::Middle,
+        lift,
+    };
+    let (mut hands, mut left_out) = (Vec::new(), 0);
+    for file in &set.files {
+        let rate_hz = file.recording.rate_hz;
+        let mut sequences = Vec::new();
+        for character in &file.recording.segments {
+            let ink = Ink { characters: std::slice::from_ref(character), rate_hz, median_height };
+            match PenPath::from_ink(ink, &placement) {
+                Ok((path, skipped)) if skipped.is_empty() && path.samples.len() > 1 => {
+                    let behind_leap = behind_leap(&path);
+                    sequences.push(Sequence { label: character.label.clone(), path, behind_leap });
+                }
+                Ok(_) | Err(PathError::Nothing { .. }) => left_out += 1,
+                Err(error) => return Err(error),
+            }
+        }
+        hands.push(Hand { file: file.file.clone(), sequences });
+    }
+    Ok((hands, left_out))
+}
+
+impl Sequence {
+    /// The path with `contact` where `keep` says so: what [`crate::metrics`] scores.
+    pub(super) fn scored(&self, keep: impl Fn(&PathSample, bool) -> bool) -> Vec<PathSample> {
+        let samples = self.path.samples.iter().zip(&self.behind_leap);
+        samples.map(|(sample, behind)| PathSample { contact: keep(sample, *behind), ..*sample }).collect()
+    }
+
+    /// There is a leap in it.
+    pub(super) fn leaps(&self) -> bool {
+        self.behind_leap.contains(&true)
+    }
+}
+
+fn behind_leap(path: &PenPath) -> Vec<bool> {
+    let mut leaps = path.leaps.iter().copied().peekable();
+    let mut since = f64::NEG_INFINITY;
+    let samples = path.samples.iter().enumerate();
+    samples
+        .map(|(index, sample)| {
+            if leaps.next_if_eq(&index).is_some() {
+                since = sample.t_s;
+            }
+            sample.t_s - since <= LEAP_S
+        })
+        .collect()
+}
