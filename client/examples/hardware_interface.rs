@@ -55,14 +55,14 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         states.publish(
             now,
             JointState {
-                command_tick: command.map_or(0, |command| command.tick),
                 commands_received: commands.received(),
                 commands_refused: commands.rejections().total(),
                 q: drive.q,
                 qd: drive.qd,
                 safety_mode: SafetyMode::Normal.into(),
                 robot_mode: RobotMode::Running.into(),
-                ..Default::default()
+                // The way back of the pen sample's identity: what was obeyed, and when it came.
+                ..commands.echo()
             },
         )?;
 

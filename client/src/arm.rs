@@ -15,6 +15,7 @@ const BOUNDS: HeaderBounds = HeaderBounds { future_ns: 20_000_000, age_ns: u64::
 pub struct Commands {
     subscriber: Subscriber<JointCommand>,
     newest: Option<JointCommand>,
+    taken_ns: u64,
 }
 
 /// Sends joint states. One per instance at a time.
@@ -60,7 +61,8 @@ impl Foretrace {
     ///
     /// *Errors*: `NoPlace`, `BufferSize`.
     pub fn commands(&self, buffer: usize) -> Result<Commands, ServiceError> {
-        Ok(Commands { subscriber: self.services.joint_cmd.subscriber(buffer, BOUNDS)?, newest: None })
+        let subscriber = self.services.joint_cmd.subscriber(buffer, BOUNDS)?;
+        Ok(Commands { subscriber, newest: None, taken_ns: 0 })
     }
 
     /// The joint states, to be sent from this thread.
@@ -77,17 +79,30 @@ impl Commands {
 
     /// The newest command ever received, unread or not. Does not allocate once connected.
     pub fn latest(&mut self) -> Option<&JointCommand> {
-        if let Some(command) = self.subscriber.latest(monotonic_now_ns()) {
+        let now_ns = monotonic_now_ns();
+        if let Some(command) = self.subscriber.latest(now_ns) {
             self.newest = Some(command);
+            self.taken_ns = now_ns;
         }
         self.newest.as_ref()
     }
 
+    /// A joint state that echoes the newest command received: its tick, its pen sample, and when it was taken here. Fill
+    /// in the rest. An arm that refuses some commands by itself echoes the newest one it obeys with [`JointState::echo`].
+    pub fn echo(&self) -> JointState {
+        let mut state = JointState::default();
+        if let Some(command) = &self.newest {
+            state.echo(command, self.taken_ns);
+        }
+        state
+    }
+
     /// Every unread command, oldest first. Returns how many there were.
     pub fn drain(&mut self, mut use_command: impl FnMut(&JointCommand)) -> usize {
-        let newest = &mut self.newest;
-        self.subscriber.drain(monotonic_now_ns(), |command| {
-            *newest = Some(command);
+        let now_ns = monotonic_now_ns();
+        let (newest, taken_ns) = (&mut self.newest, &mut self.taken_ns);
+        self.subscriber.drain(now_ns, |command| {
+            (*newest, *taken_ns) = (Some(command), now_ns);
             use_command(&command);
         })
     }

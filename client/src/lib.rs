@@ -28,7 +28,7 @@ mod operate;
 pub use operate::*;
 
 pub use foretrace_shm::{
-    AskError, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable, FaultReason,
+    AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable, FaultReason,
     HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode, PenSample, Percentiles,
     PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode,
     ServiceError, SolverPath, Stage, Status, TickRecord, TrustReason, command_flags, guard_mask, health,

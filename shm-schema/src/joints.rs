@@ -11,7 +11,7 @@ use crate::{Header, JOINTS, Mode, Rejection, RobotMode, SafetyMode, Validate, co
 
 wire! {
     /// Joint positions to be reached at `header.stamp_ns`, one control period after the tick that made them.
-    "foretrace.JointCommandV1"
+    "foretrace.JointCommandV2"
     pub struct JointCommand {
         /// Stamp: the instant `q` holds for; in the future by up to one period.
         pub header: Header,
@@ -21,7 +21,9 @@ wire! {
         pub tick: u64,
         /// From here on the consumer brakes by itself [ns].
         pub valid_until_ns: u64,
-        /// Device stamp of the newest pen sample behind it [ns]; 0: none.
+        /// Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none.
+        pub pen_sequence: u64,
+        /// Identity of the newest pen sample behind it: its device stamp [ns]; 0: none.
         pub pen_stamp_ns: u64,
         /// Joint positions at the stamp [rad].
         pub q: [f64; JOINTS],
@@ -36,14 +38,20 @@ wire! {
 
 wire! {
     /// What the arm measured.
-    "foretrace.JointStateV1"
+    "foretrace.JointStateV2"
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
         pub header: Header,
         /// The robot's own clock [ns]; 0: none.
         pub robot_stamp_ns: u64,
-        /// Tick of the newest command accepted; 0: none.
+        /// Tick of the newest command accepted; 0: none. This and the next three are filled in by `echo`.
         pub command_tick: u64,
+        /// When that command was accepted, on this host's clock [ns]; 0: not known.
+        pub command_accepted_ns: u64,
+        /// `pen_sequence` of that command.
+        pub pen_sequence: u64,
+        /// `pen_stamp_ns` of that command.
+        pub pen_stamp_ns: u64,
         /// Commands accepted so far.
         pub commands_received: u64,
         /// Commands refused so far (stale, foreign, malformed).
@@ -80,6 +88,16 @@ pub const JOINT_POSITION_LIMIT_RAD: f64 = 100.0;
 pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
 /// Largest effort on the wire [A] or [Nm].
 pub const EFFORT_LIMIT: f64 = 1e5;
+
+impl JointState {
+    /// Echo `command`, accepted at `accepted_ns` on this host's clock: the way back of its pen sample's identity.
+    pub fn echo(&mut self, command: &JointCommand, accepted_ns: u64) {
+        self.command_tick = command.tick;
+        self.command_accepted_ns = accepted_ns;
+        self.pen_sequence = command.pen_sequence;
+        self.pen_stamp_ns = command.pen_stamp_ns;
+    }
+}
 
 impl Validate for JointCommand {
     fn validate(&self) -> Result<(), Rejection> {

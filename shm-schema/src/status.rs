@@ -5,7 +5,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason, Validate,
+    Chain, Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason, Validate,
     missing_rights,
 };
 
@@ -26,7 +26,7 @@ wire! {
 
 wire! {
     /// State of the daemon. Spreads are over all ticks since start, after warm-up.
-    "foretrace.StatusV2"
+    "foretrace.StatusV3"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -70,6 +70,8 @@ wire! {
         pub pen_age_ns: u64,
         /// Age of the newest joint state [ns]; `u64::MAX`: none.
         pub joint_state_age_ns: u64,
+        /// Latencies part by part, each the median over about the last second.
+        pub chain: Chain,
 
         /// Version of the weights in use.
         pub learner_version: u64,

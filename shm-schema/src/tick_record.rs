@@ -14,8 +14,39 @@ use crate::{
 };
 
 wire! {
+    /// Where the time goes between the pen and the arm, part by part [ns]; `u64::MAX`: not known.
+    ///
+    /// No sum: a command is stamped one control period after its tick, so what compute and transport take within that
+    /// period delays nothing. The arm's own lag, from a command's stamp to the motion, is told apart from these.
+    "foretrace.ChainV1"
+    pub struct Chain {
+        /// Device stamp to sent, of the newest pen sample: what the reader and its device took.
+        pub pen_reader_ns: u64,
+        /// Sent to taken in by a tick, of the newest pen sample: shared memory, and waiting for the tick.
+        pub pen_transport_ns: u64,
+        /// Device stamp of the newest pen sample to the release of the tick.
+        pub pen_age_ns: u64,
+        /// Start of the tick to the command handed to the middleware.
+        pub compute_ns: u64,
+        /// Handed to the middleware to accepted by the arm, of the newest command that the arm has echoed.
+        pub command_transport_ns: u64,
+    }
+}
+
+impl Chain {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self {
+        pen_reader_ns: u64::MAX,
+        pen_transport_ns: u64::MAX,
+        pen_age_ns: u64::MAX,
+        compute_ns: u64::MAX,
+        command_transport_ns: u64::MAX,
+    };
+}
+
+wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV2"
+    "foretrace.TickRecordV3"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -39,10 +70,12 @@ wire! {
         /// Whole periods dropped before this tick.
         pub skipped_ticks: u32,
 
-        /// Device stamp of the newest pen sample [ns]; 0: none yet.
+        /// Identity of the newest pen sample: its number in its publisher's sequence; 0: none yet.
+        pub pen_sequence: u64,
+        /// Identity of the newest pen sample: its device stamp [ns]; 0: none yet.
         pub pen_stamp_ns: u64,
-        /// Age of the newest pen sample [ns].
-        pub pen_age_ns: u64,
+        /// Latencies, part by part.
+        pub chain: Chain,
         /// Newest pen position [m].
         pub pen_m: [f64; AXES],
         /// Pen samples accepted in this tick.
@@ -54,6 +87,12 @@ wire! {
         pub joint_state_age_ns: u64,
         /// Newest measured joint positions [rad].
         pub measured_q: [f64; JOINTS],
+        /// Tick of the newest command that the arm has echoed; 0: none.
+        pub echo_tick: u64,
+        /// Identity of the pen sample behind that command, as echoed: its number.
+        pub echo_pen_sequence: u64,
+        /// Identity of the pen sample behind that command, as echoed: its device stamp [ns].
+        pub echo_pen_stamp_ns: u64,
 
         /// Where the tool should be at the command's stamp [m].
         pub reference_m: [f64; AXES],

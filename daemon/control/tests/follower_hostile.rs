@@ -21,6 +21,7 @@ fn pen(rng: &mut Pcg64, now: Stamp, t: f64, spite: f64) -> PenReading {
         stamp: Stamp(now.0 - rng.random_range(0..4_000_000)),
         position: [0.015 * (11.0 * t).sin(), 0.012 * (17.0 * t).cos()],
         contact: rng.random_bool(0.9),
+        ..PenReading::default()
     };
     if rng.random_bool(spite) {
         match rng.random_range(0..7) {
@@ -174,7 +175,7 @@ fn a_scribble_of_pure_noise_is_survived() {
         let mut bench = Bench::armed(settings(kind));
         for _ in 0..800 {
             let noise = [rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2)];
-            let pen = [PenReading { stamp: bench.now, position: noise, contact: rng.random_bool(0.5) }];
+            let pen = [PenReading::new(bench.now, noise, rng.random_bool(0.5))];
             bench.tick(&pen);
         }
     }

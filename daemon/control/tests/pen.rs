@@ -14,7 +14,7 @@ fn tracker() -> PenTracker {
 }
 
 fn reading(ms: f64, x: f64, y: f64) -> PenReading {
-    PenReading { stamp: Stamp((ms * 1e6) as u64), position: [x, y], contact: true }
+    PenReading::new(Stamp((ms * 1e6) as u64), [x, y], true)
 }
 
 fn feed(tracker: &mut PenTracker, reading: PenReading) -> Receipt {
@@ -149,7 +149,7 @@ fn each_fault_has_its_own_name_and_counter() {
     use PenRejection::{FromFuture, NonFinite, OutOfRange, Repeat, TimeBackwards};
     let mut pen = tracker();
     let now = Stamp(1000 * MS);
-    let at = |stamp: u64, x: f64| PenReading { stamp: Stamp(stamp), position: [x, 0.0], contact: true };
+    let at = |stamp: u64, x: f64| PenReading::new(Stamp(stamp), [x, 0.0], true);
     assert_eq!(pen.ingest(now, &at(1000 * MS, 0.0)), Receipt::Accepted);
     for (bad, why) in [
         (at(1001 * MS, f64::NAN), NonFinite),
@@ -230,7 +230,7 @@ proptest! {
         for ((advance, offset), x, y, contact, pull) in stream {
             now = now.saturating_add(advance);
             let stamp = Stamp(now.saturating_add_signed(offset));
-            pen.ingest(Stamp(now), &PenReading { stamp, position: [x, y], contact });
+            pen.ingest(Stamp(now), &PenReading::new(stamp, [x, y], contact));
             let counters = pen.counters();
             prop_assert_eq!(counters.received, counters.accepted + counters.rejected());
             prop_assert!(pen.waiting() <= STEP_QUEUE_CAPACITY);

@@ -4,6 +4,7 @@
 //! May block and allocate; the loop never waits for it. What could not be told is counted.
 
 pub mod allocation;
+pub mod chain;
 pub mod narrator;
 pub mod requests;
 pub mod statistics;
@@ -28,6 +29,7 @@ use crate::rt::evidence::Evidence;
 use crate::rt::os;
 use crate::rt::tick::IpcRings;
 use allocation::AllocationJudge;
+use chain::ChainWatch;
 use narrator::Narrator;
 use requests::{ReloadRequest, Requests};
 use statistics::{RateMeter, RunningRms, Spreads};
@@ -128,6 +130,7 @@ struct Ipc {
     narrator: Narrator,
     judge: AllocationJudge,
     spreads: Spreads,
+    chain: ChainWatch,
     rate: RateMeter,
     rate_hz: f64,
     predictor: RunningRms,
@@ -152,6 +155,7 @@ impl Ipc {
             narrator: Narrator::default(),
             judge: AllocationJudge::new(settings.warm_after_ticks),
             spreads: Spreads::new(),
+            chain: ChainWatch::new(),
             rate: RateMeter::default(),
             rate_hz: 0.0,
             // About the last ten seconds at a grid step of 10 ms.
@@ -229,8 +233,9 @@ impl Ipc {
         if let Some(error) = evidence.output.predictor_error {
             self.predictor.add(error);
         }
+        let parts = self.chain.tick(evidence);
         if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
-            let record = convert::tick_record(evidence, &self.tally());
+            let record = convert::tick_record(evidence, &parts, &self.tally());
             if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
                 self.telemetry_failed += 1;
             }
@@ -274,6 +279,7 @@ impl Ipc {
             stages: self.spreads.percentiles(),
             pen_age_ns: u64::MAX,
             joint_state_age_ns: u64::MAX,
+            chain: convert::chain(&self.chain.recent()),
             learner_updates: learner.updates,
             learner_promotions: learner.promotions,
             learner_rollbacks: learner.rollbacks,
@@ -312,12 +318,21 @@ impl Ipc {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use foretrace_control::follower::{Budget, Follower, NoClock, StepInput};
+    use foretrace_control::follower::{Budget, Follower, JointCommand, NoClock, StepInput};
     use foretrace_control::units::Stamp;
 
     use crate::ports::{JOINTS, PortTally};
     use crate::rt::cyclic::Wake;
     use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+
+    /// An uneventful tick that sends a command.
+    pub(crate) fn commanding(tick: u64) -> Evidence {
+        let mut evidence = evidence(tick);
+        let (stamp, q) = (evidence.deadline, [0.0; JOINTS]);
+        let valid_until = stamp.plus_ns(10_000_000);
+        evidence.output.command = Some(JointCommand { stamp, valid_until, q, qd: q, enabled: true });
+        evidence
+    }
 
     /// An uneventful tick of an idle loop.
     pub(crate) fn evidence(tick: u64) -> Evidence {
@@ -334,6 +349,8 @@ pub(crate) mod tests {
             budget: Budget::default(),
             pen_samples: 0,
             measured: None,
+            published: now,
+            echo: None,
             not_sent: false,
             weights_since: None,
             port_allocations: 0,

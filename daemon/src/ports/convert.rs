@@ -5,29 +5,34 @@
 
 mod record;
 
-pub use record::{IpcTally, counters, newest_tick, stages, tick_record};
+pub use record::{IpcTally, chain, counters, newest_tick, stages, tick_record};
 
 use foretrace_control::follower::{EnableReading, JointReading, Mode, Refusal, Request, Rung, StopReason};
-use foretrace_control::pen::PenReading;
+use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
 
-use super::{JOINTS, Outgoing, REJECT_REASONS};
+use super::{Echo, JOINTS, Outgoing, REJECT_REASONS};
 use crate::rt::os::Right;
 
 const _: () = assert!(JOINTS == shm::JOINTS);
 const _: () = assert!(REJECT_REASONS == shm::REJECT_REASONS);
 
-/// A pen sample in metres of the device's plane.
+/// A pen sample in metres of the device's plane, taken in at `now`.
 #[must_use]
-pub fn pen_reading(sample: &shm::PenSample) -> PenReading {
+pub fn pen_reading(sample: &shm::PenSample, now: Stamp) -> PenReading {
     PenReading {
         stamp: Stamp(sample.device_stamp_ns),
         position: [sample.x_m, sample.y_m],
         contact: sample.contact(),
+        origin: PenOrigin {
+            sequence: sample.header.sequence,
+            sent: Stamp(sample.header.stamp_ns),
+            received: now,
+        },
     }
 }
 
@@ -45,6 +50,18 @@ pub fn joint_reading(state: &shm::JointState) -> JointReading<JOINTS> {
         qd: state.qd,
         motion_allowed: safe && runs,
     }
+}
+
+/// What a joint state says about the command that the arm obeys; `None` where the arm echoes nothing.
+#[must_use]
+pub fn echo(state: &shm::JointState) -> Option<Echo> {
+    let known = |ns: u64| (ns != 0).then_some(Stamp(ns));
+    (state.command_tick != 0).then_some(Echo {
+        tick: state.command_tick,
+        accepted: known(state.command_accepted_ns),
+        pen_sequence: state.pen_sequence,
+        pen_stamp: known(state.pen_stamp_ns),
+    })
 }
 
 /// A dead-man message.
@@ -66,6 +83,7 @@ pub fn joint_command(outgoing: &Outgoing, now: Stamp) -> shm::JointCommand {
         published_ns: now.0,
         tick: outgoing.tick,
         valid_until_ns: command.valid_until.0,
+        pen_sequence: outgoing.pen_sequence,
         pen_stamp_ns: outgoing.pen_stamp.map_or(0, |stamp| stamp.0),
         q: command.q,
         qd: command.qd,

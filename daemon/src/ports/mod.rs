@@ -20,6 +20,19 @@ pub const PEN_PER_TICK: usize = 64;
 /// Reasons for refusing a message, as many as the wire distinguishes.
 pub const REJECT_REASONS: usize = 9;
 
+/// The newest command that the arm has accepted, as it says itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Echo {
+    /// The tick that made the command.
+    pub tick: u64,
+    /// When the arm accepted it, if it says so.
+    pub accepted: Option<Stamp>,
+    /// The pen sample behind the command: its number in its sender's sequence; 0: none.
+    pub pen_sequence: u64,
+    /// The pen sample behind the command: its stamp.
+    pub pen_stamp: Option<Stamp>,
+}
+
 /// What arrived since the last tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Inbox {
@@ -27,6 +40,8 @@ pub struct Inbox {
     pen_count: usize,
     /// Newest joint state.
     pub joints: Option<JointReading<JOINTS>>,
+    /// What that joint state echoes, if anything.
+    pub echo: Option<Echo>,
     /// Newest dead-man message.
     pub enable: Option<EnableReading>,
 }
@@ -35,14 +50,15 @@ impl Inbox {
     /// Nothing.
     #[must_use]
     pub const fn empty() -> Self {
-        let nothing = PenReading { stamp: Stamp(0), position: [0.0; 2], contact: false };
-        Self { pen: [nothing; PEN_PER_TICK], pen_count: 0, joints: None, enable: None }
+        let nothing = PenReading::new(Stamp(0), [0.0; 2], false);
+        Self { pen: [nothing; PEN_PER_TICK], pen_count: 0, joints: None, echo: None, enable: None }
     }
 
     /// Forgets everything.
     pub const fn clear(&mut self) {
         self.pen_count = 0;
         self.joints = None;
+        self.echo = None;
         self.enable = None;
     }
 
@@ -80,7 +96,9 @@ pub struct Outgoing {
     pub rung: Rung,
     /// The commanded state was set anew in this tick.
     pub resynchronised: bool,
-    /// Newest pen sample behind it.
+    /// Newest pen sample behind it: its number in its sender's sequence; 0: none.
+    pub pen_sequence: u64,
+    /// Newest pen sample behind it: its stamp.
     pub pen_stamp: Option<Stamp>,
 }
 

@@ -51,7 +51,7 @@ impl Ports for ShmPorts {
         {
             taken += 1;
             if let Ok(sample) = sample {
-                inbox.push_pen(convert::pen_reading(&sample));
+                inbox.push_pen(convert::pen_reading(&sample, now));
             }
         }
         // The newest counts, but a stop between two ticks must not be overtaken by what followed it.
@@ -60,6 +60,7 @@ impl Ports for ShmPorts {
             let reading = convert::joint_reading(&state);
             allowed &= reading.motion_allowed;
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
+            inbox.echo = convert::echo(&state);
         });
         self.enable.drain(now.0, |enable| {
             let reading = convert::enable_reading(&enable);

@@ -5,7 +5,7 @@ use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use crate::ports::{JOINTS, PortTally};
+use crate::ports::{Echo, JOINTS, PortTally};
 
 /// What each part of a tick cost [ns].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -142,6 +142,10 @@ pub struct Evidence {
     pub pen_samples: u32,
     /// Newest measured joints so far, stamp and positions [rad].
     pub measured: Option<(Stamp, [f64; JOINTS])>,
+    /// When the command, if there is one, was handed to the port.
+    pub published: Stamp,
+    /// What the newest joint state that echoes a command said about it.
+    pub echo: Option<Echo>,
     /// The command could not be sent.
     pub not_sent: bool,
     /// Weights in use came at.

@@ -19,7 +19,7 @@ use super::cyclic::Wake;
 use super::evidence::{Answered, Asked, Evidence, LapClock, LoopTally};
 use super::os;
 use crate::alloc_count::allocations;
-use crate::ports::{Inbox, JOINTS, Outgoing, Ports};
+use crate::ports::{Echo, Inbox, JOINTS, Outgoing, Ports};
 
 /// Ticks between two looks at the page-fault counters, which cost a system call.
 const FAULT_TICKS: u64 = 64;
@@ -89,6 +89,7 @@ pub struct Tick<const N: usize, P> {
     /// Decaying maximum of what a step with full budget costs [ns].
     usual_cost_ns: u64,
     measured: Option<(Stamp, [f64; JOINTS])>,
+    echo: Option<Echo>,
     weights_since: Option<Stamp>,
     /// Page faults of the thread before its first tick.
     faults_before: (u64, u64),
@@ -109,6 +110,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             max_iterations,
             usual_cost_ns: 0,
             measured: None,
+            echo: None,
             weights_since: None,
             faults_before: (0, 0),
             tally: LoopTally::default(),
@@ -138,6 +140,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {
             self.measured = Some((stamp, q));
         }
+        self.echo = self.inbox.echo.or(self.echo);
         let received = laps.received();
 
         let budget = self.budget(received, wake);
@@ -160,7 +163,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         }
 
         let before_send = allocations();
-        let not_sent = !self.send(laps.last(), &output);
+        let published = laps.last();
+        let not_sent = !self.send(published, &output);
         let sending = allocations().wrapping_sub(before_send);
         let finished = laps.sent(wake.started);
 
@@ -187,6 +191,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             budget,
             pen_samples: self.inbox.pen().len() as u32,
             measured: self.measured,
+            published,
+            echo: self.echo,
             not_sent,
             weights_since: self.weights_since,
             port_allocations: ports as u32,
@@ -218,6 +224,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             mode: output.mode,
             rung: output.rung,
             resynchronised: output.health.has(Health::RESYNCHRONISED),
+            pen_sequence: output.pen_origin.sequence,
             pen_stamp: output.pen_stamp,
         };
         self.ports.send(now, &outgoing)

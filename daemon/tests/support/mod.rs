@@ -188,7 +188,8 @@ pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
             ..JointState::default()
         };
         while !quit.load(Ordering::Acquire) {
-            commands.drain(monotonic_now_ns(), |command| {
+            let now = monotonic_now_ns();
+            commands.drain(now, |command| {
                 let (stamp, until) = (Stamp(command.header.stamp_ns), Stamp(command.valid_until_ns));
                 if command.flags & foretrace_shm::command_flags::RESYNCHRONISED != 0 {
                     checker.restart();
@@ -197,6 +198,7 @@ pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
                     seen.illegal.fetch_add(1, Ordering::Relaxed);
                 }
                 seen.commands.fetch_add(1, Ordering::Relaxed);
+                state.echo(&command, now);
                 state.q = command.q;
                 state.qd = command.qd;
             });

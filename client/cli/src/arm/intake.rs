@@ -45,6 +45,8 @@ pub(crate) struct Intake {
     checker: CommandChecker<JOINTS>,
     /// Accepted and not yet past, oldest first; never empty.
     held: VecDeque<Held>,
+    /// The newest command taken, and when.
+    newest: Option<(JointCommand, Stamp)>,
     accepted: u64,
     refused: Refused,
 }
@@ -53,7 +55,6 @@ pub(crate) struct Intake {
 struct Held {
     command: Commanded<JOINTS>,
     valid_until: Stamp,
-    tick: u64,
 }
 
 impl Intake {
@@ -68,17 +69,14 @@ impl Intake {
         cycle_s: f64,
         q: [f64; JOINTS],
     ) -> Option<Self> {
-        let rest = Held {
-            command: Commanded::at_rest(Stamp::default(), q)?,
-            valid_until: Stamp::default(),
-            tick: 0,
-        };
+        let rest = Held { command: Commanded::at_rest(Stamp::default(), q)?, valid_until: Stamp::default() };
         Some(Self {
             cycle_s,
             header: HeaderCheck::new(boot_id, HeaderBounds { future_ns: 50_000_000, age_ns: u64::MAX }),
             deceleration: *limits.deceleration(),
             checker: CommandChecker::new(limits),
             held: VecDeque::from([rest]),
+            newest: None,
             accepted: 0,
             refused: Refused::default(),
         })
@@ -102,6 +100,7 @@ impl Intake {
         self.checker.observe(stamp, valid_until, &command.q, &command.qd);
         let Some(held) = self.judged(command, stamp, valid_until, due) else { return false };
         self.accepted += 1;
+        self.newest = Some((*command, now));
         if self.held.len() >= Self::KEPT {
             self.held.pop_front();
         }
@@ -118,9 +117,9 @@ impl Intake {
         self.held.front().map_or([0.0; JOINTS], |held| self.wanted(held, now).q)
     }
 
-    /// Tick of the newest command taken; 0: none.
-    pub(crate) fn newest_tick(&self) -> u64 {
-        self.held.back().map_or(0, |held| held.tick)
+    /// The newest command taken, and when.
+    pub(crate) fn newest(&self) -> Option<&(JointCommand, Stamp)> {
+        self.newest.as_ref()
     }
 
     pub(crate) fn accepted(&self) -> u64 {
@@ -166,7 +165,7 @@ impl Intake {
         let enabled = command.flags & command_flags::ENABLED != 0;
         let qd = if enabled { command.qd } else { [0.0; JOINTS] };
         let motion = JointMotion { q: command.q, qd, qdd: [0.0; JOINTS] };
-        Some(Held { command: Commanded::new(stamp, motion)?, valid_until, tick: command.tick })
+        Some(Held { command: Commanded::new(stamp, motion)?, valid_until })
     }
 
     fn wanted(&self, held: &Held, now: Stamp) -> JointMotion<JOINTS> {
@@ -225,7 +224,7 @@ mod tests {
             assert!((target - speed * 0.002 * (k as f64 - 0.5)).abs() < 1e-12, "{target}");
         }
         assert_eq!(intake.statistics().limit_violations, 0);
-        assert_eq!(intake.newest_tick(), 10);
+        assert!(intake.newest().is_some_and(|(command, taken)| command.tick == 10 && *taken == at(10)));
     }
 
     #[test]

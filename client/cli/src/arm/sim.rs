@@ -212,9 +212,8 @@ impl Simulation {
         let joints = self.model.joints();
         self.cycles += 1;
         let refused = self.ports.as_ref().map_or(0, |ports| ports.commands.rejections().total());
-        let state = JointState {
+        let mut state = JointState {
             robot_stamp_ns: self.cycles * self.cycle_ns,
-            command_tick: self.intake.newest_tick(),
             commands_received: self.intake.accepted(),
             commands_refused: self.intake.refused().total() + refused,
             q: joints.q,
@@ -223,6 +222,9 @@ impl Simulation {
             robot_mode: RobotMode::Running.into(),
             ..JointState::default()
         };
+        if let Some((command, taken)) = self.intake.newest() {
+            state.echo(command, taken.0);
+        }
         if let Some(ports) = &mut self.ports {
             // Without a daemon nobody listens; the lookout takes care of that.
             let _ = ports.states.publish(due, state);

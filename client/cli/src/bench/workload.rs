@@ -153,10 +153,9 @@ struct Pen {
 impl Pen {
     fn new(path: &PenPath, plane: Plane) -> Self {
         let first_s = path.samples.first().map_or(0.0, |sample| sample.t_s);
-        let reading = |sample: &PathSample| PenReading {
-            stamp: Stamp(((sample.t_s - first_s) * 1e9) as u64),
-            position: [sample.x_m, sample.y_m],
-            contact: sample.contact,
+        let reading = |sample: &PathSample| {
+            let stamp = Stamp(((sample.t_s - first_s) * 1e9) as u64);
+            PenReading::new(stamp, [sample.x_m, sample.y_m], sample.contact)
         };
         let turn_s = path.duration_s() + 1.0 / path.rate_hz.max(1.0);
         Self {

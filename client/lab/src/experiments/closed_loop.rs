@@ -202,10 +202,8 @@ fn feed(
     wait_s: f64,
     stamp_of: impl Fn(f64) -> Stamp,
 ) -> Vec<PenReading> {
-    let at = |t_s: f64, sample: &PathSample, contact: bool| PenReading {
-        stamp: stamp_of(t_s),
-        position: [sample.x_m, sample.y_m],
-        contact,
+    let at = |t_s: f64, sample: &PathSample, contact: bool| {
+        PenReading::new(stamp_of(t_s), [sample.x_m, sample.y_m], contact)
     };
     let waiting = (0..(wait_s / WAIT_STEP_S) as u32)
         .map(|i| at(first.t_s - wait_s + f64::from(i) * WAIT_STEP_S, first, false));

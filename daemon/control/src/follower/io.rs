@@ -3,7 +3,7 @@
 use crate::ik::IkReport;
 use crate::learn::LearnStep;
 use crate::mpc::AxisReport;
-use crate::pen::{PenCounters, PenReading};
+use crate::pen::{PenCounters, PenOrigin, PenReading};
 use crate::predict::{OnlineWeights, PredictorKind};
 use crate::trust::TrustReport;
 use crate::units::{AxisState, Stamp};
@@ -285,6 +285,8 @@ pub struct StepOutput<const J: usize> {
     pub weights_version: u64,
     /// Stamp of the newest accepted pen sample.
     pub pen_stamp: Option<Stamp>,
+    /// Where that sample comes from; with its stamp, its identity.
+    pub pen_origin: PenOrigin,
     /// Newest accepted pen position in the plane frame [m].
     pub pen_position: [f64; 2],
     /// The newest accepted pen sample touches the paper.

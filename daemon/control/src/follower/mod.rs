@@ -27,7 +27,7 @@ use reference::Preview;
 use watch::Watch;
 
 use crate::learn::LearnStep;
-use crate::pen::{PenReading, PenTracker};
+use crate::pen::{PenOrigin, PenReading, PenTracker};
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
 use crate::trust::{TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
@@ -153,6 +153,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             predictor: self.previewer.active(),
             weights_version: self.previewer.version(),
             pen_stamp: newest.map(|pen| pen.stamp),
+            pen_origin: newest.map_or_else(PenOrigin::default, |pen| pen.origin),
             pen_position: newest.map_or([0.0; 2], |pen| pen.position),
             pen_contact: newest.is_some_and(|pen| pen.contact),
             pen_counters: self.pen.counters(),

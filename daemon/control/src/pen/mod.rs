@@ -17,8 +17,20 @@ use thiserror::Error;
 
 use crate::units::Stamp;
 
+/// Where a reading comes from. Carried along and never looked at: the number and the reading's stamp are the identity
+/// under which a sample is followed from the device to the joint command and back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PenOrigin {
+    /// Number in its sender's sequence, from 1; 0: not known.
+    pub sequence: u64,
+    /// When it was sent; 0: not known.
+    pub sent: Stamp,
+    /// When it was taken in; 0: not known.
+    pub received: Stamp,
+}
+
 /// One reading of the pen in the writing plane's frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PenReading {
     /// When the pen was there, on the host's monotonic clock.
     pub stamp: Stamp,
@@ -26,6 +38,17 @@ pub struct PenReading {
     pub position: [f64; 2],
     /// The pen touches the paper.
     pub contact: bool,
+    /// Where it comes from.
+    pub origin: PenOrigin,
+}
+
+impl PenReading {
+    /// A reading of unknown origin.
+    #[must_use]
+    pub const fn new(stamp: Stamp, position: [f64; 2], contact: bool) -> Self {
+        let origin = PenOrigin { sequence: 0, sent: Stamp(0), received: Stamp(0) };
+        Self { stamp, position, contact, origin }
+    }
 }
 
 /// How a grid step relates to the one before it.

@@ -219,6 +219,6 @@ impl Bench {
 
     /// The pen at `position` at this very instant.
     pub fn pen(&self, position: [f64; 2]) -> PenReading {
-        PenReading { stamp: self.now, position, contact: true }
+        PenReading::new(self.now, position, true)
     }
 }

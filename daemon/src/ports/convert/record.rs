@@ -9,6 +9,7 @@ use foretrace_shm as shm;
 use foretrace_shm::{SolverPath, Stage};
 
 use super::{fault, flag, mode, predictor, trust_reason};
+use crate::ipc::chain::Parts;
 use crate::ports::{JOINTS, PortTally};
 use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
 
@@ -99,7 +100,7 @@ fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
 
 /// One tick's evidence as it is published.
 #[must_use]
-pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
+pub fn tick_record(evidence: &Evidence, parts: &Parts, ipc: &IpcTally) -> shm::TickRecord {
     let output = &evidence.output;
     let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
     let [pen_x, pen_y] = output.pen_position;
@@ -113,13 +114,17 @@ pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
         budget_ik_iterations: evidence.budget.max_iterations,
         shed: evidence.budget.shed.into(),
         skipped_ticks: u32::try_from(evidence.wake.skipped).unwrap_or(u32::MAX),
+        pen_sequence: output.pen_origin.sequence,
         pen_stamp_ns: output.pen_stamp.map_or(0, |stamp| stamp.0),
-        pen_age_ns: age_ns(now, output.pen_stamp),
+        chain: chain(parts),
         pen_m: [pen_x, pen_y, 0.0],
         pen_samples: evidence.pen_samples,
         pen_flags: flag(output.pen_contact, shm::pen_flags::CONTACT),
         joint_state_age_ns: age_ns(now, evidence.measured.map(|(stamp, _)| stamp)),
         measured_q: evidence.measured.map_or([0.0; JOINTS], |(_, q)| q),
+        echo_tick: evidence.echo.map_or(0, |echo| echo.tick),
+        echo_pen_sequence: evidence.echo.map_or(0, |echo| echo.pen_sequence),
+        echo_pen_stamp_ns: evidence.echo.and_then(|echo| echo.pen_stamp).map_or(0, |stamp| stamp.0),
         reference_m: output.reference,
         setpoint_m: output.setpoint.map(|axis| axis.position),
         setpoint_mps: output.setpoint.map(|axis| axis.velocity),
@@ -155,6 +160,19 @@ pub fn tick_record(evidence: &Evidence, ipc: &IpcTally) -> shm::TickRecord {
         record.set_stage(stage, ns);
     }
     record
+}
+
+/// Latencies part by part as they stand on the wire.
+#[must_use]
+pub fn chain(parts: &Parts) -> shm::Chain {
+    let known = |ns: Option<u64>| ns.unwrap_or(u64::MAX);
+    shm::Chain {
+        pen_reader_ns: known(parts.pen_reader),
+        pen_transport_ns: known(parts.pen_transport),
+        pen_age_ns: known(parts.pen_age),
+        compute_ns: known(parts.compute),
+        command_transport_ns: known(parts.command_transport),
+    }
 }
 
 /// Fills in what a status says about the newest tick; ages are taken at `now`.

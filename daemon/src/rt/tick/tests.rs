@@ -83,7 +83,7 @@ impl Bench {
     }
 
     fn pen(&mut self, position: [f64; 2]) {
-        let reading = PenReading { stamp: Stamp(self.release), position, contact: true };
+        let reading = PenReading::new(Stamp(self.release), position, true);
         self.peer.pen.push(reading).unwrap();
     }
 
@@ -134,7 +134,7 @@ fn a_flood_of_pen_samples_is_taken_in_portions_and_none_is_lost() {
     let flood = 3 * PEN_PER_TICK as u64 + 5;
     for k in 0..flood {
         let stamp = Stamp(bench.release - 1_000_000 + k * 1000);
-        bench.peer.pen.push(PenReading { stamp, position: [0.0; 2], contact: true }).unwrap();
+        bench.peer.pen.push(PenReading::new(stamp, [0.0; 2], true)).unwrap();
     }
     let portions: Vec<_> = (0..5).map(|_| bench.run(0).pen_samples).collect();
     assert_eq!(portions, [64, 64, 64, 5, 0]);

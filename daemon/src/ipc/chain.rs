@@ -1,0 +1,271 @@
+//! Where the time goes between the pen and the arm: the parts of one tick, and their medians over the last second.
+//!
+//! Contract: pure, time comes with the ticks. An echo of the arm counts only if it names a tick of this daemon together
+//! with that tick's pen sample, and was accepted after the command was sent; anything else is "not known".
+
+use std::collections::VecDeque;
+
+use hdrhistogram::Histogram;
+
+use foretrace_control::units::Stamp;
+
+use crate::ports::Echo;
+use crate::rt::evidence::Evidence;
+
+/// Commands that an echo may still name: a second at 1 kHz.
+const KEPT: usize = 1024;
+/// Medians are over stretches of this length [ns].
+const STRETCH_NS: i64 = 1_000_000_000;
+/// Longer times count as this [ns].
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// Latencies part by part [ns]; `None`: not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Parts {
+    /// Newest pen sample: device stamp to sent.
+    pub pen_reader: Option<u64>,
+    /// Newest pen sample: sent to taken in by a tick.
+    pub pen_transport: Option<u64>,
+    /// Newest pen sample: device stamp to the release of the tick.
+    pub pen_age: Option<u64>,
+    /// Start of the tick to the command handed to the port.
+    pub compute: Option<u64>,
+    /// Handed to the port to accepted by the arm, of the newest command echoed.
+    pub command_transport: Option<u64>,
+}
+
+/// What was sent in a tick.
+#[derive(Debug, Clone, Copy)]
+struct Sent {
+    tick: u64,
+    published: Stamp,
+    pen_sequence: u64,
+    pen_stamp: Option<Stamp>,
+}
+
+/// Remembers what was sent, and how long things took lately.
+#[derive(Debug)]
+pub struct ChainWatch {
+    sent: VecDeque<Sent>,
+    echoed: Option<Echo>,
+    transport: Option<u64>,
+    pen: Option<(Stamp, u64)>,
+    since: Option<Stamp>,
+    /// In the order of the fields of [`Parts`].
+    recent: [Recent; 5],
+}
+
+impl ChainWatch {
+    /// Has seen nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            sent: VecDeque::with_capacity(KEPT),
+            echoed: None,
+            transport: None,
+            pen: None,
+            since: None,
+            recent: std::array::from_fn(|_| Recent::new()),
+        }
+    }
+
+    /// Takes note of a tick; returns its parts.
+    pub fn tick(&mut self, evidence: &Evidence) -> Parts {
+        let (now, output) = (evidence.wake.release, &evidence.output);
+        if now.since(*self.since.get_or_insert(now)).abs() >= STRETCH_NS {
+            self.since = Some(now);
+            self.recent.iter_mut().for_each(Recent::turn);
+        }
+        let commanded = output.command.is_some() && !evidence.not_sent;
+        if commanded {
+            if self.sent.len() == KEPT {
+                self.sent.pop_front();
+            }
+            self.sent.push_back(Sent {
+                tick: evidence.tick,
+                published: evidence.published,
+                pen_sequence: output.pen_origin.sequence,
+                pen_stamp: output.pen_stamp,
+            });
+        }
+        let news = evidence.echo != self.echoed;
+        if news {
+            self.echoed = evidence.echo;
+            self.transport = evidence.echo.and_then(|echo| self.transport_of(&echo));
+        }
+        let origin = output.pen_origin;
+        let pen = output.pen_stamp.map(|stamp| (stamp, origin.sequence));
+        let fresh = pen != self.pen;
+        self.pen = pen;
+        let stamped = |stamp: Stamp| (stamp.0 != 0).then_some(stamp);
+        let (sent, received) = (stamped(origin.sent), stamped(origin.received));
+        let parts = Parts {
+            pen_reader: between(output.pen_stamp, sent),
+            pen_transport: between(sent, received),
+            pen_age: between(output.pen_stamp, Some(now)),
+            compute: commanded.then(|| evidence.published.0.saturating_sub(evidence.wake.started.0)),
+            command_transport: self.transport,
+        };
+        let new = [
+            parts.pen_reader.filter(|_| fresh),
+            parts.pen_transport.filter(|_| fresh),
+            parts.pen_age,
+            parts.compute,
+            parts.command_transport.filter(|_| news),
+        ];
+        for (recent, ns) in self.recent.iter_mut().zip(new) {
+            recent.add(ns);
+        }
+        parts
+    }
+
+    /// Medians over the last full stretch of a second.
+    #[must_use]
+    pub fn recent(&self) -> Parts {
+        let [pen_reader, pen_transport, pen_age, compute, command_transport] =
+            self.recent.each_ref().map(|recent| recent.median);
+        Parts { pen_reader, pen_transport, pen_age, compute, command_transport }
+    }
+
+    /// From publishing to acceptance of the command that `echo` names.
+    fn transport_of(&self, echo: &Echo) -> Option<u64> {
+        let sent = self.sent.iter().rev().find(|sent| sent.tick == echo.tick)?;
+        let same = sent.pen_sequence == echo.pen_sequence && sent.pen_stamp == echo.pen_stamp;
+        let ns = u64::try_from(echo.accepted?.since(sent.published)).ok()?;
+        same.then_some(ns)
+    }
+}
+
+impl Default for ChainWatch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// From `earlier` to `later`; 0 where the clocks of both disagree about the order.
+fn between(earlier: Option<Stamp>, later: Option<Stamp>) -> Option<u64> {
+    Some(u64::try_from(later?.since(earlier?)).unwrap_or(0))
+}
+
+/// The median of the last full stretch.
+#[derive(Debug)]
+struct Recent {
+    current: Option<Histogram<u64>>,
+    median: Option<u64>,
+}
+
+impl Recent {
+    fn new() -> Self {
+        // The bounds are constants that the crate accepts; without a histogram there is no median, no harm.
+        Self { current: Histogram::new_with_bounds(1, LONGEST_NS, 3).ok(), median: None }
+    }
+
+    fn add(&mut self, ns: Option<u64>) {
+        if let (Some(current), Some(ns)) = (&mut self.current, ns) {
+            current.saturating_record(ns.max(1));
+        }
+    }
+
+    fn turn(&mut self) {
+        if let Some(current) = &mut self.current {
+            self.median = (!current.is_empty()).then(|| current.value_at_quantile(0.5));
+            current.reset();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ipc::tests::commanding;
+
+    const MS: u64 = 1_000_000;
+
+    /// A tick that commands, with pen sample `tick` stamped 4 ms, sent 3 ms, taken in at its start.
+    fn tick(tick: u64) -> Evidence {
+        let mut evidence = commanding(tick);
+        let now = evidence.wake.release;
+        evidence.output.pen_stamp = Some(Stamp(now.0 - 4 * MS));
+        evidence.output.pen_origin.sequence = tick;
+        evidence.output.pen_origin.sent = Stamp(now.0 - 3 * MS);
+        evidence.output.pen_origin.received = now;
+        evidence.published = now.plus_ns(30_000);
+        evidence
+    }
+
+    /// `evidence` as it would be `ticks` later.
+    fn later(evidence: &Evidence, ticks: u64) -> Evidence {
+        let mut later = Evidence { tick: evidence.tick + ticks, ..*evidence };
+        let ns = 2 * ticks * MS;
+        let (wake, origin) = (&mut later.wake, &mut later.output.pen_origin);
+        let stamps = [&mut wake.release, &mut wake.started, &mut origin.sent, &mut origin.received];
+        stamps.into_iter().chain([&mut later.published]).for_each(|stamp| *stamp = stamp.plus_ns(ns));
+        later.output.pen_stamp = evidence.output.pen_stamp.map(|stamp| stamp.plus_ns(ns));
+        origin.sequence += ticks;
+        later
+    }
+
+    fn echo_of(evidence: &Evidence, after_ns: u64) -> Echo {
+        Echo {
+            tick: evidence.tick,
+            accepted: Some(evidence.published.plus_ns(after_ns)),
+            pen_sequence: evidence.output.pen_origin.sequence,
+            pen_stamp: evidence.output.pen_stamp,
+        }
+    }
+
+    #[test]
+    fn the_parts_of_a_tick_are_told_apart() {
+        let mut watch = ChainWatch::new();
+        let first = tick(100);
+        assert_eq!(watch.tick(&first).command_transport, None);
+        let second = Evidence { echo: Some(echo_of(&first, 400_000)), ..tick(101) };
+        let parts = Parts {
+            pen_reader: Some(MS),
+            pen_transport: Some(3 * MS),
+            pen_age: Some(4 * MS),
+            compute: Some(30_000),
+            command_transport: Some(400_000),
+        };
+        assert_eq!(watch.tick(&second), parts);
+    }
+
+    #[test]
+    fn an_echo_of_another_daemon_or_another_pen_sample_is_not_believed() {
+        let mut watch = ChainWatch::new();
+        let first = tick(100);
+        watch.tick(&first);
+        let good = echo_of(&first, 400_000);
+        let bad = [
+            Echo { tick: 99, ..good },
+            Echo { pen_sequence: 99, ..good },
+            Echo { pen_stamp: None, ..good },
+            Echo { accepted: None, ..good },
+            Echo { accepted: Some(Stamp(first.published.0 - 1)), ..good },
+        ];
+        for (next, echo) in (101..).zip(bad) {
+            let parts = watch.tick(&Evidence { echo: Some(echo), ..tick(next) });
+            assert_eq!(parts.command_transport, None, "{echo:?}");
+        }
+        let parts = watch.tick(&Evidence { echo: Some(good), ..tick(110) });
+        assert_eq!(parts.command_transport, Some(400_000));
+    }
+
+    #[test]
+    fn medians_are_those_of_the_last_second_and_vanish_with_their_cause() {
+        let mut watch = ChainWatch::new();
+        assert_eq!(watch.recent(), Parts::default());
+        // 500 ticks are a second; the pen speaks in the first two.
+        for k in 100..=1200 {
+            watch.tick(&later(&tick(100), k - 100));
+        }
+        let median = watch.recent().pen_transport.unwrap();
+        assert!(median.abs_diff(3 * MS) < 10_000, "{median}");
+        let silent = commanding(1201);
+        for k in 0..1100 {
+            watch.tick(&later(&silent, k));
+        }
+        assert_eq!((watch.recent().pen_transport, watch.recent().pen_age), (None, None));
+        assert!(watch.recent().compute.is_some());
+    }
+}
