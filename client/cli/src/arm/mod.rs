@@ -1,6 +1,8 @@
 //! `foretrace arm`: arms to plug into the loop.
 
+pub(crate) mod options;
 pub(crate) mod intake;
+mod report;
 mod sim;
 
 use crate::failure::Failure;

@@ -13,31 +13,35 @@ use foretrace_client::{
     Commands, Foretrace, JointState, JointStates, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
 };
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS, Joints};
-use serde::Serialize;
+use foretrace_lab::arm::{ArmModel, JOINTS, Joints};
 
-use super::intake::{Intake, Refused};
+use super::intake::Intake;
+use super::options::LagArgs;
+use super::report::{ArmReport, CommandReport, DelaySeen, Report, ViolationReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::os;
-use crate::output::{JsonArgs, note, say};
+use crate::output::{JsonArgs, note};
 use crate::settings::SettingsArgs;
 
 /// Simulate a UR5 behind its controller: receive joint commands, move like the arm, report joint states
 ///
-/// The controller takes one command per cycle, adds one cycle of delay, a critically damped servo with the look-ahead as
-/// its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34 rad/s and 40 rad/s². It brakes by itself when
+/// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically damped servo with
+/// the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34 rad/s and 40 rad/s². It brakes by itself when
 /// commands stay away. Every command received is checked against the settings' limits; the result is printed at the end.
 #[derive(Debug, clap::Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  foretrace arm sim --lag-ms 66                  in all 100 ms late\n  foretrace arm sim --look-ahead-ms 0 --lag-ms 30  a pure delay\n  foretrace arm sim --lag-ms 20 --jitter-ms 5 --lag-change 20:60"
+)]
 pub(crate) struct SimArgs {
     /// Cycles per second of the controller [default: robot.controller_rate_hz of the settings]
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=2000))]
     rate: Option<u32>,
 
-    /// Look-ahead of the servo in milliseconds
-    #[arg(long, value_name = "MS", default_value_t = 30.0, value_parser = look_ahead)]
-    look_ahead: f64,
+    #[command(flatten)]
+    lag: LagArgs,
 
     /// End after this many seconds; otherwise on Ctrl-C
     #[arg(long, value_name = "S")]
@@ -58,45 +62,6 @@ pub(crate) struct SimArgs {
     json: JsonArgs,
 }
 
-/// The result; keys are stable.
-#[derive(Debug, Serialize)]
-struct Report {
-    commands: CommandReport,
-    arm: ArmReport,
-}
-
-#[derive(Debug, Serialize)]
-struct CommandReport {
-    count: u64,
-    limit_violations: u64,
-    max_step_rad: f64,
-    max_velocity_radps: f64,
-    max_acceleration_radps2: f64,
-    accepted: u64,
-    refused: Refused,
-    lost: u64,
-    violations: ViolationReport,
-}
-
-#[derive(Debug, Serialize)]
-struct ViolationReport {
-    not_finite: u64,
-    stamp: u64,
-    position: u64,
-    velocity: u64,
-    acceleration: u64,
-    continuity: u64,
-}
-
-#[derive(Debug, Serialize)]
-struct ArmReport {
-    rate_hz: f64,
-    cycles: u64,
-    /// Cycles that the machine slept through and that were made up for.
-    late_cycles: u64,
-    daemons: u64,
-}
-
 pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     args.json.claim_stdout();
     let interrupt = Interrupt::listen()?;
@@ -106,12 +71,18 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let cycle_s = 1.0 / f64::from(rate_hz);
     let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, robot.home)
         .ok_or_else(|| Failure::bad_input("robot.home_rad is not finite", "correct the settings"))?;
-    let model = ArmModel::at_rest(ArmSettings::ur5(cycle_s, args.look_ahead * 1e-3), robot.home);
+    let arm = args.lag.settings(cycle_s);
+    let model = ArmModel::at_rest(arm, robot.home);
     let record = args.record.as_ref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
     let ports = Ports::open(&foretrace)?;
-    note!("arm: {rate_hz} Hz, look-ahead {} ms, instance {}", args.look_ahead, instance.number());
+    note!(
+        "arm: {rate_hz} Hz, look-ahead {} ms, in all {:.1} ms late, instance {}",
+        args.lag.look_ahead_ms,
+        arm.group_delay_s() * 1e3,
+        instance.number()
+    );
 
     let mut sim = Simulation {
         cycle_ns: 1_000_000_000 / u64::from(rate_hz),
@@ -120,6 +91,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         foretrace,
         ports: Some(ports),
         record,
+        delay: DelaySeen::default(),
         cycles: 0,
         late_cycles: 0,
         daemons: 1,
@@ -155,6 +127,7 @@ struct Simulation {
     foretrace: Foretrace,
     ports: Option<Ports>,
     record: Option<Record>,
+    delay: DelaySeen,
     cycles: u64,
     late_cycles: u64,
     daemons: u64,
@@ -234,6 +207,7 @@ impl Simulation {
         }
         let target = self.intake.target(Stamp(due));
         self.model.cycle(target);
+        self.delay.add(self.model.delay_s());
     }
 
     fn report(&self, rate_hz: f64) -> Report {
@@ -244,6 +218,8 @@ impl Simulation {
             // The client library refuses first; what it refused never came to the intake.
             refused.header += ports.commands.rejections().total();
         }
+        let lag_ms_at =
+            |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
         Report {
             commands: CommandReport {
                 count: seen.count,
@@ -268,6 +244,9 @@ impl Simulation {
                 cycles: self.cycles,
                 late_cycles: self.late_cycles,
                 daemons: self.daemons,
+                lag_ms: lag_ms_at(0.0),
+                lag_at_end_ms: lag_ms_at(self.cycles as f64 * self.cycle_ns as f64 * 1e-9),
+                delay_ms: self.delay.report(),
             },
         }
     }
@@ -308,32 +287,6 @@ impl Record {
                 "make room for the record",
             )),
         }
-    }
-}
-
-fn summary(report: &Report) {
-    let Report { commands, arm } = report;
-    say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
-    say!(
-        "commands    {} received, {} taken, {} refused, {} lost on the way",
-        commands.count,
-        commands.accepted,
-        commands.refused.total(),
-        commands.lost
-    );
-    say!("violations  {}", commands.limit_violations);
-    say!(
-        "largest     step {:.6} rad, velocity {:.4} rad/s, acceleration {:.3} rad/s²",
-        commands.max_step_rad,
-        commands.max_velocity_radps,
-        commands.max_acceleration_radps2
-    );
-}
-
-fn look_ahead(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(ms) if (1.0..=200.0).contains(&ms) => Ok(ms),
-        _ => Err("a number from 1 to 200; servoj takes 30 to 200".to_owned()),
     }
 }
 

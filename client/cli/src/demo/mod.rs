@@ -15,6 +15,7 @@ use std::path::PathBuf;
 use foretrace_config::Config;
 use foretraced::{Base, Source};
 
+use crate::arm::options::StartedArmArgs;
 use crate::attach::instance_of;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -59,6 +60,9 @@ pub(crate) struct DemoArgs {
     /// Cycles per second of the simulated arm's controller [default: as in the settings]
     #[arg(long, value_name = "HZ")]
     arm_rate: Option<u32>,
+
+    #[command(flatten)]
+    arm: StartedArmArgs,
 
     /// Ask for no real-time rights
     #[arg(long)]
@@ -160,6 +164,7 @@ fn performed(
 
     let mut arm = words(&["arm", "sim", "--record", &file("arm.csv"), "--json", &file("arm.json")]);
     arm.extend(option("--rate", args.arm_rate));
+    arm.extend(args.arm.arguments());
     arm.extend(common.iter().cloned());
     crew.start("arm", &arm)?;
     crew.arm(&mut watch)?;

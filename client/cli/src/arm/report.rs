@@ -1,0 +1,102 @@
+//! What the simulated arm says about its run.
+
+use serde::Serialize;
+
+use super::intake::Refused;
+use crate::output::say;
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    pub(super) commands: CommandReport,
+    pub(super) arm: ArmReport,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct CommandReport {
+    pub(super) count: u64,
+    pub(super) limit_violations: u64,
+    pub(super) max_step_rad: f64,
+    pub(super) max_velocity_radps: f64,
+    pub(super) max_acceleration_radps2: f64,
+    pub(super) accepted: u64,
+    pub(super) refused: Refused,
+    pub(super) lost: u64,
+    pub(super) violations: ViolationReport,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct ViolationReport {
+    pub(super) not_finite: u64,
+    pub(super) stamp: u64,
+    pub(super) position: u64,
+    pub(super) velocity: u64,
+    pub(super) acceleration: u64,
+    pub(super) continuity: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct ArmReport {
+    pub(super) rate_hz: f64,
+    pub(super) cycles: u64,
+    /// Cycles that the machine slept through and that were made up for.
+    pub(super) late_cycles: u64,
+    pub(super) daemons: u64,
+    /// From a target to its motion at low frequency, without jitter, when the run began and when it ended [ms]; none where
+    /// speed scaling is 0.
+    pub(super) lag_ms: Option<f64>,
+    pub(super) lag_at_end_ms: Option<f64>,
+    /// The pure delay as it was, jitter included [ms].
+    pub(super) delay_ms: DelayReport,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct DelayReport {
+    pub(super) mean: f64,
+    pub(super) min: f64,
+    pub(super) max: f64,
+}
+
+/// The pure delays that were.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct DelaySeen {
+    sum_s: f64,
+    count: u64,
+    range_s: Option<(f64, f64)>,
+}
+
+impl DelaySeen {
+    pub(super) fn add(&mut self, delay_s: f64) {
+        self.sum_s += delay_s;
+        self.count += 1;
+        let (low, high) = self.range_s.unwrap_or((delay_s, delay_s));
+        self.range_s = Some((low.min(delay_s), high.max(delay_s)));
+    }
+
+    pub(super) fn report(&self) -> DelayReport {
+        let (low, high) = self.range_s.unwrap_or_default();
+        DelayReport { mean: 1e3 * self.sum_s / self.count.max(1) as f64, min: 1e3 * low, max: 1e3 * high }
+    }
+}
+
+/// The report for people.
+pub(super) fn summary(report: &Report) {
+    let Report { commands, arm } = report;
+    say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
+    say!(
+        "commands    {} received, {} taken, {} refused, {} lost on the way",
+        commands.count,
+        commands.accepted,
+        commands.refused.total(),
+        commands.lost
+    );
+    let delay = &arm.delay_ms;
+    say!("delay       {:.1} ms before the servo ({:.1} to {:.1})", delay.mean, delay.min, delay.max);
+    say!("violations  {}", commands.limit_violations);
+    say!(
+        "largest     step {:.6} rad, velocity {:.4} rad/s, acceleration {:.3} rad/s²",
+        commands.max_step_rad,
+        commands.max_velocity_radps,
+        commands.max_acceleration_radps2
+    );
+}

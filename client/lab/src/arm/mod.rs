@@ -1,0 +1,192 @@
+//! The simulated UR5 controller as mathematics: what its joints do with a stream of joint targets.
+//!
+//! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure delay first
+//! ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight line), passes a critically
+//! damped second-order servo whose group delay is the look-ahead, and then a first-order joint loop. Both stages obey the
+//! velocity and acceleration clamps. Absent: clock, commands and their age (the consumer of commands keeps that),
+//! gravity, elasticity. Source: UR10e, servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
+//!
+//! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets report: a target
+//! meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so that only the share s of the way
+//! is gone and the rest of that way is skipped (a lag of (1/s − 1) cycles that is slowly made up for at the end); and no
+//! joint is faster than s times its limit, so that a fast path is left behind. Not modelled: how a controller scales the
+//! acceleration. s = 0 is a paused program: the arm stays.
+
+mod delay;
+mod servo;
+
+pub use delay::{DelayChange, DelaySettings, MAX_DELAY_S};
+
+use delay::DelayLine;
+use servo::{Clamp, Motion, follow, settle};
+
+/// Joints of the simulated arm.
+pub const JOINTS: usize = 6;
+
+/// What the arm is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmSettings {
+    /// Controller cycle [s]: 0.002 for e-series, 0.008 for CB3.
+    pub cycle_s: f64,
+    /// How late targets reach the servo.
+    pub delay: DelaySettings,
+    /// Speed scaling s in [0, 1], 1: none. Values outside, and no numbers, count as the nearest legal value, 1.
+    pub speed_scaling: f64,
+    /// Group delay of the servo, servoj's `lookahead_time` [s]; 0: no servo filter.
+    pub look_ahead_s: f64,
+    /// Time constant of the joint loop [s]; 0: none.
+    pub joint_loop_s: f64,
+    /// Largest joint speed [rad/s], per joint; may be infinite.
+    pub velocity_radps: [f64; JOINTS],
+    /// Largest joint acceleration [rad/s²], per joint; may be infinite.
+    pub acceleration_radps2: [f64; JOINTS],
+}
+
+impl ArmSettings {
+    /// A UR5 behind servoj at `cycle_s` with the given look-ahead: 3.342 rad/s and 40 rad/s², 2 ms of joint loop.
+    #[must_use]
+    pub fn ur5(cycle_s: f64, look_ahead_s: f64) -> Self {
+        Self {
+            cycle_s,
+            delay: DelaySettings::default(),
+            speed_scaling: 1.0,
+            look_ahead_s,
+            joint_loop_s: 0.002,
+            velocity_radps: [3.342; JOINTS],
+            acceleration_radps2: [40.0; JOINTS],
+        }
+    }
+
+    /// An arm that repeats its targets `lag_s` later and is nothing else: no servo, no joint loop, no limits.
+    ///
+    /// The cycle of delay that every arm here has is part of `lag_s`, which therefore is at least one cycle.
+    #[must_use]
+    pub fn delayed(cycle_s: f64, lag_s: f64) -> Self {
+        Self {
+            cycle_s,
+            delay: DelaySettings::constant(lag_s - cycle_s),
+            speed_scaling: 1.0,
+            look_ahead_s: 0.0,
+            joint_loop_s: 0.0,
+            velocity_radps: [f64::INFINITY; JOINTS],
+            acceleration_radps2: [f64::INFINITY; JOINTS],
+        }
+    }
+
+    /// Time from a target to the motion it asks for, at low frequency, when the run begins [s]: [`Self::group_delay_at`] 0.
+    #[must_use]
+    pub fn group_delay_s(&self) -> f64 {
+        self.group_delay_at(0.0)
+    }
+
+    /// Time from a target to the motion it asks for, at low frequency and speeds within the limits, `t_s` after the arm
+    /// began to cycle [s]: pure delay (without jitter), cycle, speed scaling, servo and joint loop. Infinite where speed
+    /// scaling is 0.
+    #[must_use]
+    pub fn group_delay_at(&self, t_s: f64) -> f64 {
+        let scaling = self.scaling();
+        let skipped_s = self.cycle_s * (1.0 - scaling) / scaling;
+        let skipped_s = if scaling < 1.0 { skipped_s } else { 0.0 };
+        self.cycle_s + self.look_ahead_s + self.joint_loop_s + self.delay.at(t_s) + skipped_s
+    }
+
+    /// Speed scaling, legal.
+    fn scaling(&self) -> f64 {
+        if self.speed_scaling.is_nan() { 1.0 } else { self.speed_scaling.clamp(0.0, 1.0) }
+    }
+}
+
+/// Joint positions [rad] and velocities [rad/s].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Joints {
+    /// [rad]
+    pub q: [f64; JOINTS],
+    /// [rad/s]
+    pub qd: [f64; JOINTS],
+}
+
+/// The arm: six independent joints and the targets on their way to them.
+#[derive(Debug, Clone)]
+pub struct ArmModel {
+    settings: ArmSettings,
+    scaling: f64,
+    delay: Option<DelayLine>,
+    /// The last one that was given.
+    newest_target: [f64; JOINTS],
+    /// Where the servo was sent in the previous cycle.
+    previous_target: [f64; JOINTS],
+    servo: [Motion; JOINTS],
+    joint: [Motion; JOINTS],
+}
+
+impl ArmModel {
+    /// An arm at rest at `q` [rad].
+    #[must_use]
+    pub fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
+        let still = q.map(|q| Motion { q, qd: 0.0 });
+        Self {
+            settings,
+            scaling: settings.scaling(),
+            delay: DelayLine::new(settings.delay, settings.cycle_s, q),
+            newest_target: q,
+            previous_target: q,
+            servo: still,
+            joint: still,
+        }
+    }
+
+    /// Moves through one controller cycle with `target` [rad], where the joints ought to be when the cycle starts,
+    /// and returns the joints at its end. A target that is not finite counts as "stay where the last one was".
+    pub fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
+        let dt = self.settings.cycle_s;
+        for (newest, target) in self.newest_target.iter_mut().zip(target) {
+            if target.is_finite() {
+                *newest = target;
+            }
+        }
+        let target = match &mut self.delay {
+            None => self.newest_target,
+            Some(line) => line.pass(self.newest_target),
+        };
+        for axis in 0..JOINTS {
+            let from = self.previous_target[axis];
+            let mut to = target[axis];
+            let mut v = self.settings.velocity_radps[axis];
+            if self.scaling < 1.0 {
+                to = from + self.scaling * (to - from);
+                // A paused arm never moves; and 0 times an infinite limit is no number.
+                v = if self.scaling > 0.0 { v * self.scaling } else { v };
+            }
+            let clamp = Clamp { v, a: self.settings.acceleration_radps2[axis], dt };
+            let before = self.servo[axis];
+            let servo = clamp.apply(before, follow(before, from, to, self.settings.look_ahead_s, &clamp));
+            let joint = self.joint[axis];
+            self.joint[axis] =
+                clamp.apply(joint, settle(joint, before.q, servo.q, self.settings.joint_loop_s, dt));
+            self.servo[axis] = servo;
+            self.previous_target[axis] = to;
+        }
+        self.joints()
+    }
+
+    /// The joints as the controller would report them now.
+    #[must_use]
+    pub fn joints(&self) -> Joints {
+        Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
+    }
+
+    /// Age of the target that the servo read in the last cycle [s]: the pure delay, with its jitter.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.delay.as_ref().map_or(0.0, DelayLine::age_s)
+    }
+
+    /// The settings it was built with.
+    #[must_use]
+    pub fn settings(&self) -> &ArmSettings {
+        &self.settings
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,89 @@
+//! One joint behind its controller: servo, joint loop and the clamps, each exact over one cycle.
+//!
+//! Contract: a stage whose time constant is 0 passes its input on; limits may be infinite. Absent: delay, other joints.
+
+/// Position [rad] and velocity [rad/s] of one joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion {
+    pub(super) q: f64,
+    pub(super) qd: f64,
+}
+
+/// Critically damped second order, w = 2/look-ahead, behind a target going straight `from` → `to` within the cycle.
+///
+/// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and exact:
+/// e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Closing speed is bounded by what can still be braked, so that a large step
+/// meets the acceleration clamp without overshoot.
+pub(super) fn follow(state: Motion, from: f64, to: f64, look_ahead_s: f64, clamp: &Clamp) -> Motion {
+    let dt = clamp.dt;
+    let slope = (to - from) / dt;
+    if look_ahead_s <= 0.0 {
+        return pass(state, from, to, clamp);
+    }
+    let lag = look_ahead_s * slope;
+    let w = 2.0 / look_ahead_s;
+    let decay = (-w * dt).exp();
+    let (e, ed) = (state.q - (from - lag), state.qd - slope);
+    let e_next = (e + (ed + w * e) * dt) * decay;
+    let mut ed_next = (ed - w * (ed + w * e) * dt) * decay;
+    // Near the ramp the servo never asks for more than the acceleration limit, and is left alone.
+    let far = e.abs() > clamp.a / (w * w);
+    if far && e * ed_next < 0.0 {
+        let most = clamp.brakeable((e.abs() - 0.5 * ed.abs() * dt).max(0.0));
+        ed_next = ed_next.clamp(-most, most);
+    }
+    Motion { q: to - lag + e_next, qd: slope + ed_next }
+}
+
+/// No servo: on the target where the limits let it be, else after it as fast as it can still be braked.
+fn pass(state: Motion, from: f64, to: f64, clamp: &Clamp) -> Motion {
+    let dt = clamp.dt;
+    let slope = (to - from) / dt;
+    let with = |qd: f64| Motion { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
+    // Farther than this off the way between both velocities, no acceleration within the limit gets there in one cycle.
+    if !((to - with(slope).q).abs() > 0.25 * clamp.a * dt * dt) {
+        return Motion { q: to, qd: slope };
+    }
+    let gap = from - state.q;
+    // What is left when this cycle has gone by.
+    let left = (gap.abs() - 0.5 * (state.qd - slope).abs() * dt).max(0.0);
+    with(slope + gap.signum() * clamp.brakeable(left).min(gap.abs() / dt))
+}
+
+/// First order with time constant `tau` behind an input going straight `from` → `to` within the cycle; exact.
+pub(super) fn settle(state: Motion, from: f64, to: f64, tau: f64, dt: f64) -> Motion {
+    let slope = (to - from) / dt;
+    if tau <= 0.0 {
+        return Motion { q: to, qd: slope };
+    }
+    let lag = tau * slope;
+    let e_next = (state.q - (from - lag)) * (-dt / tau).exp();
+    Motion { q: to - lag + e_next, qd: slope - e_next / tau }
+}
+
+/// The velocity and acceleration clamps of one joint over one cycle.
+pub(super) struct Clamp {
+    pub(super) v: f64,
+    pub(super) a: f64,
+    pub(super) dt: f64,
+}
+
+impl Clamp {
+    /// `wanted` if it is within reach of `state`, else the nearest velocity that is, with the position it leads to.
+    pub(super) fn apply(&self, state: Motion, wanted: Motion) -> Motion {
+        let qd =
+            wanted.qd.clamp(state.qd - self.a * self.dt, state.qd + self.a * self.dt).clamp(-self.v, self.v);
+        let mean = (wanted.q - state.q) / self.dt;
+        if qd == wanted.qd && mean.abs() <= self.v {
+            wanted
+        } else {
+            Motion { q: state.q + 0.5 * (state.qd + qd) * self.dt, qd }
+        }
+    }
+
+    /// The speed [rad/s] from which a joint still stops within `distance` [rad], in steps of one cycle.
+    fn brakeable(&self, distance: f64) -> f64 {
+        let half = 0.5 * self.a * self.dt;
+        (half * half + 2.0 * self.a * distance).sqrt() - half
+    }
+}
