@@ -11,6 +11,7 @@ pub mod data;
 pub mod writer;
 pub mod path;
 pub mod arm;
+pub mod today;
 pub mod metrics;
 pub mod experiments;
 pub mod closed_loop;

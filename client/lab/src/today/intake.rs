@@ -1,0 +1,54 @@
+//! Which pen samples a way takes, and what a gap is.
+
+use crate::path::PathSample;
+
+/// A pen that was silent for longer starts anew: Chromium's predictors forget everything after 20 ms.
+pub(super) const GAP_S: f64 = 0.020;
+/// How far a stamp may lie in the future [s]: clocks are read one after another.
+const FUTURE_S: f64 = 0.010;
+
+/// What a sample is to a filter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Arrival {
+    /// The first one, or the first after a gap.
+    First,
+    /// So much later than the last one [s].
+    Next(f64),
+    /// Not to be used.
+    Dropped,
+}
+
+/// The newest sample that was taken.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Intake {
+    newest: Option<(f64, [f64; 2])>,
+}
+
+impl Intake {
+    /// Takes or drops `sample`, heard of at `now_s`.
+    pub(super) fn take(&mut self, now_s: f64, sample: &PathSample) -> Arrival {
+        let PathSample { t_s, x_m, y_m, .. } = *sample;
+        if !(x_m.is_finite() && y_m.is_finite() && t_s <= now_s + FUTURE_S && t_s.is_finite()) {
+            return Arrival::Dropped;
+        }
+        let before = self.newest.map(|(t, _)| t);
+        if before.is_some_and(|t| t_s <= t) {
+            return Arrival::Dropped;
+        }
+        self.newest = Some((t_s, [x_m, y_m]));
+        match before {
+            Some(t) if t_s - t <= GAP_S => Arrival::Next(t_s - t),
+            _ => Arrival::First,
+        }
+    }
+
+    /// Where the pen was last.
+    pub(super) fn position(&self) -> Option<[f64; 2]> {
+        self.newest.map(|(_, position)| position)
+    }
+
+    /// Age of the newest sample [s]; a pen silent for longer than a gap counts as standing where it was led to by then.
+    pub(super) fn age_s(&self, now_s: f64) -> f64 {
+        self.newest.map_or(0.0, |(t, _)| (now_s - t).clamp(0.0, GAP_S))
+    }
+}

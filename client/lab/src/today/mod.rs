@@ -1,0 +1,61 @@
+//! The ways in which people make an arm follow a hand today: what foretrace is compared with in closed loop.
+//!
+//! Contract: a [`Way`] hears the pen's samples as they arrive and says once per control period where the tool shall be
+//! at the end of that period, in the plane [m]. Deterministic; no clock, no file. Each is implemented from its published
+//! description with its published defaults, then tuned on training data in its own favour ([`WaySettings::new`]).
+//! Samples that are not finite, not later than the last one taken, or stamped in the future are dropped.
+//! Absent: the arm, inverse kinematics, and the daemon; nothing here is linked into the real-time loop.
+
+mod settings;
+mod sweep;
+mod intake;
+mod one_euro;
+mod servoj;
+mod trend;
+mod otg;
+mod kalman;
+
+pub use kalman::KalmanWay;
+pub use one_euro::OneEuro;
+pub use otg::OtgWay;
+pub use servoj::{ServojWay, SoftServo, soften};
+pub use settings::{
+    Feed, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, ServoKnobs, WayError, WayKind, WaySettings,
+};
+pub use sweep::sweep;
+
+use crate::path::PathSample;
+
+/// A way of today: pen samples in, where the tool shall be, once per control period.
+pub trait Way: Send {
+    /// The tool's target in the plane [m] for the end of the period that begins at `now_s`.
+    ///
+    /// `pen`: samples received since the last call, in order. `None` before the first sample.
+    fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]>;
+
+    /// Periods in which the way's own solver failed and it went on with the last safe motion.
+    fn failures(&self) -> u64 {
+        0
+    }
+}
+
+/// The way `kind` with these settings; those of other kinds in `settings` are not looked at.
+///
+/// *Errors*: a number outside its legal range, by name.
+pub fn build(kind: WayKind, settings: &WaySettings) -> Result<Box<dyn Way>, WayError> {
+    settings.check(kind)?;
+    Ok(match kind {
+        WayKind::ServojGello | WayKind::ServojRos => Box::new(ServojWay::new(settings)),
+        WayKind::Otg => Box::new(OtgWay::new(settings)),
+        WayKind::Kalman => Box::new(KalmanWay::new(settings)),
+    })
+}
+
+/// Look-ahead and gain that a way with these settings gives to the arm's servo, where the arm takes `servoj`.
+#[must_use]
+pub fn servo(settings: &WaySettings) -> ServoKnobs {
+    settings.servo
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,292 @@
+//! Which ways there are, their knobs, and what they are set to.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Which way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum WayKind {
+    /// 1€ filter, then `servoj` as most teleoperation scripts call it: look-ahead 0.1 s, gain 300.
+    ServojGello,
+    /// 1€ filter, then `servoj` as the ROS driver calls it: look-ahead 0.03 s, gain 2000.
+    ServojRos,
+    /// Constant-acceleration target, followed by a jerk-limited online trajectory generator.
+    Otg,
+    /// Constant-acceleration Kalman filter as in browsers, its prediction sent to the arm.
+    Kalman,
+}
+
+impl WayKind {
+    /// Every way.
+    pub const ALL: [Self; 4] = [Self::ServojGello, Self::ServojRos, Self::Otg, Self::Kalman];
+
+    /// As users write it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ServojGello => "servoj-gello",
+            Self::ServojRos => "servoj-ros",
+            Self::Otg => "otg",
+            Self::Kalman => "kalman",
+        }
+    }
+
+    /// The arm's own servo is where this way smooths: before an arm without one it needs a
+    /// [`SoftServo`](super::SoftServo).
+    #[must_use]
+    pub fn smooths_in_the_servo(self) -> bool {
+        matches!(self, Self::ServojGello | Self::ServojRos)
+    }
+}
+
+impl fmt::Display for WayKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for WayKind {
+    type Err = WayError;
+
+    fn from_str(text: &str) -> Result<Self, WayError> {
+        Self::ALL
+            .into_iter()
+            .find(|kind| kind.name() == text)
+            .ok_or_else(|| WayError::NoSuchWay { name: text.to_owned() })
+    }
+}
+
+/// What a way may ask of the tool, per axis of the plane; infinite: no limit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// [m/s]
+    pub velocity_mps: f64,
+    /// [m/s²]
+    pub acceleration_mps2: f64,
+    /// [m/s³]
+    pub jerk_mps3: f64,
+}
+
+impl Limits {
+    /// No limits.
+    pub const OFF: Self =
+        Self { velocity_mps: f64::INFINITY, acceleration_mps2: f64::INFINITY, jerk_mps3: f64::INFINITY };
+}
+
+/// servoj's two knobs. Universal Robots allow 0.03 to 0.2 s and 100 to 2000, and default to 0.1 s and 300.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ServoKnobs {
+    /// `lookahead_time` [s].
+    pub look_ahead_s: f64,
+    /// `gain`. What it does inside the controller is unpublished; no arm of the lab models it.
+    pub gain: f64,
+}
+
+/// When the 1€ filter takes a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Feed {
+    /// With every pen sample, as in the paper; between samples its value stands still.
+    Samples,
+    /// Once per control period with the newest sample.
+    Periods,
+}
+
+/// The 1€ filter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OneEuroKnobs {
+    /// Cut-off at rest [Hz].
+    pub min_cutoff_hz: f64,
+    /// Growth of the cut-off with speed [Hz per m/s].
+    pub beta_hz_per_mps: f64,
+    /// Cut-off of the speed estimate [Hz].
+    pub speed_cutoff_hz: f64,
+}
+
+/// The trajectory generator and the target estimate in front of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OtgKnobs {
+    /// Pen samples of this last time make the estimate [s].
+    pub window_s: f64,
+    /// How much of the estimated acceleration is believed, 0 (constant velocity) to 1.
+    pub acceleration_share: f64,
+    /// The target state's acceleration is handed to the generator; else 0 is.
+    pub target_acceleration: bool,
+    /// The target is where the pen will be when the tool can be there, not where it is now.
+    pub intercept: bool,
+    /// The generator's own limits, and what stands for "no limits". The smaller of these and the arm's count.
+    pub limits: Limits,
+}
+
+/// Where the Kalman prediction starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// The newest sample, as in Chromium.
+    Measured,
+    /// The filter's position.
+    Filtered,
+}
+
+/// The Kalman filter and the rules around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KalmanKnobs {
+    /// Standard deviation of a pen sample [m]. Only the ratio to `process_mps2` matters.
+    pub measurement_m: f64,
+    /// Standard deviation of the change of acceleration per sample [m/s²]. Chromium: 1e5 s⁻² times `measurement_m`.
+    pub process_mps2: f64,
+    /// Where the prediction starts from.
+    pub origin: Origin,
+    /// Longest prediction [s]. Chromium: 0.025.
+    pub horizon_max_s: f64,
+    /// Factor on ½at². Chromium: 1.
+    pub acceleration_share: f64,
+    /// Acceleration only counts where the path turned by more than 15° in the last 40 ms (Chromium's ink trail).
+    pub turn_rule: bool,
+    /// No prediction where it would turn back (Chromium's ink trail).
+    pub reversal_rule: bool,
+    /// 1€ filter behind the prediction, one step per period (Chromium offers one).
+    pub post_filter: Option<OneEuroKnobs>,
+}
+
+/// Everything a way needs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WaySettings {
+    /// Control period [s].
+    pub period_s: f64,
+    /// What the arm behind is known to take from command to motion [s]. The servoj ways do not use it.
+    pub dead_time_s: f64,
+    /// What may be asked of the tool. Only the trajectory generator obeys; for the others the arm clips.
+    pub limits: Limits,
+    /// servoj.
+    pub servo: ServoKnobs,
+    /// 1€ filter of the servoj ways.
+    pub one_euro: OneEuroKnobs,
+    /// When it takes a step.
+    pub feed: Feed,
+    /// Trajectory generator.
+    pub otg: OtgKnobs,
+    /// Kalman filter.
+    pub kalman: KalmanKnobs,
+}
+
+impl WaySettings {
+    /// The way's settings as tuned for glyphs 0.1 m high.
+    #[must_use]
+    pub fn new(kind: WayKind, period_s: f64, dead_time_s: f64, limits: Limits) -> Self {
+        let servo = match kind {
+            WayKind::ServojGello => ServoKnobs { look_ahead_s: 0.1, gain: 300.0 },
+            _ => ServoKnobs { look_ahead_s: 0.03, gain: 2000.0 },
+        };
+        Self {
+            period_s,
+            dead_time_s,
+            limits,
+            servo,
+            one_euro: OneEuroKnobs { min_cutoff_hz: 1.0, beta_hz_per_mps: 30.0, speed_cutoff_hz: 1.0 },
+            feed: Feed::Samples,
+            otg: OtgKnobs {
+                window_s: 0.025,
+                acceleration_share: 1.0,
+                target_acceleration: true,
+                intercept: false,
+                limits: Limits { velocity_mps: 10.0, acceleration_mps2: 500.0, jerk_mps3: 50_000.0 },
+            },
+            kalman: KalmanKnobs {
+                measurement_m: 1e-4,
+                process_mps2: 10.0,
+                origin: Origin::Measured,
+                horizon_max_s: f64::INFINITY,
+                acceleration_share: 1.0,
+                turn_rule: false,
+                reversal_rule: false,
+                post_filter: None,
+            },
+        }
+    }
+
+    /// The same settings for glyphs of another height than 0.1 m: knobs that carry a length go with it.
+    #[must_use]
+    pub fn for_height(mut self, height_m: f64) -> Self {
+        let scale = height_m / 0.1;
+        self.one_euro.beta_hz_per_mps /= scale;
+        if let Some(post) = &mut self.kalman.post_filter {
+            post.beta_hz_per_mps /= scale;
+        }
+        self.kalman.measurement_m *= scale;
+        self.kalman.process_mps2 *= scale;
+        let limits = &mut self.otg.limits;
+        limits.velocity_mps *= scale;
+        limits.acceleration_mps2 *= scale;
+        limits.jerk_mps3 *= scale;
+        self
+    }
+
+    /// *Errors*: the first number of this way that is outside its range.
+    pub(super) fn check(&self, kind: WayKind) -> Result<(), WayError> {
+        let positive = f64::MIN_POSITIVE;
+        let mut ranges = vec![
+            ("period_s", self.period_s, 1e-4, 0.1),
+            ("dead_time_s", self.dead_time_s, 0.0, 1.0),
+            ("servo.look_ahead_s", self.servo.look_ahead_s, 1e-3, 1.0),
+            ("limits.velocity_mps", self.limits.velocity_mps, positive, f64::INFINITY),
+            ("limits.acceleration_mps2", self.limits.acceleration_mps2, positive, f64::INFINITY),
+            ("limits.jerk_mps3", self.limits.jerk_mps3, positive, f64::INFINITY),
+        ];
+        match kind {
+            WayKind::ServojGello | WayKind::ServojRos => ranges.extend(one_euro_ranges(&self.one_euro)),
+            WayKind::Otg => ranges.extend([
+                ("otg.window_s", self.otg.window_s, 1e-3, 0.5),
+                ("otg.acceleration_share", self.otg.acceleration_share, 0.0, 1.0),
+                ("otg.limits.velocity_mps", self.otg.limits.velocity_mps, positive, 1e6),
+                ("otg.limits.acceleration_mps2", self.otg.limits.acceleration_mps2, positive, 1e6),
+                ("otg.limits.jerk_mps3", self.otg.limits.jerk_mps3, positive, 1e9),
+            ]),
+            WayKind::Kalman => {
+                ranges.extend([
+                    ("kalman.measurement_m", self.kalman.measurement_m, positive, 1.0),
+                    ("kalman.process_mps2", self.kalman.process_mps2, positive, 1e9),
+                    ("kalman.horizon_max_s", self.kalman.horizon_max_s, 0.0, f64::INFINITY),
+                    ("kalman.acceleration_share", self.kalman.acceleration_share, 0.0, 1.0),
+                ]);
+                ranges.extend(self.kalman.post_filter.iter().flat_map(one_euro_ranges));
+            }
+        }
+        let broken = ranges.into_iter().find(|(_, value, low, high)| !(*low <= *value && *value <= *high));
+        broken
+            .map_or(Ok(()), |(name, value, low, high)| Err(WayError::Range { kind, name, value, low, high }))
+    }
+}
+
+fn one_euro_ranges(knobs: &OneEuroKnobs) -> [(&'static str, f64, f64, f64); 3] {
+    let positive = f64::MIN_POSITIVE;
+    [
+        ("min_cutoff_hz", knobs.min_cutoff_hz, positive, 1e6),
+        ("beta_hz_per_mps", knobs.beta_hz_per_mps, 0.0, 1e9),
+        ("speed_cutoff_hz", knobs.speed_cutoff_hz, positive, 1e6),
+    ]
+}
+
+/// A way that cannot be had.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WayError {
+    /// A name that is none.
+    #[error("there is no way {name:?}; there are servoj-gello, servoj-ros, otg, kalman")]
+    NoSuchWay {
+        /// As given.
+        name: String,
+    },
+    /// A knob.
+    #[error("{kind}: {name} is {value}; legal: {low} to {high}")]
+    Range {
+        /// Of which way.
+        kind: WayKind,
+        /// The field.
+        name: &'static str,
+        /// As given.
+        value: f64,
+        /// Smallest legal value.
+        low: f64,
+        /// Largest legal value.
+        high: f64,
+    },
+}
