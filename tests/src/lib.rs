@@ -4,6 +4,8 @@
 //! processes are killed and everything is removed when the [`World`] goes. Started as root, the processes run as `nobody`
 //! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
 
+pub mod observer;
+
 use std::fs::{File, Permissions};
 use std::io::{Read, Write as _};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};

@@ -1,7 +1,11 @@
-//! The program `foretrace`, under a name of its own.
+//! The program `foretrace`, under a name of its own; with `observe` as its first word, the tests' observer.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    foretrace::main()
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.split_first() {
+        Some((first, rest)) if first == "observe" => foretrace_tests::observer::main(rest),
+        _ => foretrace::main(),
+    }
 }

@@ -1,5 +1,7 @@
 //! The whole chain over real shared memory: daemon, arm and player as processes, started, killed and started again.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use foretrace_tests::{World, assert_refused, json, told, until};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
@@ -46,6 +48,68 @@ fn the_arm_follows_the_pen_and_no_command_breaks_a_limit() {
         values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
     };
     assert!((0..6).map(travel).fold(0.0, f64::max) > 0.02, "the arm did not move");
+}
+
+/// A pen sample's identity: number in its publisher's sequence, and device stamp.
+type Identity = (u64, u64);
+
+fn identity(pair: &serde_json::Value) -> Identity {
+    (number(&pair[0]), number(&pair[1]))
+}
+
+#[test]
+fn every_sample_keeps_its_identity_from_the_device_to_the_command_and_back() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
+    world.wait_for_mode(0, "following");
+    let observed = world.run(0, &["observe", "2"]);
+    assert!(observed.status.success(), "{}", told(&observed));
+    let seen: serde_json::Value = serde_json::from_slice(&observed.stdout).expect("stdout carries JSON only");
+    let status = world.status(0);
+    for process in [player, arm, daemon] {
+        process.end();
+    }
+
+    let list = |key: &str| seen[key].as_array().unwrap().clone();
+    let pens: BTreeSet<Identity> = list("pens").iter().map(identity).collect();
+    let first = pens.first().expect("pen samples").0;
+    let sent: BTreeMap<u64, Identity> =
+        list("commands").iter().map(|row| (number(&row[0]), (number(&row[1]), number(&row[2])))).collect();
+    assert!(pens.len() > 100 && sent.len() > 100, "{} samples, {} commands", pens.len(), sent.len());
+    let (mut behind, mut echoed, mut timed) = (BTreeSet::new(), BTreeSet::new(), 0);
+    for tick in list("ticks") {
+        let (index, pen) = (number(&tick["tick"]), identity(&tick["pen"]));
+        // What was sent before the observer listened it cannot know.
+        if pen.0 >= first {
+            assert!(pens.contains(&pen), "{tick} names a sample that was never sent");
+            behind.insert(pen);
+        }
+        if let Some(command) = sent.get(&index) {
+            assert_eq!(*command, pen, "{tick}");
+        }
+        let (echo_tick, echo) = (number(&tick["echo_tick"]), identity(&tick["echo_pen"]));
+        assert!(echo_tick < index, "{tick}");
+        if let Some(command) = sent.get(&echo_tick) {
+            assert_eq!(*command, echo, "{tick}");
+            echoed.insert(echo);
+        }
+        let [reader, transport, age, _computed, _to_the_arm] =
+            ["pen_reader_ns", "pen_transport_ns", "pen_age_ns", "compute_ns", "command_transport_ns"]
+                .map(|key| tick[key].as_u64());
+        if let (Some(reader), Some(transport), Some(age)) = (reader, transport, age) {
+            // A tick takes samples in when it starts, which is its wake-up after the release.
+            assert!(reader + transport <= age + number(&tick["wakeup_ns"]), "{tick}");
+            timed += 1;
+        }
+    }
+    assert!(timed > 100, "{timed} ticks told their parts");
+    let whole = echoed.iter().filter(|sample| pens.contains(sample) && behind.contains(sample)).count();
+    assert!(whole > 50, "{whole} samples were seen from the device to the echo");
+    for part in ["pen_reader_ms", "pen_transport_ms", "pen_age_ms", "compute_ms", "command_transport_ms"] {
+        assert!(status["chain"][part].is_number(), "{part} is missing in {}", status["chain"]);
+    }
 }
 
 #[test]

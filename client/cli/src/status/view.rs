@@ -63,6 +63,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.commands_sent,
         counts.commands_failed
     ));
+    line(format_args!("chain       {}", chain_text(status)));
     line(format_args!(
         "trust       {:.2} -> {:.2} ({})   predictor {}{}",
         status.trust,
@@ -166,6 +167,13 @@ pub(crate) fn json(status: &Status) -> Value {
             "commands_sent": counts.commands_sent,
             "commands_failed": counts.commands_failed,
         },
+        "chain": {
+            "pen_reader_ms": age_ms(status.chain.pen_reader_ns),
+            "pen_transport_ms": age_ms(status.chain.pen_transport_ns),
+            "pen_age_ms": age_ms(status.chain.pen_age_ns),
+            "compute_ms": age_ms(status.chain.compute_ns),
+            "command_transport_ms": age_ms(status.chain.command_transport_ns),
+        },
         "trust": {
             "value": status.trust,
             "target": status.trust_target,
@@ -194,6 +202,24 @@ pub(crate) fn json(status: &Status) -> Value {
     })
 }
 
+/// From the pen to the arm in one line; what is not known is left out.
+fn chain_text(status: &Status) -> String {
+    let chain = &status.chain;
+    let part = |ns: u64, words: &dyn Fn(f64) -> String| age_ms(ns).map(words);
+    let parts = [
+        part(chain.pen_age_ns, &|ms| match (age_ms(chain.pen_reader_ns), age_ms(chain.pen_transport_ns)) {
+            (Some(reader), Some(transport)) => {
+                format!("pen {ms:.1} ms old ({reader:.1} in its reader, {transport:.1} on the way)")
+            }
+            _ => format!("pen {ms:.1} ms old"),
+        }),
+        part(chain.compute_ns, &|ms| format!("computed in {ms:.2}")),
+        part(chain.command_transport_ns, &|ms| format!("sent to the arm in {ms:.1}")),
+    ];
+    let known: Vec<String> = parts.into_iter().flatten().collect();
+    if known.is_empty() { "nothing to time yet".to_owned() } else { known.join(", ") }
+}
+
 /// The word for a number on the wire.
 fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
@@ -218,6 +244,7 @@ fn seconds(ns: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use foretrace_shm::Chain;
 
     #[test]
     fn text_names_mode_stages_trust_and_missing_rights() {
@@ -234,6 +261,25 @@ mod tests {
         for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest never old"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
+    }
+
+    #[test]
+    fn the_chain_is_one_line_and_leaves_out_what_is_not_known() {
+        let mut status = Status { chain: Chain::UNKNOWN, ..Status::default() };
+        assert!(text(&status, 0).contains("chain       nothing to time yet\n"));
+        assert!(json(&status)["chain"]["compute_ms"].is_null());
+        status.chain.pen_age_ns = 3_100_000;
+        status.chain.command_transport_ns = 400_000;
+        let page = text(&status, 0);
+        assert!(page.contains("chain       pen 3.1 ms old, sent to the arm in 0.4\n"), "{page}");
+        status.chain =
+            Chain { pen_reader_ns: 100_000, pen_transport_ns: 1_200_000, compute_ns: 20_000, ..status.chain };
+        let page = text(&status, 0);
+        assert!(
+            page.contains("3.1 ms old (0.1 in its reader, 1.2 on the way), computed in 0.02, "),
+            "{page}"
+        );
+        assert_eq!(json(&status)["chain"]["pen_age_ms"].as_f64(), Some(3.1));
     }
 
     #[test]
