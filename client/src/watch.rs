@@ -1,9 +1,10 @@
-//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen sample).
+//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen sample),
+//! `JointWatch` (every joint state).
 
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    HeaderBounds, Message, PenSample, Rejections, ServiceError, Status, Subscriber, TickRecord,
+    HeaderBounds, JointState, Message, PenSample, Rejections, ServiceError, Status, Subscriber, TickRecord,
     monotonic_now_ns,
 };
 
@@ -28,7 +29,22 @@ pub struct PenWatch {
     subscriber: Subscriber<PenSample>,
 }
 
+/// Receives the joint states that the daemon receives too.
+#[derive(Debug)]
+pub struct JointWatch {
+    subscriber: Subscriber<JointState>,
+}
+
 impl Foretrace {
+    /// The joint states from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice per
+    /// second.
+    ///
+    /// *Errors*: `NoPlace` when three others watch the arm already.
+    pub fn joint_watch(&self) -> Result<JointWatch, ServiceError> {
+        let buffer = JointState::QOS.buffer;
+        Ok(JointWatch { subscriber: self.services.joint_state.subscriber(buffer, HeaderBounds::DEFAULT)? })
+    }
+
     /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least once per
     /// second.
     ///
@@ -94,6 +110,23 @@ impl PenWatch {
     }
 
     /// Samples refused, by reason.
+    pub fn rejections(&self) -> &Rejections {
+        self.subscriber.rejections()
+    }
+}
+
+impl JointWatch {
+    /// Every unread state, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_state: impl FnMut(&JointState)) -> usize {
+        self.subscriber.drain(monotonic_now_ns(), |state| use_state(&state))
+    }
+
+    /// States lost so far between the arm's publisher and here.
+    pub fn lost(&self) -> u64 {
+        self.subscriber.dropped()
+    }
+
+    /// States refused, by reason.
     pub fn rejections(&self) -> &Rejections {
         self.subscriber.rejections()
     }

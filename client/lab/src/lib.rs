@@ -12,6 +12,7 @@ pub mod writer;
 pub mod path;
 pub mod arm;
 pub mod today;
+pub mod lag;
 pub mod metrics;
 pub mod experiments;
 pub mod closed_loop;
