@@ -3,7 +3,7 @@
 use foretrace_config::Config;
 
 use super::{BenchArm, Entrant, Hand, Row, Score, rows};
-use crate::experiments::{ClosedLoop, RunError, RunOptions, WAIT_S, learner_for, run_with, settings_for};
+use crate::experiments::{ClosedLoop, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
 
@@ -126,27 +126,19 @@ impl Benchmark<'_> {
         job.arm.fit(self.config, &mut settings);
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;
-        let mut learner = learner_for(self.config, &settings, kind)
-            .map_err(|error| BenchError::Settings(error.to_string()))?;
+        let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
+        let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::Oracle, learner };
+        let mut desk = desk(horizon, &settings, home, options).map_err(|error| wrong(&error))?;
         for (index, sequence) in job.hand.sequences.iter().enumerate().take(count) {
-            let options = RunOptions {
-                arm,
-                oracle: kind == PredictorKind::Oracle,
-                learner: learner.as_mut(),
-                requests: &[],
-                wait_s: WAIT_S,
-            };
-            let run =
-                run_with(horizon, &settings, home, &sequence.path.samples, options).map_err(|error| {
-                    BenchError::Run {
-                        file: job.hand.file.clone(),
-                        index,
-                        label: sequence.label.clone(),
-                        entrant: job.entrant.name(),
-                        arm: job.arm.name(),
-                        error,
-                    }
-                })?;
+            let run = desk.write(&sequence.path.samples, WAIT_S, &[]).map_err(|error| BenchError::Run {
+                file: job.hand.file.clone(),
+                index,
+                label: sequence.label.clone(),
+                entrant: job.entrant.name(),
+                arm: job.arm.name(),
+                error,
+            })?;
             take(sequence, run);
         }
         Ok(())

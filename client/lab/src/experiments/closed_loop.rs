@@ -1,4 +1,4 @@
-//! One pen path through the whole control law in simulated time: the same `Follower::step` as the daemon's.
+//! Pen paths through the whole control law in simulated time: the same `Follower::step` as the daemon's.
 //!
 //! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared memory with
 //! no delay. The learner, if there is one, takes each closed step at once, and its weights go live at the next tick.
@@ -9,7 +9,7 @@ use foretrace_control::follower::{
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::Oracle;
+use foretrace_control::predict::{OnlineWeights, Oracle};
 use foretrace_control::units::Stamp;
 
 use std::collections::VecDeque;
@@ -53,21 +53,6 @@ pub struct ClosedLoop {
     pub ticks: Vec<TickTrace>,
 }
 
-/// How to run a path.
-#[derive(Debug)]
-pub struct RunOptions<'a> {
-    /// The arm.
-    pub arm: ArmKind,
-    /// Know the recorded future.
-    pub oracle: bool,
-    /// Learns on along the way; carries over from run to run.
-    pub learner: Option<&'a mut Learner>,
-    /// Requests and the path times [s] at which they are made, in order of time.
-    pub requests: &'a [(f64, Request)],
-    /// The pen rests above its first sample for this long before the path begins [s].
-    pub wait_s: f64,
-}
-
 /// A run that could not be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -85,97 +70,154 @@ pub enum RunError {
 
 /// Where simulated time begins, so that stamps before the first sample exist.
 const EPOCH_NS: u64 = 10_000_000_000;
+/// Between two paths the pen is out of reach for this long [ns]: longer than any gap that is bridged.
+const AWAY_NS: u64 = 700_000_000;
 /// Spacing of the samples while the pen waits [s].
 const WAIT_STEP_S: f64 = 0.005;
 
-/// As [`run`], with the horizon `horizon` of the settings: 10, 20 or 30 steps.
+/// Who predicts, learns and obeys at a desk.
+#[derive(Debug)]
+pub struct DeskOptions {
+    /// The arm.
+    pub arm: ArmKind,
+    /// Know the recorded future.
+    pub oracle: bool,
+    /// Learns on along the way.
+    pub learner: Option<Learner>,
+}
+
+/// A loop and its arm, at which one path after the other is written: nothing is forgotten between them but what the
+/// loop itself forgets when the pen was away.
+pub trait Desk {
+    /// Writes `path` from beginning to end, and 0.3 s of a resting pen behind it. The pen rests above its first sample
+    /// for `wait_s` \[s\] before. `requests` are made at the path times \[s\] given with them, which rise.
+    ///
+    /// # Errors
+    /// An arm that may not be armed, an empty path.
+    fn write(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        requests: &[(f64, Request)],
+    ) -> Result<ClosedLoop, RunError>;
+}
+
+/// A desk with a horizon of 10, 20 or 30 steps; the arm stands at `home` \[rad\].
 ///
-/// *Errors*: see [`run`].
-pub fn run_with(
+/// # Errors
+/// Illegal settings.
+pub fn desk(
     horizon: u32,
     settings: &FollowerSettings<JOINTS>,
     home: [f64; JOINTS],
-    path: &[PathSample],
-    options: RunOptions<'_>,
-) -> Result<ClosedLoop, RunError> {
-    match horizon {
-        30 => run::<30>(settings, home, path, options),
-        20 => run::<20>(settings, home, path, options),
-        _ => run::<10>(settings, home, path, options),
-    }
+    options: DeskOptions,
+) -> Result<Box<dyn Desk>, RunError> {
+    Ok(match horizon {
+        30 => Box::new(LoopDesk::<30>::new(settings, home, options)?),
+        20 => Box::new(LoopDesk::<20>::new(settings, home, options)?),
+        _ => Box::new(LoopDesk::<10>::new(settings, home, options)?),
+    })
 }
 
-/// Runs `path` from beginning to end, and 0.3 s of a resting pen behind it.
-///
-/// *Errors*: illegal settings, an arm that may not be armed, an empty path.
-pub fn run<const N: usize>(
-    settings: &FollowerSettings<JOINTS>,
-    home: [f64; JOINTS],
-    path: &[PathSample],
-    options: RunOptions<'_>,
-) -> Result<ClosedLoop, RunError> {
-    let (first, last) = path.first().zip(path.last()).ok_or(RunError::Empty)?;
-    let period_ns = settings.period_ns;
-    let start_s = first.t_s - options.wait_s;
-    let stamp_of = |t_s: f64| Stamp(EPOCH_NS + ((t_s - start_s) * 1e9).round().max(0.0) as u64);
-    let path_time = |stamp: Stamp| stamp.seconds_since(Stamp(EPOCH_NS)) + start_s;
-    let pen = feed(path, first, last, options.wait_s, stamp_of);
+struct LoopDesk<const N: usize> {
+    follower: Follower<N, JOINTS>,
+    arm: Arm,
+    learner: Option<Learner>,
+    promoted: Option<Box<OnlineWeights>>,
+    oracle: bool,
+    armed: bool,
+    now: Stamp,
+}
 
-    let mut settings = settings.clone();
-    let mut learner = options.learner;
-    if let Some(learner) = &learner {
-        settings.weights = *learner.weights();
-    }
-    let mut follower = Follower::<N, JOINTS>::new(settings)?;
-    if options.oracle {
-        follower.use_oracle(recorded_future(&pen, follower.settings().pen.step_ns, &follower));
-    }
-    let mut arm = Arm::new(options.arm, home);
-    let mut out = ClosedLoop::default();
-    let mut pending = options.requests.iter().peekable();
-    let mut promoted = None;
-    let mut samples = pen.iter().peekable();
-    let mut due = Vec::new();
-    let end = pen.last().map_or(Stamp(EPOCH_NS), |sample| sample.stamp);
-    let mut now = Stamp(EPOCH_NS - EPOCH_NS % period_ns);
-    let mut armed = false;
-    while now <= end {
-        due.clear();
-        while let Some(sample) = samples.next_if(|sample| sample.stamp <= now) {
-            due.push(*sample);
+impl<const N: usize> LoopDesk<N> {
+    fn new(
+        settings: &FollowerSettings<JOINTS>,
+        home: [f64; JOINTS],
+        options: DeskOptions,
+    ) -> Result<Self, RunError> {
+        let mut settings = settings.clone();
+        if let Some(learner) = &options.learner {
+            settings.weights = *learner.weights();
         }
-        let request = if armed {
-            pending.next_if(|(t_s, _)| stamp_of(*t_s) <= now).map(|(_, request)| *request)
-        } else {
-            Some(Request::Arm)
-        };
-        let joints = arm.reading(now);
+        Ok(Self {
+            now: Stamp(EPOCH_NS - EPOCH_NS % settings.period_ns),
+            follower: Follower::new(settings)?,
+            arm: Arm::new(options.arm, home),
+            learner: options.learner,
+            promoted: None,
+            oracle: options.oracle,
+            armed: false,
+        })
+    }
+
+    /// One period with the pen samples `due` and at most one request.
+    fn tick(&mut self, due: &[PenReading], request: Option<Request>) -> Result<StepOutput<JOINTS>, RunError> {
+        let joints = self.arm.reading(self.now);
+        let promoted = self.promoted.take();
         let input = StepInput {
-            now,
-            pen: &due,
+            now: self.now,
+            pen: due,
             joints: Some(&joints),
             enable: None,
-            request,
-            weights: promoted.as_ref(),
+            request: if self.armed { request } else { Some(Request::Arm) },
+            weights: promoted.as_deref(),
         };
-        let output = follower.step(&input, Budget::default(), &mut NoClock);
-        promoted = None;
-        if let (false, Some(answer)) = (armed, output.answer) {
+        let output = self.follower.step(&input, Budget::default(), &mut NoClock);
+        if let (false, Some(answer)) = (self.armed, output.answer) {
             answer.map_err(RunError::Refused)?;
-            armed = true;
+            self.armed = true;
         }
-        if let Some(learner) = &mut learner {
+        if let Some(learner) = &mut self.learner {
             for step in output.learn.iter().take(output.learn_count) {
                 if learner.learn(step).hand_over {
-                    promoted = Some(*learner.weights());
+                    self.promoted = Some(Box::new(*learner.weights()));
                 }
             }
         }
-        now = now + period_ns;
-        arm.obey(&output);
-        out.record(path_time(now), &arm.tool(&follower), &output);
+        self.now = self.now + self.follower.settings().period_ns;
+        self.arm.obey(&output);
+        Ok(output)
     }
-    Ok(out)
+}
+
+impl<const N: usize> Desk for LoopDesk<N> {
+    fn write(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        requests: &[(f64, Request)],
+    ) -> Result<ClosedLoop, RunError> {
+        let (first, last) = path.first().zip(path.last()).ok_or(RunError::Empty)?;
+        let away = self.now + AWAY_NS;
+        while self.armed && self.now < away {
+            self.tick(&[], None)?;
+        }
+        let begin = self.now;
+        let start_s = first.t_s - wait_s;
+        let stamp_of = |t_s: f64| begin + ((t_s - start_s) * 1e9).round().max(0.0) as u64;
+        let pen = feed(path, first, last, wait_s, stamp_of);
+        if self.oracle {
+            let future = recorded_future(&pen, self.follower.settings().pen.step_ns, &self.follower);
+            self.follower.use_oracle(future);
+        }
+        let mut out = ClosedLoop::default();
+        let mut requests = requests.iter().peekable();
+        let mut samples = pen.iter().peekable();
+        let mut due = Vec::new();
+        let end = pen.last().map_or(begin, |sample| sample.stamp);
+        while self.now <= end {
+            due.clear();
+            while let Some(sample) = samples.next_if(|sample| sample.stamp <= self.now) {
+                due.push(*sample);
+            }
+            let ready = |(t_s, _): &&(f64, Request)| self.armed && stamp_of(*t_s) <= self.now;
+            let request = requests.next_if(ready).map(|(_, request)| *request);
+            let output = self.tick(&due, request)?;
+            let tool = self.arm.tool(&self.follower);
+            out.record(self.now.seconds_since(begin) + start_s, &tool, &output);
+        }
+        Ok(out)
+    }
 }
 
 impl ClosedLoop {

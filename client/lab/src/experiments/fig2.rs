@@ -8,7 +8,7 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
-use super::closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, run_with};
+use super::closed_loop::{ArmKind, ClosedLoop, DeskOptions, RunError, desk};
 use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
 use crate::metrics::tracking;
 use crate::parallel;
@@ -107,15 +107,14 @@ fn row(
         settings.trust_request = TrustRequest::Manual(Trust::NONE);
     }
     let home = config.robot().home;
-    let mut learner = learner_for(config, &settings, predictor)?;
+    let learner = learner_for(config, &settings, predictor)?;
+    let options = DeskOptions { arm: kind, oracle: predictor == PredictorKind::Oracle, learner };
+    let mut desk = desk(config.settings().mpc.horizon, &settings, home, options)
+        .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut runs = Vec::with_capacity(letters.len());
     for letter in letters {
-        let oracle = predictor == PredictorKind::Oracle;
-        let learner = learner.as_mut();
-        let options = RunOptions { arm: kind, oracle, learner, requests: &[], wait_s: WAIT_S };
-        let path = &letter.path.samples;
-        let result = run_with(config.settings().mpc.horizon, &settings, home, path, options);
-        runs.push(result.map_err(|error| failed(letter, error))?);
+        let run = desk.write(&letter.path.samples, WAIT_S, &[]);
+        runs.push(run.map_err(|error| failed(letter, error))?);
     }
     let scores: Vec<_> =
         letters.iter().zip(&runs).map(|(letter, run)| tracking(&letter.path.samples, &run.tool)).collect();

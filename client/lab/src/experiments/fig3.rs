@@ -7,7 +7,7 @@ use foretrace_config::Config;
 use foretrace_control::follower::Request;
 use foretrace_control::predict::PredictorKind;
 
-use super::closed_loop::{ArmKind, ClosedLoop, RunOptions, run_with};
+use super::closed_loop::{ArmKind, ClosedLoop, DeskOptions, desk};
 use super::fig2::failed;
 use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
 use crate::metrics::{ToolSample, error_series};
@@ -53,7 +53,10 @@ pub struct Fig3 {
 pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Result<Fig3, ExperimentError> {
     let settings = settings_for(config, ArmKind::Ideal, PredictorKind::Dybm);
     let step_s = settings.mpc.step_s;
-    let mut learner = learner_for(config, &settings, PredictorKind::Dybm)?;
+    let learner = learner_for(config, &settings, PredictorKind::Dybm)?;
+    let options = DeskOptions { arm: ArmKind::Ideal, oracle: false, learner };
+    let mut desk = desk(config.settings().mpc.horizon, &settings, config.robot().home, options)
+        .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();
     for (index, letter) in letters.iter().enumerate() {
         let path = &letter.path.samples;
@@ -61,15 +64,7 @@ pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Resu
         if letter.path.duration_s() >= f64::from(SHORTEST_STEPS) * step_s {
             let switch_s = start_s + RAMP_STEPS[0] * step_s;
             let requests = [(start_s - WAIT_S, Request::SetTrust(0.0)), (switch_s, Request::SetTrust(1.0))];
-            let options = RunOptions {
-                arm: ArmKind::Ideal,
-                oracle: false,
-                learner: learner.as_mut(),
-                requests: &requests,
-                wait_s: WAIT_S,
-            };
-            let home = config.robot().home;
-            let result = run_with(config.settings().mpc.horizon, &settings, home, path, options);
+            let result = desk.write(path, WAIT_S, &requests);
             let run = result.map_err(|error| failed(letter, error))?;
             out.extend(judge(index, letter, &run, start_s, step_s));
         }

@@ -5,7 +5,7 @@ mod fig2;
 mod fig3;
 mod letters;
 
-pub use closed_loop::{ArmKind, ClosedLoop, RunError, RunOptions, TickTrace, run, run_with};
+pub use closed_loop::{ArmKind, ClosedLoop, Desk, DeskOptions, RunError, TickTrace, desk};
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, PREDICTORS, fig2};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
