@@ -102,14 +102,28 @@ fn time(s: &Settings, report: &mut Report<'_>) {
         );
     }
     let step_ms = f64::from(s.pen.step_ms);
-    let lead = ((s.timing.dead_time_ms + s.pen.stale_ms + step_ms) / step_ms).ceil() as usize;
+    let (mut dead_time, mut dead_time_ms) = ("dead_time_ms", s.timing.dead_time_ms);
+    if let Some(max_ms) = s.timing.dead_time_max_ms.filter(|_| s.timing.follow_lag) {
+        if max_ms < s.timing.dead_time_ms {
+            report.conflict(
+                "timing.dead_time_max_ms",
+                format!(
+                    "= {max_ms} is below timing.dead_time_ms = {}, where it starts",
+                    s.timing.dead_time_ms
+                ),
+                "raise it, leave it out, or set timing.follow_lag = false",
+            );
+        }
+        (dead_time, dead_time_ms) = ("dead_time_max_ms", max_ms);
+    }
+    let lead = ((dead_time_ms + s.pen.stale_ms + step_ms) / step_ms).ceil() as usize;
     let needed = s.mpc.horizon as usize + lead + 1;
     if needed > MAX_PREVIEW {
         report.conflict(
             "mpc.horizon",
             format!(
-                "with timing.dead_time_ms = {} and pen.stale_ms = {} needs {needed} predicted steps; there is room for {MAX_PREVIEW}",
-                s.timing.dead_time_ms, s.pen.stale_ms
+                "with timing.{dead_time} = {dead_time_ms} and pen.stale_ms = {} needs {needed} predicted steps; there is room for {MAX_PREVIEW}",
+                s.pen.stale_ms
             ),
             "shorten one of the three, or lengthen pen.step_ms",
         );

@@ -6,10 +6,11 @@
 
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
+use foretrace_control::lag::Following;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
-use foretrace_control::predict::{Models, PreviewSettings};
+use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
@@ -115,6 +116,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         ik: ik(s, robot),
         ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
         dead_time_ns: ns(s.timing.dead_time_ms),
+        following: following(s),
         safety: SafetySettings {
             valid_periods: s.control_loop.valid_periods,
             latch_after_ns: ns(s.safety.latch_after_ms),
@@ -129,6 +131,21 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             approach_distance: s.safety.approach_distance_m,
         },
     }
+}
+
+/// The farthest that the dead time may follow, if nothing is said [ms].
+const FARTHEST_MS: f64 = 200.0;
+
+fn following(s: &Settings) -> Following {
+    if !s.timing.follow_lag {
+        return Following::Fixed;
+    }
+    let (step_ms, steps) = (f64::from(s.pen.step_ms), f64::from(s.mpc.horizon) + 2.0);
+    let room_ms = (MAX_PREVIEW as f64 - steps) * step_ms - s.pen.stale_ms;
+    // Where there is no room for the dead time at start either, the check of the horizon says so.
+    let most_ms = room_ms.min(FARTHEST_MS).max(s.timing.dead_time_ms);
+    let max_ms = s.timing.dead_time_max_ms.unwrap_or(most_ms);
+    Following::Measured { max_ns: ns(max_ms), rate: s.timing.follow_rate }
 }
 
 fn plane(s: &Settings) -> Plane {

@@ -69,9 +69,18 @@ section! {
 section! {
     /// Delays of the world around the loop.
     pub struct Timing {
-        /// From a command to the motion of the arm; the prediction looks this far ahead in addition.
+        /// From a command to the motion of the arm; the prediction looks this far ahead in addition. With
+        /// `follow_lag` only the value at start.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
             "servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
+        /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow it.
+        /// `false`: the dead time stays as configured; the lag is measured and shown all the same.
+        follow_lag: bool = Flag, Default("true"), AtStart, "true";
+        /// The dead time follows no faster than this many seconds per second.
+        follow_rate: f64 = Between(0.001, 0.1), Default("0.02"), AtStart, "0.02: 20 ms per second";
+        /// The dead time follows no farther than this. Not set: as far as there is room for predicted steps, at
+        /// most 200 ms.
+        dead_time_max_ms: Option<f64> = Between(0.0, 200.0), Optional, AtStart, "nothing: leave it out";
     }
 }
 

@@ -25,4 +25,5 @@ pub mod mpc;
 pub mod qp;
 pub mod ik;
 pub mod guard;
+pub mod lag;
 pub mod follower;

@@ -1,6 +1,7 @@
 //! What one tick sees and what it answers: plain data, no references kept.
 
 use crate::ik::IkReport;
+use crate::lag::LagEstimate;
 use crate::learn::LearnStep;
 use crate::mpc::AxisReport;
 use crate::pen::{PenCounters, PenOrigin, PenReading};
@@ -298,6 +299,10 @@ pub struct StepOutput<const J: usize> {
     /// The pen is expected within this distance of the plan's first reference in nine of ten cases [m]; `None` while
     /// too little has been seen, or too far ahead.
     pub predictor_band: Option<f64>,
+    /// Dead time τ that the references looked ahead by [ns].
+    pub dead_time_ns: u64,
+    /// How late the arm was measured to be; `None` while that is not known.
+    pub lag: Option<LagEstimate>,
     /// First reference of the plan in the plane frame [m].
     pub reference: [f64; 3],
     /// Setpoint of this tick in the plane frame.

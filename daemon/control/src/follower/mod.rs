@@ -26,6 +26,7 @@ use motion::{Motion, Mover};
 use reference::Preview;
 use watch::Watch;
 
+use crate::lag::{DeadTime, LagEstimator};
 use crate::learn::LearnStep;
 use crate::pen::{PenOrigin, PenReading, PenTracker};
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
@@ -43,6 +44,8 @@ pub struct Follower<const N: usize, const J: usize> {
     pending_predictor: Option<PredictorKind>,
     trust: TrustControl,
     trust_request: TrustRequest,
+    lag: LagEstimator<J>,
+    dead_time: DeadTime,
     mover: Mover<N, J>,
 }
 
@@ -69,6 +72,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             pending_predictor: None,
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
+            lag: LagEstimator::new(),
+            dead_time: DeadTime::new(settings.dead_time_ns, settings.following),
             mover: Mover::new(&settings)?,
             settings,
         })
@@ -108,6 +113,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             self.watch.latch(StopReason::TimeLost);
         }
         self.watch.observe(now, input.joints, input.enable, &mut health);
+        if let Some(joints) = input.joints.filter(|_| !health.has(Health::JOINTS_REJECTED)) {
+            self.lag.measured(joints.stamp, &joints.q);
+        }
+        self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);
@@ -125,7 +134,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         let trust = self.believe(pen_age, news.jumped);
         if news.count > 0 || input.weights.is_some() || trust.switched {
-            self.preview.refresh(&self.previewer);
+            let steps = self.settings.steps_for(N, self.dead_time.ns());
+            self.preview.refresh(&self.previewer, steps);
         }
         if !self.preview.is_finite() {
             health.set(Health::PREDICTOR_INVALID);
@@ -136,6 +146,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         if moved.at_rest && self.watch.stopped() && self.watch.came_to_rest() {
             self.mover.let_go();
+        }
+        match &moved.command {
+            Some(command) => self.lag.commanded(command.stamp, &command.q),
+            None => self.lag.released(),
         }
         clock.lap(Stage::Guard);
 
@@ -158,7 +172,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             pen_contact: newest.is_some_and(|pen| pen.contact),
             pen_counters: self.pen.counters(),
             predictor_error: news.error,
-            predictor_band: self.preview.band(now, self.settings.dead_time_ns),
+            predictor_band: self.preview.band(now, self.dead_time.ns()),
+            dead_time_ns: self.dead_time.ns(),
+            lag: self.lag.estimate(),
             reference: moved.reference,
             setpoint: moved.setpoint,
             tool: moved.tool,
@@ -268,7 +284,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             Mode::Following | Mode::Holding => {}
         }
         let pen = self.pen.newest()?;
-        let preview = self.preview.references(now, self.settings.dead_time_ns);
+        let preview = self.preview.references(now, self.dead_time.ns());
         Some(Motion::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
     }
 }

@@ -10,6 +10,8 @@ use crate::units::{AxisState, Stamp};
 #[derive(Debug, Clone)]
 pub(super) struct Preview {
     step_ns: u64,
+    /// Steps that there is room for, and those of the newest preview.
+    most: usize,
     steps: usize,
     /// Entry 0 is the newest closed grid point, entry i the predicted position i steps later.
     path: [[f64; 2]; MAX_PREVIEW + 1],
@@ -19,10 +21,11 @@ pub(super) struct Preview {
 }
 
 impl Preview {
-    /// `steps` ≤ [`MAX_PREVIEW`] predicted steps of `step_ns`.
+    /// Up to `steps` ≤ [`MAX_PREVIEW`] predicted steps of `step_ns`.
     pub(super) fn new(step_ns: u64, steps: usize) -> Self {
         Self {
             step_ns,
+            most: steps.min(MAX_PREVIEW),
             steps: steps.min(MAX_PREVIEW),
             path: [[0.0; 2]; MAX_PREVIEW + 1],
             base: None,
@@ -31,8 +34,9 @@ impl Preview {
         }
     }
 
-    /// Rolls the predictor out anew.
-    pub(super) fn refresh(&mut self, previewer: &Previewer) {
+    /// Rolls the predictor out anew, `steps` far if there is room.
+    pub(super) fn refresh(&mut self, previewer: &Previewer, steps: usize) {
+        self.steps = steps.min(self.most);
         let Some((first, rest)) = self.path.split_first_mut() else { return };
         let Some(predicted) = rest.get_mut(..self.steps) else { return };
         if let Some(PreviewReport { base_index, base_position, finite, bands, .. }) =

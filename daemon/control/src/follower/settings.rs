@@ -4,6 +4,7 @@ use thiserror::Error;
 
 use super::plane::Plane;
 use crate::ik::{BackendError, Chain, IkBackend, IkSettings, JointLimits};
+use crate::lag::Following;
 use crate::mpc::{MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
@@ -65,8 +66,10 @@ pub struct FollowerSettings<const J: usize> {
     pub ik: IkSettings<J>,
     /// Solver of the inverse kinematics.
     pub ik_backend: IkBackend,
-    /// Time from command to arm motion, τ [ns].
+    /// Time from command to arm motion, τ, at start [ns].
     pub dead_time_ns: u64,
+    /// Whether τ follows the measured lag of the arm afterwards.
+    pub following: Following,
     /// Bounds of time and motion.
     pub safety: SafetySettings,
 }
@@ -152,19 +155,24 @@ impl<const J: usize> FollowerSettings<J> {
 
     /// Steps to roll out for a horizon of `horizon`: N + ⌈(τ + age_max)/Δ⌉ + 1 (control law, section 1).
     ///
-    /// age_max is the age at which the pen counts as stale, plus the step that may be open.
+    /// τ is the longest that it may become; age_max is the age at which the pen counts as stale, plus the step that may be
+    /// open.
     /// *Errors*: settings that do not fit together.
     pub fn preview_steps(&self, horizon: usize) -> Result<usize, FollowerError> {
         self.check()?;
-        let late_ns =
-            self.dead_time_ns.saturating_add(self.trust.stale_after_ns).saturating_add(self.pen.step_ns);
-        let lead = usize::try_from(late_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX);
-        let needed = horizon.saturating_add(lead).saturating_add(1);
+        let dead_time_ns = self.following.longest_ns(self.dead_time_ns);
+        let needed = self.steps_for(horizon, dead_time_ns);
         if needed > MAX_PREVIEW {
-            let dead_time_ns = self.dead_time_ns;
             return Err(FollowerError::PreviewTooLong { dead_time_ns, needed, available: MAX_PREVIEW });
         }
         Ok(needed)
+    }
+
+    /// The same for the dead time of the moment, so that a short one costs no more than it must.
+    pub(super) fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
+        let late_ns = dead_time_ns.saturating_add(self.trust.stale_after_ns).saturating_add(self.pen.step_ns);
+        let lead = usize::try_from(late_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX);
+        horizon.saturating_add(lead).saturating_add(1)
     }
 
     fn check(&self) -> Result<(), FollowerError> {

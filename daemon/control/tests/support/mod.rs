@@ -1,6 +1,7 @@
 //! A UR5 above a table, a pen, and ideal joint states: what the whole-step tests share.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod lagging;
 pub mod strokes;
 
 use std::sync::Arc;
@@ -11,6 +12,7 @@ use foretrace_control::follower::{
 };
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
+use foretrace_control::lag::Following;
 use foretrace_control::learn::{Learner, LearnerSettings};
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
@@ -82,6 +84,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         ik: IkSettings::for_period(period_s, HOME),
         ik_backend: IkBackend::Exact,
         dead_time_ns: 0,
+        following: Following::Fixed,
         safety: SafetySettings {
             valid_periods: 5,
             latch_after_ns: 200_000_000,

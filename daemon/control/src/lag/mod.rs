@@ -1,0 +1,177 @@
+//! How late the arm is: estimated from the commands sent and the joint states received, while it does its work.
+//!
+//! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Time standing still neither helps nor
+//! hurts: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may come at any rate, late, with
+//! jittering stamps, noise, constant offsets and gaps; what is not finite is left out. Stretches in which the arm does
+//! not go where it was sent (slowed down, stopped, moved by hand) count little and raise the doubt.
+//!
+//! Two figures, because most arms are filters:
+//! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: what the arm *is*. For
+//!   a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend on what is written.
+//! - [`LagEstimate::shift_s`], the shift of the commands that fits the recent joint states with the least squared error. A
+//!   filter delays fast motion less than slow motion, so this is shorter, the more so the faster the hand. Who can only
+//!   shift commands in time makes the smallest tracking error by exactly this much: the dead time follows it.
+//!
+//! For a pure delay both are the same.
+
+mod dead_time;
+mod delay;
+mod shift;
+mod track;
+
+pub use dead_time::{DeadTime, Following};
+
+use delay::DelayFit;
+use shift::{CANDIDATES, EARLIEST, ShiftBank};
+use track::{GRID_S, Track};
+
+use crate::units::Stamp;
+
+/// Motion that counts [s]: older motion is forgotten by 1/e.
+pub const MEMORY_S: f64 = 0.8;
+/// Motion without which nothing is said [s].
+const MIN_MOTION_S: f64 = 0.25;
+/// Speed of the joints together at which motion counts half [rad/s].
+const HALF_RADPS: f64 = 0.05;
+/// The speed is smoothed over this share per grid step: the arm still moves when the command has stopped.
+const SPEED_SHARE: f64 = 0.1;
+/// An arm farther beside its commanded path than it goes in this time does not follow [s].
+const BESIDE_S: f64 = 0.15;
+/// What stamps and grid leave open at best [s].
+const FLOOR_S: f64 = 0.2e-3;
+/// Estimates outside are no lags [s].
+const PLAUSIBLE_S: [f64; 2] = [-0.01, 0.3];
+/// Share of what was remembered that a break in the commands leaves.
+const AFTER_BREAK: f64 = 0.1;
+/// Grid steps that one call may close; the rest waits.
+const STEPS_PER_CALL: u64 = 4;
+/// Every so many grid steps the figures are worked out anew.
+const SOLVE_EVERY: u64 = 5;
+
+/// How late the arm is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LagEstimate {
+    /// Group delay at low frequency from a command's stamp to the measured motion [s], −0.01 to 0.3.
+    pub lag_s: f64,
+    /// Standard deviation of `lag_s` [s].
+    pub std_s: f64,
+    /// Shift of the commands that fits the recent motion best [s], −0.01 to 0.2.
+    pub shift_s: f64,
+}
+
+/// Estimates the lag of an arm of `J` joints.
+#[derive(Debug, Clone)]
+pub struct LagEstimator<const J: usize> {
+    commands: Track<J>,
+    joints: Track<J>,
+    shift: ShiftBank<J>,
+    delay: DelayFit<J>,
+    /// Next grid index to take in.
+    next: u64,
+    speed2: f64,
+    /// Share of the recent motion in which the arm followed.
+    followed: f64,
+    estimate: Option<LagEstimate>,
+}
+
+impl<const J: usize> LagEstimator<J> {
+    /// Knows nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            commands: Track::new(),
+            joints: Track::new(),
+            shift: ShiftBank::new(),
+            delay: DelayFit::new(),
+            next: 0,
+            speed2: 0.0,
+            followed: 1.0,
+            estimate: None,
+        }
+    }
+
+    /// A command was published: `q` [rad] holds at `stamp`, and between commands the line.
+    pub fn commanded(&mut self, stamp: Stamp, q: &[f64; J]) {
+        self.commands.push(stamp, q);
+    }
+
+    /// The arm is out of charge: whatever it does from now on was not commanded.
+    pub fn released(&mut self) {
+        self.commands.restart();
+    }
+
+    /// A joint state was received: `q` [rad] was measured at `stamp`. Takes in what it makes known.
+    pub fn measured(&mut self, stamp: Stamp, q: &[f64; J]) {
+        self.joints.push(stamp, q);
+        for _ in 0..STEPS_PER_CALL {
+            let begin =
+                self.joints.begin().max(self.commands.begin() + (CANDIDATES as i64 - 1 + EARLIEST) as u64);
+            let end = self.joints.end().min(self.commands.end().saturating_sub(EARLIEST.unsigned_abs()));
+            let follows = (begin..=end).contains(&self.next);
+            let k = if follows { self.next } else { begin };
+            if k >= end {
+                return;
+            }
+            if !follows {
+                self.break_off();
+            }
+            self.next = k + 1;
+            self.take_in(k);
+        }
+    }
+
+    /// What is known; `None` until the arm has moved for a while, and while the motion leaves it open.
+    #[must_use]
+    pub fn estimate(&self) -> Option<LagEstimate> {
+        self.estimate
+    }
+
+    /// A new stretch may be another life of the arm: what came before counts, but little.
+    fn break_off(&mut self) {
+        self.delay.restart();
+        self.delay.fade(AFTER_BREAK);
+        self.shift.fade(AFTER_BREAK);
+    }
+
+    /// The instant of grid index `k`.
+    fn take_in(&mut self, k: u64) {
+        let mut recent = [[0.0; J]; CANDIDATES];
+        for (recent, k) in recent.iter_mut().zip((0..=k + EARLIEST.unsigned_abs()).rev()) {
+            let Some(commanded) = self.commands.at(k) else { return };
+            *recent = *commanded;
+        }
+        let (Some(measured), [ahead, here, ..]) = (self.joints.at(k), &recent) else { return };
+        let squares = ahead.iter().zip(here).map(|(ahead, here)| (ahead - here) * (ahead - here));
+        self.speed2 += SPEED_SHARE * (squares.sum::<f64>() / (GRID_S * GRID_S) - self.speed2);
+        let motion = self.speed2 / (self.speed2 + HALF_RADPS * HALF_RADPS);
+        let reach2 = BESIDE_S * BESIDE_S * (self.speed2 + HALF_RADPS * HALF_RADPS);
+        let near = reach2 / (reach2 + self.shift.distance2(measured, &recent));
+        let weight = motion * near * near;
+        let keep = 1.0 - weight * GRID_S / MEMORY_S;
+        self.followed += motion * GRID_S / MEMORY_S * (near * near - self.followed);
+        self.shift.add(measured, &recent, keep, weight);
+        self.delay.add(measured, here, keep, weight);
+        if k.is_multiple_of(SOLVE_EVERY) {
+            self.estimate = self.solve();
+        }
+    }
+
+    fn solve(&self) -> Option<LagEstimate> {
+        if !(self.shift.weight() * GRID_S >= MIN_MOTION_S) {
+            return None;
+        }
+        let shift_s = self.shift.best()?;
+        let delay = self.delay.best()?;
+        // Where the arm was beside its path, the sums speak for a part of the motion only.
+        let std_s = delay.std_s.hypot(FLOOR_S) / self.followed.clamp(1e-3, 1.0);
+        let [low, high] = PLAUSIBLE_S;
+        let plausible = (low..=high).contains(&delay.delay_s) && std_s.is_finite();
+        plausible.then_some(LagEstimate { lag_s: delay.delay_s, std_s, shift_s })
+    }
+}
+
+impl<const J: usize> Default for LagEstimator<J> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

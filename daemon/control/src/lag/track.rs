@@ -1,0 +1,138 @@
+//! Joint positions at irregular stamps, read off on a uniform grid of absolute instants.
+//!
+//! Contract: linear between neighbours, which is what a command means and what a joint state allows. A gap, time that goes
+//! back, or a leap that no arm makes begins a new stretch; nothing is interpolated across it. Bounded work per sample.
+
+use crate::units::Stamp;
+
+/// Grid step of the estimator [ns]: index k is the instant k·10 ms.
+pub(super) const GRID_NS: u64 = 10_000_000;
+/// The same [s].
+pub(super) const GRID_S: f64 = GRID_NS as f64 * 1e-9;
+/// Neighbours farther apart than this belong to different stretches [ns].
+const MAX_GAP_NS: u64 = 60_000_000;
+/// Positions beyond this are no joint's [rad].
+const MAX_RAD: f64 = 1e3;
+/// Faster joints leap [rad/s]; so do those that pass [`LEAP_RAD`] on top of it, room for jittering stamps.
+const MAX_RADPS: f64 = 20.0;
+const LEAP_RAD: f64 = 0.05;
+/// Grid points kept: the longest lag, and as much again for joint states that arrive late.
+const KEPT: usize = 64;
+
+/// One stretch of motion on the grid.
+#[derive(Debug, Clone)]
+pub(super) struct Track<const J: usize> {
+    ring: [[f64; J]; KEPT],
+    last: Option<(Stamp, [f64; J])>,
+    /// First grid index of the stretch, and one past its newest.
+    begin: u64,
+    end: u64,
+}
+
+impl<const J: usize> Track<J> {
+    pub(super) const fn new() -> Self {
+        Self { ring: [[0.0; J]; KEPT], last: None, begin: 0, end: 0 }
+    }
+
+    /// Takes a sample; what is not a joint position, or repeats a stamp, is left out.
+    pub(super) fn push(&mut self, stamp: Stamp, q: &[f64; J]) {
+        if !q.iter().all(|q| q.abs() <= MAX_RAD) {
+            return;
+        }
+        let next = stamp.0 / GRID_NS + 1;
+        let span_ns = match &self.last {
+            Some((before, _)) if *before == stamp => return,
+            Some((before, from)) => joined(*before, from, stamp, q),
+            None => None,
+        };
+        if let (Some(span_ns), Some((before, from))) = (span_ns, &self.last) {
+            // At most MAX_GAP_NS / GRID_NS turns.
+            while self.end < next {
+                let part = (self.end * GRID_NS - before.0) as f64 / span_ns as f64;
+                if let Some(slot) = self.ring.get_mut(self.end as usize % KEPT) {
+                    for (slot, (from, to)) in slot.iter_mut().zip(from.iter().zip(q)) {
+                        *slot = from + part * (to - from);
+                    }
+                }
+                self.end += 1;
+            }
+        } else {
+            (self.begin, self.end) = (next, next);
+        }
+        self.last = Some((stamp, *q));
+    }
+
+    /// Forgets everything: the next sample begins a new stretch.
+    pub(super) fn restart(&mut self) {
+        self.last = None;
+        (self.begin, self.end) = (0, 0);
+    }
+
+    /// First grid index that is still there.
+    pub(super) fn begin(&self) -> u64 {
+        self.begin.max(self.end.saturating_sub(KEPT as u64))
+    }
+
+    /// One past the newest grid index.
+    pub(super) fn end(&self) -> u64 {
+        self.end
+    }
+
+    /// Positions at grid index `k` of the present stretch.
+    pub(super) fn at(&self, k: u64) -> Option<&[f64; J]> {
+        if (self.begin()..self.end).contains(&k) { self.ring.get(k as usize % KEPT) } else { None }
+    }
+}
+
+/// Time between two samples of one stretch [ns]; `None` if they do not belong together.
+fn joined<const J: usize>(before: Stamp, from: &[f64; J], stamp: Stamp, q: &[f64; J]) -> Option<u64> {
+    let span_ns = stamp.0.checked_sub(before.0).filter(|span| *span <= MAX_GAP_NS)?;
+    let reach = MAX_RADPS * span_ns as f64 * 1e-9 + LEAP_RAD;
+    from.iter().zip(q).all(|(from, to)| (to - from).abs() <= reach).then_some(span_ns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ms(ms: u64) -> Stamp {
+        Stamp(ms * 1_000_000)
+    }
+
+    #[test]
+    fn grid_points_lie_on_the_line_between_samples() {
+        let mut track = Track::<1>::new();
+        for t in (1003..1100).step_by(7) {
+            track.push(ms(t), &[t as f64 * 1e-3]);
+        }
+        assert_eq!((track.begin(), track.end()), (101, 110));
+        for k in 101..110 {
+            assert!((track.at(k).unwrap()[0] - k as f64 * 0.01).abs() < 1e-12);
+        }
+        assert!(track.at(100).is_none() && track.at(110).is_none());
+    }
+
+    #[test]
+    fn gaps_leaps_and_time_that_goes_back_begin_anew() {
+        for (stamp, q) in [(ms(1200), 0.0), (ms(900), 0.0), (ms(1052), 0.9)] {
+            let mut track = Track::<1>::new();
+            for t in 1000..=1050 {
+                track.push(ms(t), &[0.0]);
+            }
+            assert_eq!((track.begin(), track.end()), (101, 106));
+            track.push(stamp, &[q]);
+            assert_eq!(track.begin(), track.end());
+        }
+    }
+
+    #[test]
+    fn what_is_no_position_or_no_news_is_left_out() {
+        let mut track = Track::<1>::new();
+        track.push(ms(1000), &[0.0]);
+        for (stamp, q) in [(ms(1001), f64::NAN), (ms(1001), 1e9), (ms(1000), 0.01)] {
+            track.push(stamp, &[q]);
+        }
+        track.push(ms(1020), &[0.02]);
+        assert!((track.at(101).unwrap()[0] - 0.01).abs() < 1e-12);
+    }
+}
