@@ -27,3 +27,4 @@ pub mod ik;
 pub mod guard;
 pub mod lag;
 pub mod follower;
+pub mod ghost;

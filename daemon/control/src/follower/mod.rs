@@ -98,6 +98,15 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.previewer.weights()
     }
 
+    /// Takes charge of an arm that stands at `q` [rad], whoever had it before: for a loop that runs beside the real one.
+    ///
+    /// *Errors*: the joints or the tool are where no arm may be armed.
+    pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
+        self.mover.seed(now, q)?;
+        self.watch.arm(now);
+        Ok(())
+    }
+
     /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
     pub fn step(
         &mut self,

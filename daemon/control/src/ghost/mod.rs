@@ -1,0 +1,307 @@
+//! The ghost: what Hold alone (trust 0) would have done with the same pen, arm and limits, beside the loop that really
+//! runs, and how much the prediction saves against it.
+//!
+//! Contract: fed with what each tick of the real loop shows. A second [`Follower`] with the same settings and trust 0
+//! takes over the arm whenever the real one does, from the same measured joints, and sees the newest pen reading of every
+//! tick at the same instant. The real arm is where its measured joints put it; the ghost's arm is where its commands
+//! put it, the arm's lag earlier: an ideal arm but for its lag, so that what is shown as saved is rather too little. Both
+//! are judged at the stamps of the real measurements, once the pen is known around them. Only while the loop follows, and
+//! only after both tools have come near the pen. Where ticks are missing the ghost cannot know what the pen did: it
+//! starts anew from the real command at rest and is judged again after a second. Work per tick is one step of the law;
+//! nothing allocates after construction. Absent: threads, and where the lag comes from.
+
+mod score;
+mod track;
+
+pub use score::{PEN_AHEAD_NS, Score, Tracking};
+pub use track::{Point, Track};
+
+use std::collections::VecDeque;
+
+use crate::follower::{
+    Budget, Follower, FollowerError, FollowerSettings, JointReading, Mode, NoClock, Plane, StepInput,
+    StepOutput,
+};
+use crate::ik::Chain;
+use crate::pen::PenReading;
+use crate::predict::PredictorKind;
+use crate::trust::TrustRequest;
+use crate::units::{Stamp, Trust};
+
+/// An instant is judged this much later [ns]: every shift of the lag, and a pen that is 50 ms old.
+const JUDGED_AFTER_NS: u64 = PEN_AHEAD_NS + 50_000_000;
+/// Figures called recent forget within this much writing [ns].
+const MEMORY_NS: u64 = 3_000_000_000;
+/// After missing ticks both tools are given this long to move alike again [ns].
+const SETTLING_NS: u64 = 1_000_000_000;
+/// Gaps in the pen longer than this are not interpolated [ns]; as in the lab's score.
+const PEN_GAP_NS: i64 = 50_000_000;
+/// Gaps in the ghost's commands longer than this are not interpolated [ns].
+const TOOL_GAP_NS: i64 = 50_000_000;
+/// Points kept: half a second at 1 kHz.
+const KEPT: usize = 512;
+/// The jump gate of the real loop has judged already [m/s].
+const ANY_SPEED_MPS: f64 = 1e9;
+
+/// What one tick of the real loop showed.
+#[derive(Debug, Clone, Copy)]
+pub struct GhostTick<'a, const J: usize> {
+    /// Number of the tick; they follow each other by one.
+    pub tick: u64,
+    /// Nominal release time of the tick.
+    pub now: Stamp,
+    /// What the step was allowed to spend.
+    pub budget: Budget,
+    /// What the step answered.
+    pub output: &'a StepOutput<J>,
+    /// Newest measured joints [rad] and their stamp.
+    pub measured: Option<(Stamp, [f64; J])>,
+    /// How late the arm is, from the stamp of a command to the motion [ns].
+    pub lag_ns: u64,
+}
+
+/// Whether the ghost can be compared with the real loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum GhostState {
+    /// The loop does not follow the pen.
+    #[default]
+    Off,
+    /// One of both tools is still on its way to the pen.
+    Approaching,
+    /// Ticks were missing; both tools are given time to move alike again.
+    Settling,
+    /// It can.
+    Comparable,
+}
+
+/// Both tools at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compared {
+    /// When.
+    pub instant: Stamp,
+    /// Distance of the real tool from the pen [m].
+    pub error_m: f64,
+    /// Distance of the ghost's tool from the pen [m].
+    pub ghost_error_m: f64,
+    /// The pen wrote.
+    pub contact: bool,
+}
+
+/// What the ghost did in one tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GhostReport {
+    /// Whether it can be compared.
+    pub state: GhostState,
+    /// Where its command puts the tool, plane frame [m]; `None` while there is no command.
+    pub tool: Option<[f64; 3]>,
+    /// The newest instant that was judged in this tick.
+    pub compared: Option<Compared>,
+}
+
+/// How both do, since the loop was armed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GhostFigures {
+    /// Whether they are being compared.
+    pub state: GhostState,
+    /// How long the pen wrote while they were [s].
+    pub seconds: f64,
+    /// The real loop.
+    pub real: Tracking,
+    /// Hold alone.
+    pub ghost: Tracking,
+}
+
+/// The ghost of a loop with horizon `N` and `J` joints.
+#[derive(Debug)]
+pub struct Ghost<const N: usize, const J: usize> {
+    follower: Follower<N, J>,
+    chain: Chain<J>,
+    plane: Plane,
+    approach_distance: f64,
+    last_tick: Option<u64>,
+    engaged: bool,
+    approached: bool,
+    settled_at: Stamp,
+    state: GhostState,
+    /// Joints that the ghost's last command asked for [rad].
+    commanded: [f64; J],
+    pen: Track,
+    tool: Track,
+    /// Measured instants that wait to be judged: when, and where the real tool was.
+    waiting: VecDeque<(Stamp, [f64; 2])>,
+    measured: Stamp,
+    score: Score,
+}
+
+impl<const N: usize, const J: usize> Ghost<N, J> {
+    /// The ghost of a loop with these settings.
+    ///
+    /// *Errors*: as [`Follower::new`].
+    pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
+        let (chain, plane) = (settings.chain.clone(), settings.plane);
+        let approach_distance = settings.safety.approach_distance;
+        Ok(Self {
+            follower: Follower::new(of_hold(settings))?,
+            chain,
+            plane,
+            approach_distance,
+            last_tick: None,
+            engaged: false,
+            approached: false,
+            settled_at: Stamp(0),
+            state: GhostState::Off,
+            commanded: [0.0; J],
+            pen: Track::new(KEPT, PEN_GAP_NS),
+            tool: Track::new(KEPT, TOOL_GAP_NS),
+            waiting: VecDeque::with_capacity(KEPT),
+            measured: Stamp(0),
+            score: Score::new(MEMORY_NS),
+        })
+    }
+
+    /// Goes along with one tick of the real loop.
+    pub fn follow(&mut self, tick: &GhostTick<'_, J>) -> GhostReport {
+        let (now, output) = (tick.now, tick.output);
+        let whole =
+            self.last_tick.replace(tick.tick).is_some_and(|last| last.checked_add(1) == Some(tick.tick));
+        if let Some(stamp) = output.pen_stamp {
+            let (position, contact) = (output.pen_position, output.pen_contact);
+            self.pen.push(Point { stamp, position, contact });
+        }
+        let engaged = matches!(output.mode, Mode::Armed | Mode::Following | Mode::Holding);
+        let begins = engaged && !self.engaged;
+        self.engaged = engaged;
+        if !engaged {
+            self.part();
+            self.state = GhostState::Off;
+            return GhostReport::default();
+        }
+        if begins {
+            self.score = Score::new(MEMORY_NS);
+        }
+        if !self.take_over(tick, begins, whole) {
+            self.state = GhostState::Settling;
+            return GhostReport { state: self.state, ..GhostReport::default() };
+        }
+        let shadow = self.step(tick);
+        let tool = shadow.command.map(|command| {
+            let [x, y, _] = shadow.tool;
+            self.commanded = command.q;
+            self.tool.push(Point { stamp: command.stamp, position: [x, y], contact: true });
+            shadow.tool
+        });
+        if !matches!(shadow.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+            // It stopped where the real loop did not: not the same motion any more.
+            self.last_tick = None;
+        }
+        self.state = self.judged_state(now, output, &shadow);
+        self.measure(tick);
+        GhostReport { state: self.state, tool, compared: self.judge(tick) }
+    }
+
+    /// How both do.
+    #[must_use]
+    pub fn figures(&self) -> GhostFigures {
+        let [real, ghost] = self.score.tracking();
+        GhostFigures { state: self.state, seconds: self.score.seconds(), real, ghost }
+    }
+
+    /// Nothing that was goes on.
+    fn part(&mut self) {
+        self.approached = false;
+        self.tool.clear();
+        self.waiting.clear();
+    }
+
+    /// Puts the ghost where the real arm is, where the two begin together or were parted; `false` when it cannot.
+    fn take_over(&mut self, tick: &GhostTick<'_, J>, begins: bool, whole: bool) -> bool {
+        if whole && !begins {
+            return true;
+        }
+        let together = begins && whole;
+        let joints = if together {
+            tick.measured.map(|(_, q)| q)
+        } else {
+            // Who does not know how the arm got here cannot take it over in motion.
+            self.settled_at = tick.now.plus_ns(SETTLING_NS);
+            tick.output.command.map(|command| command.q)
+        };
+        self.part();
+        let taken = joints.filter(|q| self.follower.take_over(tick.now, q).is_ok());
+        if let Some(q) = taken {
+            self.commanded = q;
+        } else {
+            self.last_tick = None;
+        }
+        taken.is_some()
+    }
+
+    fn step(&mut self, tick: &GhostTick<'_, J>) -> StepOutput<J> {
+        let output = tick.output;
+        let reading = output.pen_stamp.map(|stamp| PenReading {
+            origin: output.pen_origin,
+            ..PenReading::new(stamp, output.pen_position, output.pen_contact)
+        });
+        // The same reading again is refused as a repeat and changes nothing.
+        let joints = JointReading { stamp: tick.now, q: self.commanded, qd: [0.0; J], motion_allowed: true };
+        let input =
+            StepInput { pen: reading.as_slice(), joints: Some(&joints), ..StepInput::nothing(tick.now) };
+        self.follower.step(&input, tick.budget, &mut NoClock)
+    }
+
+    fn judged_state(&mut self, now: Stamp, real: &StepOutput<J>, shadow: &StepOutput<J>) -> GhostState {
+        if real.mode != Mode::Following || shadow.mode != Mode::Following {
+            self.approached = false;
+            return if now < self.settled_at { GhostState::Settling } else { GhostState::Approaching };
+        }
+        let [px, py] = real.pen_position;
+        let near = |[x, y, _]: [f64; 3]| (x - px).hypot(y - py) <= self.approach_distance;
+        self.approached |= near(real.tool) && near(shadow.tool);
+        match self.approached {
+            _ if now < self.settled_at => GhostState::Settling,
+            true => GhostState::Comparable,
+            false => GhostState::Approaching,
+        }
+    }
+
+    /// Notes where the real tool was when it was last measured, if that is to be judged.
+    fn measure(&mut self, tick: &GhostTick<'_, J>) {
+        let Some((stamp, q)) = tick.measured.filter(|(stamp, _)| *stamp > self.measured) else { return };
+        self.measured = stamp;
+        if self.state == GhostState::Comparable && self.waiting.len() < KEPT {
+            let at = self.plane.point_from_base(&self.chain.forward(&q).position);
+            self.waiting.push_back((stamp, [at.x, at.y]));
+        }
+    }
+
+    /// Judges the instants around which everything is known by now.
+    fn judge(&mut self, tick: &GhostTick<'_, J>) -> Option<Compared> {
+        let mut newest = None;
+        while let Some(&(instant, real)) = self.waiting.front() {
+            if instant.plus_ns(JUDGED_AFTER_NS) > tick.now {
+                break;
+            }
+            self.waiting.pop_front();
+            let then = Stamp(instant.0.saturating_sub(tick.lag_ns));
+            let Some(ghost) = self.tool.at(then) else { continue };
+            if let Some(([error_m, ghost_error_m], contact)) =
+                self.score.judge(instant, [real, ghost.position], &self.pen)
+            {
+                newest = Some(Compared { instant, error_m, ghost_error_m, contact });
+            }
+        }
+        newest
+    }
+}
+
+/// The settings of a loop that only holds, fed with readings that were judged and placed in the plane already.
+fn of_hold<const J: usize>(mut settings: FollowerSettings<J>) -> FollowerSettings<J> {
+    settings.trust_request = TrustRequest::Manual(Trust::NONE);
+    settings.preview.kind = PredictorKind::Hold;
+    settings.pen.max_speed_mps = ANY_SPEED_MPS;
+    settings.plane.pen_scale = 1.0;
+    settings.plane.pen_origin = [0.0; 2];
+    // The operator's hand is on the real arm; the ghost goes along with what became of it.
+    settings.safety.enable_required = false;
+    settings
+}
