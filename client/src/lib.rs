@@ -28,9 +28,9 @@ mod operate;
 pub use operate::*;
 
 pub use foretrace_shm::{
-    AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable, FaultReason,
-    HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode, PenSample, Percentiles,
-    PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode,
+    ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
+    FaultReason, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode, PenSample,
+    Percentiles, PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode,
     ServiceError, SolverPath, Stage, Status, TickRecord, TrustReason, command_flags, guard_mask, health,
     host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -28,6 +28,8 @@ mod joints;
 pub use joints::*;
 mod counters;
 pub use counters::*;
+mod arm_lag;
+pub use arm_lag::*;
 mod tick_record;
 pub use tick_record::*;
 mod status;

@@ -5,8 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    Chain, Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason, Validate,
-    missing_rights,
+    ArmLag, Chain, Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason,
+    Validate, missing_rights,
 };
 
 wire! {
@@ -90,6 +90,9 @@ wire! {
         /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
         /// not known.
         pub predictor_band_m: f64,
+
+        /// The arm's lag, and what the plan makes of it.
+        pub arm_lag: ArmLag,
 
         /// Heap allocations per tick after warm-up, ticks with a connection change left out.
         pub allocations_per_tick: f64,

@@ -9,8 +9,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    AXES, Counters, FaultReason, Header, JOINTS, Mode, PredictorId, Rejection, Rung, STAGES, SolverPath,
-    Stage, TrustReason, Validate, guard_mask, health,
+    AXES, ArmLag, Counters, FaultReason, Header, JOINTS, Mode, PredictorId, Rejection, Rung, STAGES,
+    SolverPath, Stage, TrustReason, Validate, guard_mask, health,
 };
 
 wire! {
@@ -175,6 +175,8 @@ wire! {
         pub connections_changed: u32,
         /// Totals up to this tick.
         pub counters: Counters,
+        /// The arm's lag, and what the plan makes of it.
+        pub arm_lag: ArmLag,
 
         /// Where a shadow predictor would have the pen at the command's stamp [m]; reserved, zero.
         pub ghost_m: [f64; AXES],

@@ -123,8 +123,14 @@ fn layouts_are_pinned() {
         ],
         0x73493b22b605ca88,
     );
+    pinned::<ArmLag>(
+        32,
+        8,
+        &[("dead_time_ns", 0, 8), ("lag_s", 8, 8), ("std_s", 16, 8), ("shift_s", 24, 8)],
+        0x2557f6b82ef60069,
+    );
     pinned::<TickRecord>(
-        1136,
+        1168,
         8,
         &[
             ("header", 0, 24),
@@ -186,12 +192,13 @@ fn layouts_are_pinned() {
             ("allocations", 712, 4),
             ("connections_changed", 716, 4),
             ("counters", 720, 376),
-            ("ghost_m", 1096, 24),
-            ("ghost_error_m", 1120, 8),
-            ("ghost_predictor", 1128, 4),
-            ("reserved", 1132, 4),
+            ("arm_lag", 1096, 32),
+            ("ghost_m", 1128, 24),
+            ("ghost_error_m", 1152, 8),
+            ("ghost_predictor", 1160, 4),
+            ("reserved", 1164, 4),
         ],
-        0xc930fb9de66474e8,
+        0xc3599d975dca2516,
     );
     pinned::<Percentiles>(
         16,
@@ -200,7 +207,7 @@ fn layouts_are_pinned() {
         0x1f3d04f1cb1a7002,
     );
     pinned::<Status>(
-        840,
+        872,
         8,
         &[
             ("header", 0, 24),
@@ -232,10 +239,11 @@ fn layouts_are_pinned() {
             ("learner_age_ns", 752, 8),
             ("predictor_rms_m", 760, 8),
             ("predictor_band_m", 768, 8),
-            ("allocations_per_tick", 776, 8),
-            ("reserved", 784, 56),
+            ("arm_lag", 776, 32),
+            ("allocations_per_tick", 808, 8),
+            ("reserved", 816, 56),
         ],
-        0x3ecdb890ef508a7e,
+        0xf7a1cdba32418a9b,
     );
     pinned::<ControlRequest>(
         32,

@@ -1,11 +1,16 @@
-//! The lag estimator against arms whose lag is known.
+//! The lag estimator against arms whose lag is known, alone and in the loop.
 
 mod support;
 
-use foretrace_control::lag::{LagEstimate, LagEstimator};
+use std::collections::VecDeque;
+
+use foretrace_control::follower::{Budget, FollowerSettings, StepInput};
+use foretrace_control::lag::{Following, LagEstimate, LagEstimator};
+use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use support::Bench;
 use support::lagging::{Arm, Kind, TICK_S, Writing, servo};
 
 const TICK_NS: u64 = 2_000_000;
@@ -249,4 +254,71 @@ fn the_same_inputs_give_the_same_estimate_bit_for_bit() {
         [a.lag_s, a.std_s, a.shift_s].map(f64::to_bits),
         [b.lag_s, b.std_s, b.shift_s].map(f64::to_bits)
     );
+}
+
+/// Writes for `seconds` with an arm that is `late` ticks behind; calls `see` with τ [ns] and the estimate of every tick.
+fn follow(
+    settings: FollowerSettings<6>,
+    late: usize,
+    seconds: f64,
+    mut see: impl FnMut(u64, Option<LagEstimate>),
+) {
+    let mut bench = Bench::armed(settings);
+    let mut behind = VecDeque::from(vec![bench.joints; late]);
+    for tick in 0..(seconds / TICK_S) as u32 {
+        let t = f64::from(tick) * TICK_S;
+        let pen = bench.pen([0.03 * (7.0 * t).sin() * (0.9 * t).cos(), 0.025 * (11.0 * t).cos() - 0.025]);
+        behind.push_back(bench.joints);
+        let mut joints = behind.pop_front().unwrap();
+        joints.stamp = bench.now;
+        let input = StepInput { pen: &[pen], joints: Some(&joints), ..StepInput::nothing(bench.now) };
+        let output = bench.step(&input, Budget::default());
+        see(output.dead_time_ns, output.lag);
+    }
+}
+
+fn settings(start_ns: u64, following: Following) -> FollowerSettings<6> {
+    FollowerSettings {
+        dead_time_ns: start_ns,
+        following,
+        ..support::settings(PredictorKind::ConstantVelocity)
+    }
+}
+
+#[test]
+fn the_dead_time_of_the_loop_follows_the_arm_slowly() {
+    let following = Following::Measured { max_ns: 80_000_000, rate: 0.02 };
+    for (start_ms, late) in [(10, 25), (70, 10), (34, 0)] {
+        let (mut before, mut last) = (start_ms * 1_000_000, (0, None));
+        follow(settings(before, following), late, 8.0, |dead_time_ns, lag| {
+            assert!(dead_time_ns.abs_diff(before) <= 40_001, "{before} to {dead_time_ns} in one tick");
+            (before, last) = (dead_time_ns, (dead_time_ns, lag));
+        });
+        let (dead_time_ns, lag) = last;
+        let error_ms = dead_time_ns as f64 * 1e-6 - late as f64 * 2.0;
+        assert!(error_ms.abs() < 1.0, "{late} ticks late: {error_ms} ms; {lag:?}");
+    }
+}
+
+#[test]
+fn a_fixed_dead_time_stays_and_the_lag_is_known_all_the_same() {
+    let mut newest = None;
+    follow(settings(34_000_000, Following::Fixed), 30, 5.0, |dead_time_ns, lag| {
+        assert_eq!(dead_time_ns, 34_000_000);
+        newest = lag;
+    });
+    assert!((newest.unwrap().lag_s - 0.06).abs() < 1e-3, "{newest:?}");
+}
+
+#[test]
+fn the_preview_has_room_for_the_longest_dead_time() {
+    let at = |max_ns| settings(0, Following::Measured { max_ns, rate: 0.02 }).preview_steps(10).unwrap();
+    assert_eq!(at(200_000_000) - at(0), 20);
+    let refused = settings(0, Following::Measured { max_ns: 600_000_000, rate: 0.02 }).preview_steps(10);
+    assert!(refused.unwrap_err().to_string().contains("600000000"));
+    // A lag beyond the longest dead time is followed as far as that.
+    let mut newest = 0;
+    let following = Following::Measured { max_ns: 40_000_000, rate: 0.1 };
+    follow(settings(20_000_000, following), 40, 5.0, |dead_time_ns, _| newest = dead_time_ns);
+    assert!((39_900_000..=40_000_000).contains(&newest), "{newest}");
 }

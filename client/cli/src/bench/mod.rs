@@ -3,6 +3,7 @@
 //! Contract: for every instance each backend is timed once, in turning order, so that all see the same machine and about
 //! the same caches. The clock's own cost is reported, not subtracted. Percentiles are over instances.
 
+mod lag;
 mod online;
 mod predictors;
 mod workload;
@@ -104,6 +105,8 @@ struct Report {
     step_by_predictor_us: Vec<stepping::PredictorSteps>,
     /// One grid step of the learner: all models, their comparisons, all bands.
     learn_us: Cost,
+    /// The lag estimator's part of a tick.
+    lag_us: lag::LagCost,
     /// One observation and one preview each.
     predictors_us: Vec<predictors::PredictorCost>,
     clock_us: f64,
@@ -131,6 +134,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
         step_us: stepping::stepping(&config, &workload, args.samples)?,
         step_by_predictor_us,
         learn_us,
+        lag_us: lag::lag(&workload, args.samples),
         predictors_us: predictors::predictors(&config, &workload, args.samples)?,
         clock_us: clock_cost(),
         samples: args.samples,
@@ -321,6 +325,8 @@ fn table(report: &Report) {
         say!("{:<22} {:>15} {:>19} {:>19}", predictor, pair(any), pair(new_preview), pair(new_weights));
     }
     say!("{:<22} {:>15}   off the loop: all models, all bands", "learner's step", pair(&report.learn_us));
+    let lag = &report.lag_us;
+    say!("{:<22} {:>15}   {:.2} in the mean", "lag of the arm, a tick", pair(&lag.per_tick), lag.mean);
     say!("");
     for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
         let what = if *steps == 0 { "learn".to_owned() } else { format!("observe, {steps} steps") };

@@ -64,6 +64,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.commands_failed
     ));
     line(format_args!("chain       {}", chain_text(status)));
+    line(format_args!("lag         {}", lag_text(status)));
     line(format_args!(
         "trust       {:.2} -> {:.2} ({})   predictor {}{}",
         status.trust,
@@ -130,6 +131,7 @@ pub(crate) fn json(status: &Status) -> Value {
             (stage.label().to_owned(), value)
         })
         .collect();
+    let known = status.arm_lag.is_known();
     json!({
         "mode": label::<Mode>(status.mode),
         "fault": label::<FaultReason>(status.fault),
@@ -173,6 +175,12 @@ pub(crate) fn json(status: &Status) -> Value {
             "pen_age_ms": age_ms(status.chain.pen_age_ns),
             "compute_ms": age_ms(status.chain.compute_ns),
             "command_transport_ms": age_ms(status.chain.command_transport_ns),
+        },
+        "arm_lag": {
+            "lag_ms": known.then_some(status.arm_lag.lag_s * 1e3),
+            "std_ms": known.then_some(status.arm_lag.std_s * 1e3),
+            "shift_ms": known.then_some(status.arm_lag.shift_s * 1e3),
+            "dead_time_ms": status.arm_lag.dead_time_ns as f64 * 1e-6,
         },
         "trust": {
             "value": status.trust,
@@ -220,6 +228,19 @@ fn chain_text(status: &Status) -> String {
     if known.is_empty() { "nothing to time yet".to_owned() } else { known.join(", ") }
 }
 
+/// How late the arm is, and what the plan makes of it.
+fn lag_text(status: &Status) -> String {
+    let lag = &status.arm_lag;
+    let ms = |s: f64| s * 1e3;
+    let planned = format!("planned for {:.1}", lag.dead_time_ns as f64 * 1e-6);
+    if lag.is_known() {
+        let (lag, std, shift) = (ms(lag.lag_s), ms(lag.std_s), ms(lag.shift_s));
+        format!("arm lag {lag:.1} ± {std:.1} ms, in this motion {shift:.1}, {planned}")
+    } else {
+        format!("arm lag not measured yet, {planned} ms")
+    }
+}
+
 /// The word for a number on the wire.
 fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
@@ -244,7 +265,7 @@ fn seconds(ns: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foretrace_shm::Chain;
+    use foretrace_shm::{ArmLag, Chain};
 
     #[test]
     fn text_names_mode_stages_trust_and_missing_rights() {
@@ -281,6 +302,18 @@ mod tests {
         );
         let age_ms = json(&status)["chain"]["pen_age_ms"].as_f64().unwrap();
         assert!((age_ms - 3.1).abs() < 1e-9, "{age_ms}");
+    }
+
+    #[test]
+    fn the_lag_is_told_with_its_spread_and_what_is_planned_for() {
+        let mut status = Status { arm_lag: ArmLag::unknown(42_000_000), ..Status::default() };
+        assert!(text(&status, 0).contains("arm lag not measured yet, planned for 42.0 ms\n"));
+        assert!(json(&status)["arm_lag"]["lag_ms"].is_null());
+        status.arm_lag = ArmLag { dead_time_ns: 33_200_000, lag_s: 0.0341, std_s: 0.0006, shift_s: 0.0332 };
+        let page = text(&status, 0);
+        assert!(page.contains("arm lag 34.1 ± 0.6 ms, in this motion 33.2, planned for 33.2\n"), "{page}");
+        let lag = &json(&status)["arm_lag"];
+        assert!((lag["std_ms"].as_f64().unwrap() - 0.6).abs() < 1e-9 && lag["dead_time_ms"] == 33.2);
     }
 
     #[test]

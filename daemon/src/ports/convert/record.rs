@@ -3,6 +3,7 @@
 use foretrace_control::follower::{Health, Mode, Rung, StepOutput};
 use foretrace_control::guard::Reasons;
 use foretrace_control::ik::{IkReport, IkSource};
+use foretrace_control::lag::LagEstimate;
 use foretrace_control::mpc::{AxisReport, SolvePath};
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
@@ -153,6 +154,7 @@ pub fn tick_record(evidence: &Evidence, parts: &Parts, ipc: &IpcTally) -> shm::T
         allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
         connections_changed: (evidence.port_allocations > 0).into(),
         counters: counters(evidence, ipc),
+        arm_lag: arm_lag(output),
         ..Default::default()
     };
     ik_report(&mut record, &output.ik, output);
@@ -160,6 +162,17 @@ pub fn tick_record(evidence: &Evidence, parts: &Parts, ipc: &IpcTally) -> shm::T
         record.set_stage(stage, ns);
     }
     record
+}
+
+/// How late the arm is, and what the plan makes of it.
+fn arm_lag(output: &StepOutput<JOINTS>) -> shm::ArmLag {
+    let unknown = shm::ArmLag::unknown(output.dead_time_ns);
+    output.lag.map_or(unknown, |LagEstimate { lag_s, std_s, shift_s }| shm::ArmLag {
+        lag_s,
+        std_s,
+        shift_s,
+        ..unknown
+    })
 }
 
 /// Latencies part by part as they stand on the wire.
@@ -189,6 +202,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, 
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
+    status.arm_lag = arm_lag(output);
     status.learner_version = output.weights_version;
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }

@@ -1,0 +1,50 @@
+//! The lag estimator under the clock: what it adds to every tick of the recorded loop.
+//!
+//! Contract: one number per tick, of a joint state and a command taken in. In most ticks they are only put down; every grid
+//! step one instant is worked in, and every fifth the figures are worked out anew: the tail.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use foretrace_control::lag::LagEstimator;
+use serde::Serialize;
+
+use super::workload::{J, Workload};
+use super::{Cost, cost, elapsed_us};
+
+/// Cost per tick [µs].
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct LagCost {
+    #[serde(flatten)]
+    pub(super) per_tick: Cost,
+    /// The mean tells more than the median here.
+    pub(super) mean: f64,
+}
+
+/// Times it on `samples` ticks, over and over the recorded loop.
+pub(super) fn lag(workload: &Workload, samples: u32) -> LagCost {
+    let mut times = Vec::new();
+    'laps: loop {
+        let mut estimator = LagEstimator::<J>::new();
+        for (tick, next) in workload.ticks.iter().zip(workload.ticks.iter().skip(1)) {
+            if times.len() >= samples as usize {
+                break 'laps;
+            }
+            // The arm of the workload is where it was sent: its next joints are this tick's command.
+            let (measured, command) = (black_box(tick.joints.q), black_box(next.joints.q));
+            let begin = Instant::now();
+            estimator.measured(tick.now, &measured);
+            estimator.commanded(next.now, &command);
+            black_box(estimator.estimate());
+            let us = elapsed_us(begin);
+            if tick.following {
+                times.push(us);
+            }
+        }
+        if times.is_empty() {
+            break;
+        }
+    }
+    let mean = times.iter().sum::<f64>() / times.len().max(1) as f64;
+    LagCost { per_tick: cost(times), mean }
+}
