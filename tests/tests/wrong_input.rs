@@ -72,6 +72,7 @@ fn without_a_daemon_every_peer_says_so() {
         &["play", "glyphs:a"],
         &["arm", "sim"],
         &["record", "--pen", "a.csv"],
+        &["calibrate", "lag"],
     ] {
         assert_refused(&world.run(0, command), 3, &["no daemon running", "foretrace daemon"]);
     }

@@ -18,6 +18,7 @@ mod arm;
 mod play;
 mod record;
 mod request;
+mod calibrate;
 mod status;
 mod demo;
 mod bench;
@@ -55,6 +56,9 @@ enum Command {
     #[command(subcommand)]
     Arm(arm::ArmCommand),
     Request(request::RequestArgs),
+    /// Measure what the settings need to know about the arm
+    #[command(subcommand)]
+    Calibrate(calibrate::CalibrateCommand),
     Status(status::StatusArgs),
     Bench(bench::BenchArgs),
     /// The paper's experiments on a data set
@@ -85,6 +89,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),
+        Command::Calibrate(command) => calibrate::run(command),
         Command::Status(args) => status::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Lab(command) => lab::run(command),

@@ -87,6 +87,22 @@ pub(crate) fn refused(error: &RequestError) -> Failure {
     }
 }
 
+/// A refusal to arm that waiting may cure: the arm has not reported yet, or is just about to.
+pub(crate) fn may_pass(error: &RequestError) -> bool {
+    match error {
+        RequestError::NoAnswer(_) => true,
+        other => matches!(
+            other.refusal(),
+            Some(
+                ControlStatus::NoJointState
+                    | ControlStatus::JointStateStale
+                    | ControlStatus::RobotNotReady
+                    | ControlStatus::Busy
+            )
+        ),
+    }
+}
+
 fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<ControlResponse, RequestError> {
     match request {
         Request::Arm => requests.arm(wait),

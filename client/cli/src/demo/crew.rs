@@ -5,9 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use foretrace_client::{
-    ControlStatus, Foretrace, Instance, Mode, RequestError, Requests, ServiceError, StatusReader, Telemetry,
-};
+use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, StatusReader, Telemetry};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::children::Child;
@@ -16,7 +14,7 @@ use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{may_draw, note};
-use crate::request::refused;
+use crate::request::{may_pass, refused};
 
 /// A busy machine takes seconds to start three processes.
 const STARTING: Duration = Duration::from_secs(30);
@@ -230,21 +228,5 @@ impl Drop for Crew {
             bar.finish_and_clear();
         }
         while self.children.pop().is_some() {}
-    }
-}
-
-/// The arm has not reported yet, or is just about to.
-fn may_pass(error: &RequestError) -> bool {
-    match error {
-        RequestError::NoAnswer(_) => true,
-        other => matches!(
-            other.refusal(),
-            Some(
-                ControlStatus::NoJointState
-                    | ControlStatus::JointStateStale
-                    | ControlStatus::RobotNotReady
-                    | ControlStatus::Busy
-            )
-        ),
     }
 }

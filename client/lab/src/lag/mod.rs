@@ -313,7 +313,7 @@ fn moving_time(commands: &[Sample], joints: &[usize]) -> (f64, f64) {
     let top = commands.windows(2).map(speed).fold(0.0, f64::max);
     let mut moving = commands.windows(2).filter(|pair| speed(pair) >= 0.05 * top).map(|pair| pair[1].t_s);
     let first = moving.next().unwrap_or_default();
-    (first, moving.last().unwrap_or(first))
+    (first, moving.next_back().unwrap_or(first))
 }
 
 fn no_gap<'a>(what: &'static str, samples: impl Iterator<Item = &'a Sample>) -> Result<(), LagError> {

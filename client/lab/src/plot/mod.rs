@@ -13,7 +13,7 @@ mod scatter;
 pub use bars::{Bars, Best, bar_table};
 pub use histogram::{Distribution, histograms};
 pub use overlay::{Cell, letter_grid, path_overlay};
-pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, trust_ramp};
+pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, panels_and_curve, trust_ramp};
 pub use scatter::{Named, scatter};
 
 use std::io::Write;

@@ -159,19 +159,8 @@ pub fn panels(
     panels: &[Panel<'_>],
     shade: Option<(f64, f64)>,
 ) -> Result<(), PlotError> {
-    let all = panels.iter().flat_map(|p| p.lines).flat_map(|l| l.points);
-    let Some((first, last)) = extent(all.map(|p| p.0)) else {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no points" });
-    };
-    let x_range = if last > first { first..last } else { first - 0.5..first + 0.5 };
-    let mut names: Vec<&str> = Vec::new();
-    for line in panels.iter().flat_map(|p| p.lines) {
-        if !names.contains(&line.label) {
-            names.push(line.label);
-        }
-    }
-    let coloured: Vec<Key<'_>> =
-        names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect();
+    let x_range = x_range(file, panels)?;
+    let coloured = coloured(panels.iter());
     // A panel with one line is named by its axis.
     let legend: &[Key<'_>] = if panels.iter().any(|p| p.lines.len() > 1) { &coloured } else { &[] };
     let height = if panels.len() == 1 { SIZE_PX.1 } else { 130 + 240 * panels.len() as u32 };
@@ -184,6 +173,57 @@ pub fn panels(
         }
         Ok(())
     })
+}
+
+/// Draws charts above each other with a common x axis, and below them `curve` with an x axis of its own; `x_labels` for
+/// both.
+///
+/// # Errors
+/// [`PlotError`]: no finite point in either, or the file cannot be written.
+pub fn panels_and_curve(
+    file: &Path,
+    title: &str,
+    subtitle: &str,
+    x_labels: (&str, &str),
+    panels: &[Panel<'_>],
+    curve: &Panel<'_>,
+) -> Result<(), PlotError> {
+    let above = x_range(file, panels)?;
+    let below = x_range(file, std::slice::from_ref(curve))?;
+    let coloured = coloured(panels.iter().chain([curve]));
+    let rows = panels.len() + 1;
+    picture(file, (SIZE_PX.0, 130 + 240 * rows as u32), title, subtitle, &coloured, |area| {
+        let places = area.split_evenly((rows, 1));
+        for (index, (panel, place)) in panels.iter().chain([curve]).zip(&places).enumerate() {
+            let (range, label) = match index + 1 {
+                row if row == rows => (below.clone(), x_labels.1),
+                row if row == rows - 1 => (above.clone(), x_labels.0),
+                _ => (above.clone(), ""),
+            };
+            draw_panel(place, panel, &coloured, range, label, None)?;
+        }
+        Ok(())
+    })
+}
+
+/// From the first to the last finite point of all panels.
+fn x_range(file: &Path, panels: &[Panel<'_>]) -> Result<Range<f64>, PlotError> {
+    let all = panels.iter().flat_map(|p| p.lines).flat_map(|l| l.points);
+    let Some((first, last)) = extent(all.map(|p| p.0)) else {
+        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no points" });
+    };
+    Ok(if last > first { first..last } else { first - 0.5..first + 0.5 })
+}
+
+/// A colour for every label, in the order in which they come.
+fn coloured<'a>(panels: impl Iterator<Item = &'a Panel<'a>>) -> Vec<Key<'a>> {
+    let mut names: Vec<&str> = Vec::new();
+    for line in panels.flat_map(|p| p.lines) {
+        if !names.contains(&line.label) {
+            names.push(line.label);
+        }
+    }
+    names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect()
 }
 
 /// Draws a ramp of trust with the error and the jerk around it, the ramp shaded.

@@ -36,13 +36,15 @@ fn every_picture_is_whole_svg_with_its_title_and_leaves_no_other_file() {
     bar_table(&at("6.svg"), "Title & co", "", &["a", "b", "c"], &[bars]).unwrap();
     let named = [Named { name: "<K>", point: (1.0, -0.5) }, Named { name: "O", point: (2.0, 0.5) }];
     scatter(&at("7.svg"), "Title & co", "", ("x", "y"), &named).unwrap();
-    for i in 0..8 {
+    let panel = Panel { y_label: "y", y_range: None, lines: &[line] };
+    panels_and_curve(&at("8.svg"), "Title & co", "", ("t", "s"), &[panel, panel], &panel).unwrap();
+    for i in 0..9 {
         let svg = std::fs::read_to_string(at(&format!("{i}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{i}");
         assert!(svg.contains("Title &amp; co"), "{i}");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{i}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 8);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 9);
 }
 
 #[test]
@@ -61,6 +63,8 @@ fn hostile_data_draws_or_is_refused_but_never_panics() {
         let _ = histograms(&file, "", "", &[Distribution::from_values_us("", odd[..count].iter().copied())]);
         let line = Line { label: "", points: &points[..count], mark: Mark::Solid };
         let _ = lines(&file, "", "", ("", ""), &[line]);
+        let panel = Panel { y_label: "", y_range: None, lines: &[line] };
+        let _ = panels_and_curve(&file, "", "", ("", ""), &[panel], &panel);
         let values = odd[..count].iter().map(|v| Some(*v)).collect();
         let bars = Bars { label: "", values, digits: 3, best: Best::Highest };
         let _ = bar_table(&file, "", "", &[""; 7][..count], &[bars]);

@@ -1,0 +1,97 @@
+//! Everything that goes to the arm and comes back from it while the test motion runs.
+
+use foretrace_client::{Commands, Foretrace, JointCommand, JointWatch, command_flags};
+use foretrace_lab::lag::Sample;
+use serde::Serialize;
+
+use crate::attach::unattached;
+use crate::failure::Failure;
+
+/// Both ears and what they heard.
+pub(super) struct Listener {
+    commands: Commands,
+    states: JointWatch,
+    /// Time 0 of the samples [ns].
+    zero_ns: u64,
+    pub(super) commanded: Vec<Sample>,
+    pub(super) measured: Vec<Sample>,
+    disabled: u64,
+    refused_by_arm: Option<(u64, u64)>,
+    lost_before: (u64, u64),
+}
+
+/// How much came, and how much did not.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(super) struct Heard {
+    pub(super) commands: u64,
+    /// Sent by the daemon but not received here.
+    pub(super) commands_lost: u64,
+    /// Malformed, foreign or replayed.
+    pub(super) commands_refused: u64,
+    /// Refused by the arm meanwhile, as it says itself.
+    pub(super) commands_refused_by_arm: u64,
+    pub(super) states: u64,
+    pub(super) states_lost: u64,
+    pub(super) states_refused: u64,
+}
+
+impl Listener {
+    pub(super) fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
+        Ok(Self {
+            commands: foretrace.commands(Commands::MAX_BUFFER).map_err(unattached)?,
+            states: foretrace.joint_watch().map_err(unattached)?,
+            zero_ns: 0,
+            commanded: Vec::new(),
+            measured: Vec::new(),
+            disabled: 0,
+            refused_by_arm: None,
+            lost_before: (0, 0),
+        })
+    }
+
+    /// Forgets what was heard so far; `zero_ns` is time 0 from now on.
+    pub(super) fn begin(&mut self, zero_ns: u64) {
+        self.listen();
+        self.zero_ns = zero_ns;
+        self.commanded.clear();
+        self.measured.clear();
+        (self.disabled, self.refused_by_arm) = (0, None);
+        self.lost_before = (self.commands.dropped(), self.states.lost());
+    }
+
+    /// Takes in what came since the last look; at most 200 ms may lie between two looks.
+    pub(super) fn listen(&mut self) {
+        let seconds = |stamp_ns: u64| (i128::from(stamp_ns) - i128::from(self.zero_ns)) as f64 * 1e-9;
+        let (commanded, disabled) = (&mut self.commanded, &mut self.disabled);
+        self.commands.drain(|command: &JointCommand| {
+            commanded.push(Sample { t_s: seconds(command.header.stamp_ns), q: command.q });
+            *disabled += u64::from(command.flags & command_flags::ENABLED == 0);
+        });
+        let (measured, refused) = (&mut self.measured, &mut self.refused_by_arm);
+        self.states.drain(|state| {
+            measured.push(Sample { t_s: seconds(state.header.stamp_ns), q: state.q });
+            let first = refused.map_or(state.commands_refused, |(first, _)| first);
+            *refused = Some((first, state.commands_refused));
+        });
+    }
+
+    pub(super) fn heard(&self) -> Heard {
+        let (commands_lost, states_lost) = self.lost_before;
+        Heard {
+            commands: self.commanded.len() as u64,
+            commands_lost: self.commands.dropped().saturating_sub(commands_lost),
+            commands_refused: self.commands.rejections().total(),
+            commands_refused_by_arm: self
+                .refused_by_arm
+                .map_or(0, |(first, last)| last.saturating_sub(first)),
+            states: self.measured.len() as u64,
+            states_lost: self.states.lost().saturating_sub(states_lost),
+            states_refused: self.states.rejections().total(),
+        }
+    }
+
+    /// Commands that told the arm to stand still.
+    pub(super) fn disabled(&self) -> u64 {
+        self.disabled
+    }
+}

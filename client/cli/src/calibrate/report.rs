@@ -1,0 +1,223 @@
+//! What a calibration says: words, settings, JSON.
+
+use std::path::Path;
+
+use foretrace_config::keys;
+use foretrace_lab::lag::{Identified, Servo, Shift, Spread, Verdict};
+use serde::Serialize;
+
+use super::listen::Heard;
+use crate::output::{note, say};
+
+/// Settings without this key cannot compensate a filter.
+const FILTER_KEY: &str = "timing.servo_filter_ms";
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    /// From a command's instant to its motion, by the model that the verdict believes, at low frequency.
+    pub(super) lag_ms: f64,
+    /// Interquartile range of that over blocks of the motion.
+    pub(super) lag_interquartile_ms: f64,
+    pub(super) verdict: Verdict,
+    /// The verdict for people.
+    pub(super) words: String,
+    pub(super) pure_delay: PureDelay,
+    pub(super) servo: ServoReport,
+    pub(super) settings: SettingsReport,
+    /// Joints that counted, the one that moved most first.
+    pub(super) joints: Vec<JointReport>,
+    pub(super) heard: Heard,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct PureDelay {
+    pub(super) delay_ms: f64,
+    /// What it leaves unexplained.
+    pub(super) rms_mrad: f64,
+    pub(super) spread: SpreadReport,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct ServoReport {
+    pub(super) delay_ms: f64,
+    /// Group delay of the critically damped second order.
+    pub(super) filter_ms: f64,
+    /// First order behind it; 0 where it cannot be told apart.
+    pub(super) joint_loop_ms: f64,
+    /// Sum of the three.
+    pub(super) lag_ms: f64,
+    pub(super) rms_mrad: f64,
+    /// So many times less than the pure delay leaves.
+    pub(super) times_better: f64,
+    /// Of `lag_ms`.
+    pub(super) spread: SpreadReport,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct SpreadReport {
+    pub(super) median_ms: f64,
+    pub(super) interquartile_ms: f64,
+    pub(super) blocks_ms: Vec<f64>,
+}
+
+/// Values for the section `[timing]` of the settings.
+#[derive(Debug, Serialize)]
+pub(super) struct SettingsReport {
+    /// For a loop that only shifts.
+    pub(super) dead_time_ms: f64,
+    /// For a loop that compensates the servo's filter, where there is one.
+    pub(super) compensated: Option<Compensated>,
+}
+
+/// As [`SettingsReport`].
+#[derive(Debug, Serialize)]
+pub(super) struct Compensated {
+    pub(super) dead_time_ms: f64,
+    pub(super) servo_filter_ms: f64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct JointReport {
+    /// From 1, at the base.
+    pub(super) joint: usize,
+    /// How far it was commanded, peak to peak.
+    pub(super) moved_mrad: f64,
+}
+
+impl Report {
+    pub(super) fn new(found: &Identified, heard: Heard) -> Self {
+        let Identified { shift, servo, .. } = found;
+        let times_better = shift.rms_rad / servo.rms_rad.max(1e-12);
+        let (lag_s, spread) = match found.verdict {
+            Verdict::PureDelay => (shift.delay_s, &found.shift_spread),
+            Verdict::Servo => (servo.lag_s(), &found.lag_spread),
+        };
+        Self {
+            lag_ms: ms(lag_s),
+            lag_interquartile_ms: ms(spread.interquartile_s),
+            verdict: found.verdict,
+            words: words(found, times_better),
+            pure_delay: PureDelay {
+                delay_ms: ms(shift.delay_s),
+                rms_mrad: ms(shift.rms_rad),
+                spread: SpreadReport::of(&found.shift_spread),
+            },
+            servo: ServoReport {
+                delay_ms: ms(servo.delay_s),
+                filter_ms: ms(servo.filter_s),
+                joint_loop_ms: ms(servo.joint_loop_s),
+                lag_ms: ms(servo.lag_s()),
+                rms_mrad: ms(servo.rms_rad),
+                times_better,
+                spread: SpreadReport::of(&found.lag_spread),
+            },
+            settings: SettingsReport {
+                dead_time_ms: tenth(ms(shift.delay_s)),
+                compensated: (found.verdict == Verdict::Servo).then(|| Compensated {
+                    dead_time_ms: tenth(ms(servo.delay_s + servo.joint_loop_s)),
+                    servo_filter_ms: tenth(ms(servo.filter_s)),
+                }),
+            },
+            joints: found
+                .joints
+                .iter()
+                .map(|joint| JointReport { joint: joint + 1, moved_mrad: ms(found.moved_rad[*joint]) })
+                .collect(),
+            heard,
+        }
+    }
+
+    /// The report for people.
+    pub(super) fn say(&self, plot: &Path) {
+        let Self { pure_delay, servo, heard, .. } = self;
+        say!("{}", self.words);
+        say!("");
+        say!(
+            "pure delay    {:.1} ms (blocks: median {:.1}, interquartile range {:.2} ms), leaves {:.3} mrad",
+            pure_delay.delay_ms,
+            pure_delay.spread.median_ms,
+            pure_delay.spread.interquartile_ms,
+            pure_delay.rms_mrad
+        );
+        let joint_loop = match servo.joint_loop_ms {
+            ms if ms > 0.05 => format!(" + joint loop {ms:.1}"),
+            _ => String::new(),
+        };
+        say!(
+            "with servo    delay {:.1} + filter {:.1}{joint_loop} = {:.1} ms (interquartile range {:.2} ms), leaves {:.3} mrad",
+            servo.delay_ms,
+            servo.filter_ms,
+            servo.lag_ms,
+            servo.spread.interquartile_ms,
+            servo.rms_mrad
+        );
+        let joints: Vec<String> = self
+            .joints
+            .iter()
+            .map(|joint| format!("{} by {:.1} mrad", joint.joint, joint.moved_mrad))
+            .collect();
+        say!("joints        {}", joints.join(", "));
+        say!(
+            "heard         {} commands ({} lost), {} joint states ({} lost)",
+            heard.commands,
+            heard.commands_lost,
+            heard.states,
+            heard.states_lost
+        );
+        say!("plot          {}", plot.display());
+        if heard.commands_refused_by_arm > 0 {
+            note!("calibrate: the arm refused {} commands meanwhile", heard.commands_refused_by_arm);
+        }
+        say!("");
+        say!("For the settings file:");
+        say!("  [timing]");
+        say!("  dead_time_ms = {:.1}", self.settings.dead_time_ms);
+        if let Some(compensated) = &self.settings.compensated
+            && keys().iter().any(|key| key.path == FILTER_KEY)
+        {
+            say!("or, with the servo's filter compensated:");
+            say!("  [timing]");
+            say!("  dead_time_ms = {:.1}", compensated.dead_time_ms);
+            say!("  servo_filter_ms = {:.1}", compensated.servo_filter_ms);
+        }
+    }
+}
+
+impl SpreadReport {
+    fn of(spread: &Spread) -> Self {
+        Self {
+            median_ms: ms(spread.median_s),
+            interquartile_ms: ms(spread.interquartile_s),
+            blocks_ms: spread.blocks_s.iter().map(|s| ms(*s)).collect(),
+        }
+    }
+}
+
+fn words(found: &Identified, times_better: f64) -> String {
+    let Identified { shift: Shift { delay_s, .. }, servo, .. } = found;
+    let plus_minus = |value_s: f64, spread: &Spread| {
+        format!("{:.1} ms ± {:.2}", ms(value_s), ms(0.5 * spread.interquartile_s))
+    };
+    match found.verdict {
+        Verdict::PureDelay => format!("pure delay {}", plus_minus(*delay_s, &found.shift_spread)),
+        Verdict::Servo => {
+            let Servo { delay_s, filter_s, joint_loop_s, .. } = *servo;
+            format!(
+                "delay {:.1} ms + servo filter {:.1} ms, together {}, explain the motion {times_better:.1} times better than a pure delay",
+                ms(delay_s + joint_loop_s),
+                ms(filter_s),
+                plus_minus(servo.lag_s(), &found.lag_spread)
+            )
+        }
+    }
+}
+
+fn ms(seconds: f64) -> f64 {
+    seconds * 1e3
+}
+
+/// Rounded to what a settings file needs; never below 0, which is its range.
+fn tenth(ms: f64) -> f64 {
+    (ms.max(0.0) * 10.0).round() / 10.0
+}
