@@ -72,7 +72,7 @@ section! {
         /// From a command to the motion of the arm; the prediction looks this far ahead in addition. With
         /// `follow_lag` only the value at start.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
-            "servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
+            "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
         /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow it.
         /// `false`: the dead time stays as configured; the lag is measured and shown all the same.
         follow_lag: bool = Flag, Default("true"), AtStart, "true";
