@@ -3,16 +3,17 @@
 //! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Time standing still neither helps nor
 //! hurts: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may come at any rate, late, with
 //! jittering stamps, noise, constant offsets and gaps; what is not finite is left out. Stretches in which the arm does
-//! not go where it was sent (slowed down, stopped, moved by hand) count little and raise the doubt.
+//! not go where it was sent (slowed down, stopped, moved by hand) count little and raise the doubt. Absent: clock, the cause
+//! of the lag, lags beyond 0.2 s.
 //!
 //! Two figures, because most arms are filters:
 //! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: what the arm *is*. For
 //!   a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend on what is written.
 //! - [`LagEstimate::shift_s`], the shift of the commands that fits the recent joint states with the least squared error. A
-//!   filter delays fast motion less than slow motion, so this is shorter, the more so the faster the hand. Who can only
-//!   shift commands in time makes the smallest tracking error by exactly this much: the dead time follows it.
+//!   well-damped filter delays fast motion less than slow motion, so this is shorter, the more so the faster the hand. Who
+//!   can only shift commands in time makes the smallest tracking error with this one: the dead time follows it.
 //!
-//! For a pure delay both are the same.
+//! For a pure delay both are the same. Joint states that are stamped late make the arm look as much later.
 
 mod dead_time;
 mod delay;
@@ -44,7 +45,7 @@ const PLAUSIBLE_S: [f64; 2] = [-0.01, 0.3];
 /// Share of what was remembered that a break in the commands leaves.
 const AFTER_BREAK: f64 = 0.1;
 /// Grid steps that one call may close; the rest waits.
-const STEPS_PER_CALL: u64 = 4;
+const STEPS_PER_CALL: u64 = 8;
 /// Every so many grid steps the figures are worked out anew.
 const SOLVE_EVERY: u64 = 5;
 
