@@ -326,7 +326,12 @@ fn table(report: &Report) {
     }
     say!("{:<22} {:>15}   off the loop: all models, all bands", "learner's step", pair(&report.learn_us));
     let lag = &report.lag_us;
-    say!("{:<22} {:>15}   {:.2} in the mean", "lag of the arm, a tick", pair(&lag.per_tick), lag.mean);
+    say!(
+        "{:<22} {:>15}   {:.2} where a grid step closes",
+        "lag of the arm, a tick",
+        pair(&lag.per_tick),
+        lag.p90
+    );
     say!("");
     for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
         let what = if *steps == 0 { "learn".to_owned() } else { format!("observe, {steps} steps") };
