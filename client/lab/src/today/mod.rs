@@ -14,9 +14,11 @@ mod servoj;
 mod trend;
 mod otg;
 mod kalman;
+mod open_loop;
 
 pub use kalman::KalmanWay;
 pub use one_euro::OneEuro;
+pub use open_loop::{OpenLoop, open_loop};
 pub use otg::OtgWay;
 pub use servoj::{ServojWay, SoftServo, soften};
 pub use settings::{

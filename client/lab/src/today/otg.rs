@@ -74,7 +74,7 @@ impl Way for OtgWay {
             }
             self.started = true;
         }
-        let lead_s = self.intake.age_s(now_s) + self.lead_s;
+        let lead_s = (self.intake.age_s(now_s) + self.lead_s).min(self.knobs.horizon_max_s);
         let mut planned = true;
         for (axis, pen) in self.axes.iter_mut().zip(pen) {
             let believed =

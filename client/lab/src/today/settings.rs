@@ -113,6 +113,8 @@ pub struct OtgKnobs {
     pub target_acceleration: bool,
     /// The target is where the pen will be when the tool can be there, not where it is now.
     pub intercept: bool,
+    /// Longest extrapolation without the way to the target [s].
+    pub horizon_max_s: f64,
     /// The generator's own limits, and what stands for "no limits". The smaller of these and the arm's count.
     pub limits: Limits,
 }
@@ -188,6 +190,7 @@ impl WaySettings {
                 acceleration_share: 1.0,
                 target_acceleration: true,
                 intercept: false,
+                horizon_max_s: f64::INFINITY,
                 limits: Limits { velocity_mps: 10.0, acceleration_mps2: 500.0, jerk_mps3: 50_000.0 },
             },
             kalman: KalmanKnobs {
@@ -236,6 +239,7 @@ impl WaySettings {
             WayKind::Otg => ranges.extend([
                 ("otg.window_s", self.otg.window_s, 1e-3, 0.5),
                 ("otg.acceleration_share", self.otg.acceleration_share, 0.0, 1.0),
+                ("otg.horizon_max_s", self.otg.horizon_max_s, 0.0, f64::INFINITY),
                 ("otg.limits.velocity_mps", self.otg.limits.velocity_mps, positive, 1e6),
                 ("otg.limits.acceleration_mps2", self.otg.limits.acceleration_mps2, positive, 1e6),
                 ("otg.limits.jerk_mps3", self.otg.limits.jerk_mps3, positive, 1e9),
