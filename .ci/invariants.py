@@ -60,6 +60,12 @@ def layers_point_downwards() -> None:
             problems.append(f"{package['name']} depends on {sorted(extra)}, which is not a layer below it")
 
 
+def opponents_stay_in_the_lab() -> None:
+    for package in ("foretrace-control", "foretrace-config", "foretraced"):
+        if re.search(r"^rsruckig ", cargo("tree", "-p", package, "-e", "normal", "--prefix", "none"), re.MULTILINE):
+            problems.append(f"{package} reaches rsruckig: what foretrace is compared with belongs to the lab only")
+
+
 def sizes_and_places() -> None:
     for folder in OUR_FOLDERS:
         for path in sources(folder):
@@ -75,6 +81,7 @@ def sizes_and_places() -> None:
 def main() -> int:
     control_reaches_no_outside_world()
     layers_point_downwards()
+    opponents_stay_in_the_lab()
     nowhere_but(r"\biceoryx2\b", "daemon/src", {"daemon/src/ports/shm.rs"}, "only ports/shm.rs names iceoryx2 in the daemon")
     nowhere_but(r"\bclarabel::(algebra|solver)\b", "daemon/control/src", {"daemon/control/src/qp/clarabel.rs"}, "only qp/clarabel.rs names Clarabel")
     for folder in ("shm-schema/src", "config/src", "daemon", "client"):

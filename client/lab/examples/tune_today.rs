@@ -5,22 +5,23 @@
 //! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one of the
 //! ways, or `all`. EVERY: search on every n-th letter (default 5); what is found is then scored on all of them.
 //! `limited`: glyphs 0.03 m high and the shipped limits of a tool before a UR5, for the way that obeys limits.
-//! Search for the least mean squared error: the servoj ways over the whole grid; the others from their settings one knob
-//! after another over its grid, again until nothing improves. Then, of all settings tried whose RMS error is within 2 % of
-//! the best, the one with the least jerk.
+//! Search for the least mean squared error at every budget of jerk: the servoj ways over the whole grid; the others one
+//! knob after another over its grid until nothing improves, from two starts, then on from budget to budget.
 
 use std::path::Path;
 
 use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::experiments::{Labels, letters};
 use foretrace_lab::path::{PathSample, Placement};
-use foretrace_lab::today::{Feed, Limits, OpenLoop, Origin, OtgKnobs, WayKind, WaySettings, open_loop};
+use foretrace_lab::today::{
+    Feed, Limits, OneEuroKnobs, OpenLoop, Origin, OtgKnobs, PostFilter, WayKind, WaySettings, open_loop,
+};
 
 const PERIOD_S: f64 = 0.002;
 /// Limits of the shipped settings for a tool before a UR5.
 const UR5: Limits = Limits { velocity_mps: 1.0, acceleration_mps2: 15.0, jerk_mps3: 2000.0 };
-/// RMS error that may be given for less jerk.
-const SLACK: f64 = 1.02;
+/// RMS jerk of the target for which the least error is searched, at glyphs of 0.1 m [m/s³].
+const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
 
 /// One knob: its name and the settings that each of its values leads to.
 type Knob = (&'static str, fn(&WaySettings) -> Vec<WaySettings>);
@@ -44,8 +45,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for kind in kinds {
         let dead_times = if kind.smooths_in_the_servo() { &[0.0, 0.03][..] } else { &[0.0, 0.03, 0.1] };
         for &dead_time_s in dead_times {
-            let start = WaySettings::new(kind, PERIOD_S, dead_time_s, limits).for_height(height_m);
-            tune(kind, &start, &some, &all)?;
+            let start = WaySettings::new(kind, PERIOD_S, dead_time_s, limits, height_m);
+            tune(kind, &start, height_m, &some, &all)?;
         }
     }
     Ok(())
@@ -54,6 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn tune(
     kind: WayKind,
     start: &WaySettings,
+    height_m: f64,
     some: &[&[PathSample]],
     all: &[&[PathSample]],
 ) -> Result<(), Box<dyn std::error::Error>> {
@@ -68,30 +70,41 @@ fn tune(
         }
     } else {
         let mut quick = *start;
-        quick.otg = OtgKnobs { acceleration_share: 0.0, intercept: true, window_s: 0.016, ..start.otg };
-        quick.otg.limits.jerk_mps3 = 1e6;
+        quick.otg = OtgKnobs { acceleration_share: 0.0, window_s: 0.031, ..start.otg };
+        quick.otg.limits = Limits { acceleration_mps2: 3000.0, jerk_mps3: 1e7, ..start.otg.limits };
         quick.kalman.acceleration_share = 0.0;
         for start in [*start, quick] {
-            descend(kind, &start, some, &mut tried)?;
+            descend(kind, &start, f64::INFINITY, some, &mut tried)?;
         }
     }
-    let best = least(&tried)?;
-    let near = |score: &OpenLoop| score.mse_m2 <= SLACK * SLACK * best.1.mse_m2;
-    let smooth = tried
-        .iter()
-        .filter(|(_, score)| near(score))
-        .min_by(|a, b| a.1.rms_jerk_mps3.total_cmp(&b.1.rms_jerk_mps3))
-        .unwrap_or(&best);
+    for budget in BUDGETS {
+        let budget = budget * height_m / 0.1;
+        if !kind.smooths_in_the_servo() {
+            let mut from = least(&tried, budget)?;
+            from.otg.intercept = false;
+            descend(kind, &from, budget, some, &mut tried)?;
+            // Interception costs ten plans a period: only the best is tried with it.
+            let mut met = least(&tried, budget)?;
+            if kind == WayKind::Otg && !met.otg.intercept {
+                met.otg.intercept = true;
+                tried.push((met, open_loop(kind, &met, some)?));
+            }
+        }
+    }
     println!("\n{kind}, dead time {} ms, {} settings tried", start.dead_time_s * 1e3, tried.len());
-    for (name, point) in [("as set", start), ("least error", &best.0), ("chosen", &smooth.0)] {
-        let score = open_loop(kind, point, all)?;
+    let published = tried.first().map(|(point, _)| (f64::NAN, *point));
+    let fronts = BUDGETS.iter().map(|budget| budget * height_m / 0.1);
+    let fronts = fronts.map(|budget| least(&tried, budget).map(|point| (budget, point)));
+    for row in published.into_iter().map(Ok).chain(fronts) {
+        let (budget, point) = row?;
+        let score = open_loop(kind, &point, all)?;
         println!(
-            "  {name:<12} RMS {:.3} mm, pen down {:.3} mm, RMS jerk {:.0} m/s3, {} failures\n    {}",
+            "  jerk to {budget:<8} RMS {:.3} mm, pen down {:.3} mm, RMS jerk {:.0} m/s3, {} failures\n    {}",
             score.mse_m2.sqrt() * 1e3,
             score.pen_down_mse_m2.sqrt() * 1e3,
             score.rms_jerk_mps3,
             score.failures,
-            describe(kind, point)
+            describe(kind, &point)
         );
     }
     Ok(())
@@ -101,36 +114,44 @@ fn tune(
 fn descend(
     kind: WayKind,
     start: &WaySettings,
+    budget: f64,
     some: &[&[PathSample]],
     tried: &mut Vec<(WaySettings, OpenLoop)>,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let mut best = (*start, open_loop(kind, start, some)?);
     loop {
-        let before = best.1.mse_m2;
+        let before = cost(&best.1, budget);
         for (_, values) in knobs(kind) {
             for point in values(&best.0) {
                 let known = tried.iter().find(|(known, _)| *known == point).map(|(_, score)| *score);
                 let score = known.map_or_else(|| open_loop(kind, &point, some), Ok)?;
                 tried.push((point, score));
-                if score.mse_m2 < best.1.mse_m2 {
+                if cost(&score, budget) < cost(&best.1, budget) {
                     best = (point, score);
                 }
             }
         }
-        if best.1.mse_m2 >= before {
+        if cost(&best.1, budget) >= before {
             return Ok(());
         }
     }
 }
 
-fn least(tried: &[(WaySettings, OpenLoop)]) -> Result<(WaySettings, OpenLoop), Box<dyn std::error::Error>> {
-    let least = tried.iter().copied().min_by(|a, b| a.1.mse_m2.total_cmp(&b.1.mse_m2));
-    least.ok_or_else(|| "nothing was tried".into())
+/// Squared error, and a steep price for more jerk than the budget.
+fn cost(score: &OpenLoop, budget: f64) -> f64 {
+    score.mse_m2 * (score.rms_jerk_mps3 / budget).max(1.0).powi(4)
+}
+
+fn least(tried: &[(WaySettings, OpenLoop)], budget: f64) -> Result<WaySettings, Box<dyn std::error::Error>> {
+    let least = tried.iter().min_by(|a, b| cost(&a.1, budget).total_cmp(&cost(&b.1, budget)));
+    least.map(|(point, _)| *point).ok_or_else(|| "nothing was tried".into())
 }
 
 fn describe(kind: WayKind, settings: &WaySettings) -> String {
     match kind {
-        WayKind::ServojGello | WayKind::ServojRos => format!("{:?} {:?}", settings.feed, settings.one_euro),
+        WayKind::ServojGello | WayKind::ServojRos => {
+            format!("{:?} {:?} {:?}", settings.servo, settings.feed, settings.one_euro)
+        }
         WayKind::Otg => format!("{:?}", settings.otg),
         WayKind::Kalman => format!("{:?}", settings.kalman),
     }
@@ -154,36 +175,32 @@ fn each<T: Copy>(
 
 fn knobs(kind: WayKind) -> &'static [Knob] {
     const SERVOJ: &[Knob] = &[
+        ("look-ahead", |s| {
+            each(s, &[0.03, 0.05, 0.1, 0.15, 0.2], |p, look_ahead_s| p.servo.look_ahead_s = look_ahead_s)
+        }),
         ("feed", |s| each(s, &[Feed::Samples, Feed::Periods], |p, feed| p.feed = feed)),
         ("beta", |s| {
-            let values = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
+            let values = [0.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
             each(s, &values, |p, beta| p.one_euro.beta_hz_per_mps = beta)
         }),
-        ("cut-off of speed", |s| {
-            each(s, &[0.5, 1.0, 3.0, 10.0, 30.0], |p, hz| p.one_euro.speed_cutoff_hz = hz)
-        }),
-        ("cut-off at rest", |s| {
-            each(s, &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0], |p, hz| p.one_euro.min_cutoff_hz = hz)
-        }),
+        ("cut-off of speed", |s| each(s, &[1.0, 3.0, 10.0], |p, hz| p.one_euro.speed_cutoff_hz = hz)),
+        ("cut-off at rest", |s| each(s, &[0.5, 1.0, 3.0, 10.0, 20.0], |p, hz| p.one_euro.min_cutoff_hz = hz)),
     ];
     const OTG: &[Knob] = &[
         ("window", |s| {
-            let values = [0.006, 0.011, 0.016, 0.021, 0.026, 0.031, 0.036, 0.041, 0.051, 0.061, 0.081];
+            let values = [0.011, 0.021, 0.031, 0.041, 0.061, 0.081];
             each(s, &values, |p, window_s| p.otg.window_s = window_s)
         }),
-        ("acceleration believed", |s| {
-            each(s, &[0.0, 0.25, 0.5, 0.75, 1.0], |p, share| p.otg.acceleration_share = share)
-        }),
-        ("interception", |s| each(s, &[false, true], |p, intercept| p.otg.intercept = intercept)),
+        ("acceleration believed", |s| each(s, &[0.0, 0.5, 1.0], |p, share| p.otg.acceleration_share = share)),
         ("longest prediction", |s| {
-            each(s, &[0.025, 0.05, 0.075, f64::INFINITY], |p, most| p.otg.horizon_max_s = most)
+            each(s, &[0.025, 0.05, f64::INFINITY], |p, most| p.otg.horizon_max_s = most)
         }),
         ("target acceleration", |s| each(s, &[false, true], |p, on| p.otg.target_acceleration = on)),
         ("jerk limit", |s| {
-            each(s, &[3e2, 1e3, 3e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7], |p, jerk| p.otg.limits.jerk_mps3 = jerk)
+            each(s, &[3e2, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6, 1e7], |p, jerk| p.otg.limits.jerk_mps3 = jerk)
         }),
         ("acceleration limit", |s| {
-            each(s, &[15.0, 50.0, 100.0, 500.0, 3000.0], |p, limit| p.otg.limits.acceleration_mps2 = limit)
+            each(s, &[20.0, 100.0, 500.0, 3000.0], |p, limit| p.otg.limits.acceleration_mps2 = limit)
         }),
     ];
     const KALMAN: &[Knob] = &[
@@ -196,8 +213,28 @@ fn knobs(kind: WayKind) -> &'static [Knob] {
         }),
         ("origin", |s| each(s, &[Origin::Measured, Origin::Filtered], |p, origin| p.kalman.origin = origin)),
         ("longest prediction", |s| {
-            let values = [0.025, 0.035, 0.05, 0.075, f64::INFINITY];
+            let values = [0.025, 0.05, 0.075, f64::INFINITY];
             each(s, &values, |p, most| p.kalman.horizon_max_s = most)
+        }),
+        ("post-filter", |s| {
+            let mut points = each(s, &[()], |p, ()| p.kalman.post_filter = None);
+            for min_cutoff_hz in [5.0, 20.0, 50.0] {
+                points.extend(each(s, &[0.0, 30.0], |p, beta_hz_per_mps| {
+                    let knobs = OneEuroKnobs { min_cutoff_hz, beta_hz_per_mps, speed_cutoff_hz: 10.0 };
+                    p.kalman.post_filter = Some(PostFilter::OneEuro(knobs));
+                }));
+            }
+            // A servo comes with the further reach that makes up for it, wholly or in part.
+            for share in [0.25, 0.5, 0.75, 1.0] {
+                points.extend(each(s, &[0.005, 0.01, 0.02, 0.03, 0.05, 0.1], |p, look_ahead_s| {
+                    p.kalman.post_filter = Some(PostFilter::Servo(look_ahead_s));
+                    p.kalman.lead_extra_s = share * look_ahead_s;
+                }));
+            }
+            points
+        }),
+        ("further", |s| {
+            each(s, &[0.0, 0.005, 0.01, 0.02, 0.03, 0.05], |p, extra| p.kalman.lead_extra_s = extra)
         }),
         ("turn rule", |s| each(s, &[false, true], |p, on| p.kalman.turn_rule = on)),
         ("reversal rule", |s| each(s, &[false, true], |p, on| p.kalman.reversal_rule = on)),

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Vector3};
 
 use super::intake::{Arrival, Intake};
-use super::{KalmanKnobs, OneEuro, Origin, Way, WaySettings};
+use super::{KalmanKnobs, OneEuro, Origin, PostFilter, ServoKnobs, SoftServo, Way, WaySettings};
 use crate::path::PathSample;
 
 /// Samples before the first prediction.
@@ -34,7 +34,7 @@ pub struct KalmanWay {
     period_s: f64,
     axes: [Filter; 2],
     recent: VecDeque<(f64, [f64; 2])>,
-    post: Option<OneEuro>,
+    post: Option<Post>,
 }
 
 impl KalmanWay {
@@ -42,11 +42,11 @@ impl KalmanWay {
         Self {
             intake: Intake::default(),
             knobs: settings.kalman,
-            lead_s: settings.period_s + settings.dead_time_s,
+            lead_s: settings.period_s + settings.dead_time_s + settings.kalman.lead_extra_s,
             period_s: settings.period_s,
             axes: [Filter::default(); 2],
             recent: VecDeque::with_capacity(RECENT),
-            post: settings.kalman.post_filter.map(OneEuro::new),
+            post: settings.kalman.post_filter.map(|filter| Post::new(filter, settings.period_s)),
         }
     }
 
@@ -126,9 +126,28 @@ impl Way for KalmanWay {
         }
         let predicted = self.predict(now_s)?;
         Some(match &mut self.post {
-            Some(post) => post.step(self.period_s, predicted),
+            Some(Post::OneEuro(filter)) => filter.step(self.period_s, predicted),
+            Some(Post::Servo(servo)) => servo.step(predicted),
             None => predicted,
         })
+    }
+}
+
+/// What smooths the prediction.
+#[derive(Debug, Clone)]
+enum Post {
+    OneEuro(OneEuro),
+    Servo(SoftServo),
+}
+
+impl Post {
+    fn new(filter: PostFilter, period_s: f64) -> Self {
+        match filter {
+            PostFilter::OneEuro(knobs) => Self::OneEuro(OneEuro::new(knobs)),
+            PostFilter::Servo(look_ahead_s) => {
+                Self::Servo(SoftServo::new(period_s, ServoKnobs { look_ahead_s, gain: 2000.0 }))
+            }
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 //! Absent: the arm, inverse kinematics, and the daemon; nothing here is linked into the real-time loop.
 
 mod settings;
+mod tuned;
 mod sweep;
 mod intake;
 mod one_euro;
@@ -22,7 +23,8 @@ pub use open_loop::{OpenLoop, open_loop};
 pub use otg::OtgWay;
 pub use servoj::{ServojWay, SoftServo, soften};
 pub use settings::{
-    Feed, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, ServoKnobs, WayError, WayKind, WaySettings,
+    Feed, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter, ServoKnobs, WayError, WayKind,
+    WaySettings,
 };
 pub use sweep::sweep;
 

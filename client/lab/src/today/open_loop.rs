@@ -118,7 +118,7 @@ mod tests {
             })
             .collect();
         for dead_time_s in [0.0, 0.03] {
-            let mut settings = WaySettings::new(WayKind::ServojRos, 0.005, dead_time_s, Limits::OFF);
+            let mut settings = WaySettings::new(WayKind::ServojRos, 0.005, dead_time_s, Limits::OFF, 0.1);
             settings.one_euro.min_cutoff_hz = 1e6;
             let score = open_loop(WayKind::ServojRos, &settings, &[&path]).unwrap();
             // One period until the servo has passed the newest sample on.

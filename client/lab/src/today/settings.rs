@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::tuned::{self, TUNED_HEIGHT_M};
+
 /// Which way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum WayKind {
@@ -128,6 +130,15 @@ pub enum Origin {
     Filtered,
 }
 
+/// What may smooth a prediction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PostFilter {
+    /// The 1€ filter, which Chromium offers.
+    OneEuro(OneEuroKnobs),
+    /// servoj in software with this look-ahead [s], for which the prediction can reach further by `lead_extra_s`.
+    Servo(f64),
+}
+
 /// The Kalman filter and the rules around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KalmanKnobs {
@@ -139,14 +150,31 @@ pub struct KalmanKnobs {
     pub origin: Origin,
     /// Longest prediction [s]. Chromium: 0.025.
     pub horizon_max_s: f64,
+    /// Predicts so much further [s], to make up for a post-filter's lag. Chromium: 0.
+    pub lead_extra_s: f64,
     /// Factor on ½at². Chromium: 1.
     pub acceleration_share: f64,
     /// Acceleration only counts where the path turned by more than 15° in the last 40 ms (Chromium's ink trail).
     pub turn_rule: bool,
     /// No prediction where it would turn back (Chromium's ink trail).
     pub reversal_rule: bool,
-    /// 1€ filter behind the prediction, one step per period (Chromium offers one).
-    pub post_filter: Option<OneEuroKnobs>,
+    /// What smooths the prediction, once per period.
+    pub post_filter: Option<PostFilter>,
+}
+
+impl KalmanKnobs {
+    /// As Chromium draws delegated ink trails (`components/viz`, `ui/base/prediction`), in metres.
+    pub const CHROMIUM: Self = Self {
+        measurement_m: 1e-4,
+        process_mps2: 10.0,
+        origin: Origin::Measured,
+        horizon_max_s: 0.025,
+        lead_extra_s: 0.0,
+        acceleration_share: 1.0,
+        turn_rule: true,
+        reversal_rule: true,
+        post_filter: None,
+    };
 }
 
 /// Everything a way needs.
@@ -156,6 +184,8 @@ pub struct WaySettings {
     pub period_s: f64,
     /// What the arm behind is known to take from command to motion [s]. The servoj ways do not use it.
     pub dead_time_s: f64,
+    /// Height of a median glyph that the knobs are meant for [m].
+    pub height_m: f64,
     /// What may be asked of the tool. Only the trajectory generator obeys; for the others the arm clips.
     pub limits: Limits,
     /// servoj.
@@ -171,47 +201,38 @@ pub struct WaySettings {
 }
 
 impl WaySettings {
-    /// The way's settings as tuned for glyphs 0.1 m high.
+    /// The way as tuned in its own favour: least error with limits off, else as smooth as the jerk limit calls for.
+    ///
+    /// `height_m`: height of a median glyph [m]; knobs that carry a length go with it. See [`super::sweep`].
     #[must_use]
-    pub fn new(kind: WayKind, period_s: f64, dead_time_s: f64, limits: Limits) -> Self {
+    pub fn new(kind: WayKind, period_s: f64, dead_time_s: f64, limits: Limits, height_m: f64) -> Self {
         let servo = match kind {
             WayKind::ServojGello => ServoKnobs { look_ahead_s: 0.1, gain: 300.0 },
             _ => ServoKnobs { look_ahead_s: 0.03, gain: 2000.0 },
         };
-        Self {
+        let scale = height_m / TUNED_HEIGHT_M;
+        let budget = limits.jerk_mps3 / scale;
+        let tuned = Self {
             period_s,
             dead_time_s,
             limits,
+            height_m: TUNED_HEIGHT_M,
             servo,
-            one_euro: OneEuroKnobs { min_cutoff_hz: 1.0, beta_hz_per_mps: 30.0, speed_cutoff_hz: 1.0 },
-            feed: Feed::Samples,
-            otg: OtgKnobs {
-                window_s: 0.025,
-                acceleration_share: 1.0,
-                target_acceleration: true,
-                intercept: false,
-                horizon_max_s: f64::INFINITY,
-                limits: Limits { velocity_mps: 10.0, acceleration_mps2: 500.0, jerk_mps3: 50_000.0 },
-            },
-            kalman: KalmanKnobs {
-                measurement_m: 1e-4,
-                process_mps2: 10.0,
-                origin: Origin::Measured,
-                horizon_max_s: f64::INFINITY,
-                acceleration_share: 1.0,
-                turn_rule: false,
-                reversal_rule: false,
-                post_filter: None,
-            },
-        }
+            one_euro: tuned::one_euro(kind),
+            feed: Feed::Periods,
+            otg: tuned::otg(dead_time_s, budget),
+            kalman: tuned::kalman(dead_time_s, budget),
+        };
+        tuned.for_height(height_m)
     }
 
-    /// The same settings for glyphs of another height than 0.1 m: knobs that carry a length go with it.
+    /// The same settings for glyphs of another height: knobs that carry a length go with it, `limits` stay.
     #[must_use]
     pub fn for_height(mut self, height_m: f64) -> Self {
-        let scale = height_m / 0.1;
+        let scale = height_m / self.height_m;
+        self.height_m = height_m;
         self.one_euro.beta_hz_per_mps /= scale;
-        if let Some(post) = &mut self.kalman.post_filter {
+        if let Some(PostFilter::OneEuro(post)) = &mut self.kalman.post_filter {
             post.beta_hz_per_mps /= scale;
         }
         self.kalman.measurement_m *= scale;
@@ -229,6 +250,7 @@ impl WaySettings {
         let mut ranges = vec![
             ("period_s", self.period_s, 1e-4, 0.1),
             ("dead_time_s", self.dead_time_s, 0.0, 1.0),
+            ("height_m", self.height_m, 1e-4, 10.0),
             ("servo.look_ahead_s", self.servo.look_ahead_s, 1e-3, 1.0),
             ("limits.velocity_mps", self.limits.velocity_mps, positive, f64::INFINITY),
             ("limits.acceleration_mps2", self.limits.acceleration_mps2, positive, f64::INFINITY),
@@ -249,9 +271,16 @@ impl WaySettings {
                     ("kalman.measurement_m", self.kalman.measurement_m, positive, 1.0),
                     ("kalman.process_mps2", self.kalman.process_mps2, positive, 1e9),
                     ("kalman.horizon_max_s", self.kalman.horizon_max_s, 0.0, f64::INFINITY),
+                    ("kalman.lead_extra_s", self.kalman.lead_extra_s, 0.0, 0.5),
                     ("kalman.acceleration_share", self.kalman.acceleration_share, 0.0, 1.0),
                 ]);
-                ranges.extend(self.kalman.post_filter.iter().flat_map(one_euro_ranges));
+                match &self.kalman.post_filter {
+                    Some(PostFilter::OneEuro(knobs)) => ranges.extend(one_euro_ranges(knobs)),
+                    Some(PostFilter::Servo(look_ahead_s)) => {
+                        ranges.push(("kalman.post_filter", *look_ahead_s, 1e-3, 1.0));
+                    }
+                    None => {}
+                }
             }
         }
         let broken = ranges.into_iter().find(|(_, value, low, high)| !(*low <= *value && *value <= *high));

@@ -1,56 +1,72 @@
 //! Each way along its own knob between smoothness and lag, for a picture of error against jerk.
 
-use super::{Limits, OneEuroKnobs, ServoKnobs, WayKind, WaySettings};
+use super::tuned::{self, BUDGETS, TUNED_HEIGHT_M};
+use super::{KalmanKnobs, OneEuroKnobs, ServoKnobs, WayKind, WaySettings};
 
-/// Settings of `kind` from smooth to quick, each with a name; one of them is `settings` itself ("default").
+/// Settings of `kind` from quick to smooth, each with a name; one of them is `settings` itself, "default".
+///
+/// The predicting ways run along the rows they were tuned to, one for each budget of jerk; the servoj ways along the 1€
+/// filter's opening at their own look-ahead, then along servoj's look-ahead.
 #[must_use]
 pub fn sweep(kind: WayKind, settings: &WaySettings) -> Vec<(String, WaySettings)> {
-    let mut points = match kind {
-        WayKind::ServojGello | WayKind::ServojRos => servoj(settings),
-        WayKind::Otg => otg(settings),
-        WayKind::Kalman => kalman(settings),
-    };
-    points.push(("default".to_owned(), *settings));
+    let mut points = vec![("default".to_owned(), *settings)];
+    for (name, point) in others(kind, settings) {
+        if points.iter().all(|(_, known)| *known != point) {
+            points.push((name, point));
+        }
+    }
     points
 }
 
-/// The filter's opening with speed, then servoj's look-ahead over its legal range with the filter as it is.
-fn servoj(settings: &WaySettings) -> Vec<(String, WaySettings)> {
-    let filters = [0.1, 0.3, 3.0].map(|factor| {
-        let one_euro =
-            OneEuroKnobs { beta_hz_per_mps: settings.one_euro.beta_hz_per_mps * factor, ..settings.one_euro };
-        (format!("beta x {factor}"), WaySettings { one_euro, ..*settings })
-    });
-    let servos = [(0.03, 2000.0), (0.05, 1000.0), (0.1, 300.0), (0.15, 200.0), (0.2, 100.0)]
+fn others(kind: WayKind, settings: &WaySettings) -> Vec<(String, WaySettings)> {
+    let tuned = WaySettings { height_m: TUNED_HEIGHT_M, ..*settings };
+    let named = |index: usize| format!("tuned for {:.0e} m/s3", BUDGETS.get(index).unwrap_or(&f64::NAN));
+    let rows: Vec<(String, WaySettings)> = match kind {
+        WayKind::ServojGello | WayKind::ServojRos => servoj(&tuned),
+        WayKind::Otg => {
+            let rows = tuned::otg_rows(settings.dead_time_s).into_iter().enumerate();
+            rows.map(|(index, otg)| (named(index), WaySettings { otg, ..tuned })).collect()
+        }
+        WayKind::Kalman => {
+            let rows = tuned::kalman_rows(settings.dead_time_s).into_iter().enumerate();
+            let rows = rows.map(|(index, kalman)| (named(index), WaySettings { kalman, ..tuned }));
+            let published = WaySettings { kalman: KalmanKnobs::CHROMIUM, ..tuned };
+            rows.chain([("as published".to_owned(), published)]).collect()
+        }
+    };
+    // Only the knobs of this kind were replaced; those of the others come back from `settings`.
+    rows.into_iter()
+        .map(|(name, point)| {
+            let scaled = point.for_height(settings.height_m);
+            let mut kept = *settings;
+            match kind {
+                WayKind::ServojGello | WayKind::ServojRos => {
+                    (kept.one_euro, kept.servo) = (scaled.one_euro, scaled.servo);
+                }
+                WayKind::Otg => kept.otg = scaled.otg,
+                WayKind::Kalman => kept.kalman = scaled.kalman,
+            }
+            (name, kept)
+        })
+        .collect()
+}
+
+fn servoj(tuned: &WaySettings) -> Vec<(String, WaySettings)> {
+    // Cut-off at rest [Hz] and its growth with speed [Hz per m/s], from nearly no filter to a heavy one.
+    let filters = [(20.0, 1000.0), (20.0, 30.0), (20.0, 3.0), (10.0, 0.0), (5.0, 0.0)].map(
+        |(min_cutoff_hz, beta_hz_per_mps)| {
+            let one_euro = OneEuroKnobs { min_cutoff_hz, beta_hz_per_mps, speed_cutoff_hz: 10.0 };
+            let name = format!("1 euro {min_cutoff_hz} Hz + {beta_hz_per_mps} Hz per m/s");
+            (name, WaySettings { one_euro, ..*tuned })
+        },
+    );
+    let servos = [(0.05, 1000.0), (0.1, 300.0), (0.15, 200.0), (0.2, 100.0)]
         .into_iter()
-        .filter(|(look_ahead_s, _)| *look_ahead_s != settings.servo.look_ahead_s)
+        .filter(|(look_ahead_s, _)| *look_ahead_s > tuned.servo.look_ahead_s)
         .map(|(look_ahead_s, gain)| {
             let servo = ServoKnobs { look_ahead_s, gain };
-            (format!("look-ahead {look_ahead_s} s"), WaySettings { servo, ..*settings })
+            let one_euro = OneEuroKnobs { min_cutoff_hz: 10.0, beta_hz_per_mps: 0.0, speed_cutoff_hz: 10.0 };
+            (format!("look-ahead {look_ahead_s} s"), WaySettings { servo, one_euro, ..*tuned })
         });
     filters.into_iter().chain(servos).collect()
-}
-
-/// The generator's jerk limit.
-fn otg(settings: &WaySettings) -> Vec<(String, WaySettings)> {
-    let jerk = [100.0, 300.0, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6];
-    jerk.into_iter()
-        .map(|jerk_mps3| {
-            let mut point = *settings;
-            point.otg.limits = Limits { jerk_mps3, ..settings.otg.limits };
-            (format!("jerk limit {jerk_mps3} m/s3"), point)
-        })
-        .collect()
-}
-
-/// The ratio of process to measurement noise.
-fn kalman(settings: &WaySettings) -> Vec<(String, WaySettings)> {
-    [0.003, 0.01, 0.03, 0.1, 0.3, 3.0, 10.0]
-        .into_iter()
-        .map(|factor| {
-            let mut point = *settings;
-            point.kalman.process_mps2 *= factor;
-            (format!("process noise x {factor}"), point)
-        })
-        .collect()
 }

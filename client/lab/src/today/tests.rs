@@ -7,7 +7,18 @@ const PERIOD_S: f64 = 0.002;
 const DEAD_S: f64 = 0.030;
 
 fn settings(kind: WayKind) -> WaySettings {
-    WaySettings::new(kind, PERIOD_S, DEAD_S, Limits::OFF)
+    WaySettings::new(kind, PERIOD_S, DEAD_S, Limits::OFF, 0.1)
+}
+
+/// The plain filter: no cap on the prediction, no rules, nothing behind it.
+fn plain_kalman() -> WaySettings {
+    let rules_off = KalmanKnobs {
+        horizon_max_s: f64::INFINITY,
+        turn_rule: false,
+        reversal_rule: false,
+        ..KalmanKnobs::CHROMIUM
+    };
+    WaySettings { kalman: rules_off, ..settings(WayKind::Kalman) }
 }
 
 /// Pen samples every 5 ms from t = 0 on the motion `pen`.
@@ -99,8 +110,8 @@ fn nothing_is_aimed_at_before_the_first_sample() {
 #[test]
 fn predicting_ways_are_on_the_pen_a_dead_time_ahead_in_constant_velocity() {
     for kind in [WayKind::Otg, WayKind::Kalman] {
-        let mut settings = settings(kind);
-        settings.otg.intercept = true;
+        let mut settings = plain_kalman();
+        settings.otg = OtgKnobs { intercept: true, horizon_max_s: f64::INFINITY, ..settings.otg };
         let targets = run(&mut *build(kind, &settings).unwrap(), &sampled(2.0, line));
         for (t_s, target) in within(&targets, 1.5..1.99) {
             let pen = line(t_s + DEAD_S);
@@ -115,7 +126,7 @@ fn generator_that_does_not_intercept_arrives_late_at_a_moving_pen() {
     let limits = Limits { velocity_mps: 1.0, acceleration_mps2: 10.0, jerk_mps3: 1000.0 };
     let error_after_half_a_second = |intercept: bool| {
         let mut settings = WaySettings { limits, ..settings(WayKind::Otg) };
-        settings.otg.intercept = intercept;
+        settings.otg = OtgKnobs { intercept, horizon_max_s: f64::INFINITY, ..settings.otg };
         let targets = run(&mut *build(WayKind::Otg, &settings).unwrap(), &sampled(2.0, line));
         let (t_s, target) = within(&targets, 0.499..0.5011)[0];
         (target[0] - line(t_s + DEAD_S)[0]).abs()
@@ -127,7 +138,7 @@ fn generator_that_does_not_intercept_arrives_late_at_a_moving_pen() {
 #[test]
 fn kalman_is_exact_in_constant_acceleration_once_converged() {
     let pen = |t: f64| [0.3 * t - 0.5 * t * t, 0.1 + 0.4 * t * t];
-    let targets = run(&mut *build(WayKind::Kalman, &settings(WayKind::Kalman)).unwrap(), &sampled(2.0, pen));
+    let targets = run(&mut *build(WayKind::Kalman, &plain_kalman()).unwrap(), &sampled(2.0, pen));
     for (t_s, target) in within(&targets, 1.0..1.99) {
         let pen = pen(t_s + DEAD_S);
         let error = (target[0] - pen[0]).hypot(target[1] - pen[1]);
@@ -139,7 +150,7 @@ fn kalman_is_exact_in_constant_acceleration_once_converged() {
 fn kalman_does_not_care_for_the_unit_of_length() {
     let pen = |t: f64| [0.01 * (9.0 * t).sin(), 0.01 * (7.0 * t).cos()];
     let large = sampled(1.0, |t| pen(t).map(|x| 8.0 * x));
-    let small = settings(WayKind::Kalman);
+    let small = plain_kalman();
     let scaled = small.for_height(0.8);
     let small = run(&mut *build(WayKind::Kalman, &small).unwrap(), &sampled(1.0, pen));
     let large = run(&mut *build(WayKind::Kalman, &scaled).unwrap(), &large);
@@ -153,10 +164,9 @@ fn reversal_rule_draws_no_prediction_that_turns_back() {
     // Brakes hard: 30 ms ahead it would run backwards.
     let pen = |t: f64| [1.0 * t - 2.0 * t * t, 0.0];
     let samples: Vec<_> = sampled(0.2501, pen);
-    let mut with = settings(WayKind::Kalman);
-    with.kalman = KalmanKnobs { reversal_rule: true, ..with.kalman };
-    let mut without = with;
-    without.kalman.reversal_rule = false;
+    let without = plain_kalman();
+    let mut with = without;
+    with.kalman.reversal_rule = true;
     let last = |settings: &WaySettings| {
         let targets = run(&mut *build(WayKind::Kalman, settings).unwrap(), &samples);
         within(&targets, 0.2479..0.2481)[0].1[0]
@@ -169,7 +179,7 @@ fn reversal_rule_draws_no_prediction_that_turns_back() {
 #[test]
 fn one_euro_lags_in_constant_velocity_by_its_time_constant() {
     let knobs = OneEuroKnobs { min_cutoff_hz: 2.0, beta_hz_per_mps: 0.0, speed_cutoff_hz: 1.0 };
-    let settings = WaySettings { one_euro: knobs, ..settings(WayKind::ServojGello) };
+    let settings = WaySettings { one_euro: knobs, feed: Feed::Samples, ..settings(WayKind::ServojGello) };
     let targets = run(&mut *build(WayKind::ServojGello, &settings).unwrap(), &sampled(3.0, line));
     let tau_s = 1.0 / (std::f64::consts::TAU * 2.0);
     // Right behind a sample: the one at 2.5 s arrives in the period that begins there.
@@ -231,7 +241,8 @@ fn soft_servo_lags_by_its_look_ahead_and_does_not_overshoot() {
 #[test]
 fn generator_never_exceeds_its_limits_and_arrives() {
     let limits = Limits { velocity_mps: 0.5, acceleration_mps2: 5.0, jerk_mps3: 200.0 };
-    let settings = WaySettings { limits, ..settings(WayKind::Otg) };
+    let mut settings = WaySettings { limits, ..settings(WayKind::Otg) };
+    settings.otg = OtgKnobs { target_acceleration: true, acceleration_share: 1.0, ..settings.otg };
     let mut way = OtgWay::new(&settings);
     // A jump of 0.1 m, a fast circle that the limits cannot follow, a dart, then rest.
     let pen = |t: f64| match t {
