@@ -29,8 +29,8 @@ pub use operate::*;
 
 pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
-    FaultReason, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode, PenSample,
-    Percentiles, PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode,
-    ServiceError, SolverPath, Stage, Status, TickRecord, TrustReason, command_flags, guard_mask, health,
-    host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode,
+    PenSample, Percentiles, PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung,
+    SafetyMode, ServiceError, SolverPath, Stage, Status, TickRecord, Tracking, TrustReason, command_flags,
+    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -5,8 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    ArmLag, Chain, Counters, FaultReason, Header, Mode, PredictorId, Rejection, STAGES, Stage, TrustReason,
-    Validate, missing_rights,
+    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Mode, PredictorId, Rejection, STAGES, Stage,
+    TrustReason, Validate, missing_rights,
 };
 
 wire! {
@@ -22,6 +22,35 @@ wire! {
         /// The largest.
         pub max_ns: u32,
     }
+}
+
+wire! {
+    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: not known. Lags are the
+    /// shift of the pen that fits the tool best, −0.05 to 0.2; NaN: not known.
+    "foretrace.TrackingV1"
+    pub struct Tracking {
+        /// Root mean square distance while the pen writes, over the last seconds of writing [m].
+        pub recent_rms_m: f64,
+        /// The same since arming [m].
+        pub session_rms_m: f64,
+        /// The same since arming, hovering included [m].
+        pub hover_rms_m: f64,
+        /// How late the tool is behind the pen, over the last seconds of writing [s].
+        pub recent_lag_s: f64,
+        /// The same since arming [s].
+        pub session_lag_s: f64,
+    }
+}
+
+impl Tracking {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self {
+        recent_rms_m: -1.0,
+        session_rms_m: -1.0,
+        hover_rms_m: -1.0,
+        recent_lag_s: f64::NAN,
+        session_lag_s: f64::NAN,
+    };
 }
 
 wire! {
@@ -93,6 +122,16 @@ wire! {
 
         /// The arm's lag, and what the plan makes of it.
         pub arm_lag: ArmLag,
+        /// The arm as it is measured.
+        pub tracking: Tracking,
+        /// The arm as it would be had the loop always held (trust 0), at the same instants.
+        pub ghost: Tracking,
+        /// How long the pen wrote while both were compared [s].
+        pub compared_s: f64,
+        /// [`GhostState`].
+        pub ghost_state: u32,
+        /// Median cost of the ghost per tick, on a thread that no tick waits for [ns].
+        pub ghost_cost_ns: u32,
 
         /// Heap allocations per tick after warm-up, ticks with a connection change left out.
         pub allocations_per_tick: f64,
@@ -114,6 +153,7 @@ impl Validate for Status {
         known::<_, FaultReason>("fault", self.fault)?;
         known::<_, TrustReason>("trust_reason", self.trust_reason)?;
         known::<_, PredictorId>("predictor", self.predictor)?;
+        known::<_, GhostState>("ghost_state", self.ghost_state)?;
         flags("missing_rights", self.missing_rights, missing_rights::ALL)
     }
 }

@@ -9,8 +9,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    AXES, ArmLag, Counters, FaultReason, Header, JOINTS, Mode, PredictorId, Rejection, Rung, STAGES,
-    SolverPath, Stage, TrustReason, Validate, guard_mask, health,
+    AXES, ArmLag, Counters, FaultReason, GhostState, Header, JOINTS, Mode, PredictorId, Rejection, Rung,
+    STAGES, SolverPath, Stage, TrustReason, Validate, guard_mask, health,
 };
 
 wire! {
@@ -178,14 +178,18 @@ wire! {
         /// The arm's lag, and what the plan makes of it.
         pub arm_lag: ArmLag,
 
-        /// Where a shadow predictor would have the pen at the command's stamp [m]; reserved, zero.
-        pub ghost_m: [f64; AXES],
-        /// Error of the shadow predictor [m]; reserved, zero.
+        /// Where the tool would be at the command's stamp had the loop always held (trust 0) [m]; zero without a ghost.
+        pub ghost_tool_m: [f64; AXES],
+        /// The instant for which the next two distances hold, a tenth of a second back [ns]; 0: none in this tick.
+        pub compared_ns: u64,
+        /// Distance of the measured tool from the pen at that instant, in the plane [m]; negative: none in this tick.
+        pub error_m: f64,
+        /// The same for the ghost's tool, behind an arm of the same lag [m]; negative: none in this tick.
         pub ghost_error_m: f64,
-        /// [`PredictorId`] of the shadow predictor plus one; 0: none.
-        pub ghost_predictor: u32,
-        /// Reserved, zero.
-        pub reserved: u32,
+        /// [`GhostState`].
+        pub ghost_state: u32,
+        /// 1: the pen wrote at that instant.
+        pub compared_contact: u32,
     }
 }
 
@@ -213,6 +217,7 @@ impl Validate for TickRecord {
         known::<_, FaultReason>("fault", self.fault)?;
         known::<_, PredictorId>("predictor", self.predictor)?;
         known::<_, SolverPath>("ik_path", self.ik_path)?;
+        known::<_, GhostState>("ghost_state", self.ghost_state)?;
         for path in self.mpc_path {
             known::<_, SolverPath>("mpc_path", path)?;
         }

@@ -271,6 +271,20 @@ wire_enum! {
 }
 
 wire_enum! {
+    /// Whether the ghost (what trust 0 would have done) can be compared with the loop.
+    pub enum GhostState: u32 {
+        /// The loop does not follow the pen, or there is no ghost.
+        Off = 0 => "off",
+        /// The tool or its ghost is still on its way to the pen.
+        Approaching = 1 => "approaching",
+        /// Ticks were missing; the ghost starts anew and is given time to settle.
+        Settling = 2 => "settling",
+        /// It can.
+        Comparable = 3 => "comparable",
+    }
+}
+
+wire_enum! {
     /// The stages of a tick, in order; indices of `stage_ns` and of the percentiles in the status.
     pub enum Stage: u32 {
         /// From release to the start of the tick.

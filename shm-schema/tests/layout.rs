@@ -129,8 +129,20 @@ fn layouts_are_pinned() {
         &[("dead_time_ns", 0, 8), ("lag_s", 8, 8), ("std_s", 16, 8), ("shift_s", 24, 8)],
         0x2557f6b82ef60069,
     );
+    pinned::<Tracking>(
+        40,
+        8,
+        &[
+            ("recent_rms_m", 0, 8),
+            ("session_rms_m", 8, 8),
+            ("hover_rms_m", 16, 8),
+            ("recent_lag_s", 24, 8),
+            ("session_lag_s", 32, 8),
+        ],
+        0x6e01a9bec75bd4a7,
+    );
     pinned::<TickRecord>(
-        1168,
+        1184,
         8,
         &[
             ("header", 0, 24),
@@ -193,12 +205,14 @@ fn layouts_are_pinned() {
             ("connections_changed", 716, 4),
             ("counters", 720, 376),
             ("arm_lag", 1096, 32),
-            ("ghost_m", 1128, 24),
-            ("ghost_error_m", 1152, 8),
-            ("ghost_predictor", 1160, 4),
-            ("reserved", 1164, 4),
+            ("ghost_tool_m", 1128, 24),
+            ("compared_ns", 1152, 8),
+            ("error_m", 1160, 8),
+            ("ghost_error_m", 1168, 8),
+            ("ghost_state", 1176, 4),
+            ("compared_contact", 1180, 4),
         ],
-        0xc3599d975dca2516,
+        0x2f45fa12db1ec87e,
     );
     pinned::<Percentiles>(
         16,
@@ -207,7 +221,7 @@ fn layouts_are_pinned() {
         0x1f3d04f1cb1a7002,
     );
     pinned::<Status>(
-        872,
+        968,
         8,
         &[
             ("header", 0, 24),
@@ -240,10 +254,15 @@ fn layouts_are_pinned() {
             ("predictor_rms_m", 760, 8),
             ("predictor_band_m", 768, 8),
             ("arm_lag", 776, 32),
-            ("allocations_per_tick", 808, 8),
-            ("reserved", 816, 56),
+            ("tracking", 808, 40),
+            ("ghost", 848, 40),
+            ("compared_s", 888, 8),
+            ("ghost_state", 896, 4),
+            ("ghost_cost_ns", 900, 4),
+            ("allocations_per_tick", 904, 8),
+            ("reserved", 912, 56),
         ],
-        0xf7a1cdba32418a9b,
+        0x754e50384be90905,
     );
     pinned::<ControlRequest>(
         32,

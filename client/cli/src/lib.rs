@@ -12,6 +12,7 @@ mod interrupt;
 mod settings;
 mod attach;
 mod spread;
+mod ghost;
 mod config;
 mod daemon;
 mod arm;

@@ -61,7 +61,7 @@ impl Rig {
             budget: Budget::default(),
             output: &output,
             measured: Some((self.now, self.q)),
-            lag_ns: LAG_NS,
+            lag_ns: LAG_NS as i64,
         };
         let report = if self.deaf { GhostReport::default() } else { self.ghost.follow(&tick) };
         if let Some(command) = output.command {

@@ -5,6 +5,7 @@
 
 pub mod allocation;
 pub mod chain;
+pub mod ghost;
 pub mod narrator;
 pub mod requests;
 pub mod statistics;
@@ -30,6 +31,7 @@ use crate::rt::os;
 use crate::rt::tick::IpcRings;
 use allocation::AllocationJudge;
 use chain::ChainWatch;
+use ghost::GhostShell;
 use narrator::Narrator;
 use requests::{ReloadRequest, Requests};
 use statistics::{RateMeter, RunningRms, Spreads};
@@ -80,6 +82,8 @@ pub enum IpcOrder {
 pub struct IpcLinks {
     /// To and from the loop.
     pub rings: IpcRings,
+    /// What feedback alone would have done.
+    pub ghost: GhostShell,
     /// What the learner shows.
     pub board: Arc<LearnerBoard>,
     /// What the learner tells.
@@ -234,8 +238,9 @@ impl Ipc {
             self.predictor.add(error);
         }
         let parts = self.chain.tick(evidence);
+        let ghost = self.links.ghost.follow(evidence, self.links.rings.evidence.slots());
         if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
-            let record = convert::tick_record(evidence, &parts, &self.tally());
+            let record = convert::tick_record(evidence, &parts, &ghost, &self.tally());
             if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
                 self.telemetry_failed += 1;
             }
@@ -290,6 +295,7 @@ impl Ipc {
             allocations_per_tick: f64::NAN,
             ..Status::default()
         };
+        convert::ghost_figures(&mut status, &self.links.ghost.figures(), self.links.ghost.cost_ns());
         if let Some(newest) = &self.newest {
             let tally = self.tally();
             convert::newest_tick(&mut status, newest, &tally, now);

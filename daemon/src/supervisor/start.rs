@@ -14,6 +14,7 @@ use foretrace_shm::{Instance, InstanceLock, Services, Session};
 
 use super::{Daemon, OPENING, settings_hash};
 use crate::error::DaemonError;
+use crate::ipc::ghost::GhostShell;
 use crate::ipc::{self, IpcLinks, IpcOrder, IpcSettings};
 use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
@@ -86,8 +87,13 @@ impl Daemon {
         let settings = ipc_settings(&config);
         let (ipc_orders, ipc_ordered) = channel::bounded(64);
         let (reload_in, reload) = channel::bounded(1);
+        let ghost = match config.settings().telemetry.ghost {
+            true => GhostShell::new(config.follower_settings(), config.settings().mpc.horizon)?,
+            false => GhostShell::none(),
+        };
         let links = IpcLinks {
             rings: ipc_rings,
+            ghost,
             board,
             learner: learner_tells,
             orders: ipc_ordered,

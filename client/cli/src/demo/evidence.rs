@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_client::{Stage, Status, TickRecord};
+use foretrace_client::{GhostState, Stage, Status, TickRecord};
 use foretrace_config::Config;
 use foretrace_control::follower::Plane;
 use foretrace_lab::data::load_csv;
@@ -40,16 +40,21 @@ pub(crate) struct TickNote {
     pub(crate) trust: f64,
     pub(crate) health: u32,
     pub(crate) mode: u32,
+    /// Distance between the commanded tool and the ghost's, where they can be compared [m].
+    pub(crate) ghost_apart_m: Option<f64>,
 }
 
 impl TickNote {
     pub(crate) fn of(record: &TickRecord) -> Self {
+        let ([x, y, _], [ghost_x, ghost_y, _]) = (record.tool_m, record.ghost_tool_m);
+        let comparable = record.ghost_state == u32::from(GhostState::Comparable);
         Self {
             t_s: record.release_ns as f64 * 1e-9,
             stage_ns: record.stage_ns,
             trust: record.trust,
             health: record.health,
             mode: record.mode,
+            ghost_apart_m: comparable.then(|| (x - ghost_x).hypot(y - ghost_y)),
         }
     }
 

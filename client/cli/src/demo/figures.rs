@@ -3,7 +3,7 @@
 //! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the pen as the
 //! loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to the paper.
 
-use foretrace_client::{Mode, Stage, health};
+use foretrace_client::{Mode, Stage, Status, health};
 use foretrace_config::Settings;
 use foretrace_lab::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::evidence::Evidence;
 use crate::failure::Failure;
+use crate::ghost::Comparison;
 use crate::spread::{Quantiles, Spread};
 
 /// The result of a demo.
@@ -19,6 +20,8 @@ pub(crate) struct Figures {
     #[serde(rename = "loop")]
     pub(crate) control_loop: LoopFigures,
     pub(crate) tracking: TrackingFigures,
+    /// As the daemon measured it while it ran; `session` is the whole run.
+    pub(crate) ghost: GhostFigures,
     pub(crate) commands: Value,
     pub(crate) pen: PenFigures,
     pub(crate) learner: LearnerFigures,
@@ -54,6 +57,17 @@ pub(crate) struct TrackingFigures {
     /// What remains at that shift.
     pub(crate) mse_at_lag_m2: f64,
     pub(crate) samples: usize,
+}
+
+/// The loop beside its ghost, which only held.
+#[derive(Debug, Serialize)]
+pub(crate) struct GhostFigures {
+    #[serde(flatten)]
+    pub(crate) comparison: Comparison,
+    /// Largest distance between the commanded tool and the ghost's while both were compared; 0 at trust 0.
+    pub(crate) apart_max_m: Option<f64>,
+    /// Share of the ticks in which the loop followed.
+    pub(crate) compared_share: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -165,6 +179,7 @@ pub(crate) fn figures(
             mse_at_lag_m2: score.mse_at_lag_m2,
             samples: score.samples,
         },
+        ghost: ghost(evidence, &status),
         commands: evidence.arm.get("commands").cloned().unwrap_or(Value::Null),
         pen: PenFigures {
             samples: number(&evidence.player, "samples"),
@@ -185,6 +200,24 @@ pub(crate) fn figures(
     })
 }
 
+/// What the daemon says about its ghost, and how far apart the two were.
+fn ghost(evidence: &Evidence, status: &Status) -> GhostFigures {
+    let following = evidence.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
+    let (mut followed, mut compared, mut apart_m) = (0_u64, 0_u64, None);
+    for tick in following {
+        followed += 1;
+        if let Some(distance) = tick.ghost_apart_m {
+            compared += 1;
+            apart_m = Some(distance.max(apart_m.unwrap_or(0.0)));
+        }
+    }
+    GhostFigures {
+        comparison: Comparison::of(status),
+        apart_max_m: apart_m,
+        compared_share: compared as f64 / followed.max(1) as f64,
+    }
+}
+
 impl Figures {
     /// Commands that broke a limit, as the arm counted.
     pub(crate) fn limit_violations(&self) -> u64 {
@@ -193,7 +226,7 @@ impl Figures {
 
     /// The table for people: what and how much.
     pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
-        let Self { control_loop, tracking, commands, pen, learner, trust, .. } = self;
+        let Self { control_loop, tracking, ghost, commands, pen, learner, trust, .. } = self;
         let spread = |q: &Quantiles| {
             format!("p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} µs", q.p50, q.p99, q.p99_9, q.max)
         };
@@ -228,6 +261,7 @@ impl Figures {
                     tracking.lag_ms
                 ),
             ),
+            ("ghost", ghost.comparison.session.words()),
             (
                 "commands",
                 format!(
@@ -275,6 +309,7 @@ mod tests {
             trust: 1.0,
             health: 0,
             mode: Mode::Following.into(),
+            ghost_apart_m: None,
         };
         Evidence { pen: pen.collect(), tool: tool.collect(), ticks: vec![tick], ..Evidence::default() }
     }

@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, TrustReason, missing_rights};
 use serde_json::{Map, Value, json};
 
+use crate::ghost::Comparison;
+
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
 pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     let mut page = String::new();
@@ -65,6 +67,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     ));
     line(format_args!("chain       {}", chain_text(status)));
     line(format_args!("lag         {}", lag_text(status)));
+    line(format_args!("ghost       {}", Comparison::of(status).now()));
     line(format_args!(
         "trust       {:.2} -> {:.2} ({})   predictor {}{}",
         status.trust,
@@ -182,6 +185,7 @@ pub(crate) fn json(status: &Status) -> Value {
             "shift_ms": known.then_some(status.arm_lag.shift_s * 1e3),
             "dead_time_ms": status.arm_lag.dead_time_ns as f64 * 1e-6,
         },
+        "ghost": Comparison::of(status),
         "trust": {
             "value": status.trust,
             "target": status.trust_target,

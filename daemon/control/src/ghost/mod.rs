@@ -56,8 +56,8 @@ pub struct GhostTick<'a, const J: usize> {
     pub output: &'a StepOutput<J>,
     /// Newest measured joints [rad] and their stamp.
     pub measured: Option<(Stamp, [f64; J])>,
-    /// How late the arm is, from the stamp of a command to the motion [ns].
-    pub lag_ns: u64,
+    /// How late the arm is, from the stamp of a command to the motion [ns]; negative: ahead of it.
+    pub lag_ns: i64,
 }
 
 /// Whether the ghost can be compared with the real loop.
@@ -282,7 +282,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
                 break;
             }
             self.waiting.pop_front();
-            let then = Stamp(instant.0.saturating_sub(tick.lag_ns));
+            let then = Stamp(instant.0.saturating_add_signed(tick.lag_ns.saturating_neg()));
             let Some(ghost) = self.tool.at(then) else { continue };
             if let Some(([error_m, ghost_error_m], contact)) =
                 self.score.judge(instant, [real, ghost.position], &self.pen)

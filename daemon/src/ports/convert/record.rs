@@ -1,6 +1,7 @@
 //! Ticks as others see them: records, counters and the newest tick's part of the status.
 
 use foretrace_control::follower::{Health, Mode, Rung, StepOutput};
+use foretrace_control::ghost::{GhostFigures, GhostReport, GhostState, Tracking};
 use foretrace_control::guard::Reasons;
 use foretrace_control::ik::{IkReport, IkSource};
 use foretrace_control::lag::LagEstimate;
@@ -101,7 +102,12 @@ fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
 
 /// One tick's evidence as it is published.
 #[must_use]
-pub fn tick_record(evidence: &Evidence, parts: &Parts, ipc: &IpcTally) -> shm::TickRecord {
+pub fn tick_record(
+    evidence: &Evidence,
+    parts: &Parts,
+    ghost: &GhostReport,
+    ipc: &IpcTally,
+) -> shm::TickRecord {
     let output = &evidence.output;
     let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
     let [pen_x, pen_y] = output.pen_position;
@@ -155,8 +161,18 @@ pub fn tick_record(evidence: &Evidence, parts: &Parts, ipc: &IpcTally) -> shm::T
         connections_changed: (evidence.port_allocations > 0).into(),
         counters: counters(evidence, ipc),
         arm_lag: arm_lag(output),
+        ghost_tool_m: ghost.tool.unwrap_or_default(),
+        ghost_state: ghost_state(ghost.state).into(),
+        error_m: UNKNOWN,
+        ghost_error_m: UNKNOWN,
         ..Default::default()
     };
+    if let Some(compared) = ghost.compared {
+        record.compared_ns = compared.instant.0;
+        record.error_m = compared.error_m;
+        record.ghost_error_m = compared.ghost_error_m;
+        record.compared_contact = compared.contact.into();
+    }
     ik_report(&mut record, &output.ik, output);
     for (stage, ns) in stages(&evidence.times) {
         record.set_stage(stage, ns);
@@ -185,6 +201,36 @@ pub fn chain(parts: &Parts) -> shm::Chain {
         pen_age_ns: known(parts.pen_age),
         compute_ns: known(parts.compute),
         command_transport_ns: known(parts.command_transport),
+    }
+}
+
+/// Fills in what the prediction saves.
+pub fn ghost_figures(status: &mut shm::Status, figures: &GhostFigures, cost_ns: u32) {
+    status.tracking = tracking(&figures.real);
+    status.ghost = tracking(&figures.ghost);
+    status.compared_s = figures.seconds;
+    status.ghost_state = ghost_state(figures.state).into();
+    status.ghost_cost_ns = cost_ns;
+}
+
+fn tracking(tracking: &Tracking) -> shm::Tracking {
+    let metres = |value: Option<f64>| value.unwrap_or(UNKNOWN);
+    let seconds = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    shm::Tracking {
+        recent_rms_m: metres(tracking.recent_rms),
+        session_rms_m: metres(tracking.session_rms),
+        hover_rms_m: metres(tracking.hover_rms),
+        recent_lag_s: seconds(tracking.recent_lag),
+        session_lag_s: seconds(tracking.session_lag),
+    }
+}
+
+const fn ghost_state(state: GhostState) -> shm::GhostState {
+    match state {
+        GhostState::Off => shm::GhostState::Off,
+        GhostState::Approaching => shm::GhostState::Approaching,
+        GhostState::Settling => shm::GhostState::Settling,
+        GhostState::Comparable => shm::GhostState::Comparable,
     }
 }
 

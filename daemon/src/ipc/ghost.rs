@@ -1,0 +1,100 @@
+//! The ghost in the daemon: beside the loop, one tick behind it, on the thread that publishes what the loop did.
+//!
+//! Contract: costs the real-time thread nothing. When records pile up, telemetry comes first: the ghost leaves ticks out,
+//! and says by itself that it cannot be compared for a while. Pure but for the clock that times its own cost.
+
+use std::fmt::Debug;
+
+use hdrhistogram::Histogram;
+
+use foretrace_control::follower::{FollowerError, FollowerSettings};
+use foretrace_control::ghost::{Ghost, GhostFigures, GhostReport, GhostTick};
+
+use crate::ports::JOINTS;
+use crate::rt::evidence::Evidence;
+use crate::rt::os;
+
+/// With more records waiting than this the ghost stands back: an eighth of the ring.
+const TOO_MANY_WAITING: usize = 64;
+
+/// A ghost of whatever horizon.
+trait Beside: Debug + Send {
+    fn follow(&mut self, tick: &GhostTick<'_, JOINTS>) -> GhostReport;
+    fn figures(&self) -> GhostFigures;
+}
+
+impl<const N: usize> Beside for Ghost<N, JOINTS> {
+    fn follow(&mut self, tick: &GhostTick<'_, JOINTS>) -> GhostReport {
+        Self::follow(self, tick)
+    }
+    fn figures(&self) -> GhostFigures {
+        Self::figures(self)
+    }
+}
+
+/// The ghost, if there is one, and what it costs.
+#[derive(Debug)]
+pub struct GhostShell {
+    ghost: Option<Box<dyn Beside>>,
+    cost: Option<Histogram<u64>>,
+}
+
+impl GhostShell {
+    /// No ghost.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self { ghost: None, cost: None }
+    }
+
+    /// The ghost of a loop with these settings and this horizon: 10, 20, else 30.
+    ///
+    /// # Errors
+    /// As [`Ghost::new`].
+    pub fn new(settings: FollowerSettings<JOINTS>, horizon: u32) -> Result<Self, FollowerError> {
+        let ghost: Box<dyn Beside> = match horizon {
+            10 => Box::new(Ghost::<10, JOINTS>::new(settings)?),
+            20 => Box::new(Ghost::<20, JOINTS>::new(settings)?),
+            _ => Box::new(Ghost::<30, JOINTS>::new(settings)?),
+        };
+        // The bounds are constants that the crate accepts; without a histogram the cost is not known, no harm.
+        Ok(Self { ghost: Some(ghost), cost: Histogram::new_with_bounds(1, 1_000_000_000, 2).ok() })
+    }
+
+    /// Goes along with one tick; `waiting` records come after it.
+    pub fn follow(&mut self, evidence: &Evidence, waiting: usize) -> GhostReport {
+        let Some(ghost) = self.ghost.as_mut().filter(|_| waiting <= TOO_MANY_WAITING) else {
+            return GhostReport::default();
+        };
+        let began = os::monotonic_ns();
+        let output = &evidence.output;
+        // What fits the arm's motion best as a mere delay; until that is known, what the plan takes it for.
+        let measured = output.lag.map(|lag| (lag.shift_s * 1e9) as i64);
+        let report = ghost.follow(&GhostTick {
+            tick: evidence.tick,
+            now: evidence.wake.release,
+            budget: evidence.budget,
+            output,
+            measured: evidence.measured,
+            lag_ns: measured.unwrap_or_else(|| i64::try_from(output.dead_time_ns).unwrap_or(i64::MAX)),
+        });
+        if report.tool.is_some()
+            && let Some(cost) = &mut self.cost
+        {
+            cost.saturating_record(os::monotonic_ns().saturating_sub(began).max(1));
+        }
+        report
+    }
+
+    /// How the loop and its ghost do.
+    #[must_use]
+    pub fn figures(&self) -> GhostFigures {
+        self.ghost.as_ref().map_or_else(GhostFigures::default, |ghost| ghost.figures())
+    }
+
+    /// Median cost per tick in which the ghost moved [ns]; 0: none yet.
+    #[must_use]
+    pub fn cost_ns(&self) -> u32 {
+        let known = self.cost.as_ref().filter(|cost| !cost.is_empty());
+        known.map_or(0, |cost| u32::try_from(cost.value_at_quantile(0.5)).unwrap_or(u32::MAX))
+    }
+}
