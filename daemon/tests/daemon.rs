@@ -4,7 +4,10 @@ mod support;
 
 use std::process::{Command, Stdio};
 
-use foretrace_shm::{ControlOp, ControlStatus, FaultReason, Mode, PredictorId, Purge, Services, Session};
+use foretrace_shm::{
+    ControlOp, ControlStatus, FaultReason, GhostState, HeaderBounds, Mode, PredictorId, Purge, Services,
+    Session, monotonic_now_ns,
+};
 use foretraced::{DaemonError, Source};
 use support::{Operator, Place, Running, arm, pen, turn, until};
 
@@ -53,6 +56,64 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
     until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
     assert!(operator.ask(ControlOp::Disarm, 0.0, 0).is_success());
     operator.status_when("it lets go", |status| status.mode == u32::from(Mode::Idle));
+    daemon.end().unwrap();
+}
+
+#[test]
+fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source().with("trust.mode", "manual"));
+    let mut operator = Operator::attach(&place);
+    let session = Session::open(&place.instance(), "observer").unwrap();
+    let services = Services::open(&session).unwrap();
+    let mut telemetry = services.telemetry.subscriber(256, HeaderBounds::DEFAULT).unwrap();
+    let (_arm, _log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::SetTrust, 0.0, 0).is_success());
+    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    let (mut seen, mut settled) = (0, true);
+    let status = operator.status_when("both are compared", |status| {
+        telemetry.drain(monotonic_now_ns(), |record| {
+            let state = GhostState::try_from(record.ghost_state).unwrap();
+            // A ghost that had to leave ticks out on a busy machine is near, but no longer the same.
+            settled &= state != GhostState::Settling;
+            if settled && record.mode == u32::from(Mode::Following) {
+                assert_eq!(record.ghost_tool_m, record.tool_m, "tick {}", record.tick);
+                assert!(record.compared_ns == 0 || record.compared_ns < record.release_ns);
+                seen += 1;
+            }
+        });
+        status.compared_s > 1.0
+    });
+    assert!(seen > 300 || !settled, "{seen} ticks");
+    let (real, ghost) = (status.tracking, status.ghost);
+    assert!((real.session_rms_m / ghost.session_rms_m - 1.0).abs() < 0.1, "{real:?} {ghost:?}");
+    assert!((real.session_lag_s - ghost.session_lag_s).abs() < 5e-3, "{real:?} {ghost:?}");
+    assert!(status.ghost_cost_ns > 0);
+
+    assert!(operator.ask(ControlOp::SetTrust, 1.0, 0).is_success());
+    operator.status_when("prediction saves millimetres and milliseconds", |status| {
+        let (real, ghost) = (status.tracking, status.ghost);
+        real.recent_rms_m < 0.8 * ghost.recent_rms_m && real.recent_lag_s < ghost.recent_lag_s - 0.005
+    });
+    daemon.end().unwrap();
+}
+
+#[test]
+fn without_a_ghost_nothing_is_compared_and_nothing_claimed() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source().with("telemetry.ghost", false));
+    let mut operator = Operator::attach(&place);
+    let (_arm, _log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    let status = operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
+    assert_eq!((status.ghost_state, status.ghost_cost_ns), (u32::from(GhostState::Off), 0));
+    assert!(status.tracking.session_rms_m < 0.0 && status.ghost.session_lag_s.is_nan(), "{status:?}");
     daemon.end().unwrap();
 }
 

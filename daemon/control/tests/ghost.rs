@@ -19,7 +19,7 @@ use support::{HOME, PERIOD_NS, settings};
 const LAG_PERIODS: u64 = 15;
 const LAG_NS: u64 = LAG_PERIODS * PERIOD_NS;
 
-/// A loop in front of an arm with a pure delay, and its ghost.
+/// A loop in front of an arm with a delay and a servo of first order, and its ghost.
 struct Rig {
     follower: Follower<10, 6>,
     ghost: Ghost<10, 6>,
@@ -29,6 +29,10 @@ struct Rig {
     tick: u64,
     /// The ghost does not hear of these ticks.
     deaf: bool,
+    /// Share of the way that the servo goes in a period; 1: a pure delay.
+    servo: f64,
+    /// What the ghost is told of the arm's lag.
+    lag_ns: i64,
 }
 
 impl Rig {
@@ -47,6 +51,8 @@ impl Rig {
             now: Stamp(10_000_000_000),
             tick: 0,
             deaf: false,
+            servo: 1.0,
+            lag_ns: LAG_NS as i64,
         }
     }
 
@@ -61,14 +67,15 @@ impl Rig {
             budget: Budget::default(),
             output: &output,
             measured: Some((self.now, self.q)),
-            lag_ns: LAG_NS as i64,
+            lag_ns: self.lag_ns,
         };
         let report = if self.deaf { GhostReport::default() } else { self.ghost.follow(&tick) };
         if let Some(command) = output.command {
             self.sent.push_back(command.q);
             // The command is for the next tick; the arm is late by the lag.
             if self.sent.len() as u64 > LAG_PERIODS {
-                self.q = self.sent.pop_front().unwrap();
+                let wanted = self.sent.pop_front().unwrap();
+                self.q.iter_mut().zip(wanted).for_each(|(q, wanted)| *q += self.servo * (wanted - *q));
             }
         }
         self.now = self.now.plus_ns(PERIOD_NS);
@@ -147,6 +154,26 @@ fn the_ghost_of_a_loop_that_predicts_does_what_a_loop_at_trust_0_does() {
     let (real, ghost) = (figures.real, figures.ghost);
     assert!(real.session_rms.unwrap() < 0.6 * ghost.session_rms.unwrap(), "{figures:?}");
     assert!(real.session_lag.unwrap() + 0.02 < ghost.session_lag.unwrap(), "{figures:?}");
+}
+
+#[test]
+fn behind_an_arm_that_filters_the_ghost_is_judged_as_a_loop_at_trust_0_would_be() {
+    let written = |trust: TrustRequest| {
+        let mut rig = Rig::armed(trust);
+        // 25 ms, on top of the delay; the ghost is told a lag that fits neither fast nor slow motion.
+        rig.servo = 0.077;
+        rig.lag_ns = 45_000_000;
+        rig.write(4000);
+        rig.ghost.figures()
+    };
+    let (held, figures) = (written(HOLD), written(BELIEVE));
+    for (name, ghost) in [("its own", held.ghost), ("the other's", figures.ghost)] {
+        let ratio = ghost.session_rms.unwrap() / held.real.session_rms.unwrap();
+        assert!((ratio - 1.0).abs() < 0.01, "{name}: {ratio}");
+        let apart_s = ghost.session_lag.unwrap() - held.real.session_lag.unwrap();
+        assert!(apart_s.abs() < 1e-3, "{name}: {apart_s} s");
+    }
+    assert!(figures.real.session_rms.unwrap() < 0.8 * figures.ghost.session_rms.unwrap(), "{figures:?}");
 }
 
 #[test]

@@ -129,7 +129,7 @@ impl Operator {
         self.control.ask(request, Duration::from_secs(5)).unwrap()
     }
 
-    pub fn status_when(&mut self, what: &str, claim: impl Fn(&Status) -> bool) -> Status {
+    pub fn status_when(&mut self, what: &str, mut claim: impl FnMut(&Status) -> bool) -> Status {
         until(what, || {
             let status = self.status.latest(monotonic_now_ns())?;
             self.newest = status;

@@ -3,16 +3,18 @@
 //!
 //! Contract: fed with what each tick of the real loop shows. A second [`Follower`] with the same settings and trust 0
 //! takes over the arm whenever the real one does, from the same measured joints, and sees the newest pen reading of every
-//! tick at the same instant. The real arm is where its measured joints put it; the ghost's arm is where its commands
-//! put it, the arm's lag earlier: an ideal arm but for its lag, so that what is shown as saved is rather too little. Both
-//! are judged at the stamps of the real measurements, once the pen is known around them. Only while the loop follows, and
-//! only after both tools have come near the pen. Where ticks are missing the ghost cannot know what the pen did: it
+//! tick at the same instant. The real arm is where its measured joints put it; the ghost's arm answers its commands as the
+//! real one was measured to answer its own ([`ArmFit`]): late by the lag, and rounded by the servo. Both are judged at the
+//! stamps of the real measurements, once the pen is known around them. Only while the loop follows, and only after both
+//! tools have come near the pen. Where ticks are missing the ghost cannot know what the pen did: it
 //! starts anew from the real command at rest and is judged again after a second. Work per tick is one step of the law;
 //! nothing allocates after construction. Absent: threads, and where the lag comes from.
 
+mod arm;
 mod score;
 mod track;
 
+pub use arm::ArmFit;
 pub use score::{PEN_AHEAD_NS, Score, Tracking};
 pub use track::{Point, Track};
 
@@ -126,10 +128,14 @@ pub struct Ghost<const N: usize, const J: usize> {
     /// Joints that the ghost's last command asked for [rad].
     commanded: [f64; J],
     pen: Track,
+    /// Tool positions that the real loop and the ghost commanded.
+    sent: Track,
     tool: Track,
+    arm: ArmFit,
+    /// Where the real tool was when it was last measured, and when.
+    measured: (Stamp, [f64; 2]),
     /// Measured instants that wait to be judged: when, and where the real tool was.
     waiting: VecDeque<(Stamp, [f64; 2])>,
-    measured: Stamp,
     score: Score,
 }
 
@@ -152,16 +158,18 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             state: GhostState::Off,
             commanded: [0.0; J],
             pen: Track::new(KEPT, PEN_GAP_NS),
+            sent: Track::new(KEPT, TOOL_GAP_NS),
             tool: Track::new(KEPT, TOOL_GAP_NS),
+            arm: ArmFit::default(),
+            measured: (Stamp(0), [f64::INFINITY; 2]),
             waiting: VecDeque::with_capacity(KEPT),
-            measured: Stamp(0),
             score: Score::new(MEMORY_NS),
         })
     }
 
     /// Goes along with one tick of the real loop.
     pub fn follow(&mut self, tick: &GhostTick<'_, J>) -> GhostReport {
-        let (now, output) = (tick.now, tick.output);
+        let output = tick.output;
         let whole =
             self.last_tick.replace(tick.tick).is_some_and(|last| last.checked_add(1) == Some(tick.tick));
         if let Some(stamp) = output.pen_stamp {
@@ -183,6 +191,10 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             self.state = GhostState::Settling;
             return GhostReport { state: self.state, ..GhostReport::default() };
         }
+        if let Some(command) = output.command {
+            let [x, y, _] = output.tool;
+            self.sent.push(Point { stamp: command.stamp, position: [x, y], contact: true });
+        }
         let shadow = self.step(tick);
         let tool = shadow.command.map(|command| {
             let [x, y, _] = shadow.tool;
@@ -194,8 +206,11 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             // It stopped where the real loop did not: not the same motion any more.
             self.last_tick = None;
         }
-        self.state = self.judged_state(now, output, &shadow);
-        self.measure(tick);
+        let fresh = self.measure(tick);
+        self.state = self.judged_state(tick, &shadow);
+        if fresh && self.state == GhostState::Comparable && self.waiting.len() < KEPT {
+            self.waiting.push_back(self.measured);
+        }
         GhostReport { state: self.state, tool, compared: self.judge(tick) }
     }
 
@@ -209,6 +224,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
     /// Nothing that was goes on.
     fn part(&mut self) {
         self.approached = false;
+        self.sent.clear();
         self.tool.clear();
         self.waiting.clear();
     }
@@ -249,28 +265,32 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         self.follower.step(&input, tick.budget, &mut NoClock)
     }
 
-    fn judged_state(&mut self, now: Stamp, real: &StepOutput<J>, shadow: &StepOutput<J>) -> GhostState {
-        if real.mode != Mode::Following || shadow.mode != Mode::Following {
-            self.approached = false;
-            return if now < self.settled_at { GhostState::Settling } else { GhostState::Approaching };
-        }
-        let [px, py] = real.pen_position;
-        let near = |[x, y, _]: [f64; 3]| (x - px).hypot(y - py) <= self.approach_distance;
-        self.approached |= near(real.tool) && near(shadow.tool);
-        match self.approached {
-            _ if now < self.settled_at => GhostState::Settling,
-            true => GhostState::Comparable,
-            false => GhostState::Approaching,
-        }
+    /// Notes where the real tool was measured; returns whether that is news.
+    fn measure(&mut self, tick: &GhostTick<'_, J>) -> bool {
+        let Some((stamp, q)) = tick.measured.filter(|(stamp, _)| *stamp > self.measured.0) else {
+            return false;
+        };
+        let at = self.plane.point_from_base(&self.chain.forward(&q).position);
+        self.measured = (stamp, [at.x, at.y]);
+        true
     }
 
-    /// Notes where the real tool was when it was last measured, if that is to be judged.
-    fn measure(&mut self, tick: &GhostTick<'_, J>) {
-        let Some((stamp, q)) = tick.measured.filter(|(stamp, _)| *stamp > self.measured) else { return };
-        self.measured = stamp;
-        if self.state == GhostState::Comparable && self.waiting.len() < KEPT {
-            let at = self.plane.point_from_base(&self.chain.forward(&q).position);
-            self.waiting.push_back((stamp, [at.x, at.y]));
+    fn judged_state(&mut self, tick: &GhostTick<'_, J>, shadow: &StepOutput<J>) -> GhostState {
+        let settling = tick.now < self.settled_at;
+        if tick.output.mode != Mode::Following || shadow.mode != Mode::Following {
+            self.approached = false;
+        } else if !self.approached {
+            // Where the arms are, not where they are sent: the way to the pen is over when they have gone it.
+            let (measured, real) = self.measured;
+            let [px, py] = tick.output.pen_position;
+            let near = |[x, y]: [f64; 2]| (x - px).hypot(y - py) <= self.approach_distance;
+            let ghost = self.tool.at(earlier(measured, tick.lag_ns));
+            self.approached = near(real) && ghost.is_some_and(|ghost| near(ghost.position));
+        }
+        match self.approached {
+            _ if settling => GhostState::Settling,
+            true => GhostState::Comparable,
+            false => GhostState::Approaching,
         }
     }
 
@@ -282,16 +302,22 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
                 break;
             }
             self.waiting.pop_front();
-            let then = Stamp(instant.0.saturating_add_signed(tick.lag_ns.saturating_neg()));
-            let Some(ghost) = self.tool.at(then) else { continue };
+            let then = earlier(instant, tick.lag_ns);
+            self.arm.learn(&self.sent, then, real);
+            let Some(ghost) = self.arm.respond(&self.tool, then) else { continue };
             if let Some(([error_m, ghost_error_m], contact)) =
-                self.score.judge(instant, [real, ghost.position], &self.pen)
+                self.score.judge(instant, [real, ghost], &self.pen)
             {
                 newest = Some(Compared { instant, error_m, ghost_error_m, contact });
             }
         }
         newest
     }
+}
+
+/// What was commanded for the motion of an arm so late at `instant`.
+fn earlier(instant: Stamp, lag_ns: i64) -> Stamp {
+    Stamp(instant.0.saturating_add_signed(lag_ns.saturating_neg()))
 }
 
 /// The settings of a loop that only holds, fed with readings that were judged and placed in the plane already.

@@ -1,0 +1,192 @@
+//! What the real arm makes of its commands, so that the ghost's arm can make the same of its own.
+//!
+//! Contract: an arm whose lag L is known is measured where the commands wanted it L ago, but for what its servo filters.
+//! To second order in time that is
+//!
+//! measured(t) ≈ c(t − L) + b ċ(t − L) + a c̈(t − L)
+//!
+//! for any linear arm (Taylor expansion of its frequency response about 0): b is what L misses, a the spread of its impulse
+//! response. Both are fitted to the real commands and measurements by least squares that forget, pulled towards 0 while
+//! little has moved. Without this, an arm that rounds corners would look better than its ghost, because a smaller path at
+//! the same lag is nearer to the pen. Not modelled: limits that the arm runs into. Nothing allocates.
+
+use super::track::Track;
+use crate::units::Stamp;
+
+/// Distance of the commands that derivatives are taken from [ns].
+const REACH_NS: u64 = 15_000_000;
+/// Motion that counts as much as the pull towards a mere delay: squared speed [m²/s²] and acceleration [m²/s⁴], summed over
+/// instants. A quarter of a second of ordinary writing has more.
+const PULL: [f64; 2] = [0.05, 20.0];
+/// Evidence fades with this much time of motion [ns]; a pause makes it no older.
+const MEMORY_NS: f64 = 3e9;
+/// Instants further apart than this count as this far apart [ns].
+const STEP_NS: i64 = 20_000_000;
+/// Nothing that could be called an arm at the lag L has a larger b [s].
+const LARGEST_S: f64 = 0.03;
+
+/// A command of a while ago, with its derivatives.
+#[derive(Debug, Clone, Copy)]
+struct Command {
+    position: [f64; 2],
+    velocity: [f64; 2],
+    acceleration: [f64; 2],
+}
+
+impl Command {
+    /// Central differences about `then`; `None` where the commands are not known around it.
+    fn at(commands: &Track, then: Stamp) -> Option<Self> {
+        let before = commands.at(Stamp(then.0.checked_sub(REACH_NS)?))?.position;
+        let position = commands.at(then)?.position;
+        let after = commands.at(then.plus_ns(REACH_NS))?.position;
+        let h = REACH_NS as f64 * 1e-9;
+        let each = |f: fn(f64, f64, f64, f64) -> f64| {
+            let ([x0, y0], [x1, y1], [x2, y2]) = (before, position, after);
+            [f(x0, x1, x2, h), f(y0, y1, y2, h)]
+        };
+        Some(Self {
+            position,
+            velocity: each(|before, _, after, h| (after - before) / (2.0 * h)),
+            acceleration: each(|before, here, after, h| (after - 2.0 * here + before) / (h * h)),
+        })
+    }
+}
+
+/// The fit.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ArmFit {
+    /// Sums of ċċ, ċc̈, c̈c̈, and of what is left of the measured position times ċ and c̈.
+    vv: f64,
+    va: f64,
+    aa: f64,
+    rv: f64,
+    ra: f64,
+    /// Newest instant learned from.
+    learned: Option<Stamp>,
+    /// b [s] and a [s²].
+    response: [f64; 2],
+}
+
+impl ArmFit {
+    /// Learns that what was commanded `then` became the tool position `measured` [m].
+    pub fn learn(&mut self, commands: &Track, then: Stamp, measured: [f64; 2]) {
+        let Some(command) = Command::at(commands, then).filter(|_| measured.iter().all(|x| x.is_finite()))
+        else {
+            return;
+        };
+        let elapsed_ns = self.learned.replace(then).map_or(0, |last| then.since(last).clamp(0, STEP_NS));
+        let keep = (-(elapsed_ns as f64) / MEMORY_NS).exp();
+        for sum in [&mut self.vv, &mut self.va, &mut self.aa, &mut self.rv, &mut self.ra] {
+            *sum *= keep;
+        }
+        let pairs = command.velocity.into_iter().zip(command.acceleration);
+        for ((v, a), (m, c)) in pairs.zip(measured.into_iter().zip(command.position)) {
+            self.vv += v * v;
+            self.va += v * a;
+            self.aa += a * a;
+            self.rv += (m - c) * v;
+            self.ra += (m - c) * a;
+        }
+        let [pull_v, pull_a] = PULL;
+        let (vv, aa) = (self.vv + pull_v, self.aa + pull_a);
+        // Positive: both pulls are.
+        let determinant = vv * aa - self.va * self.va;
+        let b = (self.rv * aa - self.ra * self.va) / determinant;
+        let a = (self.ra * vv - self.rv * self.va) / determinant;
+        if b.is_finite() && a.is_finite() {
+            let most = LARGEST_S * LARGEST_S;
+            self.response = [b.clamp(-LARGEST_S, LARGEST_S), a.clamp(-most, most)];
+        }
+    }
+
+    /// Where an arm like this one is with what `commands` wanted `then` [m]; `None` where they are not known.
+    #[must_use]
+    pub fn respond(&self, commands: &Track, then: Stamp) -> Option<[f64; 2]> {
+        let Command { position: [x, y], velocity: [vx, vy], acceleration: [ax, ay] } =
+            Command::at(commands, then)?;
+        let [b, a] = self.response;
+        Some([x + b * vx + a * ax, y + b * vy + a * ay])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::track::Point;
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// Commands every 2 ms along `path` [s -> m].
+    fn commands(path: impl Fn(f64) -> [f64; 2]) -> Track {
+        let mut track = Track::new(2000, 50 * MS as i64);
+        for k in 0..1500_u64 {
+            let point = Point { stamp: Stamp(2 * k * MS), position: path(k as f64 * 0.002), contact: true };
+            track.push(point);
+        }
+        track
+    }
+
+    /// A sine of frequency `w` [rad/s] behind a pure delay of `delay` [s] and a critically damped servo of look-ahead `T`:
+    /// gain 1/(1 + (wT/2)²), phase −2 atan(wT/2) − w delay.
+    fn servo(amplitude: f64, w: f64, t: f64, delay: f64, look_ahead: f64) -> f64 {
+        let x = w * look_ahead / 2.0;
+        amplitude / (1.0 + x * x) * (w * (t - delay) - 2.0 * x.atan()).sin()
+    }
+
+    #[test]
+    fn an_arm_that_filters_is_learned_and_its_answer_to_another_path_foretold() {
+        let (delay, look_ahead) = (0.010, 0.030);
+        let path = |t: f64| [0.02 * (9.0 * t).sin(), 0.015 * (14.0 * t).sin()];
+        let measured =
+            |t: f64| [servo(0.02, 9.0, t, delay, look_ahead), servo(0.015, 14.0, t, delay, look_ahead)];
+        let track = commands(path);
+        let mut fit = ArmFit::default();
+        // The lag is wrong by 2 ms.
+        let lag = 38 * MS;
+        for ms in (200..2900_u64).step_by(8) {
+            fit.learn(&track, Stamp(ms * MS - lag), measured(ms as f64 * 1e-3));
+        }
+        // Faster, and another shape.
+        let other = commands(|t| [0.01 * (18.0 * t).sin(), 0.02 * (6.0 * t).sin()]);
+        let (mut worst, mut without) = (0.0_f64, 0.0_f64);
+        for ms in (200..2900_u64).step_by(8) {
+            let (then, t) = (Stamp(ms * MS - lag), ms as f64 * 1e-3);
+            let truth = [servo(0.01, 18.0, t, delay, look_ahead), servo(0.02, 6.0, t, delay, look_ahead)];
+            let apart = |[x, y]: [f64; 2]| (x - truth[0]).hypot(y - truth[1]);
+            worst = worst.max(apart(fit.respond(&other, then).unwrap()));
+            without = without.max(apart(ArmFit::default().respond(&other, then).unwrap()));
+        }
+        assert!(worst < 0.2 * without && worst < 1.5e-4, "{worst} m with the fit, {without} m without");
+    }
+
+    #[test]
+    fn an_arm_at_rest_teaches_nothing_and_a_mere_delay_stays_one() {
+        let track = commands(|_| [0.01, 0.02]);
+        let mut fit = ArmFit::default();
+        for ms in 100..2000_u64 {
+            fit.learn(&track, Stamp(ms * MS), [0.0101, 0.0199]);
+        }
+        assert_eq!(fit.respond(&track, Stamp(500 * MS)), Some([0.01, 0.02]));
+        let track = commands(|t| [0.02 * (9.0 * t).sin(), 0.0]);
+        for ms in (100..2000_u64).step_by(2) {
+            let then = Stamp(ms * MS);
+            fit.learn(&track, then, track.at(then).unwrap().position);
+        }
+        let [x, _] = fit.respond(&track, Stamp(500 * MS)).unwrap();
+        assert!((x - track.at(Stamp(500 * MS)).unwrap().position[0]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nonsense_is_bounded_and_unknown_commands_answer_nothing() {
+        let track = commands(|t| [0.02 * (9.0 * t).sin(), 0.0]);
+        let mut fit = ArmFit::default();
+        for ms in 100..2000_u64 {
+            fit.learn(&track, Stamp(ms * MS), [1e3, f64::from(ms as u32)]);
+        }
+        fit.learn(&track, Stamp(500 * MS), [f64::NAN, f64::INFINITY]);
+        let [x, y] = fit.respond(&track, Stamp(500 * MS)).unwrap();
+        assert!(x.abs() < 0.1 && y.abs() < 0.1, "{x} {y}");
+        assert_eq!(fit.respond(&track, Stamp(5_000 * MS)), None);
+        assert_eq!(fit.respond(&track, Stamp(0)), None);
+    }
+}
