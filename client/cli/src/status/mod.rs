@@ -1,6 +1,7 @@
 //! `foretrace status`: what the daemon says about itself.
 
 mod view;
+mod chain;
 
 use std::io::IsTerminal;
 use std::time::Duration;

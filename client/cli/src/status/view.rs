@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, TrustReason, missing_rights};
 use serde_json::{Map, Value, json};
 
+use super::chain;
 use crate::ghost::Comparison;
 
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
@@ -65,8 +66,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.commands_sent,
         counts.commands_failed
     ));
-    line(format_args!("chain       {}", chain_text(status)));
-    line(format_args!("lag         {}", lag_text(status)));
+    line(format_args!("chain       {}", chain::text(status)));
     line(format_args!("ghost       {}", Comparison::of(status).now()));
     line(format_args!(
         "trust       {:.2} -> {:.2} ({})   predictor {}{}",
@@ -134,7 +134,6 @@ pub(crate) fn json(status: &Status) -> Value {
             (stage.label().to_owned(), value)
         })
         .collect();
-    let known = status.arm_lag.is_known();
     json!({
         "mode": label::<Mode>(status.mode),
         "fault": label::<FaultReason>(status.fault),
@@ -172,19 +171,8 @@ pub(crate) fn json(status: &Status) -> Value {
             "commands_sent": counts.commands_sent,
             "commands_failed": counts.commands_failed,
         },
-        "chain": {
-            "pen_reader_ms": age_ms(status.chain.pen_reader_ns),
-            "pen_transport_ms": age_ms(status.chain.pen_transport_ns),
-            "pen_age_ms": age_ms(status.chain.pen_age_ns),
-            "compute_ms": age_ms(status.chain.compute_ns),
-            "command_transport_ms": age_ms(status.chain.command_transport_ns),
-        },
-        "arm_lag": {
-            "lag_ms": known.then_some(status.arm_lag.lag_s * 1e3),
-            "std_ms": known.then_some(status.arm_lag.std_s * 1e3),
-            "shift_ms": known.then_some(status.arm_lag.shift_s * 1e3),
-            "dead_time_ms": status.arm_lag.dead_time_ns as f64 * 1e-6,
-        },
+        "chain": chain::json(status),
+        "arm_lag": chain::lag_json(status),
         "ghost": Comparison::of(status),
         "trust": {
             "value": status.trust,
@@ -214,43 +202,12 @@ pub(crate) fn json(status: &Status) -> Value {
     })
 }
 
-/// From the pen to the arm in one line; what is not known is left out.
-fn chain_text(status: &Status) -> String {
-    let chain = &status.chain;
-    let part = |ns: u64, words: &dyn Fn(f64) -> String| age_ms(ns).map(words);
-    let parts = [
-        part(chain.pen_age_ns, &|ms| match (age_ms(chain.pen_reader_ns), age_ms(chain.pen_transport_ns)) {
-            (Some(reader), Some(transport)) => {
-                format!("pen {ms:.1} ms old ({reader:.1} in its reader, {transport:.1} on the way)")
-            }
-            _ => format!("pen {ms:.1} ms old"),
-        }),
-        part(chain.compute_ns, &|ms| format!("computed in {ms:.2}")),
-        part(chain.command_transport_ns, &|ms| format!("sent to the arm in {ms:.1}")),
-    ];
-    let known: Vec<String> = parts.into_iter().flatten().collect();
-    if known.is_empty() { "nothing to time yet".to_owned() } else { known.join(", ") }
-}
-
-/// How late the arm is, and what the plan makes of it.
-fn lag_text(status: &Status) -> String {
-    let lag = &status.arm_lag;
-    let ms = |s: f64| s * 1e3;
-    let planned = format!("planned for {:.1}", lag.dead_time_ns as f64 * 1e-6);
-    if lag.is_known() {
-        let (lag, std, shift) = (ms(lag.lag_s), ms(lag.std_s), ms(lag.shift_s));
-        format!("arm lag {lag:.1} ± {std:.1} ms, in this motion {shift:.1}, {planned}")
-    } else {
-        format!("arm lag not measured yet, {planned} ms")
-    }
-}
-
 /// The word for a number on the wire.
 fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
 }
 
-fn age_ms(ns: u64) -> Option<f64> {
+pub(super) fn age_ms(ns: u64) -> Option<f64> {
     (ns != u64::MAX).then_some(ns as f64 * 1e-6)
 }
 
@@ -269,7 +226,6 @@ fn seconds(ns: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foretrace_shm::{ArmLag, Chain};
 
     #[test]
     fn text_names_mode_stages_trust_and_missing_rights() {
@@ -286,38 +242,6 @@ mod tests {
         for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest never old"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
-    }
-
-    #[test]
-    fn the_chain_is_one_line_and_leaves_out_what_is_not_known() {
-        let mut status = Status { chain: Chain::UNKNOWN, ..Status::default() };
-        assert!(text(&status, 0).contains("chain       nothing to time yet\n"));
-        assert!(json(&status)["chain"]["compute_ms"].is_null());
-        status.chain.pen_age_ns = 3_100_000;
-        status.chain.command_transport_ns = 400_000;
-        let page = text(&status, 0);
-        assert!(page.contains("chain       pen 3.1 ms old, sent to the arm in 0.4\n"), "{page}");
-        status.chain =
-            Chain { pen_reader_ns: 100_000, pen_transport_ns: 1_200_000, compute_ns: 20_000, ..status.chain };
-        let page = text(&status, 0);
-        assert!(
-            page.contains("3.1 ms old (0.1 in its reader, 1.2 on the way), computed in 0.02, "),
-            "{page}"
-        );
-        let age_ms = json(&status)["chain"]["pen_age_ms"].as_f64().unwrap();
-        assert!((age_ms - 3.1).abs() < 1e-9, "{age_ms}");
-    }
-
-    #[test]
-    fn the_lag_is_told_with_its_spread_and_what_is_planned_for() {
-        let mut status = Status { arm_lag: ArmLag::unknown(42_000_000), ..Status::default() };
-        assert!(text(&status, 0).contains("arm lag not measured yet, planned for 42.0 ms\n"));
-        assert!(json(&status)["arm_lag"]["lag_ms"].is_null());
-        status.arm_lag = ArmLag { dead_time_ns: 33_200_000, lag_s: 0.0341, std_s: 0.0006, shift_s: 0.0332 };
-        let page = text(&status, 0);
-        assert!(page.contains("arm lag 34.1 ± 0.6 ms, in this motion 33.2, planned for 33.2\n"), "{page}");
-        let near = |key: &str, ms: f64| (json(&status)["arm_lag"][key].as_f64().unwrap() - ms).abs() < 1e-9;
-        assert!(near("lag_ms", 34.1) && near("std_ms", 0.6) && near("dead_time_ms", 33.2));
     }
 
     #[test]
