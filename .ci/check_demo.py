@@ -1,11 +1,13 @@
 """Judges the JSON of a demo run: legal commands, nothing rejected, the arm followed. No time is judged."""
 
 import json
+import math
 import sys
 
 with open(sys.argv[1], encoding="utf-8") as file:
     result = json.load(file)
 rmse = result["tracking"]["rmse_m"]
+compared = result["ghost"]["session"]
 claims = {
     "commands were sent": result["commands"]["count"] > 100,
     "no command broke a limit": result["commands"]["limit_violations"] == 0,
@@ -13,6 +15,8 @@ claims = {
     "the pen was heard": result["pen"]["samples"] > 100,
     "the arm followed the pen": rmse is not None and rmse < 0.02,
     "no allocation in a tick": result["loop"]["allocations_per_tick"] == 0,
+    "loop and ghost were compared": all(value is not None and math.isfinite(value) for value in compared.values()),
+    "prediction saved millimetres": (compared["saved_m"] or 0) > 0,
 }
 for claim, holds in claims.items():
     print(f"{'ok  ' if holds else 'FAIL'} {claim}")

@@ -26,6 +26,15 @@ fn check_report(world: &World, folder: &str) -> serde_json::Value {
         "/tracking/rmse_m",
         "/tracking/max_m",
         "/tracking/lag_ms",
+        "/ghost/compared_s",
+        "/ghost/compared_share",
+        "/ghost/cost_us",
+        "/ghost/session/rms_m",
+        "/ghost/session/ghost_rms_m",
+        "/ghost/session/saved_m",
+        "/ghost/session/lag_ms",
+        "/ghost/session/ghost_lag_ms",
+        "/ghost/session/saved_ms",
         "/commands/count",
         "/commands/limit_violations",
         "/commands/max_step_rad",
@@ -61,6 +70,25 @@ fn demo_ends_by_itself_with_a_whole_report_and_leaves_nothing() {
         serde_json::from_slice(&output.stdout).expect("stdout carries JSON only");
     assert_eq!(printed, check_report(&world, "report"));
     assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn at_trust_0_the_demo_and_its_ghost_agree_and_both_with_the_records() {
+    let world = World::new(PROGRAM);
+    let arguments = ["demo", "--seconds", "5", "--trust", "0", "--no-rights", "--out", "report"];
+    let output = world.run(0, &arguments);
+    assert!(output.status.success(), "{}", told(&output));
+    let report = check_report(&world, "report");
+    let number = |key: &str| report.pointer(key).and_then(serde_json::Value::as_f64).unwrap();
+    let (real, ghost) = (number("/ghost/session/rms_m"), number("/ghost/session/ghost_rms_m"));
+    assert!((ghost / real - 1.0).abs() < 0.03, "{}", report["ghost"]);
+    assert!(number("/ghost/session/saved_ms").abs() < 2.0, "{}", report["ghost"]);
+    // The daemon measured live what the demo works out afterwards from the records of arm and player.
+    let afterwards = number("/tracking/rmse_m");
+    assert!((real / afterwards - 1.0).abs() < 0.05, "{real} m live, {afterwards} m afterwards");
+    let lag_ms = number("/ghost/session/lag_ms");
+    assert!((lag_ms - number("/tracking/lag_ms")).abs() < 3.0, "{} {}", report["ghost"], report["tracking"]);
+    assert!(number("/ghost/compared_share") > 0.5, "{}", report["ghost"]);
 }
 
 #[test]
