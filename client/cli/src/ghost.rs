@@ -50,6 +50,14 @@ impl Comparison {
         }
     }
 
+    /// One line about everything since arming.
+    pub(crate) fn whole(&self) -> String {
+        match self.session.rms_m {
+            None => format!("not compared ({})", self.state),
+            Some(_) => self.session.words(),
+        }
+    }
+
     /// One line about the last seconds, for a screen that is looked at while it runs.
     pub(crate) fn now(&self) -> String {
         match self.recent.rms_m {
@@ -78,7 +86,7 @@ impl Saved {
     }
 
     /// "(trust 0): 7.3 mm rms, 62 ms late; you: 3.0 mm, 15 ms: saved 4.3 mm, 47 ms".
-    pub(crate) fn words(&self) -> String {
+    fn words(&self) -> String {
         let mm = |m: Option<f64>| m.map_or_else(|| "-".to_owned(), |m| format!("{:.2}", m * 1e3));
         let ms = |ms: Option<f64>| ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.1}"));
         format!(
@@ -133,6 +141,7 @@ mod tests {
         let status = Status { tracking: Tracking::UNKNOWN, ghost: Tracking::UNKNOWN, ..Status::default() };
         let comparison = Comparison::of(&status);
         assert_eq!(comparison.now(), "not compared yet (off)");
+        assert_eq!(comparison.whole(), "not compared (off)");
         let json = serde_json::to_value(comparison).unwrap();
         for key in ["rms_m", "ghost_rms_m", "saved_m", "lag_ms", "ghost_lag_ms", "saved_ms"] {
             assert!(json["recent"][key].is_null() && json["session"][key].is_null(), "{json}");

@@ -261,7 +261,7 @@ impl Figures {
                     tracking.lag_ms
                 ),
             ),
-            ("ghost", ghost.comparison.session.words()),
+            ("ghost", ghost.comparison.whole()),
             (
                 "commands",
                 format!(
