@@ -3,8 +3,8 @@
 //! `cargo run --release -p foretrace-lab --example tune_today -- FOLDER [WAY [EVERY [limited]]]`
 //!
 //! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one of the
-//! ways, or `all`. EVERY: search on every n-th letter (default 5); what is found is then scored on all of them.
-//! `limited`: glyphs 0.03 m high and the shipped limits of a tool before a UR5, for the way that obeys limits.
+//! ways, or `all`. EVERY: search on every n-th letter (default 5), what is found is then scored on all of them; 0 only
+//! scores the settings as they are. `limited`: glyphs 0.03 m high and the shipped limits of a tool before a UR5.
 //! Search for the least mean squared error at every budget of jerk: the servoj ways over the whole grid; the others one
 //! knob after another over its grid until nothing improves, from two starts, then on from budget to budget.
 
@@ -46,7 +46,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let dead_times = if kind.smooths_in_the_servo() { &[0.0, 0.03][..] } else { &[0.0, 0.03, 0.1] };
         for &dead_time_s in dead_times {
             let start = WaySettings::new(kind, PERIOD_S, dead_time_s, limits, height_m);
-            tune(kind, &start, height_m, &some, &all)?;
+            if every == 0 {
+                println!("\n{kind}, dead time {} ms", dead_time_s * 1e3);
+                report(kind, &start, limits.jerk_mps3, &all)?;
+            } else {
+                tune(kind, &start, height_m, &some, &all)?;
+            }
         }
     }
     Ok(())
@@ -97,16 +102,26 @@ fn tune(
     let fronts = fronts.map(|budget| least(&tried, budget).map(|point| (budget, point)));
     for row in published.into_iter().map(Ok).chain(fronts) {
         let (budget, point) = row?;
-        let score = open_loop(kind, &point, all)?;
-        println!(
-            "  jerk to {budget:<8} RMS {:.3} mm, pen down {:.3} mm, RMS jerk {:.0} m/s3, {} failures\n    {}",
-            score.mse_m2.sqrt() * 1e3,
-            score.pen_down_mse_m2.sqrt() * 1e3,
-            score.rms_jerk_mps3,
-            score.failures,
-            describe(kind, &point)
-        );
+        report(kind, &point, budget, all)?;
     }
+    Ok(())
+}
+
+fn report(
+    kind: WayKind,
+    settings: &WaySettings,
+    budget: f64,
+    paths: &[&[PathSample]],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let score = open_loop(kind, settings, paths)?;
+    println!(
+        "  jerk to {budget:<8} RMS {:.3} mm, pen down {:.3} mm, RMS jerk {:.0} m/s3, {} failures\n    {}",
+        score.mse_m2.sqrt() * 1e3,
+        score.pen_down_mse_m2.sqrt() * 1e3,
+        score.rms_jerk_mps3,
+        score.failures,
+        describe(kind, settings)
+    );
     Ok(())
 }
 

@@ -117,7 +117,8 @@ pub struct OtgKnobs {
     pub intercept: bool,
     /// Longest extrapolation without the way to the target [s].
     pub horizon_max_s: f64,
-    /// The generator's own limits, and what stands for "no limits". The smaller of these and the arm's count.
+    /// The generator's own limits, its knob between smoothness and lag; the smaller of these and the arm's count. With the
+    /// arm's limits off, 10 m/s, 3000 m/s² and 1e7 m/s³ stand for none.
     pub limits: Limits,
 }
 

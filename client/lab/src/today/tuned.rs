@@ -104,17 +104,39 @@ fn row(process_mps2: f64, origin: Origin, horizon_max_s: f64, share: f64, post: 
 /// Tuned for the nearest of 0, 30 and 100 ms of dead time, in the order of [`BUDGETS`].
 pub(super) fn otg_rows(dead_time_s: f64) -> [OtgKnobs; 8] {
     const FAR: f64 = f64::INFINITY;
-    let far = if dead_time_s < 0.015 { FAR } else { 0.025 };
-    [
-        generator(0.031, 0.0, false, far, 3000.0, 1e7),
-        generator(0.041, 0.0, false, far, 3000.0, 1e6),
-        generator(0.041, 0.0, true, far, 500.0, 1e5),
-        generator(0.061, 0.0, true, far, 500.0, 3e4),
-        generator(0.061, 0.0, false, far, 500.0, 1e4),
-        generator(0.081, 1.0, false, far, 500.0, 3000.0),
-        generator(0.081, 1.0, false, far, 500.0, 1000.0),
-        generator(0.081, 1.0, false, far, 500.0, 300.0),
-    ]
+    const NEAR: f64 = 0.025;
+    match dead_time_s {
+        s if s < 0.015 => [
+            generator(0.031, 0.0, false, FAR, 3000.0, 1e7),
+            generator(0.041, 0.0, false, FAR, 3000.0, 1e6),
+            generator(0.041, 0.0, true, FAR, 500.0, 1e5),
+            generator(0.061, 0.0, true, FAR, 500.0, 3e4),
+            generator(0.061, 0.0, false, FAR, 500.0, 1e4),
+            generator(0.081, 1.0, false, FAR, 500.0, 3000.0),
+            generator(0.081, 1.0, false, FAR, 500.0, 1000.0),
+            generator(0.061, 0.5, true, FAR, 500.0, 300.0),
+        ],
+        s if s < 0.065 => [
+            generator(0.031, 0.0, false, NEAR, 3000.0, 1e7),
+            generator(0.041, 0.0, false, NEAR, 500.0, 1e7),
+            generator(0.041, 0.0, false, NEAR, 3000.0, 1e5),
+            generator(0.061, 0.0, false, NEAR, 500.0, 3e4),
+            generator(0.081, 0.0, false, NEAR, 500.0, 1e4),
+            generator(0.081, 0.0, false, NEAR, 500.0, 3000.0),
+            generator(0.031, 0.0, false, 0.05, 20.0, 1000.0),
+            generator(0.031, 0.0, true, 0.05, 20.0, 300.0),
+        ],
+        _ => [
+            generator(0.041, 1.0, false, NEAR, 3000.0, 1e7),
+            generator(0.041, 0.5, false, NEAR, 500.0, 1e7),
+            generator(0.041, 1.0, false, NEAR, 3000.0, 1e5),
+            generator(0.041, 0.0, false, NEAR, 500.0, 3e4),
+            generator(0.061, 0.0, false, NEAR, 500.0, 1e4),
+            generator(0.031, 0.0, false, NEAR, 500.0, 1000.0),
+            generator(0.011, 0.0, false, NEAR, 20.0, 1000.0),
+            generator(0.031, 0.5, true, NEAR, 500.0, 300.0),
+        ],
+    }
 }
 
 fn generator(
