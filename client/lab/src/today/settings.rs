@@ -202,7 +202,8 @@ pub struct WaySettings {
 }
 
 impl WaySettings {
-    /// The way as tuned in its own favour: least error with limits off, else as smooth as the jerk limit calls for.
+    /// The way as tuned in its own favour: least error with limits off; before limits, the Kalman way as smooth as the jerk
+    /// limit calls for.
     ///
     /// `height_m`: height of a median glyph [m]; knobs that carry a length go with it. See [`super::sweep`].
     #[must_use]
