@@ -35,10 +35,21 @@ impl Following {
     }
 }
 
+/// Which of the two figures of a [`LagEstimate`] is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Aim {
+    /// The best shift: where commands are shifted in time and nothing else is done about the lag.
+    #[default]
+    Shift,
+    /// The group delay: where the arm's filter is made up for by the commands themselves.
+    GroupDelay,
+}
+
 /// τ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeadTime {
     following: Following,
+    aim: Aim,
     tau_ns: f64,
 }
 
@@ -46,7 +57,13 @@ impl DeadTime {
     /// τ = `start_ns`, within the bounds.
     #[must_use]
     pub fn new(start_ns: u64, following: Following) -> Self {
-        Self { following, tau_ns: start_ns.min(following.longest_ns(start_ns)) as f64 }
+        Self { following, aim: Aim::Shift, tau_ns: start_ns.min(following.longest_ns(start_ns)) as f64 }
+    }
+
+    /// The same, following another figure.
+    #[must_use]
+    pub const fn aiming_at(self, aim: Aim) -> Self {
+        Self { aim, ..self }
     }
 
     /// τ [ns].
@@ -59,7 +76,11 @@ impl DeadTime {
     pub fn advance(&mut self, estimate: Option<&LagEstimate>, period_ns: u64) {
         let Following::Measured { max_ns, rate } = self.following else { return };
         let Some(good) = estimate.filter(|estimate| estimate.std_s <= GOOD_S) else { return };
-        let target_ns = (good.shift_s * 1e9).clamp(0.0, max_ns as f64);
+        let target_s = match self.aim {
+            Aim::Shift => good.shift_s,
+            Aim::GroupDelay => good.lag_s,
+        };
+        let target_ns = (target_s * 1e9).clamp(0.0, max_ns as f64);
         let most = rate * period_ns as f64;
         let step = (target_ns - self.tau_ns) * (period_ns as f64 * 1e-9 / APPROACH_S).min(1.0);
         if step.is_finite() && most >= 0.0 {
@@ -100,6 +121,18 @@ mod tests {
             assert!(tau.ns() - before <= 40_001, "tick {tick}");
         }
         assert!(tau.ns().abs_diff(60_000_000) < 100_000, "{}", tau.ns());
+    }
+
+    #[test]
+    fn it_follows_the_figure_that_it_aims_at() {
+        let both = LagEstimate { lag_s: 0.05, std_s: 5e-4, shift_s: 0.04 };
+        for (aim, ns) in [(Aim::Shift, 40_000_000), (Aim::GroupDelay, 50_000_000)] {
+            let mut tau = DeadTime::new(45_000_000, FOLLOWING).aiming_at(aim);
+            for _ in 0..5000 {
+                tau.advance(Some(&both), 2_000_000);
+            }
+            assert!(tau.ns().abs_diff(ns) < 1000, "{aim:?}: {}", tau.ns());
+        }
     }
 
     #[test]

@@ -20,7 +20,7 @@ mod delay;
 mod shift;
 mod track;
 
-pub use dead_time::{DeadTime, Following};
+pub use dead_time::{Aim, DeadTime, Following};
 
 use delay::DelayFit;
 use shift::{CANDIDATES, EARLIEST, ShiftBank};
