@@ -87,6 +87,11 @@ impl Requests {
         self.ask(ControlOp::SetTrust, 0, trust, timeout)
     }
 
+    /// Keep the trust as it is.
+    pub fn freeze_trust(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
+        self.ask(ControlOp::FreezeTrust, 0, 0.0, timeout)
+    }
+
     /// Trust from evidence again.
     pub fn trust_auto(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::TrustAuto, 0, 0.0, timeout)

@@ -82,6 +82,14 @@ fn time(s: &Settings, report: &mut Report<'_>) {
             format!("use {} ms, or another rate", fitting.join(", ")),
         );
     }
+    let (period_ms, step_ms) = (f64::from(period_us) * 1e-3, f64::from(s.pen.step_ms));
+    if let Some(plan_ms) = s.mpc.step_ms.filter(|ms| !(period_ms..=step_ms.max(period_ms)).contains(ms)) {
+        report.conflict(
+            "mpc.step_ms",
+            format!("= {plan_ms} is not between the loop's period and pen.step_ms"),
+            format!("use {period_ms} to {step_ms} ms, or leave it out"),
+        );
+    }
     if s.control_loop.spin_us * 2 > period_us {
         report.conflict(
             "loop.spin_us",
@@ -116,8 +124,9 @@ fn time(s: &Settings, report: &mut Report<'_>) {
         }
         (dead_time, dead_time_ms) = ("dead_time_max_ms", max_ms);
     }
-    let lead = ((dead_time_ms + s.pen.stale_ms + step_ms) / step_ms).ceil() as usize;
-    let needed = s.mpc.horizon as usize + lead + 1;
+    let plan_ms = s.plan_step_s() * 1e3 * f64::from(s.mpc.horizon);
+    let ahead_ms = dead_time_ms + s.mpc.response_ms + s.pen.stale_ms + step_ms + plan_ms;
+    let needed = (ahead_ms / step_ms).ceil() as usize + 1;
     if needed > MAX_PREVIEW {
         report.conflict(
             "mpc.horizon",

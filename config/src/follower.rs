@@ -40,6 +40,28 @@ impl Settings {
         1_000_000_000 / u64::from(self.control_loop.rate_hz.max(1))
     }
 
+    /// Step of the plan in seconds.
+    #[must_use]
+    pub fn plan_step_s(&self) -> f64 {
+        let period_ms = self.period_ns() as f64 * 1e-6;
+        let usual_ms = (0.5 * f64::from(self.pen.step_ms)).max(period_ms);
+        self.mpc.step_ms.unwrap_or(usual_ms) * 1e-3
+    }
+
+    /// How far ahead the first reference of a plan lies at start [ns].
+    #[must_use]
+    pub fn ahead_ns(&self) -> u64 {
+        let pure_ms = (self.timing.dead_time_ms - self.timing.servo_filter_ms).max(0.0);
+        ns(pure_ms + self.mpc.response_ms)
+    }
+
+    /// Grid steps that the plan spans.
+    #[must_use]
+    pub fn plan_steps(&self) -> usize {
+        let spanned_s = self.plan_step_s() * f64::from(self.mpc.horizon);
+        (spanned_s / (self.step_ns() as f64 * 1e-9)).ceil().max(1.0) as usize
+    }
+
     /// Grid step Δ in nanoseconds.
     #[must_use]
     pub fn step_ns(&self) -> u64 {
@@ -107,6 +129,8 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             warmup_steps: s.trust.warmup_steps,
             stale_after_ns: ns(s.pen.stale_ms),
             auto_ceiling: Trust::new(s.trust.ceiling),
+            proof_cases: s.trust.proof_cases,
+            per_step: s.trust.per_step,
         },
         trust_request: s.trust.request(),
         mpc: mpc(s),
@@ -117,6 +141,8 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
         dead_time_ns: ns(s.timing.dead_time_ms),
         following: following(s),
+        servo_ns: ns(s.timing.servo_filter_ms),
+        response_ns: ns(s.mpc.response_ms),
         safety: SafetySettings {
             valid_periods: s.control_loop.valid_periods,
             latch_after_ns: ns(s.safety.latch_after_ms),
@@ -140,8 +166,9 @@ fn following(s: &Settings) -> Following {
     if !s.timing.follow_lag {
         return Following::Fixed;
     }
-    let (step_ms, steps) = (f64::from(s.pen.step_ms), f64::from(s.mpc.horizon) + 2.0);
-    let room_ms = (MAX_PREVIEW as f64 - steps) * step_ms - s.pen.stale_ms;
+    let step_ms = f64::from(s.pen.step_ms);
+    let plan_ms = s.plan_step_s() * 1e3 * f64::from(s.mpc.horizon);
+    let room_ms = (MAX_PREVIEW as f64 - 2.0) * step_ms - plan_ms - s.mpc.response_ms - s.pen.stale_ms;
     // Where there is no room for the dead time at start either, the check of the horizon says so.
     let most_ms = room_ms.min(FARTHEST_MS).max(s.timing.dead_time_ms);
     let max_ms = s.timing.dead_time_max_ms.unwrap_or(most_ms);
@@ -189,7 +216,7 @@ fn mpc(s: &Settings) -> MpcSettings {
     let [x_range, y_range, z_range] = s.plane.workspace_m;
     let settings::Limits { x, y, z } = &s.mpc.limits;
     MpcSettings {
-        step_s: f64::from(s.pen.step_ms) * 1e-3,
+        step_s: s.plan_step_s(),
         gains_feedback: [gains(&s.mpc.feedback); 3],
         gains_feedforward: [gains(&s.mpc.feedforward); 3],
         effort: s.mpc.effort,
@@ -231,7 +258,7 @@ fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
 
 fn learner_settings(s: &Settings) -> LearnerSettings {
     LearnerSettings {
-        leads: Leads::of_loop(s.step_ns(), ns(s.timing.dead_time_ms), s.mpc.horizon as usize),
+        leads: Leads::of_loop(s.step_ns(), s.ahead_ns(), s.plan_steps()),
         rule: Rule {
             memory_steps: s.learner.memory_steps,
             min_evidence: s.learner.min_evidence_steps,

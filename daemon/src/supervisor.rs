@@ -166,7 +166,7 @@ impl Daemon {
         if before.trust.request() != after.trust.request() {
             orders.push(IpcOrder::Loop(match after.trust.request() {
                 TrustRequest::Auto => Request::TrustAuto,
-                TrustRequest::Manual(trust) => Request::SetTrust(trust.alpha()),
+                TrustRequest::Manual(trust) | TrustRequest::Frozen(trust) => Request::SetTrust(trust.alpha()),
             }));
         }
         orders.push(IpcOrder::Settings { hash: settings_hash(&new) });

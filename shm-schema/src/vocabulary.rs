@@ -131,6 +131,10 @@ wire_enum! {
         WorseThanConstantVelocity = 12 => "worse than constant velocity",
         /// The daemon is stopping or in a fault.
         Stopping = 13 => "stopping",
+        /// Frozen by hand.
+        Frozen = 14 => "frozen",
+        /// Too few previews were judged.
+        Unproven = 15 => "no evidence yet",
     }
 }
 
@@ -191,6 +195,8 @@ wire_enum! {
         SwitchPredictor = 6 => "switch-predictor",
         /// Read the settings file again; only live settings may have changed.
         Reload = 7 => "reload",
+        /// Trust stays as it is.
+        FreezeTrust = 8 => "freeze-trust",
     }
 }
 

@@ -37,8 +37,8 @@ enum Request {
     Stop,
     /// Fix the trust in the prediction by hand, or let the evidence decide
     Trust {
-        /// 0 (hold only) to 1 (prediction only), or auto
-        #[arg(value_name = "VALUE|auto", value_parser = trust)]
+        /// 0 (hold only) to 1 (prediction only), auto (evidence decides), or freeze (stays as it is)
+        #[arg(value_name = "VALUE|auto|freeze", value_parser = trust)]
         value: Trust,
     },
     /// Predict with another predictor; trust goes through 0
@@ -56,6 +56,7 @@ enum Request {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Trust {
     Auto,
+    Freeze,
     By(f64),
 }
 
@@ -109,6 +110,7 @@ fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<Con
         Request::Disarm => requests.disarm(wait),
         Request::Stop => requests.stop(wait),
         Request::Trust { value: Trust::Auto } => requests.trust_auto(wait),
+        Request::Trust { value: Trust::Freeze } => requests.freeze_trust(wait),
         Request::Trust { value: Trust::By(value) } => requests.set_trust(*value, wait),
         Request::Predictor { name } => requests.switch_predictor(*name, wait),
         Request::Reload => requests.reload(wait),
@@ -125,8 +127,9 @@ fn result(status: ControlStatus, message: &str, detail: u32, value: f64) -> serd
 fn trust(text: &str) -> Result<Trust, String> {
     match text.parse::<f64>() {
         _ if text == "auto" => Ok(Trust::Auto),
+        _ if text == "freeze" => Ok(Trust::Freeze),
         Ok(value) if (0.0..=1.0).contains(&value) => Ok(Trust::By(value)),
-        _ => Err("a number from 0 to 1, or auto".to_owned()),
+        _ => Err("a number from 0 to 1, auto or freeze".to_owned()),
     }
 }
 
@@ -144,6 +147,7 @@ mod tests {
     #[test]
     fn trust_is_a_share_or_auto() {
         assert_eq!(trust("auto"), Ok(Trust::Auto));
+        assert_eq!(trust("freeze"), Ok(Trust::Freeze));
         assert_eq!(trust("0.25"), Ok(Trust::By(0.25)));
         for wrong in ["1.1", "-0.1", "nan", "inf", ""] {
             assert!(trust(wrong).is_err(), "{wrong}");

@@ -3,6 +3,9 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
+/// A whole control law is built on the worker's stack.
+const STACK_BYTES: usize = 16 << 20;
+
 /// Runs `work` on every job; `done` hears of each finished one.
 pub(crate) fn map<J: Sync, R: Send>(
     jobs: &[J],
@@ -12,21 +15,32 @@ pub(crate) fn map<J: Sync, R: Send>(
     let next = AtomicUsize::new(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len());
     let mut results: Vec<Option<R>> = jobs.iter().map(|_| None).collect();
+    let work = &work;
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::channel();
         for _ in 0..threads {
             let (sender, next, work) = (sender.clone(), &next, &work);
-            scope.spawn(move || {
+            let job = move || {
                 while let Some((index, job)) = take(jobs, next) {
                     // The receiver outlives every worker.
                     let _ = sender.send((index, work(job)));
                 }
-            });
+            };
+            if std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, job).is_err() {
+                break;
+            }
         }
         drop(sender);
         for (index, result) in receiver {
             if let Some(slot) = results.get_mut(index) {
                 *slot = Some(result);
+            }
+            done();
+        }
+        // Where the machine had no thread to give, this one does what is left.
+        while let Some((index, job)) = take(jobs, &next) {
+            if let Some(slot) = results.get_mut(index) {
+                *slot = Some(work(job));
             }
             done();
         }

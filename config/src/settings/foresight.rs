@@ -206,6 +206,11 @@ section! {
         value: f64 = Between(0.0, 1.0), Default("1.0"), Live, "1.0";
         /// The trust that a healthy prediction gets in automatic mode.
         ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
+        /// Steps of motion whose previews have to be judged before automatic mode believes in any.
+        proof_cases: u32 = Between(0.0, 10000.0), Default("20"), AtStart, "20: a fifth of a second at 10 ms";
+        /// Automatic mode believes each step of the preview as far as it paid, and moves the preview by samples newer than
+        /// the grid's. Off: one trust for the whole preview, as in the paper and in manual mode.
+        per_step: bool = Flag, Default("true"), AtStart, "true";
         /// Steps that the trust takes from 0 to 1, at least.
         ramp_steps: u32 = Between(1.0, 1000.0), Required, AtStart, "10, as in the paper";
         /// Steps of motion that are needed before there is any trust.

@@ -18,12 +18,18 @@ section! {
     /// The plan in the writing plane: minimise tracking error and jerk over the horizon, inside the limits.
     /// Gains and effort are plain numbers for errors in mm, mm per step, mm per step^2 and mm per step^3.
     pub struct Mpc {
-        /// Steps of the plan; the horizon lasts horizon * pen.step_ms.
-        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "10, as in the paper";
+        /// Steps of the plan; the horizon lasts horizon * mpc.step_ms.
+        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20 with a step of 5 ms: as far as the paper's 10 of 10 ms";
+        /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers new
+        /// samples sooner. Not set: half of pen.step_ms, or the period where that is longer.
+        step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
+        /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a new sample.
+        /// More follows sooner and overshoots more.
+        response_ms: f64 = Between(0.0, 50.0), Default("8.0"), AtStart, "8 with the gains of the presets";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
-        effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "0.05";
+        effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "3.2";
         /// Iterations of the exact solver per axis and tick before the previous plan is used.
         max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
             "100: ten times what handwriting needs";
@@ -45,13 +51,13 @@ section! {
     /// prediction (trust 1).
     pub struct Gains {
         /// Weight of the position error.
-        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0";
+        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0 for feedback, 3.0 for feedforward";
         /// Weight of the velocity error.
-        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "1.0 for feedback, 0.3 for feedforward";
+        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "3.5 for feedback, 0.1 for feedforward";
         /// Weight of the acceleration error.
         acceleration: f64 = Between(0.0, 1000.0), Required, AtStart, "0: acceleration is left to mpc.effort";
         /// Factor on all three from one step to the next: below 1, later steps count less.
-        decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0 for feedback, 0.85 for feedforward";
+        decay: f64 = Between(0.1, 1.0), Required, AtStart, "1.0";
     }
 }
 

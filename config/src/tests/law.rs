@@ -18,8 +18,8 @@ use crate::{Config, JOINTS, Settings};
 fn every_preset_builds_a_follower() {
     for name in ["ur5", "ur5e"] {
         let config = Config::preset(name).unwrap();
-        assert_eq!(config.settings().mpc.horizon, 10);
-        Follower::<10, JOINTS>::new(config.follower_settings()).unwrap();
+        assert_eq!(config.settings().mpc.horizon, 20);
+        Follower::<20, JOINTS>::new(config.follower_settings()).unwrap();
     }
 }
 
@@ -28,13 +28,14 @@ fn presets_keep_what_was_measured_in_the_control_law() {
     for name in ["ur5", "ur5e"] {
         let config = Config::preset(name).unwrap();
         let law = config.follower_settings();
-        let learner = LearnerSettings::preset(10_000_000, law.dead_time_ns);
+        let learner = LearnerSettings::preset(10_000_000, law.dead_time_ns + law.response_ns);
         assert_eq!(config.learner_settings(), learner, "{name}");
         assert_eq!(*law.models.settings(), ModelSettings::preset(10_000_000), "{name}");
         assert_eq!((&law.models, law.weights), (config.models(), law.models.initial_weights()), "{name}");
-        assert_eq!(law.mpc.gains_feedback, [Gains::FEEDBACK; 3], "{name}");
-        assert_eq!(law.mpc.gains_feedforward, [Gains::FEEDFORWARD; 3], "{name}");
-        assert_eq!(law.mpc.effort, Gains::EFFORT);
+        let gains = |position, velocity| Gains { position, velocity, acceleration: 0.0, decay: 1.0 };
+        assert_eq!(law.mpc.gains_feedback, [gains(1.0, 3.5); 3], "{name}");
+        assert_eq!(law.mpc.gains_feedforward, [gains(3.0, 0.1); 3], "{name}");
+        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (3.2, 0.005, 8_000_000));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
         assert_eq!(law.preview, PreviewSettings::default());
@@ -51,7 +52,7 @@ fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
     assert_eq!(law.dead_time_ns, 34_500_000);
     assert_eq!((law.period_ns, law.pen.step_ns), (1_000_000, 10_000_000));
     assert_eq!(law.pen.min_interval_ns, 1_500_000);
-    assert_eq!(law.mpc.step_s, 0.01);
+    assert_eq!(law.mpc.step_s, 0.005);
     assert_eq!(law.trust.stale_after_ns, 100_000_000);
     assert_eq!(law.safety.latch_after_ns, 200_000_000);
     assert_eq!(law.ik.gain_hz, 500.0);
@@ -130,10 +131,13 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
 #[test]
 fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     let leads = |text: &str| over_ur5(text).unwrap().learner_settings().leads;
-    let ideal = leads("[timing]\ndead_time_ms = 0.0\n[mpc]\nhorizon = 10\n");
+    let ideal = leads("[timing]\ndead_time_ms = 0.0\n[mpc]\nhorizon = 10\nstep_ms = 10\nresponse_ms = 0\n");
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
-    let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\n");
+    let lagging = leads("[timing]\ndead_time_ms = 33.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
+    // What the servo's inverse makes up for has not to be foreseen; twenty plan steps of 5 ms are ten grid steps.
+    let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
+    assert_eq!(inverted, Leads::new(1, 11).unwrap());
 }
 
 #[test]
@@ -176,6 +180,18 @@ fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
     );
     assert_eq!(without("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n"), (false, false));
     assert_eq!(without("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 5\n"), (false, true));
+}
+
+#[test]
+fn plan_steps_lie_between_the_period_and_the_grid_step() {
+    assert_eq!(
+        over_ur5("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n").unwrap().settings().plan_step_s(),
+        0.008
+    );
+    for text in ["[mpc]\nstep_ms = 1.5\n", "[mpc]\nstep_ms = 12\n"] {
+        let error = over_ur5(text).unwrap_err().to_string();
+        assert!(error.contains("mpc.step_ms") && error.contains("2 to 10 ms"), "{error}");
+    }
 }
 
 #[test]

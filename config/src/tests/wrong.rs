@@ -28,8 +28,8 @@ fn unknown_key_suggests_the_nearest() {
 
 #[test]
 fn key_in_the_wrong_section_is_told_its_place() {
-    let text = message("[mpc]\nstep_ms = 10\n");
-    assert!(text.contains("`pen.step_ms`"), "{text}");
+    let text = message("[plane]\nmax_speed_mps = 3\n");
+    assert!(text.contains("`pen.max_speed_mps`"), "{text}");
     let text = message("rate_hz = 500\n");
     assert!(text.contains("`loop.rate_hz`"), "{text}");
 }

@@ -1,7 +1,7 @@
 //! Trust: the ramp never jumps, and every reason leads where it should.
 
 use foretrace_control::trust::{
-    TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
+    Record, TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
 };
 use foretrace_control::units::Trust;
 use proptest::prelude::*;
@@ -16,7 +16,11 @@ const HEALTHY: TrustInputs = TrustInputs {
     jumped: false,
     preview_finite: true,
     switching: false,
+    record: GOOD,
 };
+
+/// Half of Hold's squared error, a little less than constant velocity's, from enough cases.
+const GOOD: Record = Record { preview: 50.0, hold: 100.0, steady: 60.0, cases: 200.0 };
 
 fn trusted() -> TrustControl {
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
@@ -85,6 +89,67 @@ fn manual_value_is_reached_by_the_same_ramp() {
     assert_eq!(trust.update(&manual, TICK_NS).reason, TrustReason::Manual);
 }
 
+fn judged(trust: &mut TrustControl, record: Record) -> (TrustReason, Trust) {
+    let report = trust.update(&TrustInputs { record, ..HEALTHY }, TICK_NS);
+    (report.reason, report.target)
+}
+
+#[test]
+fn nothing_is_believed_before_enough_previews_were_judged() {
+    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
+    let few = Record { cases: 19.0, ..GOOD };
+    assert_eq!(judged(&mut trust, few), (TrustReason::Unproven, Trust::NONE));
+    assert_eq!(judged(&mut trust, Record::default()), (TrustReason::Unproven, Trust::NONE));
+    assert_eq!(judged(&mut trust, GOOD), (TrustReason::Auto, Trust::FULL));
+}
+
+#[test]
+fn belief_ends_above_hold_and_begins_again_only_well_below_it() {
+    let mut trust = trusted();
+    let of = |preview| Record { preview, steady: 1e3, ..GOOD };
+    // Between the thresholds what was believed stays believed, ...
+    for preview in [95.0, 104.0, 91.0, 105.0] {
+        assert_eq!(judged(&mut trust, of(preview)), (TrustReason::Auto, Trust::FULL), "{preview}");
+    }
+    assert_eq!(judged(&mut trust, of(105.1)), (TrustReason::WorseThanHold, Trust::NONE));
+    // ... and what was not stays not.
+    for preview in [104.0, 91.0, 105.0] {
+        assert_eq!(judged(&mut trust, of(preview)), (TrustReason::Hysteresis, Trust::NONE), "{preview}");
+    }
+    assert_eq!(judged(&mut trust, of(90.0)), (TrustReason::Auto, Trust::FULL));
+}
+
+#[test]
+fn predictor_that_a_straight_line_beats_by_far_is_not_believed() {
+    let mut trust = trusted();
+    let of = |steady| Record { steady, ..GOOD };
+    assert_eq!(judged(&mut trust, of(33.0)), (TrustReason::WorseThanSteady, Trust::NONE));
+    assert_eq!(judged(&mut trust, of(40.0)), (TrustReason::WorseThanSteady, Trust::NONE));
+    assert_eq!(judged(&mut trust, of(42.0)), (TrustReason::Auto, Trust::FULL));
+}
+
+#[test]
+fn evidence_that_is_not_a_number_speaks_against_the_preview() {
+    for bad in [
+        Record { preview: f64::NAN, ..GOOD },
+        Record { hold: f64::NAN, ..GOOD },
+        Record { steady: f64::NAN, ..GOOD },
+        Record { cases: f64::NAN, ..GOOD },
+    ] {
+        assert_eq!(judged(&mut trusted(), bad).1, Trust::NONE, "{bad:?}");
+    }
+}
+
+#[test]
+fn frozen_trust_stays_whatever_the_evidence_says_but_not_whatever_happens() {
+    let mut trust = trusted();
+    let request = TrustRequest::Frozen(trust.alpha());
+    let bad = TrustInputs { request, record: Record { preview: 1e3, ..GOOD }, ..HEALTHY };
+    assert_eq!(trust.update(&bad, TICK_NS).reason, TrustReason::Frozen);
+    assert_eq!(trust.alpha(), Trust::FULL);
+    assert_eq!(trust.update(&TrustInputs { jumped: true, ..bad }, TICK_NS).target, Trust::NONE);
+}
+
 #[test]
 fn names_are_distinct() {
     let names: std::collections::BTreeSet<_> = TrustReason::ALL.iter().map(|r| r.name()).collect();
@@ -112,16 +177,19 @@ proptest! {
     #[test]
     fn alpha_stays_in_its_range_and_never_moves_faster_than_the_ramp(
         ticks in proptest::collection::vec(
-            (any::<[bool; 4]>(), any::<Option<f64>>(), 0..20_u32, any::<Option<u64>>(), 0..60_000_000_u64), 1..300)
+            (any::<[bool; 4]>(), any::<Option<f64>>(), any::<[f64; 4]>(), 0..20_u32, any::<Option<u64>>(),
+             0..60_000_000_u64), 1..300)
     ) {
         let settings = TrustSettings::default();
         let mut trust = TrustControl::new(settings).unwrap();
         let mut before = trust.alpha().alpha();
-        for ([armed, jumped, preview_finite, switching], manual, history, age, dt_ns) in ticks {
+        for ([armed, jumped, preview_finite, switching], manual, sums, history, age, dt_ns) in ticks {
+            let [preview, hold, steady, cases] = sums;
+            let record = Record { preview, hold, steady, cases };
             let request = manual.map_or(TrustRequest::Auto, |alpha| TrustRequest::Manual(Trust::new(alpha)));
             let pen_age_ns = age.map(|age| age % 120_000_000);
             let inputs =
-                TrustInputs { request, armed, history, pen_age_ns, jumped, preview_finite, switching };
+                TrustInputs { request, armed, history, pen_age_ns, jumped, preview_finite, switching, record };
             let report = trust.update(&inputs, dt_ns);
             let alpha = report.alpha.alpha();
             let reach = dt_ns as f64 / (settings.ramp_steps * settings.step_ns as f64);

@@ -118,6 +118,7 @@ pub fn asked(request: &ControlRequest) -> Asked {
         ControlOp::Stop => Request::Stop,
         ControlOp::SetTrust => Request::SetTrust(request.value),
         ControlOp::TrustAuto => Request::TrustAuto,
+        ControlOp::FreezeTrust => Request::FreezeTrust,
         ControlOp::SwitchPredictor => match shm::PredictorId::try_from(request.param).ok().and_then(kind) {
             Some(kind) => Request::SwitchPredictor(kind),
             None => return Asked::Unsupported,
@@ -227,6 +228,11 @@ pub const fn trust_reason(reason: TrustReason) -> shm::TrustReason {
         TrustReason::Jump => shm::TrustReason::PenJump,
         TrustReason::Warmup => shm::TrustReason::WarmUp,
         TrustReason::Manual => shm::TrustReason::Manual,
+        TrustReason::Frozen => shm::TrustReason::Frozen,
+        TrustReason::Unproven => shm::TrustReason::Unproven,
+        TrustReason::WorseThanHold => shm::TrustReason::WorseThanHold,
+        TrustReason::WorseThanSteady => shm::TrustReason::WorseThanConstantVelocity,
+        TrustReason::Hysteresis => shm::TrustReason::Hysteresis,
         TrustReason::Auto => shm::TrustReason::Evidence,
     }
 }

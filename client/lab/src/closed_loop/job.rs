@@ -25,7 +25,7 @@ pub enum BenchError {
         /// In front of what.
         arm: &'static str,
         /// What went wrong.
-        error: RunError,
+        error: Box<RunError>,
     },
     /// The settings.
     #[error("{0}")]

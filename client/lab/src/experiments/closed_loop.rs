@@ -36,6 +36,8 @@ pub struct TickTrace {
     pub t_s: f64,
     /// Commanded tool [m].
     pub setpoint: [f64; 2],
+    /// First reference of the plan [m]: where the pen is expected when the arm gets there.
+    pub reference: [f64; 2],
     /// Commanded tool acceleration [m/s²].
     pub acceleration: [f64; 2],
     /// Trust.
@@ -112,11 +114,21 @@ pub fn desk(
     home: [f64; JOINTS],
     options: DeskOptions,
 ) -> Result<Box<dyn Desk>, RunError> {
-    Ok(match horizon {
-        30 => Box::new(LoopDesk::<30>::new(settings, home, options)?),
-        20 => Box::new(LoopDesk::<20>::new(settings, home, options)?),
-        _ => Box::new(LoopDesk::<10>::new(settings, home, options)?),
-    })
+    match horizon {
+        30 => built::<30>(settings, home, options),
+        20 => built::<20>(settings, home, options),
+        _ => built::<10>(settings, home, options),
+    }
+}
+
+/// On a stack frame of its own: three loops side by side are too large for small stacks.
+#[inline(never)]
+fn built<const N: usize>(
+    settings: &FollowerSettings<JOINTS>,
+    home: [f64; JOINTS],
+    options: DeskOptions,
+) -> Result<Box<dyn Desk>, RunError> {
+    Ok(Box::new(LoopDesk::<N>::new(settings, home, options)?))
 }
 
 struct LoopDesk<const N: usize> {
@@ -228,6 +240,7 @@ impl ClosedLoop {
         self.ticks.push(TickTrace {
             t_s,
             setpoint: [x.position, y.position],
+            reference: [output.reference[0], output.reference[1]],
             acceleration: [x.acceleration, y.acceleration],
             alpha: output.trust.alpha.alpha(),
             limited: output.axes.iter().take(2).any(|axis| axis.active.total() > 0)

@@ -45,14 +45,24 @@ pub enum ExperimentError {
     Nothing,
 }
 
+/// The loop makes up for a servo that is a filter: the arms' own servo is known here.
+fn settings_of_servo(config: &Config) -> bool {
+    config.settings().timing.servo_filter_ms > 0.0
+}
+
 /// The loop of `config` in front of one of the experiments' arms.
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
+    settings.servo_ns = 0;
     settings.dead_time_ns = match arm {
         ArmKind::Ideal => 0,
         ArmKind::Delayed(delay_s) => (delay_s * 1e9).round() as u64,
-        ArmKind::Ur5(arm) => (arm.group_delay_s() * 1e9).round() as u64,
+        ArmKind::Ur5(arm) => {
+            settings.servo_ns =
+                if settings_of_servo(config) { (arm.look_ahead_s * 1e9).round() as u64 } else { 0 };
+            (arm.group_delay_s() * 1e9).round() as u64
+        }
     };
     settings
 }
@@ -67,8 +77,8 @@ pub(crate) fn learner_for(
     if !learns.contains(&kind) {
         return Ok(None);
     }
-    let horizon = config.settings().mpc.horizon as usize;
-    let leads = Leads::of_loop(settings.pen.step_ns, settings.dead_time_ns, horizon);
+    let ahead_ns = settings.dead_time_ns.saturating_sub(settings.servo_ns) + settings.response_ns;
+    let leads = Leads::of_loop(settings.pen.step_ns, ahead_ns, config.settings().plan_steps());
     Learner::new(LearnerSettings { leads, ..config.learner_settings() }, config.models())
         .map(Some)
         .map_err(|error| ExperimentError::Settings(error.to_string()))

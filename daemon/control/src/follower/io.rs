@@ -45,6 +45,8 @@ pub enum Request {
     Stop,
     /// Fix the trust by hand.
     SetTrust(f64),
+    /// Keep the trust where it is.
+    FreezeTrust,
     /// Let the evidence decide the trust.
     TrustAuto,
     /// Change the predictor; trust goes through 0.

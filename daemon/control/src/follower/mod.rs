@@ -12,6 +12,7 @@ mod io;
 mod motion;
 mod plane;
 mod reference;
+mod servo;
 mod settings;
 mod watch;
 
@@ -26,11 +27,11 @@ use motion::{Motion, Mover};
 use reference::Preview;
 use watch::Watch;
 
-use crate::lag::{DeadTime, LagEstimator};
+use crate::lag::{Aim, DeadTime, LagEstimator};
 use crate::learn::LearnStep;
 use crate::pen::{PenOrigin, PenReading, PenTracker};
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
-use crate::trust::{TrustControl, TrustInputs, TrustReport, TrustRequest};
+use crate::trust::{Evidence, TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
 
 /// The control law of one arm: horizon of `N` steps, `J` joints.
@@ -42,12 +43,17 @@ pub struct Follower<const N: usize, const J: usize> {
     previewer: Previewer,
     preview: Preview,
     pending_predictor: Option<PredictorKind>,
+    evidence: Box<Evidence>,
     trust: TrustControl,
     trust_request: TrustRequest,
-    lag: LagEstimator<J>,
+    lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
     mover: Mover<N, J>,
 }
+
+/// Leads whose evidence decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
+/// anew in every tick.
+const LEADS_JUDGED: usize = 4;
 
 /// What the pen gave in one tick.
 struct PenNews {
@@ -64,16 +70,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let steps = settings.preview_steps(N)?;
         let step_ns = settings.pen.step_ns;
+        let aim = if settings.servo_ns > 0 { Aim::GroupDelay } else { Aim::Shift };
         Ok(Self {
             watch: Watch::new(settings.safety),
             pen: PenTracker::new(settings.pen)?,
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
             preview: Preview::new(step_ns, steps),
             pending_predictor: None,
+            evidence: Box::new(Evidence::new(settings.trust.per_step)),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
-            lag: LagEstimator::new(),
-            dead_time: DeadTime::new(settings.dead_time_ns, settings.following),
+            lag: Box::new(LagEstimator::new()),
+            dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
             mover: Mover::new(&settings)?,
             settings,
         })
@@ -145,6 +153,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if news.count > 0 || input.weights.is_some() || trust.switched {
             let steps = self.settings.steps_for(N, self.dead_time.ns());
             self.preview.refresh(&self.previewer, steps);
+            if trust.switched {
+                self.evidence.forget();
+            }
+            if news.count > 0 {
+                let velocity = self.previewer.newest().map_or([0.0; 2], |step| step.displacement);
+                self.evidence.shoot(self.preview.base_position(), velocity, self.preview.predicted());
+            }
+        }
+        if let Some(newest) = self.pen.newest() {
+            let per_step =
+                self.settings.trust.per_step && !matches!(self.trust_request, TrustRequest::Manual(_));
+            self.preview.correct(&newest, &mut self.evidence, per_step);
         }
         if !self.preview.is_finite() {
             health.set(Health::PREDICTOR_INVALID);
@@ -181,7 +201,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             pen_contact: newest.is_some_and(|pen| pen.contact),
             pen_counters: self.pen.counters(),
             predictor_error: news.error,
-            predictor_band: self.preview.band(now, self.dead_time.ns()),
+            predictor_band: self.preview.band(now, self.ahead_ns()),
             dead_time_ns: self.dead_time.ns(),
             lag: self.lag.estimate(),
             reference: moved.reference,
@@ -210,6 +230,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 }
                 self.trust_request = TrustRequest::Manual(Trust::new(alpha));
             }
+            Request::FreezeTrust => self.trust_request = TrustRequest::Frozen(self.trust.alpha()),
             Request::TrustAuto => self.trust_request = TrustRequest::Auto,
             Request::SwitchPredictor(kind) => {
                 if !self.previewer.offers(kind) {
@@ -244,6 +265,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             news.count += 1;
             match slot.motion {
                 crate::pen::Motion::Continues => {
+                    self.evidence.realise(step.position, slot.scale_m);
                     // Only the first step of a tick was predicted from the step just before it.
                     if let Some([x, y]) = expected.take() {
                         let [dx, dy] = step.displacement;
@@ -252,9 +274,13 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 }
                 crate::pen::Motion::Jump => {
                     news.jumped = true;
+                    self.evidence.interrupt();
                     expected = None;
                 }
-                crate::pen::Motion::Start => expected = None,
+                crate::pen::Motion::Start => {
+                    self.evidence.interrupt();
+                    expected = None;
+                }
             }
         }
         if news.jumped {
@@ -264,6 +290,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     }
 
     fn believe(&mut self, pen_age: Option<u64>, jumped: bool) -> Believed {
+        let nearest = (self.ahead_ns() / self.settings.pen.step_ns) as usize + 1;
         let report = self.trust.update(
             &TrustInputs {
                 request: self.trust_request,
@@ -273,6 +300,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 jumped,
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
+                record: self.evidence.record(nearest, nearest + LEADS_JUDGED - 1),
             },
             self.settings.period_ns,
         );
@@ -285,6 +313,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Believed { report, switched }
     }
 
+    /// How far ahead references lie: the dead time, without what the servo's inverse makes up for, and the plan's response.
+    fn ahead_ns(&self) -> u64 {
+        self.dead_time.ns().saturating_sub(self.settings.servo_ns).saturating_add(self.settings.response_ns)
+    }
+
     /// What the plan should follow; `None` while the arm is not to follow the pen.
     fn wanted(&self, now: Stamp, trust: Trust) -> Option<Motion<N>> {
         match self.watch.mode() {
@@ -293,7 +326,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             Mode::Following | Mode::Holding => {}
         }
         let pen = self.pen.newest()?;
-        let preview = self.preview.references(now, self.dead_time.ns());
+        let preview = self.preview.references(now, self.ahead_ns(), self.settings.mpc.step_s);
         Some(Motion::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
     }
 }

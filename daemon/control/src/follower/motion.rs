@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use super::Budget;
 use super::io::{Health, JointCommand, Refusal, Rung, Stage, StageClock};
 use super::plane::Plane;
+use super::servo::Servo;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile, consumer_state};
 use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
@@ -73,6 +74,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     reports: Reports,
     /// Commanded tool state in the plane frame: x₀ of the plan.
     tool: [AxisState; 3],
+    /// What the arm makes of commands, if it is a filter: `tool` is then where the arm gets to.
+    servo: Option<Servo>,
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
@@ -118,6 +121,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             issued: Stamp(0),
             reports: Reports::default(),
             tool: [AxisState::default(); 3],
+            servo: Servo::new(settings.servo_ns),
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
             approaching: true,
@@ -221,11 +225,17 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         clock.lap(Stage::Ik);
 
         let follows_plan = qd.is_some();
+        let from = self.commanded_tool();
         let guard_altered = self.publish(reach, qd, health);
-        match next {
-            Some(next) if follows_plan && !health.has(Health::IK_LIMITED | Health::GUARD_ALTERED) => {
-                self.tool = next;
+        let limited = health.has(Health::IK_LIMITED | Health::GUARD_ALTERED);
+        match (next, self.servo) {
+            (_, Some(servo)) => {
+                if !follows_plan || limited {
+                    health.set(Health::RESYNCHRONISED);
+                }
+                self.trail(&servo, &from);
             }
+            (Some(next), None) if follows_plan && !limited => self.tool = next,
             _ => {
                 health.set(Health::RESYNCHRONISED);
                 self.resynchronise();
@@ -238,8 +248,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if rung == Rung::Stop && at_rest {
             rung = Rung::Hold;
         }
-        let tool = self.held.as_ref().map_or_else(Vector3::zeros, |held| held.kinematics.position);
-        let tool = self.plane.point_from_base(&tool);
+        let tool = self.commanded_tool();
         Moved {
             command: self.held.as_ref().map(|held| JointCommand {
                 stamp: held.command.stamp(),
@@ -338,10 +347,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Joint velocities that carry the tool from its commanded state to `next` in one period.
     fn joint_velocities(&mut self, next: &[AxisState; 3], health: &mut Health) -> Option<[f64; J]> {
         let held = self.held.as_ref()?;
-        let [x, y, z] = self.tool.map(|axis| axis.position);
-        let [next_x, next_y, next_z] = next.map(|axis| axis.position);
-        let here = Vector3::new(x, y, z);
-        let there = Vector3::new(next_x, next_y, next_z);
+        let (here, there): (Vector3<f64>, Vector3<f64>) = match self.servo {
+            None => (self.tool.map(|axis| axis.position).into(), next.map(|axis| axis.position).into()),
+            Some(servo) => (self.commanded_tool(), next.map(|axis| servo.command(&axis)).into()),
+        };
         let target = ToolTarget {
             position: self.plane.point_to_base(&here),
             velocity: self.plane.vector_to_base(&((there - here) / self.period_s)),
@@ -376,6 +385,20 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         held.valid_until = held.command.stamp() + self.valid_ns;
         held.kinematics = self.chain.forward(held.command.q());
         u32::from(verdict.reasons.bits())
+    }
+
+    /// Where the published joints put the tool [m], plane frame.
+    fn commanded_tool(&self) -> Vector3<f64> {
+        let tool = self.held.as_ref().map_or_else(Vector3::zeros, |held| held.kinematics.position);
+        self.plane.point_from_base(&tool)
+    }
+
+    /// Lets the modelled arm follow the command from where it was to where it is.
+    fn trail(&mut self, servo: &Servo, from: &Vector3<f64>) {
+        let to = self.commanded_tool();
+        for ((axis, from), to) in self.tool.iter_mut().zip(from.iter()).zip(to.iter()) {
+            *axis = servo.follow(axis, *from, *to, self.period_s);
+        }
     }
 
     /// Takes the tool state from the commanded joints.

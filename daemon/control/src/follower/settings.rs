@@ -72,6 +72,11 @@ pub struct FollowerSettings<const J: usize> {
     pub following: Following,
     /// Bounds of time and motion.
     pub safety: SafetySettings,
+    /// Part of the dead time that is the arm's servo, a critically damped filter of second order with this group delay [ns]:
+    /// it is made up for by commanding ahead. 0: all of the dead time is pure delay.
+    pub servo_ns: u64,
+    /// How much farther ahead than the dead time references lie [ns]: what the plan itself needs to answer.
+    pub response_ns: u64,
 }
 
 /// Why a follower could not be built.
@@ -170,9 +175,13 @@ impl<const J: usize> FollowerSettings<J> {
 
     /// The same for the dead time of the moment, so that a short one costs no more than it must.
     pub(super) fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
-        let late_ns = dead_time_ns.saturating_add(self.trust.stale_after_ns).saturating_add(self.pen.step_ns);
-        let lead = usize::try_from(late_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX);
-        horizon.saturating_add(lead).saturating_add(1)
+        let plan_ns = (self.mpc.step_s * 1e9 * horizon as f64) as u64;
+        let ahead_ns = dead_time_ns
+            .saturating_add(self.response_ns)
+            .saturating_add(self.trust.stale_after_ns)
+            .saturating_add(self.pen.step_ns)
+            .saturating_add(plan_ns);
+        usize::try_from(ahead_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX).saturating_add(1)
     }
 
     fn check(&self) -> Result<(), FollowerError> {
@@ -184,8 +193,7 @@ impl<const J: usize> FollowerSettings<J> {
         if step_ns == 0 || !step_ns.is_multiple_of(period_ns) {
             return Err(FollowerError::StepNotMultiple { step_ns, period_ns });
         }
-        let mpc_ns = (self.mpc.step_s * 1e9).round() as u64;
-        let parts = [("plan", mpc_ns), ("preview", self.preview.step_ns), ("trust", self.trust.step_ns)];
+        let parts = [("preview", self.preview.step_ns), ("trust", self.trust.step_ns)];
         if let Some((part, got_ns)) = parts.into_iter().find(|(_, ns)| *ns != step_ns) {
             return Err(FollowerError::StepMismatch { part, got_ns, grid_ns: step_ns });
         }

@@ -26,18 +26,18 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// G_c of the defaults. Velocity as dear as position damps the approach to a held pen: a 1 mm step
+    /// G_c for plans in steps of 10 ms. Velocity as dear as position damps the approach to a held pen: a 1 mm step
     /// overshoots by 2 %, a 10 mm step by 0.5 % and settles within 70 ms. Without it 5 to 10 %; with twice as
     /// much the arm lags 20 % more behind a moving pen. Acceleration is left to the effort weight.
     pub const FEEDBACK: Self = Self { position: 1.0, velocity: 1.0, acceleration: 0.0, decay: 1.0 };
 
-    /// G_f of the defaults. Position leads, since it is what a reader of the letter sees; some velocity keeps
+    /// G_f for plans in steps of 10 ms. Position leads, since it is what a reader of the letter sees; some velocity keeps
     /// steps in the preview from being answered by jerk. A previewed acceleration is mostly noise and is not
     /// followed. The decay halves a weight within about four steps: the error of real predictions doubles with
     /// every doubling of the lead.
     pub const FEEDFORWARD: Self = Self { position: 1.0, velocity: 0.3, acceleration: 0.0, decay: 0.85 };
 
-    /// β of the defaults. 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³ RMS, the
+    /// β for plans in steps of 10 ms. 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³ RMS, the
     /// letters' own jerk; white noise of 0.05 mm in the preview adds 20 m/s³. A fifth of it adds 40 m/s³ for
     /// no visible gain; twenty times as much lets the error with a constant-velocity preview grow by half.
     pub const EFFORT: f64 = 0.05;

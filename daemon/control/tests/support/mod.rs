@@ -85,6 +85,8 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         ik_backend: IkBackend::Exact,
         dead_time_ns: 0,
         following: Following::Fixed,
+        servo_ns: 0,
+        response_ns: 0,
         safety: SafetySettings {
             valid_periods: 5,
             latch_after_ns: 200_000_000,

@@ -2,7 +2,12 @@
 //!
 //! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is asked for, so no evidence, request or fault
 //! can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not worth anything, and the
-//! reason is always given. Absent: evidence from realised errors (a healthy preview is trusted up to `auto_ceiling`).
+//! reason is always given. In automatic mode past previews have to have been better than standing still, over the leads
+//! that the plan looks at, by a margin that is wider on the way up than on the way down ([`Evidence`] keeps their record).
+
+mod evidence;
+
+pub use evidence::{EVIDENCE_LEADS, Evidence, Record};
 
 use thiserror::Error;
 
@@ -21,7 +26,20 @@ pub struct TrustSettings {
     pub stale_after_ns: u64,
     /// α that a healthy preview is given in automatic mode.
     pub auto_ceiling: Trust,
+    /// Cases of motion per lead that have to be judged before a preview is believed in automatic mode.
+    pub proof_cases: u32,
+    /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than the grid's
+    /// ([`Evidence`]). Off: the paper's scalar α over a preview as the predictor gave it.
+    pub per_step: bool,
 }
+
+/// Belief ends when previews were worse than Hold by this factor (mean squared error)...
+const END: f64 = 1.05;
+/// ... and begins when they were better by this one.
+const BEGIN: f64 = 0.9;
+/// The same against constant velocity: what a far simpler predictor does much better is not to be believed.
+const END_STEADY: f64 = 1.5;
+const BEGIN_STEADY: f64 = 1.2;
 
 impl Default for TrustSettings {
     fn default() -> Self {
@@ -31,6 +49,8 @@ impl Default for TrustSettings {
             warmup_steps: 5,
             stale_after_ns: 60_000_000,
             auto_ceiling: Trust::FULL,
+            proof_cases: 20,
+            per_step: true,
         }
     }
 }
@@ -67,6 +87,8 @@ pub enum TrustRequest {
     Auto,
     /// An operator; health still overrules.
     Manual(Trust),
+    /// As it was when an operator asked for it to stay; health still overrules.
+    Frozen(Trust),
 }
 
 /// What one tick knows about the preview.
@@ -86,6 +108,8 @@ pub struct TrustInputs {
     pub preview_finite: bool,
     /// Another predictor waits for α = 0 to take over.
     pub switching: bool,
+    /// What past previews were worth.
+    pub record: Record,
 }
 
 /// Why the target is what it is; the first that applies, in this order.
@@ -106,13 +130,23 @@ pub enum TrustReason {
     Warmup,
     /// The operator's value.
     Manual,
-    /// The evidence's value.
+    /// The value that an operator froze.
+    Frozen,
+    /// Too few previews were judged.
+    Unproven,
+    /// Past previews were worse than Hold.
+    WorseThanHold,
+    /// Past previews were much worse than constant velocity.
+    WorseThanSteady,
+    /// Past previews are a little better than Hold, but not yet enough to be believed again.
+    Hysteresis,
+    /// The evidence speaks for the preview.
     Auto,
 }
 
 impl TrustReason {
     /// Every reason, in the order of their numbers on the wire.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 13] = [
         Self::Disarmed,
         Self::Stale,
         Self::PredictorInvalid,
@@ -120,6 +154,11 @@ impl TrustReason {
         Self::Jump,
         Self::Warmup,
         Self::Manual,
+        Self::Frozen,
+        Self::Unproven,
+        Self::WorseThanHold,
+        Self::WorseThanSteady,
+        Self::Hysteresis,
         Self::Auto,
     ];
 
@@ -134,6 +173,11 @@ impl TrustReason {
             Self::Jump => "jump",
             Self::Warmup => "warmup",
             Self::Manual => "manual",
+            Self::Frozen => "frozen",
+            Self::Unproven => "unproven",
+            Self::WorseThanHold => "worse-than-hold",
+            Self::WorseThanSteady => "worse-than-constant-velocity",
+            Self::Hysteresis => "hysteresis",
             Self::Auto => "auto",
         }
     }
@@ -157,6 +201,8 @@ pub struct TrustControl {
     alpha: f64,
     /// The present warm-up follows a jump.
     after_jump: bool,
+    /// The evidence spoke for the predictor, and has not spoken against it since.
+    believed: bool,
 }
 
 impl TrustControl {
@@ -173,13 +219,14 @@ impl TrustControl {
         if !(settings.step_ns..=10_000_000_000).contains(&settings.stale_after_ns) {
             return Err(TrustError::Stale { got_ns: settings.stale_after_ns, step_ns: settings.step_ns });
         }
-        Ok(Self { settings, alpha: 0.0, after_jump: false })
+        Ok(Self { settings, alpha: 0.0, after_jump: false, believed: false })
     }
 
     /// Moves α towards what `inputs` justify; `dt_ns` since the last update [ns].
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
-        let (reason, target) = self.judge(inputs);
+        let verdict = self.weigh(&inputs.record);
+        let (reason, target) = self.judge(inputs, verdict);
         let reach = dt_ns as f64 / (self.settings.ramp_steps * self.settings.step_ns as f64);
         self.alpha = target.alpha().clamp(self.alpha - reach, self.alpha + reach);
         TrustReport { alpha: Trust::new(self.alpha), target, reason }
@@ -191,7 +238,27 @@ impl TrustControl {
         Trust::new(self.alpha)
     }
 
-    fn judge(&self, inputs: &TrustInputs) -> (TrustReason, Trust) {
+    /// What the record says, with a memory of what it said before.
+    fn weigh(&mut self, record: &Record) -> TrustReason {
+        if !(record.cases >= f64::from(self.settings.proof_cases)) {
+            self.believed = false;
+            return TrustReason::Unproven;
+        }
+        let (hold, steady) = if self.believed { (END, END_STEADY) } else { (BEGIN, BEGIN_STEADY) };
+        // Written so that a record that is not a number speaks against the preview.
+        let better = record.preview <= hold * record.hold;
+        let no_worse = record.preview <= steady * record.steady;
+        let before = self.believed;
+        self.believed = better && no_worse;
+        match (better, no_worse) {
+            (true, true) => TrustReason::Auto,
+            (true, false) => TrustReason::WorseThanSteady,
+            _ if !before && record.preview <= END * record.hold => TrustReason::Hysteresis,
+            _ => TrustReason::WorseThanHold,
+        }
+    }
+
+    fn judge(&self, inputs: &TrustInputs, verdict: TrustReason) -> (TrustReason, Trust) {
         let fresh = inputs.pen_age_ns.is_some_and(|age| age <= self.settings.stale_after_ns);
         let reason = match inputs.request {
             _ if !inputs.armed => TrustReason::Disarmed,
@@ -201,10 +268,12 @@ impl TrustControl {
             _ if self.after_jump => TrustReason::Jump,
             _ if inputs.history < self.settings.warmup_steps => TrustReason::Warmup,
             TrustRequest::Manual(_) => TrustReason::Manual,
-            TrustRequest::Auto => TrustReason::Auto,
+            TrustRequest::Frozen(_) => TrustReason::Frozen,
+            TrustRequest::Auto => verdict,
         };
         let target = match (reason, inputs.request) {
-            (TrustReason::Manual, TrustRequest::Manual(value)) => value,
+            (TrustReason::Manual, TrustRequest::Manual(value))
+            | (TrustReason::Frozen, TrustRequest::Frozen(value)) => value,
             (TrustReason::Auto, _) => self.settings.auto_ceiling,
             _ => Trust::NONE,
         };
