@@ -137,7 +137,7 @@ impl Benchmark<'_> {
                 label: sequence.label.clone(),
                 entrant: job.entrant.name(),
                 arm: job.arm.name(),
-                error,
+                error: Box::new(error),
             })?;
             take(sequence, run);
         }
