@@ -117,6 +117,7 @@ pub struct ArmModel {
     previous_target: [f64; JOINTS],
     servo: [Motion; JOINTS],
     joint: [Motion; JOINTS],
+    clamped: bool,
 }
 
 impl ArmModel {
@@ -132,6 +133,7 @@ impl ArmModel {
             previous_target: q,
             servo: still,
             joint: still,
+            clamped: false,
         }
     }
 
@@ -148,6 +150,7 @@ impl ArmModel {
             None => self.newest_target,
             Some(line) => line.pass(self.newest_target),
         };
+        self.clamped = false;
         for axis in 0..JOINTS {
             let from = self.previous_target[axis];
             let mut to = target[axis];
@@ -159,10 +162,12 @@ impl ArmModel {
             }
             let clamp = Clamp { v, a: self.settings.acceleration_radps2[axis], dt };
             let before = self.servo[axis];
-            let servo = clamp.apply(before, follow(before, from, to, self.settings.look_ahead_s, &clamp));
+            let wanted = follow(before, from, to, self.settings.look_ahead_s, &clamp);
+            let servo = clamp.apply(before, wanted);
             let joint = self.joint[axis];
-            self.joint[axis] =
-                clamp.apply(joint, settle(joint, before.q, servo.q, self.settings.joint_loop_s, dt));
+            let settled = settle(joint, before.q, servo.q, self.settings.joint_loop_s, dt);
+            self.joint[axis] = clamp.apply(joint, settled);
+            self.clamped |= servo != wanted || self.joint[axis] != settled;
             self.servo[axis] = servo;
             self.previous_target[axis] = to;
         }
@@ -179,6 +184,12 @@ impl ArmModel {
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay.as_ref().map_or(0.0, DelayLine::age_s)
+    }
+
+    /// A velocity or acceleration clamp shaped the last cycle.
+    #[must_use]
+    pub fn clamped(&self) -> bool {
+        self.clamped
     }
 
     /// The settings it was built with.

@@ -6,6 +6,7 @@ use foretrace_control::ik::JointLimits;
 
 use crate::arm::{ArmSettings, JOINTS};
 use crate::experiments::{ArmKind, ur5_at};
+use crate::today::ServoKnobs;
 
 /// An arm and the size of the letters written with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +72,18 @@ impl BenchArm {
                 look_ahead_s: SLOW_S - (ur5.group_delay_s() - ur5.look_ahead_s),
                 ..ur5
             }),
+        }
+    }
+
+    /// The same arm behind a way of today: `ur5` takes the look-ahead that the way gives its servo. `slow` is a servo that
+    /// takes 100 ms and that nobody can change, so it stays as it is.
+    #[must_use]
+    pub(super) fn kind_for_way(self, config: &Config, servo: ServoKnobs) -> ArmKind {
+        match (self, self.kind(config)) {
+            (Self::Ur5, ArmKind::Ur5(arm)) => {
+                ArmKind::Ur5(ArmSettings { look_ahead_s: servo.look_ahead_s, ..arm })
+            }
+            (_, kind) => kind,
         }
     }
 

@@ -1,8 +1,10 @@
-//! Who takes part: predictors in the daemon's control law.
+//! Who takes part: predictors in the daemon's control law, and the ways of today.
 
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
+
+use crate::today::WayKind;
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,6 +15,22 @@ pub enum Entrant {
     Believed(PredictorKind),
     /// `ours` with automatic trust: the daemon as it is shipped.
     Ours,
+    /// No control law of ours: what people use today.
+    Today(WayKind),
+}
+
+/// What makes the arm move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Driver {
+    /// The daemon's control law.
+    Law {
+        /// Who predicts.
+        predictor: PredictorKind,
+        /// Who decides the trust.
+        trust: TrustRequest,
+    },
+    /// A way of today.
+    Way(WayKind),
 }
 
 /// A name that nobody has.
@@ -27,7 +45,7 @@ pub struct UnknownEntrant {
 
 impl Entrant {
     /// All, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::Hold,
         Self::Believed(PredictorKind::ConstantVelocity),
         Self::Believed(PredictorKind::Dybm),
@@ -36,6 +54,10 @@ impl Entrant {
         Self::Believed(PredictorKind::ArRls),
         Self::Believed(PredictorKind::Ours),
         Self::Ours,
+        Self::Today(WayKind::ServojGello),
+        Self::Today(WayKind::ServojRos),
+        Self::Today(WayKind::Otg),
+        Self::Today(WayKind::Kalman),
         Self::Believed(PredictorKind::Oracle),
     ];
 
@@ -45,6 +67,7 @@ impl Entrant {
         match self {
             Self::Hold => "hold",
             Self::Ours => "ours",
+            Self::Today(kind) => kind.name(),
             Self::Believed(PredictorKind::Hold) => "hold-trust1",
             Self::Believed(PredictorKind::ConstantVelocity) => "constant-velocity",
             Self::Believed(PredictorKind::Dybm) => "dybm-online",
@@ -67,23 +90,15 @@ impl Entrant {
         })
     }
 
-    /// Who predicts.
+    /// What makes the arm move.
     #[must_use]
-    pub const fn predictor(self) -> PredictorKind {
-        match self {
-            Self::Hold => PredictorKind::Hold,
-            Self::Ours => PredictorKind::Ours,
-            Self::Believed(kind) => kind,
-        }
-    }
-
-    /// Who decides the trust.
-    #[must_use]
-    pub const fn trust(self) -> TrustRequest {
-        match self {
-            Self::Hold => TrustRequest::Manual(Trust::NONE),
-            Self::Ours => TrustRequest::Auto,
-            Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
-        }
+    pub const fn driver(self) -> Driver {
+        let (predictor, trust) = match self {
+            Self::Today(kind) => return Driver::Way(kind),
+            Self::Hold => (PredictorKind::Hold, TrustRequest::Manual(Trust::NONE)),
+            Self::Ours => (PredictorKind::Ours, TrustRequest::Auto),
+            Self::Believed(kind) => (kind, TrustRequest::Manual(Trust::FULL)),
+        };
+        Driver::Law { predictor, trust }
     }
 }

@@ -2,8 +2,9 @@
 
 use foretrace_config::Config;
 
-use super::{BenchArm, Entrant, Hand, Row, Score, rows};
-use crate::experiments::{ClosedLoop, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
+use super::way::{WayDesk, way_settings};
+use super::{BenchArm, Driver, Entrant, Hand, Row, Score, rows};
+use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
 
@@ -119,17 +120,7 @@ impl Benchmark<'_> {
         count: usize,
         mut take: impl FnMut(&super::Sequence, ClosedLoop),
     ) -> Result<(), BenchError> {
-        let arm = job.arm.kind(self.config);
-        let kind = job.entrant.predictor();
-        let mut settings = settings_for(self.config, arm, kind);
-        settings.trust_request = job.entrant.trust();
-        job.arm.fit(self.config, &mut settings);
-        let home = self.config.robot().home;
-        let horizon = self.config.settings().mpc.horizon;
-        let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
-        let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
-        let options = DeskOptions { arm, oracle: kind == PredictorKind::Oracle, learner };
-        let mut desk = desk(horizon, &settings, home, options).map_err(|error| wrong(&error))?;
+        let mut desk = self.desk(job)?;
         for (index, sequence) in job.hand.sequences.iter().enumerate().take(count) {
             let run = desk.write(&sequence.path.samples, WAIT_S, &[]).map_err(|error| BenchError::Run {
                 file: job.hand.file.clone(),
@@ -142,6 +133,28 @@ impl Benchmark<'_> {
             take(sequence, run);
         }
         Ok(())
+    }
+
+    fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
+        let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
+        let arm = job.arm.kind(self.config);
+        let (kind, trust) = match job.entrant.driver() {
+            Driver::Law { predictor, trust } => (predictor, trust),
+            Driver::Way(kind) => {
+                let law = settings_for(self.config, arm, PredictorKind::Hold);
+                let settings = way_settings(self.config, job.arm, kind);
+                let desk = WayDesk::new(self.config, &law, job.arm, kind, &settings);
+                return Ok(Box::new(desk.map_err(|error| wrong(&error))?));
+            }
+        };
+        let mut settings = settings_for(self.config, arm, kind);
+        settings.trust_request = trust;
+        job.arm.fit(self.config, &mut settings);
+        let home = self.config.robot().home;
+        let horizon = self.config.settings().mpc.horizon;
+        let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::Oracle, learner };
+        desk(horizon, &settings, home, options).map_err(|error| wrong(&error))
     }
 }
 

@@ -1,4 +1,5 @@
-//! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control law.
+//! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control law,
+//! and through the ways in which it is done today.
 //!
 //! Contract: one constant scale per set and arm (its median *train* glyph becomes [`BenchArm::glyph_height_m`]), no scaling
 //! per letter. Hover paths are kept where they were recorded; a lift that nobody recorded stays the leap of one sample
@@ -11,9 +12,10 @@ mod entrant;
 mod job;
 mod score;
 mod sequences;
+mod way;
 
 pub use arm::BenchArm;
-pub use entrant::{Entrant, UnknownEntrant};
+pub use entrant::{Driver, Entrant, UnknownEntrant};
 pub use job::{BenchError, Benchmark, Outcome};
 pub use score::{Row, Score, rows};
 pub use sequences::{Hand, LEAP_S, Sequence, hands};

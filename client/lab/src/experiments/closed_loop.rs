@@ -4,9 +4,10 @@
 //! no delay. The learner, if there is one, takes each closed step at once, and its weights go live at the next tick.
 
 use foretrace_control::follower::{
-    Budget, Follower, FollowerError, FollowerSettings, Health, JointCommand, JointReading, NoClock, Refusal,
-    Request, StepInput, StepOutput,
+    Budget, Follower, FollowerError, FollowerSettings, Health, JointCommand, JointReading, NoClock, Plane,
+    Refusal, Request, StepInput, StepOutput,
 };
+use foretrace_control::ik::Chain;
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, Oracle};
@@ -71,9 +72,9 @@ pub enum RunError {
 }
 
 /// Where simulated time begins, so that stamps before the first sample exist.
-const EPOCH_NS: u64 = 10_000_000_000;
+pub(crate) const EPOCH_NS: u64 = 10_000_000_000;
 /// Between two paths the pen is out of reach for this long [ns]: longer than any gap that is bridged.
-const AWAY_NS: u64 = 700_000_000;
+pub(crate) const AWAY_NS: u64 = 700_000_000;
 /// Spacing of the samples while the pen waits [s].
 const WAIT_STEP_S: f64 = 0.005;
 
@@ -187,7 +188,9 @@ impl<const N: usize> LoopDesk<N> {
             }
         }
         self.now = self.now + self.follower.settings().period_ns;
-        self.arm.obey(&output);
+        if let Some(command) = &output.command {
+            self.arm.obey(command);
+        }
         Ok(output)
     }
 }
@@ -225,7 +228,8 @@ impl<const N: usize> Desk for LoopDesk<N> {
             let ready = |(t_s, _): &&(f64, Request)| self.armed && stamp_of(*t_s) <= self.now;
             let request = requests.next_if(ready).map(|(_, request)| *request);
             let output = self.tick(&due, request)?;
-            let tool = self.arm.tool(&self.follower);
+            let settings = self.follower.settings();
+            let tool = self.arm.tool(&settings.chain, &settings.plane);
             out.record(self.now.seconds_since(begin) + start_s, &tool, &output);
         }
         Ok(out)
@@ -250,7 +254,7 @@ impl ClosedLoop {
 }
 
 /// The pen as the loop hears it: waiting above the first sample, the path, resting at the last one.
-fn feed(
+pub(crate) fn feed(
     path: &[PathSample],
     first: &PathSample,
     last: &PathSample,
@@ -296,7 +300,7 @@ fn recorded_future<const N: usize>(
 }
 
 /// Either arm, as the loop sees it.
-struct Arm {
+pub(crate) struct Arm {
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
     servo: Option<ArmModel>,
@@ -305,7 +309,7 @@ struct Arm {
 }
 
 impl Arm {
-    fn new(kind: ArmKind, home: [f64; JOINTS]) -> Self {
+    pub(crate) fn new(kind: ArmKind, home: [f64; JOINTS]) -> Self {
         let servo = match kind {
             ArmKind::Ideal | ArmKind::Delayed(_) => None,
             ArmKind::Ur5(settings) => Some(ArmModel::at_rest(settings, home)),
@@ -322,8 +326,7 @@ impl Arm {
     }
 
     /// Lives through one period with the command made at its beginning.
-    fn obey(&mut self, output: &StepOutput<JOINTS>) {
-        let Some(command) = &output.command else { return };
+    pub(crate) fn obey(&mut self, command: &JointCommand<JOINTS>) {
         if let Some((delay_s, underway)) = &mut self.delay {
             underway.push_back(*command);
             // The command that ends at or after the instant which the arm has reached holds for it, as a line.
@@ -353,9 +356,14 @@ impl Arm {
         }
     }
 
-    fn tool<const N: usize>(&self, follower: &Follower<N, JOINTS>) -> [f64; 2] {
-        let settings = follower.settings();
-        let tool = settings.plane.point_from_base(&settings.chain.forward(&self.q).position);
+    /// Where the tool is in the plane [m].
+    pub(crate) fn tool(&self, chain: &Chain<JOINTS>, plane: &Plane) -> [f64; 2] {
+        let tool = plane.point_from_base(&chain.forward(&self.q).position);
         [tool.x, tool.y]
+    }
+
+    /// A limit of the arm itself shaped its last cycle.
+    pub(crate) fn clamped(&self) -> bool {
+        self.servo.as_ref().is_some_and(ArmModel::clamped)
     }
 }

@@ -41,6 +41,11 @@ pub trait Way: Send {
     fn failures(&self) -> u64 {
         0
     }
+
+    /// The last target was held back by a limit of speed or acceleration of the way's own.
+    fn limited(&self) -> bool {
+        false
+    }
 }
 
 /// The way `kind` with these settings; those of other kinds in `settings` are not looked at.

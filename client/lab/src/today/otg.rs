@@ -88,6 +88,10 @@ impl Way for OtgWay {
     fn failures(&self) -> u64 {
         self.failures
     }
+
+    fn limited(&self) -> bool {
+        self.axes.iter().any(Generator::limited)
+    }
 }
 
 type Tracker = Trackig<1, IgnoreErrorHandler>;
@@ -119,6 +123,13 @@ impl Generator {
             output: OutputParameter::new(None),
             probed: OutputParameter::new(None),
         }
+    }
+
+    /// At its largest speed or acceleration. Jerk is not asked: a time-optimal motion always uses all of it.
+    fn limited(&self) -> bool {
+        let at = |value: f64, most: f64| value.abs() >= 0.999 * most;
+        at(self.input.current_velocity[0], self.input.max_velocity[0])
+            || at(self.input.current_acceleration[0], self.input.max_acceleration[0])
     }
 
     #[cfg(test)]

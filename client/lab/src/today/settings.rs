@@ -24,7 +24,7 @@ impl WayKind {
 
     /// As users write it.
     #[must_use]
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::ServojGello => "servoj-gello",
             Self::ServojRos => "servoj-ros",

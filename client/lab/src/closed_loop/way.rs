@@ -1,0 +1,219 @@
+//! A way of today at the desk: its target in the plane becomes joints, which go to the same arms as the law's.
+//!
+//! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their stamp). The tool
+//! keeps the height and the orientation that it has at home; joints are found by damped least squares, without limits of
+//! ours, since that is how it is done today: what an arm cannot do, its own clamps hold back. Before an arm without a
+//! servo, ways that smooth in the servo get one in software. Absent: lift, workspace, guard.
+
+use foretrace_config::Config;
+use foretrace_control::follower::{FollowerSettings, JointCommand, Plane, Request};
+use foretrace_control::ik::Chain;
+use foretrace_control::pen::PenReading;
+use foretrace_control::predict::PredictorKind;
+use foretrace_control::units::Stamp;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+use super::BenchArm;
+use crate::arm::JOINTS;
+use crate::experiments::{
+    AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, feed, settings_for,
+};
+use crate::metrics::ToolSample;
+use crate::path::PathSample;
+use crate::today::{Limits, Way, WayError, WayKind, WaySettings, build, soften};
+
+/// What the way `kind` is set to before `arm`.
+#[must_use]
+pub(super) fn way_settings(config: &Config, arm: BenchArm, kind: WayKind) -> WaySettings {
+    let period_s = config.settings().period_ns() as f64 * 1e-9;
+    let law = settings_for(config, arm.kind(config), PredictorKind::Hold);
+    let least = |of: fn(&foretrace_control::mpc::AxisLimits) -> f64| {
+        law.mpc.axes.iter().take(2).map(of).fold(f64::INFINITY, f64::min)
+    };
+    let limits = if arm.limited() {
+        Limits {
+            velocity_mps: least(|axis| axis.velocity_mps),
+            acceleration_mps2: least(|axis| axis.acceleration_mps2),
+            jerk_mps3: least(|axis| axis.jerk_mps3),
+        }
+    } else {
+        Limits::OFF
+    };
+    let with = |dead_time_s| WaySettings::new(kind, period_s, dead_time_s, limits, arm.glyph_height_m());
+    with(dead_time_s(arm.kind_for_way(config, with(0.0).servo)))
+}
+
+fn dead_time_s(arm: ArmKind) -> f64 {
+    match arm {
+        ArmKind::Ideal => 0.0,
+        ArmKind::Delayed(delay_s) => delay_s,
+        ArmKind::Ur5(settings) => settings.group_delay_s(),
+    }
+}
+
+/// A way and its arm.
+pub(super) struct WayDesk {
+    way: Box<dyn Way>,
+    reach: Reach,
+    arm: Arm,
+    period_ns: u64,
+    now: Stamp,
+    /// Commanded joints [rad].
+    q: [f64; JOINTS],
+    /// Commanded tool [m] and its velocity [m/s].
+    tool: Option<([f64; 2], [f64; 2])>,
+}
+
+impl WayDesk {
+    /// An arm at home in front of `kind`; `law` is whose plane and chain it has.
+    ///
+    /// # Errors
+    /// A setting outside its range.
+    pub(super) fn new(
+        config: &Config,
+        law: &FollowerSettings<JOINTS>,
+        arm: BenchArm,
+        kind: WayKind,
+        settings: &WaySettings,
+    ) -> Result<Self, WayError> {
+        let mut way = build(kind, settings)?;
+        let behind = arm.kind_for_way(config, settings.servo);
+        if kind.smooths_in_the_servo() && !matches!(behind, ArmKind::Ur5(_)) {
+            way = soften(way, settings);
+        }
+        let home = config.robot().home;
+        Ok(Self {
+            way,
+            reach: Reach::new(&law.chain, law.plane, &home),
+            arm: Arm::new(behind, home),
+            period_ns: law.period_ns,
+            now: Stamp(EPOCH_NS - EPOCH_NS % law.period_ns),
+            q: home,
+            tool: None,
+        })
+    }
+
+    /// One period with the pen samples `due`.
+    fn tick(&mut self, due: &[PathSample]) -> TickTrace {
+        let period_s = self.period_ns as f64 * 1e-9;
+        let target = self.way.target(seconds(self.now), due).filter(|at| at.iter().all(|x| x.is_finite()));
+        let before = self.q;
+        if let Some(target) = target {
+            self.q = self.reach.joints(before, target);
+        }
+        let mut qd = self.q;
+        for (qd, before) in qd.iter_mut().zip(before) {
+            *qd = (*qd - before) / period_s;
+        }
+        self.now = self.now + self.period_ns;
+        self.arm.obey(&JointCommand { stamp: self.now, valid_until: self.now, q: self.q, qd, enabled: true });
+        let (was, velocity) = self.tool.unwrap_or((target.unwrap_or_default(), [0.0; 2]));
+        let setpoint = target.unwrap_or(was);
+        let moved = [0, 1].map(|axis| (setpoint[axis] - was[axis]) / period_s);
+        if target.is_some() {
+            self.tool = Some((setpoint, moved));
+        }
+        TickTrace {
+            t_s: f64::NAN,
+            setpoint,
+            reference: setpoint,
+            acceleration: [0, 1].map(|axis| (moved[axis] - velocity[axis]) / period_s),
+            // Nobody is trusted here.
+            alpha: f64::NAN,
+            limited: self.arm.clamped() || self.way.limited(),
+        }
+    }
+}
+
+impl Desk for WayDesk {
+    /// `requests` are for the law and are not heard.
+    fn write(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        _requests: &[(f64, Request)],
+    ) -> Result<ClosedLoop, RunError> {
+        let (first, last) = path.first().zip(path.last()).ok_or(RunError::Empty)?;
+        let away = self.now + AWAY_NS;
+        while self.tool.is_some() && self.now < away {
+            self.tick(&[]);
+        }
+        let begin = self.now;
+        let start_s = first.t_s - wait_s;
+        let stamp_of = |t_s: f64| begin + ((t_s - start_s) * 1e9).round().max(0.0) as u64;
+        let pen = feed(path, first, last, wait_s, stamp_of);
+        let mut out = ClosedLoop::default();
+        let mut samples = pen.iter().peekable();
+        let mut due = Vec::new();
+        let end = pen.last().map_or(begin, |sample| sample.stamp);
+        while self.now <= end {
+            due.clear();
+            while let Some(sample) = samples.next_if(|sample| sample.stamp <= self.now) {
+                due.push(self.reach.heard(sample));
+            }
+            let tick = self.tick(&due);
+            let t_s = self.now.seconds_since(begin) + start_s;
+            let [x_m, y_m] = self.arm.tool(&self.reach.chain, &self.reach.plane);
+            out.tool.push(ToolSample { t_s, x_m, y_m });
+            out.ticks.push(TickTrace { t_s, ..tick });
+        }
+        Ok(out)
+    }
+}
+
+fn seconds(stamp: Stamp) -> f64 {
+    stamp.0 as f64 * 1e-9
+}
+
+/// Farthest that one step of the solver goes [m]: what lies beyond is approached in several.
+const STEP_M: f64 = 0.05;
+const STEPS: usize = 100;
+/// Error of the pose that counts as none [m, rad].
+const REACHED: f64 = 1e-10;
+/// Damping of the least squares; with a reach of a metre it only shows at singularities.
+const DAMPING: f64 = 1e-9;
+
+/// Plane to joints.
+struct Reach {
+    chain: Chain<JOINTS>,
+    plane: Plane,
+    /// Of the tool in the plane's frame [m].
+    height_m: f64,
+    rotation: Matrix3<f64>,
+}
+
+impl Reach {
+    fn new(chain: &Chain<JOINTS>, plane: Plane, home: &[f64; JOINTS]) -> Self {
+        let pose = chain.forward(home);
+        let height_m = plane.point_from_base(&pose.position).z;
+        Self { chain: chain.clone(), plane, height_m, rotation: pose.rotation }
+    }
+
+    fn heard(&self, sample: &PenReading) -> PathSample {
+        let [x_m, y_m] = self.plane.from_pen(sample.position);
+        PathSample { t_s: seconds(sample.stamp), x_m, y_m, contact: sample.contact }
+    }
+
+    /// Joints [rad] near `q` with the tool at `target` [m] in the plane; as near as the steps lead where it is out of reach.
+    fn joints(&self, mut q: [f64; JOINTS], target: [f64; 2]) -> [f64; JOINTS] {
+        let goal = self.plane.point_to_base(&Vector3::new(target[0], target[1], self.height_m));
+        for _ in 0..STEPS {
+            let pose = self.chain.forward(&q);
+            let way = goal - pose.position;
+            let way = way * (STEP_M / way.norm().max(STEP_M));
+            let turn: Vector3<f64> =
+                (0..3).map(|i| pose.rotation.column(i).cross(&self.rotation.column(i)) * 0.5).sum();
+            let error = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
+            if error.norm() <= REACHED {
+                break;
+            }
+            let normal = pose.jacobian * pose.jacobian.transpose() + Matrix6::identity() * DAMPING;
+            let Some(solver) = normal.cholesky() else { break };
+            let step = pose.jacobian.transpose() * solver.solve(&error);
+            for (q, dq) in q.iter_mut().zip(step.iter()) {
+                *q += dq;
+            }
+        }
+        q
+    }
+}
