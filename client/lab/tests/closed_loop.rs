@@ -1,0 +1,209 @@
+//! The closed-loop benchmark on made-up handwriting: who is compared with whom, and what is counted.
+
+use foretrace_config::Config;
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, Score, Sequence, hands};
+use foretrace_lab::data::{DataSet, Split, median_glyph_height};
+use foretrace_lab::metrics::ToolSample;
+use foretrace_lab::path::{Lift, PathSample, Placement};
+use foretrace_lab::today::{Limits, WayKind, WaySettings, build, soften};
+use foretrace_lab::writer::text_path;
+
+const PERIOD_S: f64 = 0.002;
+
+fn config() -> Config {
+    let config = Config::preset("ur5e").unwrap();
+    assert_eq!(config.settings().period_ns(), 2_000_000);
+    config
+}
+
+fn hand(arm: BenchArm, config: &Config, letters: &[&str]) -> Hand {
+    let placement = Placement {
+        centre_m: arm.centre_m(config),
+        size_m: arm.paper_m(config),
+        glyph_height_m: 0.03,
+        ..Placement::default()
+    };
+    let sequences = letters
+        .iter()
+        .zip(1..)
+        .map(|(label, seed)| {
+            let path = text_path(label, seed, 200.0, &placement).unwrap();
+            let behind_leap = vec![false; path.samples.len()];
+            Sequence { label: (*label).to_owned(), path, behind_leap }
+        })
+        .collect();
+    Hand { file: format!("{}.dat", letters.concat()), sequences }
+}
+
+fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Benchmark<'a> {
+    let hands = |arm| vec![hand(arm, config, &["a", "8"]), hand(arm, config, &["K"])];
+    Benchmark {
+        config,
+        arms: arms.iter().map(|arm| (*arm, hands(*arm))).collect(),
+        entrants: names.iter().map(|name| Entrant::named(name).unwrap()).collect(),
+    }
+}
+
+/// Targets of a way that hears `path` behind 1.2 s of a resting pen, as the benchmark's desks do.
+fn targets(kind: WayKind, settings: &WaySettings, path: &[PathSample]) -> Vec<ToolSample> {
+    let mut way = build(kind, settings).unwrap();
+    if kind.smooths_in_the_servo() {
+        way = soften(way, settings);
+    }
+    let first = path[0];
+    let waiting =
+        (0..240).map(|i| PathSample { t_s: first.t_s - 1.2 + 0.005 * f64::from(i), contact: false, ..first });
+    let mut pen = waiting.chain(path.iter().copied()).peekable();
+    let periods = ((path.last().unwrap().t_s - first.t_s + 1.2) / PERIOD_S) as u32;
+    (0..=periods)
+        .map(|k| {
+            let now_s = first.t_s - 1.2 + PERIOD_S * f64::from(k);
+            let mut heard = Vec::new();
+            while let Some(sample) = pen.next_if(|sample| sample.t_s <= now_s + 1e-9) {
+                heard.push(sample);
+            }
+            let [x_m, y_m] = way.target(now_s, &heard).unwrap();
+            ToolSample { t_s: now_s + PERIOD_S, x_m, y_m }
+        })
+        .collect()
+}
+
+#[test]
+fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
+    let config = config();
+    let benchmark = benchmark(&config, &[BenchArm::Ideal], &["hold"]);
+    let hand = hand(BenchArm::Ideal, &config, &["a"]);
+    for kind in WayKind::ALL {
+        let entrant = Entrant::named(kind.name()).unwrap();
+        let run = benchmark.replay(entrant, BenchArm::Ideal, &hand, 0).unwrap().unwrap();
+        let settings = WaySettings::new(kind, PERIOD_S, 0.0, Limits::OFF, BenchArm::Ideal.glyph_height_m());
+        let wanted = targets(kind, &settings, &hand.sequences[0].path.samples);
+        assert!(wanted.len() <= run.tool.len() && wanted.len() > 600);
+        for (tool, wanted) in run.tool.iter().zip(&wanted) {
+            assert!((tool.t_s - wanted.t_s).abs() < 1e-6, "{tool:?} {wanted:?}");
+            let off_m = (tool.x_m - wanted.x_m).hypot(tool.y_m - wanted.y_m);
+            // Time-optimal motion makes much of the last digit of a clock; a period off would be 0.2 mm and more.
+            let most_m = if kind == WayKind::Otg { 1e-4 } else { 1e-6 };
+            assert!(off_m < most_m, "{kind} at {}: {off_m}", tool.t_s);
+        }
+        for (tool, tick) in run.tool.iter().zip(&run.ticks) {
+            let [x, y] = tick.setpoint;
+            assert!((tool.x_m - x).hypot(tool.y_m - y) < 1e-8, "{kind}: {tool:?} {tick:?}");
+        }
+    }
+}
+
+#[test]
+fn the_servo_of_a_way_counts_on_the_ur5_and_changes_nothing_on_the_slow_arm() {
+    let config = config();
+    let arms = [BenchArm::Delay30, BenchArm::Ur5, BenchArm::Slow];
+    let benchmark = benchmark(&config, &arms, &["hold", "servoj-gello", "servoj-ros"]);
+    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let lag = |arm: BenchArm, name: &str| find(&rows, arm, name).lag_ms;
+    for arm in [BenchArm::Delay30, BenchArm::Ur5] {
+        let more = lag(arm, "servoj-gello") - lag(arm, "servoj-ros");
+        assert!((50.0..100.0).contains(&more), "{arm:?}: {more}");
+    }
+    // Only the filters differ there.
+    let more = lag(BenchArm::Slow, "servoj-gello") - lag(BenchArm::Slow, "servoj-ros");
+    assert!((-5.0..15.0).contains(&more), "{more}");
+    // A filter of 100 ms turns letters by less than 100 ms, but by more than twice what the UR5's servo does.
+    assert!(lag(BenchArm::Slow, "servoj-ros") > 2.0 * lag(BenchArm::Ur5, "servoj-ros"));
+}
+
+#[test]
+fn hold_is_never_worse_than_itself_and_rows_say_everything() {
+    let config = config();
+    let benchmark = benchmark(&config, &[BenchArm::Ur5], &["hold", "ours", "otg", "oracle"]);
+    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let hold = find(&rows, BenchArm::Ur5, "hold");
+    assert_eq!((hold.worse_than_hold_pct, hold.worst_beyond_hold_m), (Some(0.0), Some(0.0)));
+    assert!(find(&rows, BenchArm::Ur5, "oracle").mse_m2 < 0.3 * hold.mse_m2);
+    for row in &rows {
+        assert_eq!(row.sequences, 3);
+        let json = serde_json::to_value(row).unwrap();
+        assert!(json["predictor"].is_string() && json["arm"] == "ur5", "{json}");
+        for key in [
+            "mse_m2",
+            "median_mse_m2",
+            "pen_down_mse_m2",
+            "max_m",
+            "lag_ms",
+            "rms_jerk",
+            "saturated_pct",
+            "worse_than_hold_pct",
+        ] {
+            assert!(json[key].is_number(), "{key}: {json}");
+        }
+    }
+}
+
+#[test]
+fn many_threads_give_the_numbers_of_one() {
+    let config = config();
+    let names = ["hold", "ours", "dybm-online", "kalman"];
+    let benchmark = benchmark(&config, &[BenchArm::Delay30], &names);
+    for outcome in benchmark.run(|| {}).unwrap() {
+        let (arm, hands) = &benchmark.arms[0];
+        let alone: Vec<_> = hands
+            .iter()
+            .flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index)))
+            .map(|(hand, index)| {
+                let run = benchmark.replay(outcome.entrant, *arm, hand, index).unwrap().unwrap();
+                Score::of(&hand.sequences[index], &run)
+            })
+            .collect();
+        assert_eq!(alone.len(), 3);
+        // Absent parts of a score are no numbers and equal nothing.
+        let text = |scores: &[Option<Score>]| format!("{scores:?}");
+        assert_eq!(text(&alone), text(&outcome.scores), "{}", outcome.entrant.name());
+    }
+}
+
+#[test]
+fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let stroke = |x: f64| -> String {
+        let points = (0..80).map(|i| {
+            let angle = 0.08 * f64::from(i);
+            format!("{:.0} {:.0}\n", x + 200.0 * angle.cos(), 200.0 * angle.sin())
+        });
+        format!(".PEN_DOWN\n{}.PEN_UP\n", points.collect::<String>())
+    };
+    let text = format!(
+        ".VERSION 1.0\n.COORD X Y\n.POINTS_PER_SECOND 200\n.HIERARCHY CHARACTER\n{}{}.SEGMENT CHARACTER 0-1 OK \"8\"\n",
+        stroke(0.0),
+        stroke(500.0)
+    );
+    std::fs::write(folder.path().join("w.dat"), text).unwrap();
+    let set = DataSet::load(folder.path(), &Split::All, true).unwrap();
+    let height = median_glyph_height(set.characters()).unwrap();
+    let config = config();
+    let row = |lift| {
+        let (placed, left_out) = hands(&set, height, BenchArm::Ideal, &config, lift).unwrap();
+        assert_eq!((placed.len(), left_out), (1, 0));
+        let benchmark = Benchmark {
+            config: &config,
+            arms: vec![(BenchArm::Ideal, placed)],
+            entrants: vec![Entrant::Hold],
+        };
+        Outcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
+    };
+    let leap = row(Lift::Leap);
+    let behind = leap.leap_mse_m2.unwrap();
+    assert!(behind > 2.0 * leap.mse_m2, "{behind:e} {:e}", leap.mse_m2);
+    assert_eq!(row(Lift::Travel).leap_mse_m2, None);
+}
+
+#[test]
+fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
+    let error = Entrant::named("servoj").unwrap_err();
+    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls ours-trust1 ours servoj-gello \
+                 servoj-ros otg kalman oracle";
+    assert_eq!(error.known.join(" "), names);
+    assert!(error.to_string().contains(names), "{error}");
+}
+
+fn find<'a>(rows: &'a [Row], arm: BenchArm, name: &str) -> &'a Row {
+    rows.iter().find(|row| row.arm == arm.name() && row.predictor == name).unwrap()
+}
