@@ -25,7 +25,7 @@ section! {
         step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
         /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a new sample.
         /// More follows sooner and overshoots more.
-        response_ms: f64 = Between(0.0, 50.0), Default("8.0"), AtStart, "8 with the gains of the presets";
+        response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough for sharp gains";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
@@ -51,7 +51,7 @@ section! {
     /// prediction (trust 1).
     pub struct Gains {
         /// Weight of the position error.
-        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0 for feedback, 3.0 for feedforward";
+        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0 for feedback, 0.7 for feedforward; up to 3 for an arm much faster than the hand";
         /// Weight of the velocity error.
         velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "3.5 for feedback, 0.1 for feedforward";
         /// Weight of the acceleration error.

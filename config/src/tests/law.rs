@@ -34,8 +34,8 @@ fn presets_keep_what_was_measured_in_the_control_law() {
         assert_eq!((&law.models, law.weights), (config.models(), law.models.initial_weights()), "{name}");
         let gains = |position, velocity| Gains { position, velocity, acceleration: 0.0, decay: 1.0 };
         assert_eq!(law.mpc.gains_feedback, [gains(1.0, 3.5); 3], "{name}");
-        assert_eq!(law.mpc.gains_feedforward, [gains(3.0, 0.1); 3], "{name}");
-        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (3.2, 0.005, 8_000_000));
+        assert_eq!(law.mpc.gains_feedforward, [gains(0.7, 0.1); 3], "{name}");
+        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (3.2, 0.005, 0));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
         assert_eq!(law.preview, PreviewSettings::default());

@@ -28,6 +28,10 @@ const SLOW_S: f64 = 0.100;
 /// "Off" for the plan's limits: jerk [m/s³], acceleration [m/s²], velocity [m/s]. The largest legal ones; letters of 0.1 m
 /// in real time ask for some 35 m/s².
 const FREE_PLAN: [f64; 3] = [1e5, 1e3, 20.0];
+/// What an arm without limits can make use of: position gain towards the prediction, in units of the settings', and further
+/// lead [ns]. The same for every predictor. Behind limits such gains spend the jerk on noise.
+const FREE_SHARPNESS: f64 = 3.0 / 0.7;
+const FREE_RESPONSE_NS: u64 = 8_000_000;
 /// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
 const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
@@ -119,6 +123,10 @@ impl BenchArm {
                 limits.position_m = [centre - half - 0.1, centre + half + 0.1];
             }
         }
+        for gains in &mut settings.mpc.gains_feedforward {
+            gains.position *= FREE_SHARPNESS;
+        }
+        settings.response_ns += FREE_RESPONSE_NS;
         let growth = self.glyph_height_m() / Self::Ur5.glyph_height_m();
         settings.pen.max_speed_mps *= growth;
         settings.pen.position_min_m = settings.pen.position_min_m.map(|low| low * growth);
