@@ -133,7 +133,7 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     let leads = |text: &str| over_ur5(text).unwrap().learner_settings().leads;
     let ideal = leads("[timing]\ndead_time_ms = 0.0\n[mpc]\nhorizon = 10\nstep_ms = 10\nresponse_ms = 0\n");
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
-    let lagging = leads("[timing]\ndead_time_ms = 33.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
+    let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
     // What the servo's inverse makes up for has not to be foreseen; twenty plan steps of 5 ms are ten grid steps.
     let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
