@@ -196,6 +196,37 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
 }
 
 #[test]
+fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
+    let config = config();
+    let arms = [BenchArm::Ideal, BenchArm::Slow];
+    let mut benchmark = benchmark(&config, &arms, &["hold", "ours", "servoj-ros", "kalman"]);
+    benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
+    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let mut heard = 0;
+    let points = benchmark.pareto(|| heard += 1).unwrap();
+    assert_eq!(heard, benchmark.pareto_jobs());
+    for row in &rows {
+        let swept: Vec<_> = points.iter().filter(|p| p.arm == row.arm && p.method == row.predictor).collect();
+        assert!((6..=10).contains(&swept.len()), "{swept:?}");
+        let shipped: Vec<_> = swept.iter().filter(|point| point.default).collect();
+        assert_eq!(shipped.len(), 1);
+        assert_eq!((shipped[0].rms_m, shipped[0].rms_jerk), (row.mse_m2.sqrt(), row.rms_jerk));
+        let mut labels: Vec<_> = swept.iter().map(|point| &point.label).collect();
+        labels.dedup();
+        assert_eq!(labels.len(), swept.len());
+        let jerk = |label: &str| swept.iter().find(|point| point.label == label).unwrap().rms_jerk;
+        // The jerk of a slow arm is the arm's own.
+        if row.arm == "ideal" && ["hold", "ours"].contains(&row.predictor.as_str()) {
+            assert!(jerk("gains x 0.1") < 0.7 * jerk("default"), "{swept:#?}");
+        }
+    }
+    let json = serde_json::to_value(&points).unwrap();
+    for key in ["method", "label", "arm", "rms_m", "rms_jerk"] {
+        assert!(!json[0][key].is_null(), "{key}: {}", json[0]);
+    }
+}
+
+#[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     let error = Entrant::named("servoj").unwrap_err();
     let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls ours-trust1 ours servoj-gello \

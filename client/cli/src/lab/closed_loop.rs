@@ -1,9 +1,11 @@
 //! `foretrace lab closed-loop`: the benchmark with predictors in the loop, and arms behind it.
 
+mod pictures;
+
 use std::path::PathBuf;
 
 use foretrace_config::Config;
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, hands};
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Row, hands};
 use foretrace_lab::data::{DataSet, Split, median_glyph_height};
 use foretrace_lab::path::Lift;
 use serde_json::json;
@@ -35,6 +37,11 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
 
+    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, ours and today's
+    /// ways]
+    #[arg(long)]
+    pareto: bool,
+
     /// At most this many sequences of each file, in the order of the file
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
@@ -57,7 +64,7 @@ pub(crate) struct ClosedLoopArgs {
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     args.json.claim_stdout();
     let config = args.settings.load()?;
-    let entrants = entrants(&args.predictors)?;
+    let entrants = entrants(&args.predictors, args.pareto)?;
     let arms = arms(&args.arms)?;
     let set = Set::load(args)?;
     let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
@@ -66,22 +73,58 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
         .map(|arm| Ok((arm, placed(&set, arm, &config, lift, args.limit)?)))
         .collect::<Result<_, Failure>>()?;
     let benchmark = Benchmark { config: &config, arms, entrants };
+    if args.pareto {
+        return pareto(args, &set.title, &benchmark);
+    }
     let progress = Progress::of(benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     let rows = Outcome::table(&outcomes);
     if rows.is_empty() {
-        let what = format_args!("{}: nothing in this part can be scored", args.data.display());
-        return Err(Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)"));
+        return Err(nothing(args));
     }
     let sequences = rows.iter().map(|row| row.sequences).max().unwrap_or(0);
     say!("{}: {sequences} sequences\n", set.title);
     print(&rows);
+    let title = format!("{}, {sequences} sequences", set.title);
+    folder(args)?;
+    say!("");
+    pictures::distributions(&args.out, &title, &outcomes)?;
+    pictures::letters(&args.out, &title, &benchmark, &outcomes)?;
     args.json.write(&json!({
         "set": set.title,
         "lifts": args.lifts,
         "rows": rows,
     }))
+}
+
+fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Result<(), Failure> {
+    let progress = Progress::of(benchmark.pareto_jobs());
+    let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
+    drop(progress);
+    if points.is_empty() {
+        return Err(nothing(args));
+    }
+    say!("{title}: error against jerk\n");
+    say!("{:<18} {:<8} {:<34} {:>9} {:>10}", "method", "arm", "tuning", "rms mm", "rms jerk");
+    for ParetoPoint { method, arm, label, rms_m, rms_jerk, .. } in &points {
+        say!("{method:<18} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
+    }
+    folder(args)?;
+    say!("");
+    pictures::pareto(&args.out, title, &points)?;
+    args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
+}
+
+fn nothing(args: &ClosedLoopArgs) -> Failure {
+    let what = format_args!("{}: nothing in this part can be scored", args.data.display());
+    Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)")
+}
+
+fn folder(args: &ClosedLoopArgs) -> Result<(), Failure> {
+    std::fs::create_dir_all(&args.out).map_err(|error| {
+        Failure::bad_input(format_args!("{}: {error}", args.out.display()), "give a folder (--out)")
+    })
 }
 
 struct Set {
@@ -139,9 +182,10 @@ fn placed(
     Ok(hands)
 }
 
-fn entrants(names: &[String]) -> Result<Vec<Entrant>, Failure> {
+fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
     if names.is_empty() {
-        return Ok(Entrant::ALL.to_vec());
+        let swept = |entrant: &Entrant| matches!(entrant, Entrant::Hold | Entrant::Ours | Entrant::Today(_));
+        return Ok(Entrant::ALL.into_iter().filter(|entrant| !pareto || swept(entrant)).collect());
     }
     let named = |name: &String| {
         Entrant::named(name.trim())

@@ -2,6 +2,7 @@
 
 use foretrace_config::Config;
 
+use super::pareto::{Tuning, scale_gains};
 use super::way::{WayDesk, way_settings};
 use super::{BenchArm, Driver, Entrant, Hand, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
@@ -55,8 +56,16 @@ pub struct Outcome {
     pub scores: Vec<Option<Score>>,
 }
 
+/// One entrant with its tuning in front of the arm with this index, over all its hands.
+pub(super) struct Task {
+    pub(super) arm: usize,
+    pub(super) entrant: Entrant,
+    pub(super) tuning: Tuning,
+}
+
 struct Job<'a> {
     entrant: Entrant,
+    tuning: &'a Tuning,
     arm: BenchArm,
     hand: &'a Hand,
 }
@@ -73,21 +82,42 @@ impl Benchmark<'_> {
     /// # Errors
     /// The first sequence that could not be run.
     pub fn run(&self, done: impl FnMut()) -> Result<Vec<Outcome>, BenchError> {
-        let pairs =
-            || self.arms.iter().flat_map(|arm| self.entrants.iter().map(move |entrant| (arm, *entrant)));
-        let jobs: Vec<_> = pairs()
-            .flat_map(|((arm, hands), entrant)| {
-                hands.iter().map(move |hand| Job { entrant, arm: *arm, hand })
+        let pairs = (0..self.arms.len()).flat_map(|arm| self.entrants.iter().map(move |who| (arm, *who)));
+        let tasks: Vec<_> =
+            pairs.map(|(arm, entrant)| Task { arm, entrant, tuning: Tuning::Default }).collect();
+        let scores = self.all(&tasks, done)?;
+        let outcomes = tasks.iter().zip(scores).filter_map(|(task, scores)| {
+            let (arm, _) = self.arms.get(task.arm)?;
+            Some(Outcome { entrant: task.entrant, arm: *arm, scores })
+        });
+        Ok(outcomes.collect())
+    }
+
+    /// The scores of each task, hand after hand; `done` hears of each finished hand.
+    pub(super) fn all(
+        &self,
+        tasks: &[Task],
+        done: impl FnMut(),
+    ) -> Result<Vec<Vec<Option<Score>>>, BenchError> {
+        let arm_of = |task: &Task| self.arms.get(task.arm);
+        let jobs: Vec<_> = tasks
+            .iter()
+            .filter_map(|task| Some((task, arm_of(task)?)))
+            .flat_map(|(task, (arm, hands))| {
+                let job = move |hand| Job { entrant: task.entrant, tuning: &task.tuning, arm: *arm, hand };
+                hands.iter().map(job)
             })
             .collect();
         let mut finished = parallel::map(&jobs, |job| self.hand(job), done).into_iter();
-        pairs()
-            .map(|((arm, hands), entrant)| {
+        tasks
+            .iter()
+            .map(|task| {
                 let mut scores = Vec::new();
-                for result in finished.by_ref().take(hands.len()) {
+                let hands = arm_of(task).map_or(0, |(_, hands)| hands.len());
+                for result in finished.by_ref().take(hands) {
                     scores.extend(result?);
                 }
-                Ok(Outcome { entrant, arm: *arm, scores })
+                Ok(scores)
             })
             .collect()
     }
@@ -104,7 +134,8 @@ impl Benchmark<'_> {
         index: usize,
     ) -> Result<Option<ClosedLoop>, BenchError> {
         let mut last = None;
-        self.write(&Job { entrant, arm, hand }, index + 1, |_, run| last = Some(run))?;
+        let job = Job { entrant, tuning: &Tuning::Default, arm, hand };
+        self.write(&job, index + 1, |_, run| last = Some(run))?;
         Ok(last)
     }
 
@@ -142,7 +173,10 @@ impl Benchmark<'_> {
             Driver::Law { predictor, trust } => (predictor, trust),
             Driver::Way(kind) => {
                 let law = settings_for(self.config, arm, PredictorKind::Hold);
-                let settings = way_settings(self.config, job.arm, kind);
+                let settings = match job.tuning {
+                    Tuning::Way(settings) => **settings,
+                    _ => way_settings(self.config, job.arm, kind),
+                };
                 let desk = WayDesk::new(self.config, &law, job.arm, kind, &settings);
                 return Ok(Box::new(desk.map_err(|error| wrong(&error))?));
             }
@@ -150,6 +184,9 @@ impl Benchmark<'_> {
         let mut settings = settings_for(self.config, arm, kind);
         settings.trust_request = trust;
         job.arm.fit(self.config, &mut settings);
+        if let Tuning::Gains(factor) = *job.tuning {
+            scale_gains(&mut settings.mpc, factor);
+        }
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;
         let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;

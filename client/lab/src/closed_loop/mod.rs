@@ -10,6 +10,7 @@
 mod arm;
 mod entrant;
 mod job;
+mod pareto;
 mod score;
 mod sequences;
 mod way;
@@ -17,5 +18,6 @@ mod way;
 pub use arm::BenchArm;
 pub use entrant::{Driver, Entrant, UnknownEntrant};
 pub use job::{BenchError, Benchmark, Outcome};
+pub use pareto::ParetoPoint;
 pub use score::{Row, Score, rows};
 pub use sequences::{Hand, LEAP_S, Sequence, hands};

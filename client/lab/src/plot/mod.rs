@@ -9,9 +9,11 @@ mod panels;
 mod histogram;
 mod bars;
 mod scatter;
+mod log_panels;
 
 pub use bars::{Bars, Best, bar_table};
 pub use histogram::{Distribution, histograms};
+pub use log_panels::{LogLine, LogPanel, log_panels};
 pub use overlay::{Cell, letter_grid, path_overlay};
 pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, panels_and_curve, trust_ramp};
 pub use scatter::{Named, scatter};

@@ -1,0 +1,137 @@
+//! Pictures of the benchmark: distributions of errors, letters, error against jerk.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Score};
+use foretrace_lab::metrics::ToolSample;
+use foretrace_lab::plot::{Cell, LogLine, LogPanel, letter_grid, log_panels};
+
+use crate::failure::Failure;
+use crate::output::say;
+
+/// Share of the sequences [%] against their RMS error [mm], a curve for each entrant, a chart for each arm.
+pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Result<(), Failure> {
+    let curve = |outcome: &Outcome| {
+        let mut rms: Vec<f64> = outcome.scores.iter().flatten().map(rms_mm).collect();
+        rms.sort_by(f64::total_cmp);
+        let share = |below: usize| 100.0 * (below + 1) as f64 / rms.len() as f64;
+        rms.iter().enumerate().map(|(below, rms)| (*rms, share(below))).collect()
+    };
+    let panels: Vec<_> = arms(outcomes.iter().map(|outcome| outcome.arm))
+        .into_iter()
+        .map(|arm| LogPanel {
+            title: arm.name(),
+            lines: outcomes
+                .iter()
+                .filter(|outcome| outcome.arm == arm)
+                .map(|outcome| LogLine {
+                    label: outcome.entrant.name(),
+                    points: curve(outcome),
+                    dots: false,
+                    marked: None,
+                })
+                .collect(),
+        })
+        .collect();
+    let file = out.join("closed-loop-errors.svg");
+    let labels = ("RMS error of a sequence [mm]", "sequences below [%]");
+    log_panels(&file, "Errors in closed loop", title, labels, false, &panels).map_err(failed)?;
+    say!("picture  {}", file.display());
+    Ok(())
+}
+
+/// The best, the median and the worst sequence of `ours` before each arm, also as `hold` writes them.
+pub(super) fn letters(
+    out: &Path,
+    title: &str,
+    benchmark: &Benchmark<'_>,
+    outcomes: &[Outcome],
+) -> Result<(), Failure> {
+    for (arm, hands) in &benchmark.arms {
+        let of = |entrant| outcomes.iter().find(|outcome| outcome.arm == *arm && outcome.entrant == entrant);
+        let (Some(ours), Some(hold)) = (of(Entrant::Ours), of(Entrant::Hold)) else { continue };
+        let places: Vec<(&Hand, usize)> =
+            hands.iter().flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index))).collect();
+        let scored = places.iter().zip(&ours.scores).zip(&hold.scores);
+        let mut ranked: Vec<_> = scored
+            .filter_map(|((place, ours), hold)| Some((*place, ours.as_ref()?, hold.as_ref()?)))
+            .collect();
+        ranked.sort_by(|a, b| a.1.mse_m2.total_cmp(&b.1.mse_m2));
+        let Some(last) = ranked.len().checked_sub(1) else { continue };
+        let chosen = [("best", 0), ("median", last / 2), ("worst", last)];
+        let mut shown = Vec::new();
+        for entrant in [Entrant::Ours, Entrant::Hold] {
+            for (name, rank) in chosen {
+                let Some(((hand, index), ours, hold)) = ranked.get(rank) else { continue };
+                let Some(sequence) = hand.sequences.get(*index) else { continue };
+                let run = benchmark.replay(entrant, *arm, hand, *index).map_err(failed)?;
+                let ends = sequence.path.samples.first().zip(sequence.path.samples.last());
+                let (Some(run), Some((first, end))) = (run, ends) else { continue };
+                let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
+                let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
+                let mm = rms_mm(if entrant == Entrant::Ours { ours } else { hold });
+                let label = format!("{name} {:?}, {}: {mm:.2} mm", sequence.label, entrant.name());
+                shown.push((label, &sequence.path.samples, tool));
+            }
+        }
+        let cells: Vec<_> = shown.iter().map(|(label, pen, tool)| Cell { label, pen, tool }).collect();
+        let file = out.join(format!("closed-loop-letters-{}.svg", arm.name()));
+        let heading = format!("Best, median and worst of ours on {}, and as hold writes them", arm.name());
+        letter_grid(&file, &heading, title, &cells).map_err(failed)?;
+        say!("picture  {}", file.display());
+    }
+    Ok(())
+}
+
+/// Error against jerk, a chart for each arm, a curve for each method; large dots: as shipped.
+pub(super) fn pareto(out: &Path, title: &str, points: &[ParetoPoint]) -> Result<(), Failure> {
+    let line = |arm: &str, method: &'static str| {
+        let mut swept: Vec<_> =
+            points.iter().filter(|point| point.arm == arm && point.method == method).collect();
+        swept.sort_by(|a, b| a.rms_jerk.total_cmp(&b.rms_jerk));
+        LogLine {
+            label: method,
+            points: swept.iter().map(|point| (point.rms_jerk, point.rms_m * 1e3)).collect(),
+            dots: true,
+            marked: swept.iter().position(|point| point.default),
+        }
+    };
+    let mut panels = Vec::new();
+    for arm in BenchArm::ALL.map(BenchArm::name) {
+        let mut methods: Vec<&'static str> = Vec::new();
+        for point in points.iter().filter(|point| point.arm == arm) {
+            if !methods.contains(&point.method) {
+                methods.push(point.method);
+            }
+        }
+        if !methods.is_empty() {
+            let lines = methods.into_iter().map(|method| line(arm, method)).collect();
+            panels.push(LogPanel { title: arm, lines });
+        }
+    }
+    let file = out.join("closed-loop-pareto.svg");
+    let labels = ("RMS jerk of the tool [m/s³]", "RMS error [mm]");
+    let subtitle = format!("{title}; every method over its own tuning, large dots as shipped");
+    log_panels(&file, "Error against jerk", &subtitle, labels, true, &panels).map_err(failed)?;
+    say!("picture  {}", file.display());
+    Ok(())
+}
+
+fn rms_mm(score: &Score) -> f64 {
+    1e3 * score.mse_m2.sqrt()
+}
+
+fn arms(all: impl Iterator<Item = BenchArm>) -> Vec<BenchArm> {
+    let mut found = Vec::new();
+    for arm in all {
+        if !found.contains(&arm) {
+            found.push(arm);
+        }
+    }
+    found
+}
+
+fn failed(error: impl Display) -> Failure {
+    Failure::failed(error, "")
+}

@@ -1,0 +1,119 @@
+//! Error against jerk: every method swept over its own tuning.
+//!
+//! Contract: the ways along [`today::sweep`](crate::today::sweep); the law along one factor on its gains for position and
+//! velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's square. The
+//! point with the shipped settings is marked. Absent: tuning of predictors and of trust.
+
+use foretrace_control::mpc::MpcSettings;
+use serde::Serialize;
+
+use super::job::Task;
+use super::way::way_settings;
+use super::{BenchArm, BenchError, Benchmark, Driver, Entrant, rows};
+use crate::today::{WaySettings, sweep};
+
+/// Factors on the law's gains, smooth to stiff.
+const FACTORS: [f64; 8] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0];
+
+/// With which settings an entrant takes part.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Tuning {
+    /// Those that it is shipped with.
+    Default,
+    /// The law with its gains multiplied.
+    Gains(f64),
+    /// A way with these settings.
+    Way(Box<WaySettings>),
+}
+
+/// A method with one tuning in front of one arm.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParetoPoint {
+    /// Who.
+    pub method: &'static str,
+    /// How it was tuned.
+    pub label: String,
+    /// In front of what.
+    pub arm: &'static str,
+    /// Root of the mean over sequences of the mean squared 2-D error, hover included, leaps left out [m].
+    pub rms_m: f64,
+    /// Root of the mean over sequences of the squared RMS jerk of the tool [m/s³].
+    pub rms_jerk: f64,
+    /// As shipped.
+    pub default: bool,
+}
+
+/// Multiplies what errors of position and velocity in the plane cost.
+pub(super) fn scale_gains(mpc: &mut MpcSettings, factor: f64) {
+    let both = mpc.gains_feedback.iter_mut().take(2).chain(mpc.gains_feedforward.iter_mut().take(2));
+    for gains in both {
+        gains.position *= factor;
+        gains.velocity *= factor;
+    }
+}
+
+impl Benchmark<'_> {
+    /// How often [`Self::pareto`] reports.
+    #[must_use]
+    pub fn pareto_jobs(&self) -> usize {
+        let hands = |arm| self.arms.get(arm).map_or(0, |(_, hands): &(BenchArm, Vec<_>)| hands.len());
+        self.points().iter().map(|(task, _)| hands(task.arm)).sum()
+    }
+
+    /// Sweeps every entrant before every arm; `done` hears of each finished hand.
+    ///
+    /// # Errors
+    /// The first sequence that could not be run.
+    pub fn pareto(&self, done: impl FnMut()) -> Result<Vec<ParetoPoint>, BenchError> {
+        let (tasks, labels): (Vec<_>, Vec<_>) = self.points().into_iter().unzip();
+        let scores = self.all(&tasks, done)?;
+        let scored = tasks.iter().zip(labels).zip(scores);
+        let point = |((task, label), scores): ((&Task, String), Vec<_>)| {
+            let (arm, _) = self.arms.get(task.arm)?;
+            let row = rows(task.entrant, *arm, &scores, None)?;
+            Some(ParetoPoint {
+                method: task.entrant.name(),
+                label,
+                arm: arm.name(),
+                rms_m: row.mse_m2.sqrt(),
+                rms_jerk: row.rms_jerk,
+                default: task.tuning == Tuning::Default,
+            })
+        };
+        Ok(scored.filter_map(point).collect())
+    }
+
+    fn points(&self) -> Vec<(Task, String)> {
+        let mut points = Vec::new();
+        for (index, (arm, _)) in self.arms.iter().enumerate() {
+            for entrant in &self.entrants {
+                let tuned = self.tunings(*arm, *entrant).into_iter();
+                points.extend(
+                    tuned.map(|(tuning, label)| (Task { arm: index, entrant: *entrant, tuning }, label)),
+                );
+            }
+        }
+        points
+    }
+
+    fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
+        let Driver::Way(kind) = entrant.driver() else {
+            let named = |factor: f64| match factor {
+                1.0 => (Tuning::Default, "default".to_owned()),
+                factor => (Tuning::Gains(factor), format!("gains x {factor}")),
+            };
+            return FACTORS.map(named).to_vec();
+        };
+        let shipped = way_settings(self.config, arm, kind);
+        sweep(kind, &shipped)
+            .into_iter()
+            // Nobody can change the servo of the slow arm: those points would all be the same.
+            .filter(|(_, settings)| arm != BenchArm::Slow || settings.servo == shipped.servo)
+            .map(|(label, settings)| {
+                let tuning =
+                    if settings == shipped { Tuning::Default } else { Tuning::Way(Box::new(settings)) };
+                (tuning, label)
+            })
+            .collect()
+    }
+}
