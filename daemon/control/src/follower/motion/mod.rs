@@ -3,14 +3,16 @@
 //! Contract: owns the commanded state. Whatever is asked for, the state after `advance` is legal and continuous with the
 //! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
 
+mod charge;
+
 use nalgebra::Vector3;
 
 use super::Budget;
-use super::io::{Health, JointCommand, Refusal, Rung, Stage, StageClock};
+use super::io::{Health, JointCommand, Rung, Stage, StageClock};
 use super::plane::Plane;
 use super::servo::Servo;
 use super::settings::{FollowerError, FollowerSettings};
-use crate::guard::{Commanded, Guard, StopProfile, consumer_state};
+use crate::guard::{Commanded, Guard, StopProfile};
 use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
 use crate::mpc::{AxisReport, Mpc, Plan};
 use crate::pen::PenReading;
@@ -127,65 +129,6 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             approaching: true,
             height: settings.plane.lift_height,
         })
-    }
-
-    /// Takes charge of an arm that stands at `q`.
-    pub(super) fn seed(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
-        let inside = |(q, [low, high]): (&f64, &[f64; 2])| *q >= *low && *q <= *high;
-        if !q.iter().zip(self.guard.limits().position()).all(inside) {
-            return Err(Refusal::OutsideJointLimits);
-        }
-        let kinematics = self.chain.forward(q);
-        let tool = self.plane.point_from_base(&kinematics.position);
-        let margin = self.arm_margin;
-        let within = |(x, [low, high]): (&f64, &[f64; 2])| *x >= low - margin && *x <= high + margin;
-        if !tool.iter().zip(&self.workspace).all(within) {
-            return Err(Refusal::ToolOutsideWorkspace);
-        }
-        let axis = kinematics.rotation.column(2).dot(&self.plane.tool_axis());
-        if !(axis >= self.arm_cos_tilt) {
-            return Err(Refusal::ToolNotAligned);
-        }
-        let start = now.max(self.issued);
-        let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
-        self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
-        self.plan_start = None;
-        self.approaching = true;
-        self.height = self.plane.lift_height;
-        self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
-        Ok(())
-    }
-
-    /// Gives the arm back.
-    pub(super) fn let_go(&mut self) {
-        self.held = None;
-        self.plan_start = None;
-    }
-
-    /// Nothing commanded moves.
-    pub(super) fn at_rest(&self) -> bool {
-        self.held.as_ref().is_none_or(|held| StopProfile::is_done(&held.command))
-    }
-
-    /// Puts the commanded state where consumers are at `now`, if periods were lost since the last command.
-    ///
-    /// Returns how long nothing was commanded [ns].
-    pub(super) fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
-        let Some(held) = &mut self.held else { return 0 };
-        let Ok(lost @ 1..) = u64::try_from(now.since(held.command.stamp())) else { return 0 };
-        health.set(Health::TIME_LOST | Health::RESYNCHRONISED);
-        let decel = self.guard.limits().deceleration();
-        let motion = consumer_state(&held.command, held.valid_until, decel, now);
-        // A finite command stays finite on its way to rest; if it did not, the arm is where the command left it.
-        let at_rest = Commanded::at_rest(now, *held.command.q());
-        held.command = Commanded::new(now, motion).or(at_rest).unwrap_or(held.command);
-        held.valid_until = now + self.valid_ns;
-        held.kinematics = self.chain.forward(held.command.q());
-        if lost > self.valid_ns {
-            self.plan_start = None;
-        }
-        self.resynchronise();
-        lost
     }
 
     /// One period of motion: x₀ ← (FK, Jq̇, Jq̈ + J̇q̇) of what is really published, so that nothing winds up.
