@@ -151,8 +151,9 @@ impl Evidence {
             let [yx, yy] = scaled(position, shot.newest);
             let (corrected_x, corrected_y) = (rx - gain * ex, ry - gain * ey);
             let (dx, dy) = (yx - corrected_x, yy - corrected_y);
-            let largest = [rx, ry, yx, yy, dx, dy, ex, ey].into_iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            if !(largest <= LARGEST) || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
+            // What is not a number is not ordinary either.
+            let ordinary = [rx, ry, yx, yy, dx, dy, ex, ey].into_iter().all(|v| v.abs() <= LARGEST);
+            if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
                 continue;
             }
             let share = self.share(age + 1);
@@ -163,7 +164,8 @@ impl Evidence {
                 let keep = |sum: &mut f64, value: f64| *sum = FORGETTING * *sum + value;
                 keep(&mut lead.preview, square(yx - share * dx, yy - share * dy));
                 keep(&mut lead.hold, square(yx, yy));
-                keep(&mut lead.steady, square(yx - vx, yy - vy));
+                // Nobody bounded the velocity; a minimum with a number is a number.
+                keep(&mut lead.steady, square(yx - vx, yy - vy).min(2.0 * LARGEST * LARGEST));
                 keep(&mut lead.along, yx * dx + yy * dy);
                 keep(&mut lead.way, square(dx, dy));
                 keep(&mut lead.cases, 1.0);
@@ -193,7 +195,8 @@ impl Evidence {
     pub fn sample(&mut self, position: [f64; 2], phase: f64, expected: [f64; 2]) -> [f64; 2] {
         let ([x, y], [ex, ey]) = (position, expected);
         let innovation = [x - ex, y - ey];
-        if let Some(shot) = self.shots.first_mut().filter(|_| self.waiting > 0) {
+        let usable = self.waiting > 0 && phase.is_finite();
+        if let Some(shot) = self.shots.first_mut().filter(|_| usable) {
             (shot.newest, shot.phase, shot.innovation) = (position, phase.clamp(0.0, 1.0), innovation);
         }
         innovation
