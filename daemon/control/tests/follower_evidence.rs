@@ -1,0 +1,177 @@
+//! Evidence, trust per step and the servo's inverse, seen from outside the whole step.
+
+mod support;
+
+use foretrace_control::follower::{Budget, FollowerSettings, Request, StepOutput};
+use foretrace_control::predict::{Oracle, PredictorKind};
+use foretrace_control::trust::TrustReason;
+use foretrace_control::units::Stamp;
+use support::lagging::{Arm, Kind};
+use support::{Bench, HOME, PERIOD_NS, STEP_NS, settings};
+
+/// Writing with turns: accelerations up to 6 m/s².
+fn curve(t: f64) -> [f64; 2] {
+    [0.015 * (14.0 * t).sin(), 0.012 * (22.0 * t + 0.4).sin()]
+}
+
+fn slow(t: f64) -> [f64; 2] {
+    [0.02 * (9.0 * t).sin(), 0.02 * (9.0 * t).cos() - 0.02]
+}
+
+/// Runs `ticks` of `path` at 200 Hz, and hands out every tick's output.
+fn write(
+    bench: &mut Bench,
+    start: Stamp,
+    ticks: u64,
+    path: fn(f64) -> [f64; 2],
+    mut seen: impl FnMut(&Bench, &StepOutput<6>),
+) {
+    for tick in 0..ticks {
+        // 200 Hz, half of it between grid points.
+        let due = tick % 5 == 0 || tick % 5 == 3;
+        let samples = [bench.pen(path(bench.now.seconds_since(start)))];
+        let output = bench.tick(if due { &samples } else { &[] });
+        seen(bench, &output);
+    }
+}
+
+fn oracle(start: Stamp, steps: u64, path: fn(f64) -> [f64; 2]) -> Oracle {
+    let first = start.0 / STEP_NS;
+    let at = |index: u64| path(((index * STEP_NS) as f64 - start.0 as f64) * 1e-9);
+    let step = |i: u64| {
+        let ([x0, y0], [x1, y1]) = (at(first + i), at(first + i + 1));
+        [x1 - x0, y1 - y0]
+    };
+    Oracle::new(first + 1, (0..steps).map(step).collect())
+}
+
+/// RMS distance [m] of the tool of a perfect arm from where the pen is the dead time later, after 2 s.
+fn rms(mut wanted: FollowerSettings<6>, per_step: bool, exact: bool) -> f64 {
+    wanted.trust.per_step = per_step;
+    let dead_s = wanted.dead_time_ns as f64 * 1e-9;
+    let mut bench = Bench::armed(wanted);
+    let start = bench.now;
+    if exact {
+        bench.follower.use_oracle(oracle(start, 900, curve));
+    }
+    let (mut sum, mut count) = (0.0, 0);
+    write(&mut bench, start, 4000, curve, |_, output| {
+        let t = output.command.unwrap().stamp.seconds_since(start);
+        let [x, y] = curve(t + dead_s);
+        if t > 2.0 {
+            sum += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
+            count += 1;
+        }
+    });
+    (sum / f64::from(count)).sqrt()
+}
+
+#[test]
+fn samples_between_grid_points_make_tracking_better() {
+    for dead_time_ns in [10_000_000, 30_000_000] {
+        let wanted = || FollowerSettings { dead_time_ns, ..settings(PredictorKind::ConstantVelocity) };
+        let (with, without) = (rms(wanted(), true, false), rms(wanted(), false, false));
+        println!("dead time {dead_time_ns} ns: {:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
+        assert!(with < 0.85 * without, "{with} m per step, {without} m without");
+    }
+}
+
+#[test]
+fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
+    let wanted = || FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::Hold) };
+    let (with, without) = (rms(wanted(), true, true), rms(wanted(), false, true));
+    println!("{:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
+    assert!(with < 3e-4 && without < 3e-4, "{with} m per step, {without} m without");
+}
+
+#[test]
+fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let start = bench.now;
+    let mut last = None;
+    write(&mut bench, start, 1500, curve, |_, output| last = Some(output.trust));
+    assert_eq!(last.map(|trust| trust.reason), Some(TrustReason::Auto));
+    let frozen = bench.tick_with(&[], Some(Request::FreezeTrust), Budget::default());
+    assert_eq!((frozen.answer, frozen.trust.reason), (Some(Ok(())), TrustReason::Frozen));
+    // Constant velocity is always wrong about a pen that turns back every 30 ms.
+    let zigzag = |t: f64| [0.002 * (std::f64::consts::TAU * 16.7 * t).sin(), 0.0];
+    let mut of_auto = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut doubted = false;
+    write(&mut of_auto, start, 4000, zigzag, |_, output| {
+        doubted |= matches!(output.trust.reason, TrustReason::WorseThanHold | TrustReason::WorseThanSteady);
+    });
+    let mut lowest = 1.0_f64;
+    write(&mut bench, start, 4000, zigzag, |bench, output| {
+        if bench.now.seconds_since(start) > 3.5 {
+            assert_eq!(output.trust.reason, TrustReason::Frozen);
+            lowest = lowest.min(output.trust.alpha.alpha());
+        }
+    });
+    assert!(doubted, "a zigzag that constant velocity foresees proves nothing");
+    assert!(lowest == frozen.trust.alpha.alpha(), "{lowest}");
+    for _ in 0..200 {
+        bench.tick(&[]);
+    }
+    let silent = bench.tick(&[]).trust;
+    assert_eq!((silent.alpha.alpha(), silent.reason), (0.0, TrustReason::Stale));
+    let auto = bench.tick_with(&[], Some(Request::TrustAuto), Budget::default());
+    assert_eq!(auto.answer, Some(Ok(())));
+}
+
+/// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.
+fn behind_a_servo(servo_ns: u64) -> f64 {
+    let wanted =
+        FollowerSettings { dead_time_ns: 30_000_000, servo_ns, ..settings(PredictorKind::ConstantVelocity) };
+    let chain = wanted.chain.clone();
+    let plane = wanted.plane;
+    let mut bench = Bench::armed(wanted);
+    let start = bench.now;
+    bench.follower.use_oracle(oracle(start, 900, slow));
+    let mut arm = Arm::at_rest(Kind::Servo { delay: 0.0, filter: 0.030, damping: 1.0 }, HOME);
+    let (mut sum, mut count) = (0.0, 0);
+    write(&mut bench, start, 4000, slow, |_, output| {
+        let command = output.command.unwrap();
+        let tool = plane.point_from_base(&chain.forward(&arm.obey(command.q)).position);
+        let t = command.stamp.seconds_since(start);
+        let [x, y] = slow(t);
+        if t > 2.0 {
+            sum += (tool.x - x).powi(2) + (tool.y - y).powi(2);
+            count += 1;
+        }
+    });
+    (sum / f64::from(count)).sqrt()
+}
+
+#[test]
+fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
+    let (made_up, shifted) = (behind_a_servo(30_000_000), behind_a_servo(0));
+    println!("{:.3} mm made up for, {:.3} mm shifted", made_up * 1e3, shifted * 1e3);
+    assert!(made_up < 0.4 * shifted, "{made_up} m made up for, {shifted} m shifted");
+}
+
+#[test]
+fn the_same_inputs_give_the_same_commands_bit_for_bit_with_all_of_it() {
+    let run = || {
+        let wanted = FollowerSettings {
+            dead_time_ns: 35_000_000,
+            servo_ns: 30_000_000,
+            response_ns: 8_000_000,
+            ..settings(PredictorKind::Dybm)
+        };
+        let mut bench = Bench::armed(wanted);
+        let start = bench.now;
+        let mut bits = Vec::new();
+        let mut note = |_: &Bench, output: &StepOutput<6>| {
+            bits.extend(output.command.unwrap().q.map(f64::to_bits));
+            bits.push(output.trust.alpha.alpha().to_bits());
+        };
+        write(&mut bench, start, 1200, curve, &mut note);
+        bench.tick_with(&[], Some(Request::FreezeTrust), Budget::default());
+        bench.now = bench.now + 3 * PERIOD_NS;
+        write(&mut bench, start, 600, curve, &mut note);
+        bits
+    };
+    let bits = run();
+    assert!(bits.windows(7).any(|pair| pair[0] != pair[6]), "nothing moved");
+    assert_eq!(bits, run());
+}
