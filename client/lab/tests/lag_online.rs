@@ -14,6 +14,8 @@ use foretrace_lab::writer::text_path;
 
 /// The pen begins here, the loop a second before [ns].
 const BEGIN_NS: u64 = 10_000_000_000;
+/// Of the preset: 20 steps of 5 ms.
+const HORIZON: usize = 20;
 
 fn config() -> Config {
     Config::preset("ur5e").unwrap()
@@ -35,9 +37,10 @@ fn write(
     let period_ns = settings.period_ns;
     let ticks_per_cycle = (arm.cycle_s * 1e9).round() as u64 / period_ns;
     let home = config().robot().home;
+    assert_eq!(config().settings().mpc.horizon, HORIZON as u32);
     let first_s = path.samples[0].t_s;
     let stamp = |t_s: f64| Stamp(BEGIN_NS + ((t_s - first_s) * 1e9) as u64);
-    let mut follower = Follower::<10, JOINTS>::new(settings).unwrap();
+    let mut follower = Follower::<HORIZON, JOINTS>::new(settings).unwrap();
     let mut model = ArmModel::at_rest(arm, home);
     let mut samples = path.samples.iter().peekable();
     let mut pen = [path.samples[0].x_m, path.samples[0].y_m];
