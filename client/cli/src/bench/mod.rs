@@ -3,6 +3,7 @@
 //! Contract: for every instance each backend is timed once, in turning order, so that all see the same machine and about
 //! the same caches. The clock's own cost is reported, not subtracted. Percentiles are over instances.
 
+mod evidence;
 mod lag;
 mod online;
 mod predictors;
@@ -107,6 +108,8 @@ struct Report {
     learn_us: Cost,
     /// The lag estimator's part of a tick.
     lag_us: lag::LagCost,
+    /// Trust evidence: judging previews, and correcting the newest.
+    evidence_us: evidence::EvidenceCost,
     /// One observation and one preview each.
     predictors_us: Vec<predictors::PredictorCost>,
     clock_us: f64,
@@ -135,6 +138,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
         step_by_predictor_us,
         learn_us,
         lag_us: lag::lag(&workload, args.samples),
+        evidence_us: evidence::evidence(&config, &workload, args.samples)?,
         predictors_us: predictors::predictors(&config, &workload, args.samples)?,
         clock_us: clock_cost(),
         samples: args.samples,
@@ -331,6 +335,13 @@ fn table(report: &Report) {
         "lag of the arm, a tick",
         pair(&lag.per_tick),
         lag.p90
+    );
+    let evidence = &report.evidence_us;
+    say!(
+        "{:<22} {:>15}   {} where a grid step closes",
+        "trust evidence, a tick",
+        pair(&evidence.between),
+        pair(&evidence.closing)
     );
     say!("");
     for predictors::PredictorCost { name, steps, us } in &report.predictors_us {

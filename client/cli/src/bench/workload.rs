@@ -73,6 +73,7 @@ pub(crate) fn record(config: &Config, path: &PenPath, seconds: f64) -> Result<Wo
     let settings = config.follower_settings();
     let period_ns = settings.period_ns;
     let (plane, step_ns, lead_ns) = (settings.plane, settings.pen.step_ns, settings.dead_time_ns);
+    let plan_ns = (settings.mpc.step_s * 1e9).round() as u64;
     let period_s = period_ns as f64 * 1e-9;
     let mut follower = Follower::<N, J>::new(settings).map_err(|error| Failure::bad_input(error, ""))?;
     let mut pen = Pen::new(path, plane);
@@ -95,7 +96,7 @@ pub(crate) fn record(config: &Config, path: &PenPath, seconds: f64) -> Result<Wo
         if let Some(command) = out.command {
             let height = out.reference[2];
             if let Some(last) = before.filter(|_| tick.following) {
-                let ahead = |i: usize| pen.reference(now + lead_ns + (i as u64 + 1) * step_ns, step_ns);
+                let ahead = |i: usize| pen.reference(now + lead_ns + (i as u64 + 1) * plan_ns, step_ns);
                 workload.plannings.push(Planning {
                     start: last.setpoint,
                     held: [out.pen_position[0], out.pen_position[1], height].map(AxisState::at_rest),

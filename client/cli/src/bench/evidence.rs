@@ -1,0 +1,93 @@
+//! Trust evidence under the clock: what judging, correcting and shortening the preview add to a tick of the recorded loop.
+//!
+//! Contract: the same calls as in a tick of the follower, with a preview of constant velocity. Every tick takes its newest
+//! sample in and works out gain and share of every lead; where a grid step closed, waiting previews are judged and a new
+//! one is put beside them as well. Absent: reading the pen and predicting, which have lines of their own.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use foretrace_config::Config;
+use foretrace_control::pen::{GridStep, Motion, PenReading, PenTracker};
+use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
+use foretrace_control::units::Stamp;
+use serde::Serialize;
+
+use super::workload::Workload;
+use super::{Cost, cost, elapsed_us};
+use crate::failure::Failure;
+
+/// Cost per tick [µs].
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct EvidenceCost {
+    /// Ticks that close no grid step.
+    pub(super) between: Cost,
+    /// Ticks that close one.
+    pub(super) closing: Cost,
+}
+
+/// Metres per normalised unit: of the size that writing has, and fixed, since only the cost counts.
+const UNIT_M: f64 = 1e-4;
+
+/// Times it on `samples` ticks that close a grid step, and on those between.
+pub(super) fn evidence(config: &Config, workload: &Workload, samples: u32) -> Result<EvidenceCost, Failure> {
+    let settings = config.follower_settings();
+    let (mut between, mut closing) = (Vec::new(), Vec::new());
+    while closing.len() < samples as usize {
+        let before = closing.len();
+        let mut tracker = PenTracker::new(settings.pen).map_err(|error| Failure::bad_input(error, ""))?;
+        let mut evidence = Evidence::new(true);
+        let mut path = [[0.0; 2]; EVIDENCE_LEADS];
+        let mut newest_step: Option<GridStep> = None;
+        for tick in &workload.ticks {
+            for reading in &tick.pen {
+                let position = settings.plane.from_pen(reading.position);
+                tracker.ingest(tick.now, &PenReading { position, ..*reading });
+            }
+            let mut closed = None;
+            let mut us = 0.0;
+            while let Some(step) = tracker.next_step() {
+                let begin = Instant::now();
+                match step.motion {
+                    Motion::Continues => evidence.realise(black_box(step.position), UNIT_M),
+                    Motion::Jump | Motion::Start => evidence.interrupt(),
+                }
+                us += elapsed_us(begin);
+                closed = Some(step);
+            }
+            if let Some(step) = closed {
+                let ([x, y], [dx, dy]) = (step.position, step.displacement);
+                for (lead, point) in (1..).zip(&mut path) {
+                    *point = [x + f64::from(lead) * dx, y + f64::from(lead) * dy];
+                }
+                let begin = Instant::now();
+                evidence.shoot(step.position, step.displacement, black_box(&path));
+                us += elapsed_us(begin);
+                newest_step = closed;
+            }
+            let (Some(step), Some(pen)) = (newest_step, tracker.newest()) else { continue };
+            let base = Stamp(step.index * settings.pen.step_ns);
+            let phase = pen.stamp.since(base) as f64 / settings.pen.step_ns as f64;
+            let begin = Instant::now();
+            let [x0, y0] = step.position;
+            let [x1, y1] = path.first().copied().unwrap_or_default();
+            let expected = [x0 + phase * (x1 - x0), y0 + phase * (y1 - y0)];
+            let [ex, ey] = evidence.sample(black_box(pen.position), phase, expected);
+            let [nx, ny] = pen.position;
+            let mut used = path;
+            for (lead, ([x, y], used)) in (1..).zip(path.iter().zip(&mut used)) {
+                let (gain, share) = (evidence.gain(phase, lead), evidence.share(lead));
+                *used = [nx + share * (x + gain * ex - nx), ny + share * (y + gain * ey - ny)];
+            }
+            black_box(used);
+            us += elapsed_us(begin);
+            if tick.following {
+                if closed.is_some() { closing.push(us) } else { between.push(us) }
+            }
+        }
+        if closing.len() == before {
+            break;
+        }
+    }
+    Ok(EvidenceCost { between: cost(between), closing: cost(closing) })
+}
