@@ -109,6 +109,13 @@ fn time(s: &Settings, report: &mut Report<'_>) {
             format!("use {} to {} ms", 2 * s.pen.step_ms, most_steps * f64::from(s.pen.step_ms)),
         );
     }
+    if s.timing.servo_filter_ms > s.timing.dead_time_ms {
+        report.conflict(
+            "timing.servo_filter_ms",
+            format!("is more than timing.dead_time_ms = {}, of which it is a part", s.timing.dead_time_ms),
+            "dead_time_ms is the whole time from command to motion, the servo's filter included: raise it, or lower the part",
+        );
+    }
     let step_ms = f64::from(s.pen.step_ms);
     let (mut dead_time, mut dead_time_ms) = ("dead_time_ms", s.timing.dead_time_ms);
     if let Some(max_ms) = s.timing.dead_time_max_ms.filter(|_| s.timing.follow_lag) {

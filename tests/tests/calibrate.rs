@@ -53,6 +53,13 @@ fn the_lag_of_a_servo_and_of_a_pure_delay_is_found_within_three_milliseconds() {
             "{report}"
         );
         assert!(report["settings"]["dead_time_ms"].is_number(), "{report}");
+        let compensated = &report["settings"]["compensated"];
+        assert_eq!(compensated.is_object(), verdict == "servo", "{report}");
+        if let Some(whole_ms) = compensated["dead_time_ms"].as_f64() {
+            assert!((whole_ms - lag_ms).abs() < 3.0, "the whole time, filter included: {report}");
+            let part_ms = compensated["servo_filter_ms"].as_f64().expect("a part of it");
+            assert!(part_ms > 0.0 && part_ms <= whole_ms, "{report}");
+        }
         assert!(report["heard"]["states"].as_u64() > Some(100), "{report}");
         let picture = std::fs::read_to_string(world.file("foretrace-lag.svg")).expect("a picture");
         assert!(picture.starts_with("<svg") && picture.contains("How late the arm is"));

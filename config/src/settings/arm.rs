@@ -69,8 +69,9 @@ section! {
 section! {
     /// Delays of the world around the loop.
     pub struct Timing {
-        /// From a command to the motion of the arm; the prediction looks this far ahead in addition. With
-        /// `follow_lag` the value at start, and the one by which the learner chooses how far ahead it compares.
+        /// From a command to the motion of the arm, all of it, `servo_filter_ms` included; the prediction looks this far
+        /// ahead in addition. With `follow_lag` the value at start, and the one by which the learner chooses how far ahead
+        /// it compares.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
             "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
         /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this group delay: it is

@@ -199,6 +199,11 @@ fn contradictions_name_both_sides() {
         ("[pen]\nmax_gap_ms = 15\n", "pen.max_gap_ms", "pen.step_ms = 10"),
         ("[pen]\nmax_gap_ms = 400\nstale_ms = 400\n", "pen.max_gap_ms", "use 20 to 320 ms"),
         ("[pen]\nstale_ms = 600\n", "mpc.horizon", "room for 64"),
+        (
+            "[timing]\ndead_time_ms = 10\nservo_filter_ms = 30\n",
+            "timing.servo_filter_ms",
+            "more than timing.dead_time_ms = 10",
+        ),
         ("[instance]\nroot_dir = \"run/foretrace\"\n", "instance.root_dir", "absolute path"),
         ("[ik]\ngain_hz = 600\n", "ik.gain_hz", "500 Hz"),
         ("[predictor.scale]\ninitial_m = 1e-8\n", "predictor.scale.initial_m", "1e-7"),

@@ -2,15 +2,14 @@
 
 use std::path::Path;
 
-use foretrace_config::keys;
 use foretrace_lab::lag::{Identified, Servo, Shift, Spread, Verdict};
 use serde::Serialize;
 
 use super::listen::Heard;
 use crate::output::{note, say};
 
-/// Settings without this key cannot compensate a filter.
-const FILTER_KEY: &str = "timing.servo_filter_ms";
+/// What making up for the filter costs: it commands ahead of the planned motion, with more acceleration than that has.
+const HEADROOM: &str = "needs acceleration to spare: where writing is so fast that the arm is at its acceleration limit, the pure shift follows better";
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
@@ -64,7 +63,7 @@ pub(super) struct SpreadReport {
 /// Values for the section `[timing]` of the settings.
 #[derive(Debug, Serialize)]
 pub(super) struct SettingsReport {
-    /// For a loop that only shifts.
+    /// For a loop that only shifts: the shift that leaves least.
     pub(super) dead_time_ms: f64,
     /// For a loop that compensates the servo's filter, where there is one.
     pub(super) compensated: Option<Compensated>,
@@ -73,8 +72,21 @@ pub(super) struct SettingsReport {
 /// As [`SettingsReport`].
 #[derive(Debug, Serialize)]
 pub(super) struct Compensated {
+    /// The whole lag, filter included.
     pub(super) dead_time_ms: f64,
+    /// The part of it that the loop makes up for.
     pub(super) servo_filter_ms: f64,
+    /// What that needs.
+    pub(super) condition: &'static str,
+}
+
+impl Compensated {
+    /// The part is never more than the whole, which the settings would refuse.
+    fn of(servo: &Servo) -> Self {
+        let dead_time_ms = tenth(ms(servo.lag_s()));
+        let servo_filter_ms = tenth(ms(servo.filter_s)).min(dead_time_ms);
+        Self { dead_time_ms, servo_filter_ms, condition: HEADROOM }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -114,10 +126,7 @@ impl Report {
             },
             settings: SettingsReport {
                 dead_time_ms: tenth(ms(shift.delay_s)),
-                compensated: (found.verdict == Verdict::Servo).then(|| Compensated {
-                    dead_time_ms: tenth(ms(servo.delay_s + servo.joint_loop_s)),
-                    servo_filter_ms: tenth(ms(servo.filter_s)),
-                }),
+                compensated: (found.verdict == Verdict::Servo).then(|| Compensated::of(servo)),
             },
             joints: found
                 .joints
@@ -173,13 +182,12 @@ impl Report {
         say!("For the settings file:");
         say!("  [timing]");
         say!("  dead_time_ms = {:.1}", self.settings.dead_time_ms);
-        if let Some(compensated) = &self.settings.compensated
-            && keys().iter().any(|key| key.path == FILTER_KEY)
-        {
-            say!("or, with the servo's filter compensated:");
+        if let Some(compensated) = &self.settings.compensated {
+            say!("or, with the servo's filter made up for, a part of the whole:");
             say!("  [timing]");
             say!("  dead_time_ms = {:.1}", compensated.dead_time_ms);
             say!("  servo_filter_ms = {:.1}", compensated.servo_filter_ms);
+            say!("This {}.", compensated.condition);
         }
     }
 }
@@ -220,4 +228,21 @@ fn ms(seconds: f64) -> f64 {
 /// Rounded to what a settings file needs; never below 0, which is its range.
 fn tenth(ms: f64) -> f64 {
     (ms.max(0.0) * 10.0).round() / 10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Compensated, Servo};
+
+    #[test]
+    fn the_dead_time_is_the_whole_and_the_filter_a_part_of_it() {
+        let servo =
+            |delay_s, filter_s, joint_loop_s| Servo { delay_s, filter_s, joint_loop_s, rms_rad: 1e-4 };
+        let found = Compensated::of(&servo(0.0081, 0.0302, 0.0021));
+        assert_eq!((found.dead_time_ms, found.servo_filter_ms), (40.4, 30.2));
+        assert!(found.condition.contains("acceleration"));
+        // A fit may put the delay a little below 0; the settings would refuse a part that exceeds the whole.
+        let found = Compensated::of(&servo(-0.0006, 0.030, 0.0));
+        assert_eq!((found.dead_time_ms, found.servo_filter_ms), (29.4, 29.4));
+    }
 }
