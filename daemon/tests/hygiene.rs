@@ -39,11 +39,16 @@ fn no_tick_allocates_with_any_predictor_while_peers_come_and_go() {
         let answer = operator.ask(ControlOp::SwitchPredictor, 0.0, wanted);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&place);
-        let taken = operator.status_when("it follows with the predictor that was asked for", |status| {
-            status.mode == u32::from(Mode::Following) && status.predictor == wanted && status.trust > 0.9
+        // Believed as far as the evidence goes, which for some is nowhere; then in full, because an operator says so.
+        let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
+            status.mode == u32::from(Mode::Following) && status.predictor == wanted
         });
+        operator.status_when("previews are judged", |status| status.tick > followed.tick + 300);
+        assert_eq!(operator.ask(ControlOp::SetTrust, 1.0, 0).outcome(), ControlStatus::Ok);
+        let taken = operator.status_when("it is trusted", |status| status.trust > 0.9);
         operator
             .status_when("new weights come in", |status| status.learner_version > taken.learner_version + 2);
+        assert_eq!(operator.ask(ControlOp::TrustAuto, 0.0, 0).outcome(), ControlStatus::Ok);
         drop(pen);
     }
     let learned = operator.status_when("it learns", |status| status.learner_updates > 20);
