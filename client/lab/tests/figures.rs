@@ -2,7 +2,7 @@
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
-use foretrace_lab::experiments::{Fig2Arm, Letter, fig2, fig3};
+use foretrace_lab::experiments::{Fig2Arm, Fig2Entrant, Fig3, Letter, fig2, fig2_entrant, fig3};
 use foretrace_lab::path::Placement;
 use foretrace_lab::writer::text_path;
 
@@ -21,27 +21,70 @@ fn written() -> Vec<Letter> {
 #[test]
 fn perfect_prediction_beats_ours_and_the_dybm_and_both_beat_feedback() {
     let config = Config::preset("ur5").unwrap();
-    let figure = fig2(&config, &written(), || {}).unwrap();
-    let mse = |arm, predictor| {
-        figure.rows.iter().find(|row| row.arm == arm && row.predictor == predictor).unwrap().mse_m2
+    let entrants = ["hold", "dybm", "ours", "ours-trust1", "oracle"].map(|name| fig2_entrant(name).unwrap());
+    let figure = fig2(&config, &written(), &entrants, || {}).unwrap();
+    let mse = |arm, entrant| {
+        figure.rows.iter().find(|row| row.arm == arm && row.entrant == entrant).unwrap().mse_m2
     };
     for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
-        let [hold, dybm, ours, oracle] =
-            [PredictorKind::Hold, PredictorKind::Dybm, PredictorKind::Ours, PredictorKind::Oracle]
-                .map(|kind| mse(arm, kind));
-        println!("{arm:?}: hold {hold:e}, DyBM {dybm:e}, ours {ours:e}, oracle {oracle:e} m²");
+        let [hold, dybm, ours, believed, oracle] = entrants.map(|entrant| mse(arm, entrant));
+        println!(
+            "{arm:?}: hold {hold:e}, DyBM {dybm:e}, ours {ours:e}, at trust 1 {believed:e}, oracle {oracle:e} m²"
+        );
         assert!(dybm < 0.7 * hold && oracle < 0.2 * dybm, "{arm:?}: {hold:e} {dybm:e} {oracle:e}");
-        assert!(ours < 0.7 * hold && oracle < 0.5 * ours, "{arm:?}: {hold:e} {ours:e} {oracle:e}");
+        for ours in [ours, believed] {
+            assert!(ours < 0.7 * hold && oracle < 0.5 * ours, "{arm:?}: {hold:e} {ours:e} {oracle:e}");
+        }
     }
-    assert!(mse(Fig2Arm::Ideal, PredictorKind::Oracle) < 1e-6, "perfect prediction leaves more than 1 mm");
+    let oracle = fig2_entrant("oracle").unwrap();
+    assert!(mse(Fig2Arm::Ideal, oracle) < 1e-6, "perfect prediction leaves more than 1 mm");
+}
+
+#[test]
+fn every_predictor_has_its_row_and_the_picture_stays_readable() {
+    let config = Config::preset("ur5").unwrap();
+    let letters = &written()[..2];
+    let figure = fig2(&config, letters, &Fig2Entrant::ALL, || {}).unwrap();
+    for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
+        let rows: Vec<_> = figure.rows.iter().filter(|row| row.arm == arm).collect();
+        let mut names: Vec<_> = rows.iter().map(|row| row.name()).collect();
+        for kind in PredictorKind::ALL {
+            assert!(names.contains(&kind.name()), "{names:?} lacks {}", kind.name());
+        }
+        assert!(names.contains(&"ours-trust1"), "{names:?}");
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), Fig2Entrant::ALL.len(), "each name once: {names:?}");
+        for row in rows {
+            assert_eq!(fig2_entrant(row.name()), Some(row.entrant));
+            assert!(row.mse_m2 > 0.0 && row.letters_mse_m2.len() == letters.len(), "{row:?}");
+        }
+    }
+    // At trust 1 no two predictors write the same, or one of them was not what wrote.
+    let mut errors: Vec<u64> = figure.rows.iter().map(|row| row.mse_m2.to_bits()).collect();
+    errors.sort_unstable();
+    errors.dedup();
+    assert_eq!(errors.len(), figure.rows.len());
+    let drawn: Vec<_> =
+        figure.rows.iter().zip(&figure.typical_tools).filter(|(_, tool)| !tool.is_empty()).collect();
+    let names: Vec<_> = drawn.iter().take(5).map(|(row, _)| row.name()).collect();
+    assert_eq!(names, ["hold", "constant-velocity", "dybm", "ours", "oracle"]);
+    assert_eq!(drawn.len(), 2 * 5);
+    assert_eq!(fig2_entrant("nobody"), None);
 }
 
 #[test]
 fn switching_from_feedback_to_prediction_is_smooth() {
     let config = Config::preset("ur5").unwrap();
-    let figure = fig3(&config, &written(), || {}).unwrap();
-    println!("jerk ratio {}, irregularity {}", figure.max_jerk_ratio, figure.irregularity);
-    assert!(figure.max_jerk_ratio < 1.5 && figure.irregularity < 1.5);
+    for kind in [PredictorKind::Ours, PredictorKind::Dybm] {
+        let figure = fig3(&config, &written(), kind, || {}).unwrap();
+        println!("{kind:?}: jerk ratio {}, irregularity {}", figure.max_jerk_ratio, figure.irregularity);
+        assert!(figure.max_jerk_ratio < 1.5 && figure.irregularity < 1.5, "{kind:?}");
+        ramp_lies_in_steps_30_to_40(&figure);
+    }
+}
+
+fn ramp_lies_in_steps_30_to_40(figure: &Fig3) {
     for letter in &figure.letters {
         let at = |step: f64| letter.trust.iter().rfind(|(s, _)| *s <= step).unwrap().1;
         assert_eq!(at(29.5), 0.0);

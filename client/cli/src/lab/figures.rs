@@ -3,21 +3,43 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use foretrace_lab::experiments::{Fig2, Fig2Arm, Fig2Row, Fig3, PREDICTORS, fig2, fig3};
+use foretrace_control::predict::PredictorKind;
+use foretrace_lab::experiments::{
+    Fig2, Fig2Arm, Fig2Entrant, Fig2Row, Fig3, fig2, fig2_entrant, fig2_names, fig3,
+};
 use foretrace_lab::plot::{Cell, Rampup, letter_grid, trust_ramp};
 use serde_json::{Map, Value, json};
 
 use super::{LabArgs, Progress, Session};
 use crate::failure::Failure;
-use crate::output::say;
+use crate::output::{note, say};
 
-/// Predictors times arms: the rows that finish one by one.
-const FIG2_ROWS: usize = 2 * PREDICTORS.len();
+#[derive(Debug, clap::Args)]
+pub(crate) struct Fig2Args {
+    #[command(flatten)]
+    pub(super) lab: LabArgs,
+
+    /// Who predicts, comma-separated: hold (trust 0), ours (automatic trust); all others with trust 1 [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    predictors: Vec<String>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Fig3Args {
+    #[command(flatten)]
+    pub(super) lab: LabArgs,
+
+    /// Who predicts once trust has come
+    #[arg(long, value_name = "NAME", default_value = PredictorKind::Ours.name())]
+    predictor: String,
+}
 
 impl Session {
-    pub(super) fn fig2(&self, args: &LabArgs) -> Result<(), Failure> {
-        let progress = Progress::of(FIG2_ROWS);
-        let figure = fig2(&self.config, &self.letters, || progress.step()).map_err(failed)?;
+    pub(super) fn fig2(&self, args: &Fig2Args) -> Result<(), Failure> {
+        let entrants = self.entrants(&args.predictors)?;
+        let args = &args.lab;
+        let progress = Progress::of(2 * entrants.len());
+        let figure = fig2(&self.config, &self.letters, &entrants, || progress.step()).map_err(failed)?;
         drop(progress);
         say!("{}\n", self.title);
         say!(
@@ -33,7 +55,7 @@ impl Session {
         for row in &figure.rows {
             say!(
                 "{:<20} {:<6} {:>12.3e} {:>12.3e} {:>10.2} {:>10.2} {:>8.1}",
-                row.predictor.name(),
+                row.name(),
                 arm(row.arm),
                 row.mse_m2,
                 row.median_mse_m2,
@@ -46,18 +68,26 @@ impl Session {
         args.json.write(&fig2_json(&figure, self.letters.len()))
     }
 
-    pub(super) fn fig3(&self, args: &LabArgs) -> Result<(), Failure> {
+    pub(super) fn fig3(&self, args: &Fig3Args) -> Result<(), Failure> {
+        let kind = PredictorKind::from_name(&args.predictor).ok_or_else(|| {
+            let known = PredictorKind::ALL.map(PredictorKind::name).join(", ");
+            unknown(&args.predictor, &known, "--predictor")
+        })?;
+        self.needs_network(kind)?;
+        let args = &args.lab;
         let progress = Progress::of(self.letters.len());
-        let figure = fig3(&self.config, &self.letters, || progress.step()).map_err(failed)?;
+        let figure = fig3(&self.config, &self.letters, kind, || progress.step()).map_err(failed)?;
         drop(progress);
         say!("{}\n", self.title);
+        say!("predictor                {}", kind.name());
         say!("letters long enough      {}", figure.letters.len());
         say!("jerk in the ramp         {:.3} of the largest outside (median)", figure.max_jerk_ratio);
         say!("step of the error        {:.3} of the largest outside (median)", figure.irregularity);
         say!("ramps unnoticed          {:.0} %", figure.unnoticed * 100.0);
-        self.draw_fig3(&figure, &args.out)?;
+        self.draw_fig3(&figure, kind, &args.out)?;
         args.json.write(&json!({
             "fig3": {
+                "predictor": kind.name(),
                 "max_jerk_ratio": figure.max_jerk_ratio,
                 "irregularity": figure.irregularity,
                 "unnoticed": figure.unnoticed,
@@ -66,15 +96,52 @@ impl Session {
         }))
     }
 
+    /// Those that were named; all that the settings have a network for where nobody was.
+    fn entrants(&self, names: &[String]) -> Result<Vec<Fig2Entrant>, Failure> {
+        let has = |entrant: &Fig2Entrant| self.config.models().has(entrant.predictor());
+        if names.is_empty() {
+            if !has(&Fig2Entrant::Believed(PredictorKind::Lstm)) {
+                note!("lab: no network for lstm at this pen.step_ms (predictor.lstm): left out");
+            }
+            return Ok(Fig2Entrant::ALL.into_iter().filter(has).collect());
+        }
+        let mut entrants: Vec<Fig2Entrant> = Vec::new();
+        for name in names {
+            let entrant = fig2_entrant(name.trim())
+                .ok_or_else(|| unknown(name.trim(), &fig2_names(), "--predictors"))?;
+            self.needs_network(entrant.predictor())?;
+            if !entrants.contains(&entrant) {
+                entrants.push(entrant);
+            }
+        }
+        Ok(entrants)
+    }
+
+    fn needs_network(&self, kind: PredictorKind) -> Result<(), Failure> {
+        if self.config.models().has(kind) {
+            return Ok(());
+        }
+        Err(Failure::bad_input(
+            format_args!(
+                "{} has no network for pen.step_ms = {}",
+                kind.name(),
+                self.config.settings().pen.step_ms
+            ),
+            "name one that was trained for this step (--set predictor.lstm=FILE.safetensors), or another predictor",
+        ))
+    }
+
     fn draw_fig2(&self, figure: &Fig2, out: &Path) -> Result<(), Failure> {
         let Some(letter) = self.letters.get(figure.typical) else { return Ok(()) };
-        let labels: Vec<String> =
-            figure.rows.iter().map(|row| format!("{}, {}", row.predictor.name(), arm(row.arm))).collect();
-        let cells: Vec<Cell<'_>> = labels
+        let drawn: Vec<_> = figure
+            .rows
             .iter()
-            .zip(&figure.typical_runs)
-            .map(|(label, run)| Cell { label, pen: &letter.path.samples, tool: &run.tool })
+            .zip(&figure.typical_tools)
+            .filter(|(_, tool)| !tool.is_empty())
+            .map(|(row, tool)| (format!("{}, {}", row.name(), arm(row.arm)), tool))
             .collect();
+        let cells: Vec<Cell<'_>> =
+            drawn.iter().map(|(label, tool)| Cell { label, pen: &letter.path.samples, tool }).collect();
         let subtitle =
             format!("{}; shown: a typical one ({:?}, writer {})", self.title, letter.label, letter.writer);
         std::fs::create_dir_all(out).map_err(failed)?;
@@ -83,7 +150,7 @@ impl Session {
         Ok(())
     }
 
-    fn draw_fig3(&self, figure: &Fig3, out: &Path) -> Result<(), Failure> {
+    fn draw_fig3(&self, figure: &Fig3, kind: PredictorKind, out: &Path) -> Result<(), Failure> {
         let mut sorted: Vec<_> = figure.letters.iter().collect();
         sorted.sort_by(|a, b| a.max_jerk_ratio.total_cmp(&b.max_jerk_ratio));
         let Some(letter) = sorted.get(sorted.len() / 2) else { return Ok(()) };
@@ -93,7 +160,7 @@ impl Session {
             jerk_mps3: &letter.jerk_mps3,
             ramp: (30.0, 40.0),
         };
-        let subtitle = format!("{}; shown: the median one", self.title);
+        let subtitle = format!("{}; {}; shown: the median one", self.title, kind.name());
         std::fs::create_dir_all(out).map_err(failed)?;
         trust_ramp(&out.join("fig3.svg"), "Figure 3: from feedback to prediction", &subtitle, data)
             .map_err(failed)?;
@@ -108,11 +175,11 @@ fn fig2_json(figure: &Fig2, letters: usize) -> Value {
     for row in figure.rows.iter().filter(|row| row.arm == Fig2Arm::Ideal) {
         let mut entry = numbers(row);
         let lagging =
-            figure.rows.iter().find(|other| other.arm == Fig2Arm::Ur5 && other.predictor == row.predictor);
+            figure.rows.iter().find(|other| other.arm == Fig2Arm::Ur5 && other.entrant == row.entrant);
         if let Some(lagging) = lagging {
             entry["ur5"] = numbers(lagging);
         }
-        predictors.insert(row.predictor.name().to_owned(), entry);
+        predictors.insert(row.name().to_owned(), entry);
     }
     json!({ "fig2": predictors, "letters": letters })
 }
@@ -125,6 +192,13 @@ fn numbers(row: &Fig2Row) -> Value {
         "median_max_m": row.median_max_m,
         "lag_ms": row.lag_ms,
     })
+}
+
+fn unknown(name: &str, known: &str, option: &str) -> Failure {
+    Failure::bad_input(
+        format_args!("no predictor is called {name:?}; there are {known}"),
+        format_args!("choose from them ({option})"),
+    )
 }
 
 fn arm(arm: Fig2Arm) -> &'static str {

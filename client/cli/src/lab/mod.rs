@@ -27,12 +27,13 @@ pub(crate) enum LabCommand {
     /// Figure 2 of the paper: feedback only, prediction and perfect foresight on letters of a data set
     ///
     /// Every letter of the test writers is written by the control law with each predictor, in front of an ideal arm and
-    /// in front of the simulated UR5. Errors are between tool and pen at the same instant, pen down.
-    Fig2(LabArgs),
+    /// in front of the simulated UR5. Errors are between tool and pen at the same instant, pen down. The picture shows
+    /// hold, constant-velocity, dybm, ours and oracle, or everybody where --predictors names at most five.
+    Fig2(figures::Fig2Args),
     /// Figure 3 of the paper: switching from feedback to prediction in steps 30 to 40 of a letter
     ///
     /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
-    Fig3(LabArgs),
+    Fig3(figures::Fig3Args),
     /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against today's ways, four arms
     ///
     /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and letters of
@@ -96,8 +97,8 @@ pub(crate) struct LabArgs {
 
 pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
     match command {
-        LabCommand::Fig2(args) => Session::prepare(args)?.fig2(args),
-        LabCommand::Fig3(args) => Session::prepare(args)?.fig3(args),
+        LabCommand::Fig2(args) => Session::prepare(&args.lab)?.fig2(args),
+        LabCommand::Fig3(args) => Session::prepare(&args.lab)?.fig3(args),
         LabCommand::ClosedLoop(args) => closed_loop::run(args),
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),

@@ -1,16 +1,17 @@
 //! The paper's figure 2: feedback only (Hold), prediction, and perfect prediction (the recorded future).
 //!
 //! Every letter is written in real time from rest; scored where the pen is down, arm's tool against pen at the same
-//! instant. The DyBM learns on from letter to letter, as in the daemon.
+//! instant. Trust is 0 for feedback only, automatic for `ours`, 1 for all others. What learns online learns on from letter
+//! to letter, as in the daemon.
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
-use super::closed_loop::{ArmKind, ClosedLoop, DeskOptions, RunError, desk};
+use super::closed_loop::{ArmKind, DeskOptions, RunError, desk};
 use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
-use crate::metrics::tracking;
+use crate::metrics::{ToolSample, tracking};
 use crate::parallel;
 
 /// With and without the arm's lag.
@@ -22,11 +23,55 @@ pub enum Fig2Arm {
     Ur5,
 }
 
+/// Who predicts, and who decides the trust in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fig2Entrant {
+    /// Feedback only: trust 0.
+    Hold,
+    /// A predictor with trust 1.
+    Believed(PredictorKind),
+    /// `ours` with automatic trust: the daemon as it is shipped.
+    Ours,
+}
+
+impl Fig2Entrant {
+    /// All, in the order of the figure.
+    pub const ALL: [Self; 9] = [
+        Self::Hold,
+        Self::Believed(PredictorKind::ConstantVelocity),
+        Self::Believed(PredictorKind::Dybm),
+        Self::Believed(PredictorKind::DybmEsn),
+        Self::Believed(PredictorKind::Lstm),
+        Self::Believed(PredictorKind::ArRls),
+        Self::Believed(PredictorKind::Ours),
+        Self::Ours,
+        Self::Believed(PredictorKind::Oracle),
+    ];
+
+    /// Who predicts.
+    #[must_use]
+    pub const fn predictor(self) -> PredictorKind {
+        match self {
+            Self::Hold => PredictorKind::Hold,
+            Self::Believed(kind) => kind,
+            Self::Ours => PredictorKind::Ours,
+        }
+    }
+
+    const fn trust(self) -> TrustRequest {
+        match self {
+            Self::Hold => TrustRequest::Manual(Trust::NONE),
+            Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
+            Self::Ours => TrustRequest::Auto,
+        }
+    }
+}
+
 /// One predictor in front of one arm, over all letters.
 #[derive(Debug, Clone)]
 pub struct Fig2Row {
-    /// Who predicts.
-    pub predictor: PredictorKind,
+    /// Who predicts, and who decides the trust in it.
+    pub entrant: Fig2Entrant,
     /// The arm.
     pub arm: Fig2Arm,
     /// Mean over letters of the mean squared 2-D error [m²].
@@ -48,83 +93,130 @@ pub struct Fig2Row {
 pub struct Fig2 {
     /// A row for each predictor and arm.
     pub rows: Vec<Fig2Row>,
-    /// Index of the letter nearest to the median of the DyBM's errors on the ideal arm.
+    /// Index of the letter nearest to the median of the DyBM's errors on the ideal arm (the first entrant's without it).
     pub typical: usize,
-    /// Runs of that letter, in the order of `rows`.
-    pub typical_runs: Vec<ClosedLoop>,
+    /// The tool's path over that letter, in the order of `rows`; empty for those that are not in the picture.
+    pub typical_tools: Vec<Vec<ToolSample>>,
 }
 
-/// Predictors of the figure: the paper's three cases, its baseline, and ours.
-pub const PREDICTORS: [PredictorKind; 5] = [
-    PredictorKind::Hold,
-    PredictorKind::ConstantVelocity,
-    PredictorKind::Dybm,
-    PredictorKind::Ours,
-    PredictorKind::Oracle,
-];
+impl Fig2Row {
+    /// Name in the table, the picture and the JSON.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        name(self.entrant)
+    }
+}
 
-/// Writes every letter with every predictor in front of both arms; `done` hears of each finished row.
+/// The predictor's own name; `ours` is the one with automatic trust, as shipped.
+const fn name(entrant: Fig2Entrant) -> &'static str {
+    match entrant {
+        Fig2Entrant::Believed(PredictorKind::Ours) => "ours-trust1",
+        other => other.predictor().name(),
+    }
+}
+
+/// The entrant of the figure with that name.
+#[must_use]
+pub fn fig2_entrant(wanted: &str) -> Option<Fig2Entrant> {
+    Fig2Entrant::ALL.into_iter().find(|entrant| name(*entrant) == wanted)
+}
+
+/// Names of all entrants, for a message.
+#[must_use]
+pub fn fig2_names() -> String {
+    Fig2Entrant::ALL.map(name).join(", ")
+}
+
+/// So many fit the picture.
+const PICTURED: usize = 5;
+
+/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and ours as shipped.
+fn pictured(entrant: Fig2Entrant, entrants: &[Fig2Entrant]) -> bool {
+    use PredictorKind::{ConstantVelocity, Dybm, Oracle};
+    entrants.len() <= PICTURED
+        || match entrant {
+            Fig2Entrant::Hold | Fig2Entrant::Ours => true,
+            Fig2Entrant::Believed(kind) => matches!(kind, ConstantVelocity | Dybm | Oracle),
+        }
+}
+
+/// Writes every letter with every entrant in front of both arms; `done` hears of each finished row.
 ///
 /// *Errors*: see [`ExperimentError`].
-pub fn fig2(config: &Config, letters: &[Letter], done: impl FnMut()) -> Result<Fig2, ExperimentError> {
+pub fn fig2(
+    config: &Config,
+    letters: &[Letter],
+    entrants: &[Fig2Entrant],
+    done: impl FnMut(),
+) -> Result<Fig2, ExperimentError> {
     let jobs: Vec<_> = [Fig2Arm::Ideal, Fig2Arm::Ur5]
         .into_iter()
-        .flat_map(|arm| PREDICTORS.map(|kind| (arm, kind)))
+        .flat_map(|arm| entrants.iter().map(move |entrant| (arm, *entrant)))
         .collect();
-    let finished = parallel::map(&jobs, |(arm, kind)| row(config, letters, *arm, *kind), done);
+    let write = |(arm, entrant): &(Fig2Arm, Fig2Entrant)| {
+        row(config, letters, *arm, *entrant, pictured(*entrant, entrants))
+    };
+    let finished = parallel::map(&jobs, write, done);
     let mut rows = Vec::with_capacity(jobs.len());
-    let mut runs = Vec::with_capacity(jobs.len());
+    let mut paths = Vec::with_capacity(jobs.len());
     for result in finished {
-        let (row, run) = result?;
+        let (row, tools) = result?;
         rows.push(row);
-        runs.push(run);
+        paths.push(tools);
     }
-    let of_dybm =
-        rows.iter().find(|row| row.predictor == PredictorKind::Dybm).ok_or(ExperimentError::Nothing)?;
-    let distance = |mse: &f64| if mse.is_nan() { f64::INFINITY } else { (mse - of_dybm.median_mse_m2).abs() };
-    let typical = (0..letters.len())
-        .min_by(|a, b| {
-            distance(&of_dybm.letters_mse_m2[*a]).total_cmp(&distance(&of_dybm.letters_mse_m2[*b]))
-        })
+    let of_dybm = rows
+        .iter()
+        .find(|row| row.entrant == Fig2Entrant::Believed(PredictorKind::Dybm))
+        .or(rows.first())
         .ok_or(ExperimentError::Nothing)?;
-    let typical_runs = runs.into_iter().map(|mut runs| runs.swap_remove(typical)).collect();
-    Ok(Fig2 { rows, typical, typical_runs })
+    let distance = |mse: &f64| if mse.is_nan() { f64::INFINITY } else { (mse - of_dybm.median_mse_m2).abs() };
+    let distances: Vec<f64> = of_dybm.letters_mse_m2.iter().map(distance).collect();
+    let nearest = distances.iter().enumerate().min_by(|(_, a), (_, b)| a.total_cmp(b));
+    let typical = nearest.map(|(index, _)| index).ok_or(ExperimentError::Nothing)?;
+    let typical_tools = paths
+        .into_iter()
+        .map(|mut tools: Vec<_>| if typical < tools.len() { tools.swap_remove(typical) } else { Vec::new() })
+        .collect();
+    Ok(Fig2 { rows, typical, typical_tools })
 }
 
+/// The row, and the tool's path over every letter where it is to be `kept`.
 fn row(
     config: &Config,
     letters: &[Letter],
     arm: Fig2Arm,
-    predictor: PredictorKind,
-) -> Result<(Fig2Row, Vec<ClosedLoop>), ExperimentError> {
+    entrant: Fig2Entrant,
+    kept: bool,
+) -> Result<(Fig2Row, Vec<Vec<ToolSample>>), ExperimentError> {
+    let predictor = entrant.predictor();
     let kind = match arm {
         Fig2Arm::Ideal => ArmKind::Ideal,
         Fig2Arm::Ur5 => ArmKind::Ur5(ur5_at(config)),
     };
     let mut settings = settings_for(config, kind, predictor);
-    if predictor == PredictorKind::Hold {
-        // Feedback only is trust 0, not full trust in "it stands still".
-        settings.trust_request = TrustRequest::Manual(Trust::NONE);
-    }
+    settings.trust_request = entrant.trust();
     let home = config.robot().home;
     let learner = learner_for(config, &settings, predictor)?;
     let options = DeskOptions { arm: kind, oracle: predictor == PredictorKind::Oracle, learner };
     let mut desk = desk(config.settings().mpc.horizon, &settings, home, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
-    let mut runs = Vec::with_capacity(letters.len());
+    let mut scores = Vec::with_capacity(letters.len());
+    let mut tools = Vec::new();
     for letter in letters {
-        let run = desk.write(&letter.path.samples, WAIT_S, &[]);
-        runs.push(run.map_err(|error| failed(letter, error))?);
+        let path = &letter.path.samples;
+        let run = desk.write(path, WAIT_S, &[]).map_err(|error| failed(letter, error))?;
+        scores.push(tracking(path, &run.tool));
+        if kept {
+            tools.push(run.tool);
+        }
     }
-    let scores: Vec<_> =
-        letters.iter().zip(&runs).map(|(letter, run)| tracking(&letter.path.samples, &run.tool)).collect();
     let known = || scores.iter().flatten();
     let count = known().count();
     if count == 0 {
         return Err(ExperimentError::Nothing);
     }
     let row = Fig2Row {
-        predictor,
+        entrant,
         arm,
         mse_m2: known().map(|score| score.mse_m2).sum::<f64>() / count as f64,
         median_mse_m2: median(known().map(|score| score.mse_m2)),
@@ -133,7 +225,7 @@ fn row(
         lag_ms: median(known().map(|score| score.lag_ms)),
         letters_mse_m2: scores.iter().map(|score| score.as_ref().map_or(f64::NAN, |s| s.mse_m2)).collect(),
     };
-    Ok((row, runs))
+    Ok((row, tools))
 }
 
 pub(super) fn failed(letter: &Letter, error: RunError) -> ExperimentError {

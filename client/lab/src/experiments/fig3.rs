@@ -47,14 +47,21 @@ pub struct Fig3 {
     pub unnoticed: f64,
 }
 
-/// Writes every letter with the switch in the middle; ideal arm, DyBM that learned from the letters before.
+/// Writes every letter with the switch in the middle; ideal arm; `kind` predicts, and has learned from the letters before
+/// if it learns. Trust is set by hand, 0 and then 1, so that the ramp alone is judged.
 ///
 /// *Errors*: see [`ExperimentError`].
-pub fn fig3(config: &Config, letters: &[Letter], mut done: impl FnMut()) -> Result<Fig3, ExperimentError> {
-    let settings = settings_for(config, ArmKind::Ideal, PredictorKind::Dybm);
-    let step_s = settings.mpc.step_s;
-    let learner = learner_for(config, &settings, PredictorKind::Dybm)?;
-    let options = DeskOptions { arm: ArmKind::Ideal, oracle: false, learner };
+pub fn fig3(
+    config: &Config,
+    letters: &[Letter],
+    kind: PredictorKind,
+    mut done: impl FnMut(),
+) -> Result<Fig3, ExperimentError> {
+    let settings = settings_for(config, ArmKind::Ideal, kind);
+    // Steps are those of the pen's grid; the plan's are shorter.
+    let step_s = settings.pen.step_ns as f64 * 1e-9;
+    let learner = learner_for(config, &settings, kind)?;
+    let options = DeskOptions { arm: ArmKind::Ideal, oracle: kind == PredictorKind::Oracle, learner };
     let mut desk = desk(config.settings().mpc.horizon, &settings, config.robot().home, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();
