@@ -10,7 +10,7 @@ use toml::de::DeValue;
 use crate::check::check;
 use crate::layers::{self, Found};
 use crate::models::shipped;
-use crate::predictor::NO_NETWORK;
+use crate::predictor::{NO_NETWORK, remark};
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
 use crate::robot::Robot;
@@ -76,6 +76,12 @@ impl Config {
     #[must_use]
     pub const fn models(&self) -> &Models {
         &self.models
+    }
+
+    /// What these settings do without although they are right, one line each, for people.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        remark(&self.settings, &self.models).into_iter().collect()
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.

@@ -116,6 +116,9 @@ impl Daemon {
             self.config.name(),
             instance.number(),
         );
+        for remark in self.config.remarks() {
+            warn!("{remark}");
+        }
     }
 
     /// Waits for a reason to end; reloads meanwhile.

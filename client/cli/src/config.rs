@@ -34,6 +34,9 @@ pub(crate) fn run(command: &ConfigCommand) -> Result<(), Failure> {
         ConfigCommand::Check { file } => {
             let config = Config::load(file).map_err(|error| wrong(&error))?;
             say!("{}", config.summary().trim_end());
+            for remark in config.remarks() {
+                say!("  note: {remark}");
+            }
         }
         ConfigCommand::Show { name, settings } => {
             let mut settings = settings.clone();

@@ -183,6 +183,20 @@ fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
 }
 
 #[test]
+fn nobody_loses_the_network_of_the_mixture_without_being_told() {
+    let remarks = |text: &str| over_ur5(text).unwrap().remarks();
+    assert_eq!(remarks(""), Vec::<String>::new());
+    let told = remarks("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n");
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told.iter().all(|r| r.contains("pen.step_ms = 8 ") && r.contains("5, 10 ms")), "{told:?}");
+    // Who renounces it, or predicts otherwise, knows.
+    for text in ["[predictor.ours]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
+        let quiet = remarks(&format!("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n{text}"));
+        assert_eq!(quiet, Vec::<String>::new(), "{text}");
+    }
+}
+
+#[test]
 fn plan_steps_lie_between_the_period_and_the_grid_step() {
     assert_eq!(
         over_ur5("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n").unwrap().settings().plan_step_s(),
