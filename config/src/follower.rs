@@ -48,7 +48,7 @@ impl Settings {
         self.mpc.step_ms.unwrap_or(usual_ms) * 1e-3
     }
 
-    /// How far ahead the first reference of a plan lies at start [ns].
+    /// How far ahead the first reference of a plan lies at start, in nanoseconds.
     #[must_use]
     pub fn ahead_ns(&self) -> u64 {
         let pure_ms = (self.timing.dead_time_ms - self.timing.servo_filter_ms).max(0.0);
