@@ -5,9 +5,11 @@ use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointReading, NoClock, Request, StepInput, StepOutput,
 };
 use foretrace_control::lag::Following;
+use foretrace_control::mpc::Gains;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::units::Stamp;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::{Stamp, Trust};
 use foretrace_lab::arm::{ArmModel, ArmSettings, DelayChange, DelaySettings, JOINTS};
 use foretrace_lab::path::{Layout, PenPath, Placement};
 use foretrace_lab::writer::text_path;
@@ -156,8 +158,13 @@ fn behind_a_slow_servo_following_the_shift_leaves_less_error_than_its_group_dela
             settings.preview.kind = kind;
             settings.dead_time_ns = (arm.group_delay_s() * 1e9) as u64;
             settings.following = following;
-            // Trust per step shortens what was foreseen too far ahead by itself, and would hide the lead.
-            settings.trust.per_step = false;
+            // The paper's law, a scalar trust over a plan on the predictor's own grid: trust per step shortens by itself what
+            // was foreseen too far ahead, and would hide the lead.
+            settings.trust_request = TrustRequest::Manual(Trust::FULL);
+            settings.mpc.step_s = 0.01;
+            settings.mpc.gains_feedback = [Gains::FEEDBACK; 3];
+            settings.mpc.gains_feedforward = [Gains::FEEDFORWARD; 3];
+            settings.mpc.effort = Gains::EFFORT;
             write(settings, arm, &written(text, seed), |t, _, tool, pen| {
                 if t >= 4.0 {
                     sum += (tool[0] - pen[0]).powi(2) + (tool[1] - pen[1]).powi(2);
@@ -168,7 +175,7 @@ fn behind_a_slow_servo_following_the_shift_leaves_less_error_than_its_group_dela
         sum / count
     };
     // What predicts well forgives a lead too long; what predicts badly does not.
-    for (kind, most) in [(PredictorKind::Ours, 1.0), (PredictorKind::ConstantVelocity, 0.9)] {
+    for (kind, most) in [(PredictorKind::Ours, 1.0), (PredictorKind::ConstantVelocity, 0.8)] {
         let fixed = mse(kind, Following::Fixed);
         let follows = mse(kind, Following::Measured { max_ns: 150_000_000, rate: 0.02 });
         println!("{kind:?}: at the group delay {fixed:.3e} m², following the shift {follows:.3e} m²");
