@@ -141,7 +141,6 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
         dead_time_ns: ns(s.timing.dead_time_ms),
         following: following(s),
-        servo_ns: ns(s.timing.servo_filter_ms),
         response_ns: ns(s.mpc.response_ms),
         safety: SafetySettings {
             valid_periods: s.control_loop.valid_periods,
@@ -228,6 +227,7 @@ fn mpc(s: &Settings) -> MpcSettings {
         },
         backend: profile(s.mpc.backend).map_or(Backend::Exact, Backend::Clarabel),
         max_iterations: s.mpc.max_iterations,
+        servo_s: s.timing.servo_filter_ms * 1e-3,
     }
 }
 

@@ -29,7 +29,7 @@ section! {
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
-        effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "3.2";
+        effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "10";
         /// Iterations of the exact solver per axis and tick before the previous plan is used.
         max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
             "100: ten times what handwriting needs";

@@ -74,6 +74,7 @@ fn settings(backend: Backend) -> MpcSettings {
         soft_penalty: SoftPenalty::DEFAULT,
         backend,
         max_iterations: 200,
+        servo_s: 0.0,
     }
 }
 

@@ -21,6 +21,7 @@ pub mod pen;
 pub mod predict;
 pub mod learn;
 pub mod trust;
+mod servo;
 pub mod mpc;
 pub mod qp;
 pub mod ik;

@@ -86,7 +86,10 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
 
 #[test]
 fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    // Belief per step would learn the zigzag.
+    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    wanted.trust.per_step = false;
+    let mut bench = Bench::armed(wanted.clone());
     let start = bench.now;
     let mut last = None;
     write(&mut bench, start, 1500, curve, |_, output| last = Some(output.trust));
@@ -95,7 +98,7 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     assert_eq!((frozen.answer, frozen.trust.reason), (Some(Ok(())), TrustReason::Frozen));
     // Constant velocity is always wrong about a pen that turns back every 30 ms.
     let zigzag = |t: f64| [0.002 * (std::f64::consts::TAU * 16.7 * t).sin(), 0.0];
-    let mut of_auto = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut of_auto = Bench::armed(wanted);
     let mut doubted = false;
     write(&mut of_auto, start, 4000, zigzag, |_, output| {
         doubted |= matches!(output.trust.reason, TrustReason::WorseThanHold | TrustReason::WorseThanSteady);
@@ -120,8 +123,9 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
 
 /// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.
 fn behind_a_servo(servo_ns: u64) -> f64 {
-    let wanted =
-        FollowerSettings { dead_time_ns: 30_000_000, servo_ns, ..settings(PredictorKind::ConstantVelocity) };
+    let mut wanted =
+        FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::ConstantVelocity) };
+    wanted.mpc.servo_s = servo_ns as f64 * 1e-9;
     let chain = wanted.chain.clone();
     let plane = wanted.plane;
     let mut bench = Bench::armed(wanted);
@@ -152,12 +156,12 @@ fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
 #[test]
 fn the_same_inputs_give_the_same_commands_bit_for_bit_with_all_of_it() {
     let run = || {
-        let wanted = FollowerSettings {
+        let mut wanted = FollowerSettings {
             dead_time_ns: 35_000_000,
-            servo_ns: 30_000_000,
             response_ns: 8_000_000,
             ..settings(PredictorKind::Dybm)
         };
+        wanted.mpc.servo_s = 0.030;
         let mut bench = Bench::armed(wanted);
         let start = bench.now;
         let mut bits = Vec::new();

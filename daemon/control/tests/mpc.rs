@@ -25,6 +25,7 @@ fn settings() -> MpcSettings {
         soft_penalty: SoftPenalty::DEFAULT,
         backend: Backend::Exact,
         max_iterations: 200,
+        servo_s: 0.0,
     }
 }
 
@@ -112,7 +113,10 @@ fn settings_outside_their_range_are_refused_with_the_value() {
     bad.axes[1].jerk_mps3 = -800.0;
     let error = Mpc::<N>::new(&bad).unwrap_err();
     assert!(matches!(error, MpcError::Limit { axis: 1, quantity: "jerk", value: -800.0, .. }));
-    assert_eq!(error.to_string(), "MPC jerk limit of axis 1 is -800 m/s³, must be within [1, 100000] m/s³");
+    assert_eq!(
+        error.to_string(),
+        "MPC jerk limit of axis 1 is -800 m/s³, must be within [1, 100000000] m/s³"
+    );
 }
 
 fn state(position: f64, velocity: f64, acceleration: f64) -> AxisState {

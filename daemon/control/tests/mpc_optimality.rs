@@ -34,6 +34,7 @@ fn defaults() -> MpcSettings {
         soft_penalty: SoftPenalty::DEFAULT,
         backend: Backend::Exact,
         max_iterations: CAP,
+        servo_s: 0.0,
     }
 }
 

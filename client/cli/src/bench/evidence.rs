@@ -36,7 +36,7 @@ pub(super) fn evidence(config: &Config, workload: &Workload, samples: u32) -> Re
     while closing.len() < samples as usize {
         let before = closing.len();
         let mut tracker = PenTracker::new(settings.pen).map_err(|error| Failure::bad_input(error, ""))?;
-        let mut evidence = Evidence::new(true);
+        let mut evidence = Evidence::new(settings.pen.step_ns as f64 * 1e-9, true);
         let mut path = [[0.0; 2]; EVIDENCE_LEADS];
         let mut newest_step: Option<GridStep> = None;
         for tick in &workload.ticks {
@@ -72,12 +72,10 @@ pub(super) fn evidence(config: &Config, workload: &Workload, samples: u32) -> Re
             let [x0, y0] = step.position;
             let [x1, y1] = path.first().copied().unwrap_or_default();
             let expected = [x0 + phase * (x1 - x0), y0 + phase * (y1 - y0)];
-            let [ex, ey] = evidence.sample(black_box(pen.position), phase, expected);
-            let [nx, ny] = pen.position;
+            evidence.sample(pen.stamp, black_box(pen.position), phase, expected);
             let mut used = path;
-            for (lead, ([x, y], used)) in (1..).zip(path.iter().zip(&mut used)) {
-                let (gain, share) = (evidence.gain(phase, lead), evidence.share(lead));
-                *used = [nx + share * (x + gain * ex - nx), ny + share * (y + gain * ey - ny)];
+            for ((lead, predicted), used) in (1..).zip(&path).zip(&mut used) {
+                *used = evidence.believed(phase, lead, *predicted);
             }
             black_box(used);
             us += elapsed_us(begin);

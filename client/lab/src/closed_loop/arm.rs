@@ -27,11 +27,9 @@ const DELAY_S: f64 = 0.030;
 const SLOW_S: f64 = 0.100;
 /// "Off" for the plan's limits: jerk [m/s³], acceleration [m/s²], velocity [m/s]. The largest legal ones; letters of 0.1 m
 /// in real time ask for some 35 m/s².
-const FREE_PLAN: [f64; 3] = [1e5, 1e3, 20.0];
-/// What an arm without limits can make use of: position gain towards the prediction, in units of the settings', and further
-/// lead [ns]. The same for every predictor. Behind limits such gains spend the jerk on noise.
-const FREE_SHARPNESS: f64 = 3.0 / 0.7;
-const FREE_RESPONSE_NS: u64 = 8_000_000;
+const FREE_PLAN: [f64; 3] = [1e8, 1e6, 1e3];
+/// Largest gain that a plan may have.
+const FREE_GAIN: f64 = 1e3;
 /// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
 const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
@@ -105,6 +103,24 @@ impl BenchArm {
         [0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])]
     }
 
+    /// The plan as sharp as this arm lets it be: without limits its steps are the control period, and nothing is as dear as the
+    /// prediction's position. Feedback and effort cost the same motion as much as they did, so that Hold stays what it is.
+    pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>) {
+        if self.limited() {
+            return;
+        }
+        let finer = settings.mpc.step_s / (settings.period_ns as f64 * 1e-9);
+        settings.mpc.step_s /= finer;
+        settings.mpc.effort *= finer.powi(6);
+        for gains in &mut settings.mpc.gains_feedback {
+            gains.velocity *= finer;
+            gains.acceleration *= finer * finer;
+        }
+        for gains in &mut settings.mpc.gains_feedforward {
+            gains.position = FREE_GAIN;
+        }
+    }
+
     /// `settings` for this arm: limits on or off, and a pen gate that grows with the letters.
     pub(super) fn fit(self, config: &Config, settings: &mut FollowerSettings<JOINTS>) {
         // The paths are in metres of the plane already.
@@ -123,10 +139,6 @@ impl BenchArm {
                 limits.position_m = [centre - half - 0.1, centre + half + 0.1];
             }
         }
-        for gains in &mut settings.mpc.gains_feedforward {
-            gains.position *= FREE_SHARPNESS;
-        }
-        settings.response_ns += FREE_RESPONSE_NS;
         let growth = self.glyph_height_m() / Self::Ur5.glyph_height_m();
         settings.pen.max_speed_mps *= growth;
         settings.pen.position_min_m = settings.pen.position_min_m.map(|low| low * growth);

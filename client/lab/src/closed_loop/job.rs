@@ -184,12 +184,9 @@ impl Benchmark<'_> {
         let mut settings = settings_for(self.config, arm, kind);
         settings.trust_request = trust;
         job.arm.fit(self.config, &mut settings);
-        if kind == PredictorKind::Oracle {
-            // What is known exactly needs no lead to make up for what is learned late.
-            settings.response_ns = 0;
-        }
-        if let Tuning::Gains(factor) = *job.tuning {
-            scale_gains(&mut settings.mpc, factor);
+        match *job.tuning {
+            Tuning::Gains(factor) => scale_gains(&mut settings.mpc, factor),
+            Tuning::Default | Tuning::Way(_) => job.arm.sharpen(&mut settings),
         }
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;

@@ -14,13 +14,15 @@ use crate::today::{WaySettings, sweep};
 
 /// Factors on the law's gains, smooth to stiff.
 const FACTORS: [f64; 8] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0];
+/// The same without limits, where the point as shipped is a sharper plan yet.
+const FREE_FACTORS: [f64; 8] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0, f64::INFINITY];
 
 /// With which settings an entrant takes part.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Tuning {
     /// Those that it is shipped with.
     Default,
-    /// The law with its gains multiplied.
+    /// The law in the plan's own steps, its gains multiplied.
     Gains(f64),
     /// A way with these settings.
     Way(Box<WaySettings>),
@@ -98,11 +100,13 @@ impl Benchmark<'_> {
 
     fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
         let Driver::Way(kind) = entrant.driver() else {
+            let (factors, shipped) =
+                if arm.limited() { (FACTORS, 1.0) } else { (FREE_FACTORS, f64::INFINITY) };
             let named = |factor: f64| match factor {
-                1.0 => (Tuning::Default, "default".to_owned()),
+                factor if factor == shipped => (Tuning::Default, "default".to_owned()),
                 factor => (Tuning::Gains(factor), format!("gains x {factor}")),
             };
-            return FACTORS.map(named).to_vec();
+            return factors.map(named).to_vec();
         };
         let shipped = way_settings(self.config, arm, kind);
         sweep(kind, &shipped)

@@ -55,13 +55,12 @@ fn settings_of_servo(config: &Config) -> bool {
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
-    settings.servo_ns = 0;
+    settings.mpc.servo_s = 0.0;
     settings.dead_time_ns = match arm {
         ArmKind::Ideal => 0,
         ArmKind::Delayed(delay_s) => (delay_s * 1e9).round() as u64,
         ArmKind::Ur5(arm) => {
-            settings.servo_ns =
-                if settings_of_servo(config) { (arm.look_ahead_s * 1e9).round() as u64 } else { 0 };
+            settings.mpc.servo_s = if settings_of_servo(config) { arm.look_ahead_s } else { 0.0 };
             (arm.group_delay_s() * 1e9).round() as u64
         }
     };
@@ -78,7 +77,7 @@ pub(crate) fn learner_for(
     if !learns.contains(&kind) {
         return Ok(None);
     }
-    let ahead_ns = settings.dead_time_ns.saturating_sub(settings.servo_ns) + settings.response_ns;
+    let ahead_ns = settings.dead_time_ns.saturating_sub(settings.servo_ns()) + settings.response_ns;
     let leads = Leads::of_loop(settings.pen.step_ns, ahead_ns, config.settings().plan_steps());
     Learner::new(LearnerSettings { leads, ..config.learner_settings() }, config.models())
         .map(Some)

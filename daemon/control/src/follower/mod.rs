@@ -12,7 +12,6 @@ mod io;
 mod motion;
 mod plane;
 mod reference;
-mod servo;
 mod settings;
 mod watch;
 
@@ -53,7 +52,7 @@ pub struct Follower<const N: usize, const J: usize> {
 
 /// Leads whose evidence decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
 /// anew in every tick.
-const LEADS_JUDGED: usize = 4;
+const LEADS_JUDGED: usize = 2;
 
 /// What the pen gave in one tick.
 struct PenNews {
@@ -70,14 +69,14 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let steps = settings.preview_steps(N)?;
         let step_ns = settings.pen.step_ns;
-        let aim = if settings.servo_ns > 0 { Aim::GroupDelay } else { Aim::Shift };
+        let aim = if settings.servo_ns() > 0 { Aim::GroupDelay } else { Aim::Shift };
         Ok(Self {
             watch: Watch::new(settings.safety),
             pen: PenTracker::new(settings.pen)?,
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
             preview: Preview::new(step_ns, steps),
             pending_predictor: None,
-            evidence: Box::new(Evidence::new(settings.trust.per_step)),
+            evidence: Box::new(Evidence::new(step_ns as f64 * 1e-9, settings.trust.per_step)),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
             lag: Box::new(LagEstimator::new()),
@@ -313,9 +312,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Believed { report, switched }
     }
 
-    /// How far ahead references lie: the dead time, without what the servo's inverse makes up for, and the plan's response.
+    /// How far ahead references lie: the dead time, without the servo that the plan reckons with, and the plan's response.
     fn ahead_ns(&self) -> u64 {
-        self.dead_time.ns().saturating_sub(self.settings.servo_ns).saturating_add(self.settings.response_ns)
+        self.dead_time.ns().saturating_sub(self.settings.servo_ns()).saturating_add(self.settings.response_ns)
     }
 
     /// What the plan should follow; `None` while the arm is not to follow the pen.

@@ -15,10 +15,14 @@ pub(super) struct Preview {
     /// Steps that there is room for, and those of the newest preview.
     most: usize,
     steps: usize,
+    /// The grid point before entry 0 of `path`.
+    before: [f64; 2],
     /// Entry 0 is the newest closed grid point, entry i the predicted position i steps later.
     path: [[f64; 2]; MAX_PREVIEW + 1],
-    /// The same, moved by what samples newer than entry 0 say, and believed as far as it pays.
+    /// What is followed: the same, moved by what samples newer than entry 0 say, and believed as far as it pays. Entry 0
+    /// is the newest sample then, `origin` steps after the base; 0 where the preview is taken as it is.
     used: [[f64; 2]; MAX_PREVIEW + 1],
+    origin: f64,
     base: Option<Stamp>,
     finite: bool,
     bands: Option<PreviewBands>,
@@ -31,8 +35,10 @@ impl Preview {
             step_ns,
             most: steps.min(MAX_PREVIEW),
             steps: steps.min(MAX_PREVIEW),
+            before: [0.0; 2],
             path: [[0.0; 2]; MAX_PREVIEW + 1],
             used: [[0.0; 2]; MAX_PREVIEW + 1],
+            origin: 0.0,
             base: None,
             finite: true,
             bands: None,
@@ -48,10 +54,13 @@ impl Preview {
             previewer.preview(predicted)
         {
             *first = base_position;
+            let ([x, y], [dx, dy]) =
+                (base_position, previewer.newest().map_or([0.0; 2], |step| step.displacement));
+            self.before = [x - dx, y - dy];
             self.base = Some(Stamp(base_index.saturating_mul(self.step_ns)));
             self.finite = finite;
             self.bands = Some(bands);
-            self.used = self.path;
+            self.raw();
         }
     }
 
@@ -71,28 +80,37 @@ impl Preview {
         let Some(base) = self.base else { return };
         let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
         if !(0.0..1.5).contains(&phase) {
-            self.used = self.path;
+            self.raw();
             return;
         }
-        let [x0, y0] = self.path.first().copied().unwrap_or_default();
-        let [x1, y1] = self.path.get(1).copied().unwrap_or([x0, y0]);
-        let expected = [x0 + phase * (x1 - x0), y0 + phase * (y1 - y0)];
-        let [ex, ey] = evidence.sample(newest.position, phase, expected);
+        let expected = self.expected(phase);
+        evidence.sample(newest.stamp, newest.position, phase, expected);
         if !per_step {
-            self.used = self.path;
+            self.raw();
             return;
         }
-        let [nx, ny] = newest.position;
         let moved = self.used.iter_mut().zip(&self.path).take(self.steps + 1);
-        for (lead, (used, [x, y])) in moved.enumerate().skip(1) {
-            let (gain, share) = (evidence.gain(phase, lead), evidence.share(lead));
-            *used = [nx + share * (x + gain * ex - nx), ny + share * (y + gain * ey - ny)];
+        for (lead, (used, predicted)) in moved.enumerate().skip(1) {
+            *used = evidence.believed(phase, lead, *predicted);
         }
-        // Entry 0 is chosen so that the line to entry 1 passes through the newest sample.
-        let [first, second, ..] = &mut self.used;
-        let [ux, uy] = *second;
-        let part = phase.min(0.9);
-        *first = [(nx - part * ux) / (1.0 - part), (ny - part * uy) / (1.0 - part)];
+        self.used[0] = newest.position;
+        self.origin = phase;
+    }
+
+    fn raw(&mut self) {
+        self.used = self.path;
+        self.origin = 0.0;
+    }
+
+    /// The preview `phase` steps after its base: on the parabola through the point before the base, the base and the first
+    /// predicted point, so that a curve that was foreseen is no news.
+    fn expected(&self, phase: f64) -> [f64; 2] {
+        let [[x0, y0], [x1, y1], ..] = self.path;
+        let [bx, by] = self.before;
+        let along = |before: f64, here: f64, next: f64| {
+            here + phase * (0.5 * (next - before) + phase * (0.5 * (next + before) - here))
+        };
+        [along(bx, x0, x1), along(by, y0, y1)]
     }
 
     /// The predictor's numbers were usable.
@@ -109,9 +127,9 @@ impl Preview {
 
     /// References at `now` + dead time + i·`plan_step_s`, i = 1..N, for the plane's x and y.
     ///
-    /// Position: linear between predicted grid points. Velocity: difference of the positions half a step before and
-    /// after, so that it is continuous as `now` moves on. Acceleration: difference of the velocities half a step before
-    /// and after. Beyond the last predicted point the pen is taken to stand still.
+    /// On cubic pieces through the newest sample and the predicted grid points, with the slopes of their neighbours: a kink
+    /// at every grid point would cost a sharp plan more jerk than the letter does. Beyond the last predicted point the pen is
+    /// taken to stand still.
     pub(super) fn references<const N: usize>(
         &self,
         now: Stamp,
@@ -125,19 +143,13 @@ impl Preview {
         let mut xs = [AxisState::default(); N];
         let mut ys = [AxisState::default(); N];
         for (i, (x, y)) in xs.iter_mut().zip(&mut ys).enumerate() {
-            let s = lead + (i + 1) as f64 * stride;
-            let [x0, y0] = self.at(s - 1.0);
-            let [xa, ya] = self.at(s - 0.5);
-            let [xm, ym] = self.at(s);
-            let [xb, yb] = self.at(s + 0.5);
-            let [x1, y1] = self.at(s + 1.0);
-            let axis = |far_before: f64, before: f64, here: f64, after: f64, far_after: f64| AxisState {
-                position: here,
-                velocity: (after - before) / step_s,
-                acceleration: (far_after - 2.0 * here + far_before) / (step_s * step_s),
+            let [at_x, at_y] = self.at(lead + (i + 1) as f64 * stride);
+            let si = |[position, velocity, acceleration]: [f64; 3]| AxisState {
+                position,
+                velocity: velocity / step_s,
+                acceleration: acceleration / (step_s * step_s),
             };
-            *x = axis(x0, xa, xm, xb, x1);
-            *y = axis(y0, ya, ym, yb, y1);
+            (*x, *y) = (si(at_x), si(at_y));
         }
         Some([xs, ys])
     }
@@ -152,17 +164,54 @@ impl Preview {
         (now.since(base) as f64 + dead_time_ns as f64) / self.step_ns as f64
     }
 
-    /// Position `s` steps after the newest closed grid point, held at both ends.
-    fn at(&self, s: f64) -> [f64; 2] {
-        let last = self.steps as f64;
-        let s = if s > 0.0 { s.min(last) } else { 0.0 };
-        let below = s.floor();
-        let part = s - below;
-        let index = below as usize;
-        let [x0, y0] = self.used.get(index).copied().unwrap_or_default();
-        let [x1, y1] = self.used.get((index + 1).min(self.steps)).copied().unwrap_or([x0, y0]);
-        [x0 + part * (x1 - x0), y0 + part * (y1 - y0)]
+    /// Position [m], velocity [m/step] and acceleration [m/step²] of x and y, `s` steps after the base; at rest at both ends.
+    fn at(&self, s: f64) -> [[f64; 3]; 2] {
+        let point = |index: usize| self.used.get(index.min(self.steps)).copied().unwrap_or_default();
+        let first = self.first();
+        if !(s > self.origin && s < self.steps as f64) {
+            let end = if s > self.origin { self.steps } else { 0 };
+            return point(end).map(|x| [x, 0.0, 0.0]);
+        }
+        let (from, to, begin, length) = if s < first as f64 {
+            (0, first, self.origin, first as f64 - self.origin)
+        } else {
+            let index = s as usize;
+            (index, index + 1, index as f64, 1.0)
+        };
+        let t = (s - begin) / length;
+        let ([x0, y0], [x1, y1]) = (point(from), point(to));
+        let ([mx0, my0], [mx1, my1]) = (self.slope(from), self.slope(to));
+        [hermite([x0, mx0, x1, mx1], t, length), hermite([y0, my0, y1, my1], t, length)]
     }
+
+    /// Index of the first predicted point after the newest sample, and not so close that noise between them would count.
+    fn first(&self) -> usize {
+        (self.origin + 0.1) as usize + 1
+    }
+
+    /// Slope at a point: that of the line between its neighbours; at the ends that to the only neighbour [m/step].
+    fn slope(&self, index: usize) -> [f64; 2] {
+        let first = self.first();
+        let knot = |index: usize| if index < first { (0, self.origin) } else { (index, index as f64) };
+        let (before, after) = (knot(index.max(1) - 1), knot((index + 1).max(first).min(self.steps)));
+        let ((i0, s0), (i1, s1)) = (before, after);
+        let ([x0, y0], [x1, y1]) =
+            (self.used.get(i0).copied().unwrap_or_default(), self.used.get(i1).copied().unwrap_or_default());
+        let span = (s1 - s0).max(0.1);
+        [(x1 - x0) / span, (y1 - y0) / span]
+    }
+}
+
+/// Position, velocity and acceleration at `t` in [0, 1] on the cubic from `x0` with slope `m0` to `x1` with slope `m1`, `length`
+/// steps long.
+fn hermite([x0, m0, x1, m1]: [f64; 4], t: f64, length: f64) -> [f64; 3] {
+    let way = x1 - x0;
+    let (a, b) = (m0 * length - way, way - m1 * length);
+    // x0 + way t + t (1 − t) (a (1 − t) + b t)
+    let bend = a * (1.0 - t) + b * t;
+    let slope = way + (1.0 - 2.0 * t) * bend + t * (1.0 - t) * (b - a);
+    let curve = -2.0 * bend + 2.0 * (1.0 - 2.0 * t) * (b - a);
+    [x0 + way * t + t * (1.0 - t) * bend, slope / length, curve / (length * length)]
 }
 
 #[cfg(test)]

@@ -66,15 +66,13 @@ pub struct FollowerSettings<const J: usize> {
     pub ik: IkSettings<J>,
     /// Solver of the inverse kinematics.
     pub ik_backend: IkBackend,
-    /// Time from command to arm motion, τ, at start [ns].
+    /// Time from command to arm motion, τ, at start [ns]. What of it is the arm's servo (`mpc.servo_s`) the plan reckons with;
+    /// the rest is pure delay.
     pub dead_time_ns: u64,
     /// Whether τ follows the measured lag of the arm afterwards.
     pub following: Following,
     /// Bounds of time and motion.
     pub safety: SafetySettings,
-    /// Part of the dead time that is the arm's servo, a critically damped filter of second order with this group delay [ns]:
-    /// it is made up for by commanding ahead. 0: all of the dead time is pure delay.
-    pub servo_ns: u64,
     /// How much farther ahead than the dead time references lie [ns]: what the plan itself needs to answer.
     pub response_ns: u64,
 }
@@ -156,6 +154,12 @@ impl<const J: usize> FollowerSettings<J> {
     #[must_use]
     pub fn valid_ns(&self) -> u64 {
         u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
+    }
+
+    /// Group delay of the arm's servo, where it is known to be a filter [ns].
+    #[must_use]
+    pub fn servo_ns(&self) -> u64 {
+        (self.mpc.servo_s.max(0.0) * 1e9).round() as u64
     }
 
     /// Steps to roll out for a horizon of `horizon`: N + ⌈(τ + age_max)/Δ⌉ + 1 (control law, section 1).

@@ -3,6 +3,7 @@
 //! The certificate uses only the model's sweeps, bounds and weights, no condensed matrix, so it also judges
 //! those.
 
+use super::behind::Arm;
 use super::cost::{Cost, Weights};
 use super::limits::{Influence, inside};
 use super::model::{Motion, State, rollout};
@@ -24,6 +25,8 @@ pub(super) struct AxisProblem<'a, const N: usize> {
     pub cost: &'a Cost<N>,
     pub bounds: &'a Bounds<4, N>,
     pub start: State,
+    /// The arm, positions counted from the same origin; read where the cost is that of the arm behind a servo.
+    pub arm: Arm<f64>,
     /// (1−α)G_c² x_c + αG_f² g.
     pub pull: Weights<N>,
 }
@@ -33,10 +36,16 @@ impl<const N: usize> AxisProblem<'_, N> {
     /// `None` when anything that enters it is not finite.
     #[inline]
     pub(super) fn linear_term(&self) -> Option<([f64; N], f64)> {
-        let linear = self.cost.gradient(&rollout(&self.start, &[0.0; N]), &self.pull, &[[0.0; N]; 4]);
+        let linear = self.gradient(&rollout(&self.start, &[0.0; N]), &[[0.0; N]; 4]);
         // A sum keeps a NaN, which a maximum drops.
         let size = linear.iter().map(|entry| entry.abs()).sum::<f64>();
         (size < f64::INFINITY).then(|| (linear, 1.0 + largest(&linear)))
+    }
+
+    /// ∇½J at `motion` plus C̃ᵀ `multipliers`.
+    #[inline]
+    pub(super) fn gradient(&self, motion: &Motion<N>, multipliers: &Motion<N>) -> [f64; N] {
+        self.cost.gradient((&self.start, self.arm), motion, &self.pull, multipliers)
     }
 
     /// The optimum by constant gains or by the active set, with its certificate.
@@ -55,7 +64,7 @@ impl<const N: usize> AxisProblem<'_, N> {
             if !inside(&motion, self.bounds) {
                 return self.constrained(set, max_iterations, motion, scale);
             }
-            let gradient = self.cost.gradient(&motion, &self.pull, &[[0.0; N]; 4]);
+            let gradient = self.gradient(&motion, &[[0.0; N]; 4]);
             let kkt_residual = largest(&gradient) / scale;
             if kkt_residual <= REFINE_ABOVE || attempt == REFINEMENTS {
                 let status =
@@ -94,7 +103,7 @@ impl<const N: usize> AxisProblem<'_, N> {
         for attempt in 0..=REFINEMENTS {
             self.pin(&mut jerks, set);
             motion = rollout(&self.start, &jerks);
-            let gradient = self.cost.gradient(&motion, &self.pull, set.multipliers());
+            let gradient = self.gradient(&motion, set.multipliers());
             kkt_residual = self.residual(&motion, set.multipliers(), &gradient, scale);
             if kkt_residual <= REFINE_ABOVE || attempt == REFINEMENTS {
                 break;

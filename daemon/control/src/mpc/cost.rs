@@ -4,6 +4,7 @@
 //! G_c = G_f; it is factored anew only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…) is
 //! one backward sweep, cheaper than a dense N x 3N product.
 
+use super::behind::{Arm, Behind};
 use super::condense::Condensed;
 use super::model::{Motion, State, adjoint};
 use crate::qp::cholesky::{Cholesky, Square};
@@ -50,6 +51,8 @@ const INVERSION: f64 = 1e-4;
 #[derive(Debug, Clone)]
 pub struct Cost<const N: usize> {
     gains: [Gains; 2],
+    /// The errors are those of the arm behind this servo; none: of the command.
+    behind: Option<Behind>,
     /// Squared gains (acceleration, velocity, position) x N, feedback then feedforward.
     feedback: Weights<N>,
     feedforward: Weights<N>,
@@ -69,17 +72,25 @@ pub struct Cost<const N: usize> {
 pub type Weights<const N: usize> = [[f64; N]; 3];
 
 impl<const N: usize> Cost<N> {
-    /// Build the cost at α = 0. `effort` is β > 0 [1/(mm/Δ³)²]. `None` when H is not positive definite to
-    /// working precision at some α.
+    /// Build the cost at α = 0, of the arm behind a servo or of the command itself. `effort` is β > 0 [1/(mm/Δ³)²].
+    /// `None` when H is not positive definite to working precision at some α.
     #[must_use]
-    pub fn new(condensed: &Condensed<N>, feedback: &Gains, feedforward: &Gains, effort: f64) -> Option<Self> {
+    pub fn new(
+        condensed: &Condensed<N>,
+        behind: Option<Behind>,
+        feedback: &Gains,
+        feedforward: &Gains,
+        effort: f64,
+    ) -> Option<Self> {
+        let responses = behind.map_or(condensed.forced, |behind| behind.responses());
         let (weights_feedback, weights_feedforward) = (squared(feedback), squared(feedforward));
         let mut cost = Self {
             gains: [*feedback, *feedforward],
+            behind,
             feedback: weights_feedback,
             feedforward: weights_feedforward,
-            hessian_feedback: hessian(condensed, &weights_feedback),
-            hessian_feedforward: hessian(condensed, &weights_feedforward),
+            hessian_feedback: hessian(&responses, &weights_feedback),
+            hessian_feedforward: hessian(&responses, &weights_feedforward),
             effort,
             constant: feedback == feedforward,
             alpha: f64::NAN,
@@ -230,10 +241,23 @@ impl<const N: usize> Cost<N> {
         (feedback, feedforward)
     }
 
-    /// ∇½J at `motion`, given `pull` = (1−α)G_c² x_c + αG_f² g per quantity and step, plus C̃ᵀ `multipliers`.
+    /// The servo behind which errors count.
+    #[must_use]
+    pub(super) const fn behind(&self) -> Option<&Behind> {
+        self.behind.as_ref()
+    }
+
+    /// ∇½J at `motion` from `start` with the arm at `arm`, given `pull` = (1−α)G_c² x_c + αG_f² g per quantity and step,
+    /// plus C̃ᵀ `multipliers`.
     #[must_use]
     #[inline]
-    pub fn gradient(&self, motion: &Motion<N>, pull: &Weights<N>, multipliers: &Motion<N>) -> [f64; N] {
+    pub(super) fn gradient(
+        &self,
+        (start, arm): (&State, Arm<f64>),
+        motion: &Motion<N>,
+        pull: &Weights<N>,
+        multipliers: &Motion<N>,
+    ) -> [f64; N] {
         let [jerk, states @ ..] = motion;
         let [_, _, weights] = &self.weights;
         let mut force = *multipliers;
@@ -241,10 +265,19 @@ impl<const N: usize> Cost<N> {
         for (to, u) in on_jerk.iter_mut().zip(jerk) {
             *to += self.effort * u;
         }
-        let errors = weights.as_flattened().iter().zip(states.as_flattened()).zip(pull.as_flattened());
-        for (to, ((weight, x), pull)) in on_states.as_flattened_mut().iter_mut().zip(errors) {
-            *to += weight * x - pull;
+        let Some(behind) = &self.behind else {
+            let errors = weights.as_flattened().iter().zip(states.as_flattened()).zip(pull.as_flattened());
+            for (to, ((weight, x), pull)) in on_states.as_flattened_mut().iter_mut().zip(errors) {
+                *to += weight * x - pull;
+            }
+            return adjoint(&force);
+        };
+        let mut seen = behind.along(start, arm, motion);
+        let errors = weights.as_flattened().iter().zip(pull.as_flattened());
+        for (entry, (weight, pull)) in seen.as_flattened_mut().iter_mut().zip(errors) {
+            *entry = weight * *entry - pull;
         }
+        behind.along_transposed(&seen, &mut force);
         adjoint(&force)
     }
 
@@ -274,11 +307,11 @@ fn squared<const N: usize>(gains: &Gains) -> Weights<N> {
     weights
 }
 
-/// B̃ᵀ W B̃.
-fn hessian<const N: usize>(condensed: &Condensed<N>, weights: &Weights<N>) -> Square<N> {
+/// B̃ᵀ W B̃, B̃ per quantity.
+fn hessian<const N: usize>(responses: &[Square<N>; 3], weights: &Weights<N>) -> Square<N> {
     let mut sum = [[0.0; N]; N];
-    // B̃ is stored position first, the weights acceleration first.
-    for (response, weights) in condensed.forced.iter().zip(weights.iter().rev()) {
+    // `responses` are stored position first, the weights acceleration first.
+    for (response, weights) in responses.iter().zip(weights.iter().rev()) {
         for (row, weight) in response.iter().zip(weights) {
             for (to, left) in sum.iter_mut().zip(row) {
                 for (to, right) in to.iter_mut().zip(row) {

@@ -7,6 +7,7 @@
 
 use std::array::from_fn;
 
+use super::behind::Behind;
 use super::cost::{Cost, Weights};
 use super::lanes::{Coefficient, Lanes};
 use super::model::{Scale, State};
@@ -45,7 +46,7 @@ impl<const N: usize> Free<N> {
     pub(super) fn solve(
         &self,
         scale: &Scale,
-        start: &[AxisState; 3],
+        start: (&[AxisState; 3], &[AxisState; 3]),
         conservative: &[AxisState; 3],
         preview: &[[AxisState; N]; 3],
     ) -> FreeOptimum<N> {
@@ -70,6 +71,8 @@ pub(super) struct Blended<C, const N: usize> {
     largest: [Lanes; 3],
     workspace: [Lanes; 2],
     reads_preview: bool,
+    /// The servo behind which errors count; the same for all axes.
+    behind: Option<Behind>,
 }
 
 /// What the three lanes came to.
@@ -107,6 +110,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
             ],
             workspace: [block(&lower, |[.., position]| *position), block(&upper, |[.., position]| *position)],
             reads_preview: false,
+            behind: None,
         }
     }
 
@@ -126,6 +130,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
             }
         }
         self.effort = C::of(costs.map(Cost::effort));
+        self.behind = costs.first().and_then(|cost| cost.behind()).copied();
         self.reads_preview = costs.iter().any(|cost| cost.alpha() > 0.0);
     }
 
@@ -133,7 +138,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
     fn solve(
         &self,
         scale: &Scale,
-        start: &[AxisState; 3],
+        (start, arm): (&[AxisState; 3], &[AxisState; 3]),
         conservative: &[AxisState; 3],
         preview: &[[AxisState; N]; 3],
     ) -> FreeOptimum<N> {
@@ -144,16 +149,34 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         let mut pull = [[Lanes::ZERO; 3]; N];
         self.pull(origin, conservative, preview, &mut pull);
 
+        let begin = Begin {
+            velocity,
+            acceleration,
+            arm: [
+                (Lanes::of(arm.map(|state| state.position)) - origin) * scale.position,
+                Lanes::of(arm.map(|state| state.velocity)) * scale.velocity,
+            ],
+        };
         let mut jerks = [Lanes::ZERO; N];
-        let size = self.unconstrained(velocity, acceleration, &pull, &mut jerks);
-
+        let mut motion = [[Lanes::ZERO; 4]; N];
+        let mut gradient = [Lanes::ZERO; N];
+        roll(&jerks, &begin, &mut motion);
+        self.gradient(&begin, &motion, &pull, &mut gradient);
+        let size = gradient.iter().fold(Lanes::ZERO, |most, q| q.abs().max(most)) + Lanes::of([1.0; 3]);
+        for (jerk, row) in jerks.iter_mut().zip(&self.inverse).take(rolled(N)) {
+            let mut sum = Lanes::ZERO;
+            for (entry, q) in row.iter().zip(&gradient) {
+                sum = sum - entry.times(*q);
+            }
+            *jerk = sum;
+        }
+        roll(&jerks, &begin, &mut motion);
         let [lowest, highest] = self.workspace;
         let origin = origin * scale.position;
-        let mut motion = [[Lanes::ZERO; 4]; N];
-        let inside =
-            self.roll(&jerks, velocity, acceleration, [lowest - origin, highest - origin], &mut motion);
-        let gradient = self.gradient_size(&motion, &pull);
-        let residual = gradient.zip(size, |gradient, size| gradient / size);
+        let inside = self.inside(&motion, [lowest - origin, highest - origin]);
+        self.gradient(&begin, &motion, &pull, &mut gradient);
+        let left = gradient.iter().fold(Lanes::ZERO, |sum, entry| sum + entry.abs());
+        let residual = left.zip(size, |gradient, size| gradient / size);
         FreeOptimum { jerks, start: [Lanes::ZERO, velocity, acceleration], scale: size, residual, inside }
     }
 
@@ -195,55 +218,12 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         }
     }
 
-    /// −H⁻¹ q with q = ∇½J at zero jerk; returns 1 + max |q|.
+    /// Whether each axis keeps its limits along `motion`.
     #[inline(always)]
-    fn unconstrained(
-        &self,
-        velocity: Lanes,
-        acceleration: Lanes,
-        pull: &[[Lanes; 3]; N],
-        jerks: &mut [Lanes; N],
-    ) -> Lanes {
-        let mut largest = Lanes::ZERO;
-        // Without jerk the state at step i is A^i x₀; the sweep runs backwards from step N.
-        let mut sweep = Sweep::default();
-        let mut time = N as f64;
-        let mut linear = [Lanes::ZERO; N];
-        for ((q, weights), pull) in linear.iter_mut().zip(&self.weights).zip(pull).rev().take(rolled(N)) {
-            let v = velocity + acceleration * time;
-            let p = velocity * time + acceleration * (0.5 * time * time);
-            *q = sweep.back(&[acceleration, v, p], weights, pull);
-            largest = q.abs().max(largest);
-            time -= 1.0;
-        }
-        for (jerk, row) in jerks.iter_mut().zip(&self.inverse).take(rolled(N)) {
-            let mut sum = Lanes::ZERO;
-            for (entry, q) in row.iter().zip(&linear) {
-                sum = sum - entry.times(*q);
-            }
-            *jerk = sum;
-        }
-        largest + Lanes::of([1.0; 3])
-    }
-
-    /// The forward sweep; whether each axis keeps its limits.
-    #[inline(always)]
-    fn roll(
-        &self,
-        jerks: &[Lanes; N],
-        mut velocity: Lanes,
-        mut acceleration: Lanes,
-        [lowest, highest]: [Lanes; 2],
-        motion: &mut [[Lanes; 4]; N],
-    ) -> [bool; 3] {
-        let mut position = Lanes::ZERO;
+    fn inside(&self, motion: &[[Lanes; 4]; N], [lowest, highest]: [Lanes; 2]) -> [bool; 3] {
         let mut extremes = [Lanes::ZERO; 3];
         let (mut least, mut most) = (Lanes::of([f64::INFINITY; 3]), Lanes::of([f64::NEG_INFINITY; 3]));
-        for (u, motion) in jerks.iter().zip(motion).take(rolled(N)) {
-            position += velocity + (acceleration * 0.5 + *u * (1.0 / 6.0));
-            velocity += acceleration + *u * 0.5;
-            acceleration += *u;
-            *motion = [*u, acceleration, velocity, position];
+        for [u, acceleration, velocity, position] in motion.iter().take(rolled(N)) {
             let [jerk, accelerated, fast] = &mut extremes;
             *jerk = u.abs().max(*jerk);
             *accelerated = acceleration.abs().max(*accelerated);
@@ -265,16 +245,80 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         inside
     }
 
-    /// Σ |∇½J| at the optimum.
+    /// ∇½J at `motion`.
     #[inline(always)]
-    fn gradient_size(&self, motion: &[[Lanes; 4]; N], pull: &[[Lanes; 3]; N]) -> Lanes {
-        let mut sweep = Sweep::default();
-        let mut sum = Lanes::ZERO;
-        for ((motion, weights), pull) in motion.iter().zip(&self.weights).zip(pull).rev().take(rolled(N)) {
-            let [u, a, v, p] = motion;
-            sum += (sweep.back(&[*a, *v, *p], weights, pull) + self.effort.times(*u)).abs();
+    fn gradient(
+        &self,
+        begin: &Begin,
+        motion: &[[Lanes; 4]; N],
+        pull: &[[Lanes; 3]; N],
+        gradient: &mut [Lanes; N],
+    ) {
+        match &self.behind {
+            None => self.of_command(motion, pull, gradient),
+            Some(behind) => self.of_arm(behind, begin, motion, pull, gradient),
         }
-        sum
+    }
+
+    #[inline(always)]
+    fn of_command(&self, motion: &[[Lanes; 4]; N], pull: &[[Lanes; 3]; N], gradient: &mut [Lanes; N]) {
+        let mut sweep = Sweep::default();
+        let steps = motion.iter().zip(&self.weights).zip(pull).zip(gradient);
+        for (((motion, weights), pull), to) in steps.rev().take(rolled(N)) {
+            let [u, a, v, p] = motion;
+            *to = sweep.back(errors(&[*a, *v, *p], weights, pull)) + self.effort.times(*u);
+        }
+    }
+
+    /// The errors are the arm's: forward through the servo, backward through its transpose.
+    #[inline(always)]
+    fn of_arm(
+        &self,
+        behind: &Behind,
+        begin: &Begin,
+        motion: &[[Lanes; 4]; N],
+        pull: &[[Lanes; 3]; N],
+        gradient: &mut [Lanes; N],
+    ) {
+        let mut forces = [[Lanes::ZERO; 3]; N];
+        let (mut command, mut arm) = ([Lanes::ZERO, begin.velocity, begin.acceleration], begin.arm);
+        let steps = motion.iter().zip(&self.weights).zip(pull).zip(&mut forces);
+        for ((([u, a, v, p], weights), pull), force) in steps.take(rolled(N)) {
+            arm = behind.ahead(arm, command, *u);
+            command = [*p, *v, *a];
+            *force = errors(&behind.seen(arm, *p), weights, pull);
+        }
+        let mut sweep = Sweep::default();
+        let (mut on_arm, mut on_command) = ([Lanes::ZERO; 2], [Lanes::ZERO; 3]);
+        for ((force, [u, ..]), to) in forces.iter().zip(motion).zip(gradient).rev().take(rolled(N)) {
+            let ([on_y, on_w], on_position) = behind.seen_transposed(*force);
+            let ([y, w], [p, v, a]) = (on_arm, on_command);
+            let (before, command, jerk) = behind.ahead_transposed([y + on_y, w + on_w]);
+            *to = sweep.back([a, v, p + on_position]) + jerk + self.effort.times(*u);
+            (on_arm, on_command) = (before, command);
+        }
+    }
+}
+
+/// Where the motion begins; its position is the origin.
+#[derive(Clone, Copy)]
+struct Begin {
+    velocity: Lanes,
+    acceleration: Lanes,
+    /// Position and velocity.
+    arm: [Lanes; 2],
+}
+
+/// The forward sweep: jerk, acceleration, velocity, position per step.
+#[inline(always)]
+fn roll<const N: usize>(jerks: &[Lanes; N], begin: &Begin, motion: &mut [[Lanes; 4]; N]) {
+    let Begin { mut velocity, mut acceleration, .. } = *begin;
+    let mut position = Lanes::ZERO;
+    for (u, motion) in jerks.iter().zip(motion).take(rolled(N)) {
+        position += velocity + (acceleration * 0.5 + *u * (1.0 / 6.0));
+        velocity += acceleration + *u * 0.5;
+        acceleration += *u;
+        *motion = [*u, acceleration, velocity, position];
     }
 }
 
@@ -300,15 +344,21 @@ impl Default for Sweep {
 }
 
 impl Sweep {
-    /// One step back with the force of weighted errors at `state`; Bᵀλ.
+    /// One step back with `force` on the state's acceleration, velocity and position; Bᵀλ.
     #[inline(always)]
-    fn back<C: Coefficient>(&mut self, state: &[Lanes; 3], weights: &[C; 3], pull: &[Lanes; 3]) -> Lanes {
-        let ([a, v, p], [wa, wv, wp], [pa, pv, pp]) = (state, weights, pull);
-        self.a += self.v + (self.p * 0.5 + (wa.times(*a) - *pa));
-        self.v += self.p + (wv.times(*v) - *pv);
-        self.p += wp.times(*p) - *pp;
+    fn back(&mut self, [fa, fv, fp]: [Lanes; 3]) -> Lanes {
+        self.a += self.v + (self.p * 0.5 + fa);
+        self.v += self.p + fv;
+        self.p += fp;
         self.p * (1.0 / 6.0) + (self.v * 0.5 + self.a)
     }
+}
+
+/// Weighted errors of a state: acceleration, velocity, position.
+#[inline(always)]
+fn errors<C: Coefficient>(state: &[Lanes; 3], weights: &[C; 3], pull: &[Lanes; 3]) -> [Lanes; 3] {
+    let ([a, v, p], [wa, wv, wp], [pa, pv, pp]) = (state, weights, pull);
+    [wa.times(*a) - *pa, wv.times(*v) - *pv, wp.times(*p) - *pp]
 }
 
 #[inline(always)]

@@ -1,7 +1,8 @@
 //! Jerk MPC of the writing plane: from the commanded state, the held target and the preview to a [`Plan`].
 //!
 //! Per axis, ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖² over the condensed triple integrator, jerk
-//! hard, acceleration, velocity and position softened by an exact penalty. The axes are independent. The
+//! hard, acceleration, velocity and position softened by an exact penalty. Behind a servo that is a filter, x̃ in the errors is
+//! the arm's motion, and only the limits and the effort are the command's. The axes are independent. The
 //! unconstrained optimum comes from constant gains and *is* the answer if it keeps every limit; else the
 //! exact dual active set; else a status, and the caller falls back. Every answer carries its KKT residual:
 //! stationarity relative to 1 + max|q| + max|z|, rows relative to 1 + |r|, in units of mm and steps.
@@ -13,6 +14,7 @@ pub mod model;
 pub mod condense;
 pub mod cost;
 pub mod limits;
+pub mod behind;
 pub mod settings;
 pub mod plan;
 mod lanes;
@@ -29,10 +31,20 @@ use crate::qp::dual::{Bounds, DualActiveSet};
 use crate::qp::{KKT_TOLERANCE, QpStatus};
 use crate::units::{AxisState, Trust};
 use axis::AxisProblem;
+use behind::Behind;
 use condense::Condensed;
 use cost::Cost;
 use free::{Free, FreeOptimum};
 use model::{Motion, Scale, rollout};
+
+/// Where a plan begins, per axis of the writing plane's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    /// The commanded state.
+    pub command: [AxisState; 3],
+    /// The arm behind its servo; not read if there is none.
+    pub arm: [AxisState; 3],
+}
 
 /// The planner of three axes over `N` steps.
 pub struct Mpc<const N: usize> {
@@ -70,8 +82,9 @@ impl<const N: usize> Mpc<N> {
         settings.validate()?;
         let scale = Scale::new(settings.step_s);
         let condensed = Condensed::<N>::new();
+        let behind = (settings.servo_s > 0.0).then(|| Behind::new(settings.servo_s, settings.step_s));
         let axis = |axis: usize, feedback: &Gains, feedforward: &Gains, limits: &AxisLimits| {
-            let cost = Cost::new(&condensed, feedback, feedforward, settings.effort)
+            let cost = Cost::new(&condensed, behind, feedback, feedforward, settings.effort)
                 .ok_or(MpcError::Singular { axis })?;
             let rows = limits::rows(limits, &scale, &settings.soft_penalty, &cost);
             let clarabel = match settings.backend {
@@ -108,9 +121,25 @@ impl<const N: usize> Mpc<N> {
     /// is not read. `max_iterations`: this tick's budget per axis, on top of the settings' ceiling.
     ///
     /// `plan` is written only if the report is usable; it is left alone otherwise.
+    ///
+    /// Behind a servo the arm is taken to be where the command is; [`Mpc::plan_behind`] is told where it is.
     pub fn plan(
         &mut self,
         start: &[AxisState; 3],
+        conservative: &[AxisState; 3],
+        preview: &[[AxisState; N]; 3],
+        trust: Trust,
+        max_iterations: u32,
+        plan: &mut Plan<N>,
+    ) -> PlanReport {
+        let from = Start { command: *start, arm: *start };
+        self.plan_behind(&from, conservative, preview, trust, max_iterations, plan)
+    }
+
+    /// The same with the arm elsewhere than the command.
+    pub fn plan_behind(
+        &mut self,
+        Start { command: start, arm }: &Start,
         conservative: &[AxisState; 3],
         preview: &[[AxisState; N]; 3],
         trust: Trust,
@@ -123,11 +152,11 @@ impl<const N: usize> Mpc<N> {
             report.axes = [AxisReport::failed(QpStatus::NotConvex, 0); 3];
             return report;
         }
-        let optimum = self.free.solve(&self.scale, start, conservative, preview);
+        let optimum = self.free.solve(&self.scale, (start, arm), conservative, preview);
         let mut jerks = [[0.0; N]; 3];
-        let inputs = start.iter().zip(conservative.iter().zip(preview));
+        let inputs = start.iter().zip(arm).zip(conservative.iter().zip(preview));
         let axes = self.axes.iter_mut().zip(inputs).zip(report.axes.iter_mut().zip(&mut jerks));
-        for (index, ((axis, (start, (held, references))), (report, jerks))) in axes.enumerate() {
+        for (index, ((axis, ((start, arm), (held, references))), (report, jerks))) in axes.enumerate() {
             let kkt_residual = optimum.residual(index);
             let normalised =
                 if axis.clarabel.is_none() && optimum.inside(index) && kkt_residual <= KKT_TOLERANCE {
@@ -135,7 +164,7 @@ impl<const N: usize> Mpc<N> {
                     *report = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
                     optimum.jerks(index)
                 } else {
-                    let inputs = (start, held, references);
+                    let inputs = ([start, arm], held, references);
                     let (normalised, found) =
                         axis.solve(&optimum, index, &self.scale, inputs, cap, &mut self.set);
                     *report = found;
@@ -184,7 +213,7 @@ impl<const N: usize> Mpc<N> {
 
 impl<const N: usize> Axis<N> {
     /// Solve one axis that its lane could not: limits are active, numbers are bad, or Clarabel was asked for.
-    /// `inputs`: start, held target, references. Returns normalised jerks.
+    /// `inputs`: command and arm at the start, held target, references. Returns normalised jerks.
     ///
     /// Not inlined: the usual tick needs none of this code, and finds its own cold in the cache.
     #[inline(never)]
@@ -193,7 +222,7 @@ impl<const N: usize> Axis<N> {
         optimum: &FreeOptimum<N>,
         index: usize,
         scale: &Scale,
-        (start, held, references): (&AxisState, &AxisState, &[AxisState; N]),
+        ([start, arm], held, references): ([&AxisState; 2], &AxisState, &[AxisState; N]),
         max_iterations: u32,
         set: &mut DualActiveSet<4, N, N>,
     ) -> ([f64; N], AxisReport) {
@@ -202,8 +231,10 @@ impl<const N: usize> Axis<N> {
             &scale.normalised(held, start.position),
             references.iter().map(|reference| scale.normalised(reference, start.position)),
         );
+        let [position, velocity, _] = scale.normalised(arm, start.position);
         let start = optimum.start(index);
-        let problem = AxisProblem { cost: &self.cost, bounds: &self.shifted, start, pull };
+        let problem =
+            AxisProblem { cost: &self.cost, bounds: &self.shifted, start, arm: [position, velocity], pull };
         if let Some(qp) = &mut self.clarabel {
             return by_clarabel(&problem, qp);
         }
@@ -274,7 +305,7 @@ fn by_clarabel<const N: usize>(problem: &AxisProblem<'_, N>, qp: &mut SoftRowQp)
             *jerk = jerk.max(*lower).min(*upper);
         }
         let motion = rollout(&problem.start, &jerks);
-        let gradient = problem.cost.gradient(&motion, &problem.pull, &multipliers);
+        let gradient = problem.gradient(&motion, &multipliers);
         report.kkt_residual = problem.residual(&motion, &multipliers, &gradient, scale);
         report.active = problem.count(&multipliers);
         report.path = SolvePath::Clarabel;

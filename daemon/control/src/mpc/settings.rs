@@ -22,6 +22,9 @@ pub use crate::qp::clarabel::ClarabelProfile;
 pub struct MpcSettings {
     /// Grid step Δ [s].
     pub step_s: f64,
+    /// Group delay of the arm's servo, a critically damped filter of second order, behind which errors count [s]; 0: the arm
+    /// is where the command is.
+    pub servo_s: f64,
     /// G_c per axis.
     pub gains_feedback: [Gains; 3],
     /// G_f per axis.
@@ -44,6 +47,12 @@ pub enum MpcError {
     /// Δ out of range.
     #[error("MPC step is {value_s} s, must be within [0.001, 0.1] s")]
     Step {
+        /// As given [s].
+        value_s: f64,
+    },
+    /// The servo's group delay out of range.
+    #[error("MPC servo delay is {value_s} s, must be 0 or within [0.001, 1] s")]
+    Servo {
         /// As given [s].
         value_s: f64,
     },
@@ -144,6 +153,9 @@ impl MpcSettings {
         if !within(self.step_s, 1e-3, 0.1) {
             return Err(MpcError::Step { value_s: self.step_s });
         }
+        if !(self.servo_s == 0.0 || within(self.servo_s, 1e-3, 1.0)) {
+            return Err(MpcError::Servo { value_s: self.servo_s });
+        }
         if !within(self.effort, 1e-9, 1e9) {
             return Err(MpcError::Effort { value: self.effort });
         }
@@ -188,9 +200,9 @@ fn validate_gains(kind: &'static str, axis: usize, gains: &Gains) -> Result<(), 
 
 fn validate_limits(axis: usize, limits: &AxisLimits) -> Result<(), MpcError> {
     for (quantity, value, lowest, highest, unit) in [
-        ("jerk", limits.jerk_mps3, 1.0, 1e5, "m/s³"),
-        ("acceleration", limits.acceleration_mps2, 0.01, 1e3, "m/s²"),
-        ("velocity", limits.velocity_mps, 0.001, 20.0, "m/s"),
+        ("jerk", limits.jerk_mps3, 1.0, 1e8, "m/s³"),
+        ("acceleration", limits.acceleration_mps2, 0.01, 1e6, "m/s²"),
+        ("velocity", limits.velocity_mps, 0.001, 1e3, "m/s"),
     ] {
         if !within(value, lowest, highest) {
             return Err(MpcError::Limit { axis, quantity, value, lowest, highest, unit });

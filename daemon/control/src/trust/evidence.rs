@@ -3,9 +3,9 @@
 //! Contract: fixed size, no allocation, total. Once per closed grid step every waiting preview is compared with where the
 //! pen really is. From that follow, per lead j (steps after the newest grid point of the preview):
 //!
-//! - *innovation gain* G: between two grid points newer samples arrive. With e = newest sample − preview at its instant, the
-//!   preview at lead j moves by G_j e. G is the regression of the preview's error at j on e, learned while the pen moves,
-//!   from a prior. Without it up to a whole step of what is known about the pen would lie idle.
+//! - *correction*: between two grid points newer samples arrive. What they say about the preview at lead j is learned while
+//!   the pen moves, from a prior (`blend`): without it up to a whole step of what is known about the pen would lie idle.
+//!   A preview that is right without is not corrected: what past corrections were worth counts as well.
 //! - *share* w in [0, 1]: trust per step. The regression of the pen's real way since its newest sample on the predicted way:
 //!   a predictor that overshoots at lead 12 is believed there only as far as it pays, and fully at lead 2. The scalar α of
 //!   the paper stays above it.
@@ -14,20 +14,44 @@
 //! Lengths are divided by the running scale (a typical step is about 10), so one bad stretch counts as much as it lasted,
 //! whatever the size of the writing.
 
+use super::blend::{Blend, Terms};
+use super::observer::Observer;
+use crate::units::Stamp;
+
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
 pub const EVIDENCE_LEADS: usize = 24;
-/// Parts of a grid step that have innovation gains of their own: devices sample where they like.
+/// Parts of a grid step that have corrections of their own: devices sample where they like.
 const PHASES: usize = 4;
 /// Factor by which the past loses weight per judged case: about 500 steps of motion.
 const FORGETTING: f64 = 0.998;
 /// Weight of the priors [normalised²]: some ten cases of ordinary motion.
 const PRIOR: f64 = 2000.0;
-/// Weight of the prior gain [normalised²].
-const PRIOR_GAIN: f64 = 300.0;
-/// Errors beyond this [normalised] are leaps, which no preview foresees.
-const LARGEST: f64 = 400.0;
+/// Weight of the prior that corrections are worth what they say [normalised²].
+const PRIOR_WORTH: f64 = 100.0;
+/// Ways and errors beyond this [normalised, per step ahead] are leaps, which no preview foresees.
+const LARGEST_PER_STEP: f64 = 100.0;
+/// Cases of ordinary motion that the record begins with, and the preview's squared error in them relative to Hold's.
+const HEAD_START: f64 = 20.0;
+const HEAD_START_ERROR: f64 = 0.7;
 /// The pen moved less than this [normalised] and was not thought to move: says nothing.
 const REST: f64 = 0.3;
+
+/// What the newest sample says beyond its position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct News {
+    /// Sample − preview at its instant [m].
+    innovation: [f64; 2],
+    /// Velocity [m/step] and acceleration [m/step²] of the pen.
+    velocity: [f64; 2],
+    acceleration: [f64; 2],
+}
+
+impl News {
+    /// The terms of a correction for `left` [m] of predicted way.
+    fn terms(&self, left: [f64; 2]) -> Terms {
+        [left, self.innovation, self.velocity, self.acceleration]
+    }
+}
 
 /// One preview that waits for what it foresaw.
 #[derive(Debug, Clone, Copy)]
@@ -37,8 +61,7 @@ struct Shot {
     /// Newest sample before the next grid point closed [m], and where in the step it lay.
     newest: [f64; 2],
     phase: f64,
-    /// Innovation of that sample [m].
-    innovation: [f64; 2],
+    news: Option<News>,
     /// Displacement before the preview [m]: what constant velocity goes on with.
     velocity: [f64; 2],
     /// Predicted positions [m].
@@ -50,7 +73,7 @@ impl Shot {
         age: 0,
         newest: [0.0; 2],
         phase: 0.0,
-        innovation: [0.0; 2],
+        news: None,
         velocity: [0.0; 2],
         path: [[0.0; 2]; EVIDENCE_LEADS],
     };
@@ -66,6 +89,9 @@ struct Lead {
     /// ⟨real way, predicted way⟩ and ⟨predicted way, predicted way⟩.
     along: f64,
     way: f64,
+    /// ⟨preview's error, correction⟩ and ⟨correction, correction⟩.
+    worth: f64,
+    corrected: f64,
     cases: f64,
 }
 
@@ -85,34 +111,36 @@ pub struct Record {
 /// See the module's description.
 #[derive(Debug, Clone)]
 pub struct Evidence {
-    /// Newest first.
+    /// A ring; `last` is where the newest is, `waiting` how many there are.
     shots: [Shot; EVIDENCE_LEADS],
+    last: usize,
     waiting: usize,
     leads: [Lead; EVIDENCE_LEADS],
-    /// ⟨innovation, preview's error⟩ and ⟨innovation, innovation⟩.
-    gains: [[[f64; 2]; EVIDENCE_LEADS]; PHASES],
-    prior: [[f64; EVIDENCE_LEADS]; PHASES],
-    /// Gains and shares are used; if not, previews are judged as they are.
+    corrections: [[Blend; EVIDENCE_LEADS]; PHASES],
+    observer: Observer,
+    /// Newest sample [m] and what it says.
+    newest: [f64; 2],
+    news: Option<News>,
+    step_s: f64,
+    /// Corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
 }
 
 impl Evidence {
-    /// Nothing seen yet. `per_step`: previews are used, and therefore judged, with gains and shares.
+    /// Nothing seen yet; grid step `step_s` [s]. `per_step`: previews are used, and therefore judged, with corrections and
+    /// shares.
     #[must_use]
-    pub fn new(per_step: bool) -> Self {
-        let mut prior = [[0.0; EVIDENCE_LEADS]; PHASES];
-        for (bucket, row) in prior.iter_mut().enumerate() {
-            let phase = (bucket as f64 + 0.5) / PHASES as f64;
-            for (lead, gain) in (1..).zip(row) {
-                *gain = prior_gain(phase, f64::from(lead));
-            }
-        }
+    pub fn new(step_s: f64, per_step: bool) -> Self {
         Self {
             shots: [Shot::EMPTY; EVIDENCE_LEADS],
+            last: 0,
             waiting: 0,
-            leads: [Lead::default(); EVIDENCE_LEADS],
-            gains: [[[0.0; 2]; EVIDENCE_LEADS]; PHASES],
-            prior,
+            leads: untried(),
+            corrections: fresh(),
+            observer: Observer::NEW,
+            newest: [0.0; 2],
+            news: None,
+            step_s,
             per_step,
         }
     }
@@ -120,13 +148,15 @@ impl Evidence {
     /// Another predictor answers from here on: what was learned about the last one goes.
     pub fn forget(&mut self) {
         self.waiting = 0;
-        self.leads = [Lead::default(); EVIDENCE_LEADS];
-        self.gains = [[[0.0; 2]; EVIDENCE_LEADS]; PHASES];
+        self.leads = untried();
+        self.corrections = fresh();
     }
 
     /// The pen was elsewhere at once: previews that wait foresaw nothing of it.
     pub fn interrupt(&mut self) {
         self.waiting = 0;
+        self.news = None;
+        self.observer.forget();
     }
 
     /// A grid step closed at `position` [m] after ordinary motion: judges every preview that waits. `unit_m`: metres per
@@ -136,28 +166,31 @@ impl Evidence {
             return;
         }
         for index in 0..self.waiting {
-            let Some(shot) = self.shots.get_mut(index) else { break };
+            let at = (self.last + EVIDENCE_LEADS - index) % EVIDENCE_LEADS;
+            let Some(shot) = self.shots.get_mut(at) else { break };
             let age = shot.age;
             shot.age += 1;
             let shot = *shot;
             let Some(predicted) = shot.path.get(age) else { continue };
-            let scaled = |to: [f64; 2], from: [f64; 2]| {
-                let ([to_x, to_y], [x, y]) = (to, from);
-                [(to_x - x) / unit_m, (to_y - y) / unit_m]
-            };
-            let gain = self.gain_at(shot.phase, age);
-            let [ex, ey] = shot.innovation.map(|e| e / unit_m);
-            let [rx, ry] = scaled(position, *predicted);
-            let [yx, yy] = scaled(position, shot.newest);
-            let (corrected_x, corrected_y) = (rx - gain * ex, ry - gain * ey);
-            let (dx, dy) = (yx - corrected_x, yy - corrected_y);
+            let ahead = (age + 1) as f64 - shot.phase;
+            let left = from(*predicted, shot.newest);
+            let terms = shot.news.map(|news| news.terms(left).map(|term| term.map(|v| v / unit_m)));
+            let [ax, ay] = self.correction_at(shot.phase, age, terms.as_ref());
+            let worth = self.worth(age);
+            let (cx, cy) = (worth * ax, worth * ay);
+            let [rx, ry] = from(position, *predicted).map(|v| v / unit_m);
+            let [yx, yy] = from(position, shot.newest).map(|v| v / unit_m);
+            let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
             // What is not a number is not ordinary either.
-            let ordinary = [rx, ry, yx, yy, dx, dy, ex, ey].into_iter().all(|v| v.abs() <= LARGEST);
+            let most = LARGEST_PER_STEP * (ahead + 0.5);
+            let ordinary = [rx, ry, yx, yy, dx, dy]
+                .iter()
+                .chain(terms.iter().flatten().flatten())
+                .all(|v| v.abs() <= most);
             if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
                 continue;
             }
             let share = self.share(age + 1);
-            let ahead = (age + 1) as f64 - shot.phase;
             let [vx, vy] = shot.velocity.map(|v| v / unit_m * ahead);
             let square = |x: f64, y: f64| x * x + y * y;
             if let Some(lead) = self.leads.get_mut(age) {
@@ -165,22 +198,24 @@ impl Evidence {
                 keep(&mut lead.preview, square(yx - share * dx, yy - share * dy));
                 keep(&mut lead.hold, square(yx, yy));
                 // Nobody bounded the velocity; a minimum with a number is a number.
-                keep(&mut lead.steady, square(yx - vx, yy - vy).min(2.0 * LARGEST * LARGEST));
+                keep(&mut lead.steady, square(yx - vx, yy - vy).min(2.0 * most * most));
                 keep(&mut lead.along, yx * dx + yy * dy);
                 keep(&mut lead.way, square(dx, dy));
+                keep(&mut lead.worth, ax * rx + ay * ry);
+                keep(&mut lead.corrected, square(ax, ay));
                 keep(&mut lead.cases, 1.0);
             }
-            if let Some([cross, power]) = bucket_mut(&mut self.gains, shot.phase, age) {
-                *cross = FORGETTING * *cross + ex * rx + ey * ry;
-                *power = FORGETTING * *power + square(ex, ey);
+            let blend = bucket_mut(&mut self.corrections, shot.phase, age);
+            if let (Some(blend), Some(terms)) = (blend, terms) {
+                blend.learn(&terms, [rx, ry], ahead);
             }
         }
     }
 
     /// A new preview: `path` [m] after the grid point at `base` [m], which was reached by `velocity` [m per step].
     pub fn shoot(&mut self, base: [f64; 2], velocity: [f64; 2], path: &[[f64; 2]]) {
-        self.shots.rotate_right(1);
-        let Some(shot) = self.shots.first_mut() else { return };
+        self.last = (self.last + 1) % EVIDENCE_LEADS;
+        let Some(shot) = self.shots.get_mut(self.last) else { return };
         *shot = Shot { newest: base, velocity, ..Shot::EMPTY };
         let mut last = base;
         let mut given = path.iter();
@@ -191,21 +226,33 @@ impl Evidence {
         self.waiting = (self.waiting + 1).min(EVIDENCE_LEADS);
     }
 
-    /// A sample at `position` [m], `phase` of a step after the newest grid point; returns its innovation [m].
-    pub fn sample(&mut self, position: [f64; 2], phase: f64, expected: [f64; 2]) -> [f64; 2] {
-        let ([x, y], [ex, ey]) = (position, expected);
-        let innovation = [x - ex, y - ey];
-        let usable = self.waiting > 0 && phase.is_finite();
-        if let Some(shot) = self.shots.first_mut().filter(|_| usable) {
-            (shot.newest, shot.phase, shot.innovation) = (position, phase.clamp(0.0, 1.0), innovation);
+    /// A sample at `stamp` and `position` [m], `phase` of a step after the newest grid point, where the preview had `expected`.
+    /// The same sample may be told again.
+    pub fn sample(&mut self, stamp: Stamp, position: [f64; 2], phase: f64, expected: [f64; 2]) {
+        self.observer.see(stamp.0 as f64 * 1e-9, position);
+        let [velocity, acceleration] = self.observer.motion();
+        self.newest = position;
+        self.news = Some(News {
+            innovation: from(position, expected),
+            velocity: velocity.map(|v| v * self.step_s),
+            acceleration: acceleration.map(|a| a * self.step_s * self.step_s),
+        });
+        // Previews that are taken as they are know of nothing newer than their base, and neither may their yardsticks.
+        let usable = self.waiting > 0 && phase.is_finite() && self.per_step;
+        if let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) {
+            (shot.newest, shot.phase, shot.news) = (position, phase.clamp(0.0, 1.0), self.news);
         }
-        innovation
     }
 
-    /// G at `lead` ≥ 1 steps for a sample at `phase` of a step.
+    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`.
     #[must_use]
-    pub fn gain(&self, phase: f64, lead: usize) -> f64 {
-        self.gain_at(phase, lead.saturating_sub(1).min(EVIDENCE_LEADS - 1))
+    pub fn believed(&self, phase: f64, lead: usize, predicted: [f64; 2]) -> [f64; 2] {
+        let left = from(predicted, self.newest);
+        let terms = self.news.map(|news| news.terms(left));
+        let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
+        let [cx, cy] = self.correction_at(phase, index, terms.as_ref());
+        let ([lx, ly], [x, y], share, worth) = (left, self.newest, self.share(lead), self.worth(index));
+        [x + share * (lx + worth * cx), y + share * (ly + worth * cy)]
     }
 
     /// w at `lead` ≥ 1 steps.
@@ -233,16 +280,40 @@ impl Evidence {
         record
     }
 
-    fn gain_at(&self, phase: f64, index: usize) -> f64 {
-        if !self.per_step {
-            return 0.0;
-        }
-        let bucket = bucket_of(phase);
-        let prior = self.prior.get(bucket).and_then(|row| row.get(index)).copied().unwrap_or(0.0);
-        let [cross, power] =
-            self.gains.get(bucket).and_then(|row| row.get(index)).copied().unwrap_or_default();
-        ((cross + PRIOR_GAIN * prior) / (power + PRIOR_GAIN)).clamp(0.0, 8.0)
+    /// How much of a correction past ones were worth, in [0, 1]: none to a preview that is right without.
+    fn worth(&self, index: usize) -> f64 {
+        let worth = |lead: &Lead| (lead.worth + PRIOR_WORTH) / (lead.corrected + PRIOR_WORTH);
+        self.leads.get(index).map_or(0.0, |lead| worth(lead).clamp(0.0, 1.0))
     }
+
+    fn correction_at(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
+        let blend = self.corrections.get(bucket_of(phase)).and_then(|row| row.get(index));
+        match (blend, terms) {
+            (Some(blend), Some(terms)) if self.per_step => blend.correction(terms),
+            _ => [0.0; 2],
+        }
+    }
+}
+
+fn fresh() -> [[Blend; EVIDENCE_LEADS]; PHASES] {
+    std::array::from_fn(|bucket| {
+        let phase = (bucket as f64 + 0.5) / PHASES as f64;
+        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase))
+    })
+}
+
+/// Leads before the first case: a few of ordinary motion in which the preview was somewhat better than Hold.
+fn untried() -> [Lead; EVIDENCE_LEADS] {
+    std::array::from_fn(|index| {
+        let way = 10.0 * (index + 1) as f64;
+        let hold = HEAD_START * way * way;
+        Lead { preview: HEAD_START_ERROR * hold, hold, steady: hold, ..Lead::default() }
+    })
+}
+
+fn from(there: [f64; 2], here: [f64; 2]) -> [f64; 2] {
+    let ([tx, ty], [x, y]) = (there, here);
+    [tx - x, ty - y]
 }
 
 fn bucket_of(phase: f64) -> usize {
@@ -250,16 +321,9 @@ fn bucket_of(phase: f64) -> usize {
 }
 
 fn bucket_mut(
-    gains: &mut [[[f64; 2]; EVIDENCE_LEADS]; PHASES],
+    corrections: &mut [[Blend; EVIDENCE_LEADS]; PHASES],
     phase: f64,
     index: usize,
-) -> Option<&mut [f64; 2]> {
-    gains.get_mut(bucket_of(phase))?.get_mut(index)
-}
-
-/// An innovation is mostly a change of velocity that fades over six steps; measured on UNIPEN train writers at half a step.
-fn prior_gain(phase: f64, lead: f64) -> f64 {
-    const FADE: f64 = 6.0;
-    let growth = 0.75 * (2.0 * phase).min(1.0);
-    0.85 + growth * FADE * (1.0 - (-(lead - phase) / FADE).exp())
+) -> Option<&mut Blend> {
+    corrections.get_mut(bucket_of(phase))?.get_mut(index)
 }

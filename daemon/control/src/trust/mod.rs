@@ -5,7 +5,9 @@
 //! reason is always given. In automatic mode past previews have to have been better than standing still, over the leads
 //! that the plan looks at, by a margin that is wider on the way up than on the way down ([`Evidence`] keeps their record).
 
+mod blend;
 mod evidence;
+mod observer;
 
 pub use evidence::{EVIDENCE_LEADS, Evidence, Record};
 
@@ -49,7 +51,7 @@ impl Default for TrustSettings {
             warmup_steps: 5,
             stale_after_ns: 60_000_000,
             auto_ceiling: Trust::FULL,
-            proof_cases: 20,
+            proof_cases: 5,
             per_step: true,
         }
     }

@@ -62,6 +62,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         soft_penalty: SoftPenalty::DEFAULT,
         backend: Backend::Exact,
         max_iterations: 200,
+        servo_s: 0.0,
     };
     FollowerSettings {
         period_ns: PERIOD_NS,
@@ -85,7 +86,6 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         ik_backend: IkBackend::Exact,
         dead_time_ns: 0,
         following: Following::Fixed,
-        servo_ns: 0,
         response_ns: 0,
         safety: SafetySettings {
             valid_periods: 5,

@@ -29,6 +29,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let start = now.max(self.issued);
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
+        self.arm = self.tool;
         self.plan_start = None;
         self.approaching = true;
         self.height = self.plane.lift_height;
@@ -65,6 +66,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             self.plan_start = None;
         }
         self.resynchronise();
+        self.arm = self.tool;
         lost
     }
 }

@@ -10,12 +10,12 @@ use nalgebra::Vector3;
 use super::Budget;
 use super::io::{Health, JointCommand, Rung, Stage, StageClock};
 use super::plane::Plane;
-use super::servo::Servo;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile};
 use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
-use crate::mpc::{AxisReport, Mpc, Plan};
+use crate::mpc::{AxisReport, Mpc, Plan, Start};
 use crate::pen::PenReading;
+use crate::servo::Servo;
 use crate::units::{AxisState, Stamp, Trust};
 
 /// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.
@@ -76,8 +76,9 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     reports: Reports,
     /// Commanded tool state in the plane frame: x₀ of the plan.
     tool: [AxisState; 3],
-    /// What the arm makes of commands, if it is a filter: `tool` is then where the arm gets to.
+    /// What the arm makes of commands, if it is a filter, and where it gets to with them.
     servo: Option<Servo>,
+    arm: [AxisState; 3],
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
@@ -123,7 +124,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             issued: Stamp(0),
             reports: Reports::default(),
             tool: [AxisState::default(); 3],
-            servo: Servo::new(settings.servo_ns),
+            servo: Servo::new(settings.servo_ns()),
+            arm: [AxisState::default(); 3],
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
             approaching: true,
@@ -171,14 +173,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let from = self.commanded_tool();
         let guard_altered = self.publish(reach, qd, health);
         let limited = health.has(Health::IK_LIMITED | Health::GUARD_ALTERED);
-        match (next, self.servo) {
-            (_, Some(servo)) => {
-                if !follows_plan || limited {
-                    health.set(Health::RESYNCHRONISED);
-                }
-                self.trail(&servo, &from);
-            }
-            (Some(next), None) if follows_plan && !limited => self.tool = next,
+        if let Some(servo) = self.servo {
+            self.trail(&servo, &from);
+        }
+        match next {
+            Some(next) if follows_plan && !limited => self.tool = next,
             _ => {
                 health.set(Health::RESYNCHRONISED);
                 self.resynchronise();
@@ -265,8 +264,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> (Option<[AxisState; 3]>, Rung) {
         if !budget.shed {
             let iterations = budget.max_iterations;
+            let from = Start { command: self.tool, arm: self.arm };
             let report =
-                self.mpc.plan(&self.tool, conservative, references, trust, iterations, &mut self.plan);
+                self.mpc.plan_behind(&from, conservative, references, trust, iterations, &mut self.plan);
             self.reports.axes = report.axes;
             if report.usable()
                 && let Some(next) = self.plan.state_at(self.period_s)
@@ -290,10 +290,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Joint velocities that carry the tool from its commanded state to `next` in one period.
     fn joint_velocities(&mut self, next: &[AxisState; 3], health: &mut Health) -> Option<[f64; J]> {
         let held = self.held.as_ref()?;
-        let (here, there): (Vector3<f64>, Vector3<f64>) = match self.servo {
-            None => (self.tool.map(|axis| axis.position).into(), next.map(|axis| axis.position).into()),
-            Some(servo) => (self.commanded_tool(), next.map(|axis| servo.command(&axis)).into()),
-        };
+        let here: Vector3<f64> = self.tool.map(|axis| axis.position).into();
+        let there: Vector3<f64> = next.map(|axis| axis.position).into();
         let target = ToolTarget {
             position: self.plane.point_to_base(&here),
             velocity: self.plane.vector_to_base(&((there - here) / self.period_s)),
@@ -339,7 +337,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Lets the modelled arm follow the command from where it was to where it is.
     fn trail(&mut self, servo: &Servo, from: &Vector3<f64>) {
         let to = self.commanded_tool();
-        for ((axis, from), to) in self.tool.iter_mut().zip(from.iter()).zip(to.iter()) {
+        for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
             *axis = servo.follow(axis, *from, *to, self.period_s);
         }
     }

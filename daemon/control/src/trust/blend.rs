@@ -1,0 +1,196 @@
+//! What newer samples say about a preview: one ridge regression per lead and part of a grid step.
+//!
+//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four things known when the
+//! newest sample came: the way that the preview still has to go, the innovation (newest sample − preview at its instant), and
+//! the pen's velocity and acceleration then ([`super::observer`]). What is more than a regression
+//! needs is shrunk towards a prior, so that a new hand starts with what other hands had. Sums forget.
+
+/// Terms: way left in the preview, innovation, velocity per step, acceleration per step².
+pub(super) const TERMS: usize = 4;
+/// One value of each term, both axes.
+pub(super) type Terms = [[f64; 2]; TERMS];
+
+/// Factor by which the past loses weight per judged case: about 500 steps of motion.
+const FORGETTING: f64 = 0.998;
+/// Squares of the terms in ordinary motion [normalised²], the first per step ahead.
+const ORDINARY: [f64; TERMS] = [100.0, 10.0, 100.0, 15.0];
+/// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead: errors far ahead repeat
+/// themselves from case to case.
+const PRIOR_CASES: f64 = 20.0;
+/// No weight learned is larger.
+const LARGEST: f64 = 8.0;
+/// Least horizon that a row is divided by [steps].
+const SHORTEST: f64 = 0.5;
+
+/// See the module's description.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Blend {
+    prior: [f64; TERMS],
+    /// What the prior weighs.
+    trust: [f64; TERMS],
+    /// Σ terms · termsᵀ and Σ terms · error, rows divided by the horizon.
+    squares: [[f64; TERMS]; TERMS],
+    cross: [f64; TERMS],
+    weights: [f64; TERMS],
+}
+
+impl Blend {
+    /// Nothing seen yet; `ahead` steps from the sample to the lead.
+    pub(super) fn new(ahead: f64) -> Self {
+        let prior = prior(ahead);
+        let horizon = ahead.max(SHORTEST);
+        let cases = PRIOR_CASES * (1.0 + horizon) / (horizon * horizon);
+        let [left, innovation, velocity, acceleration] = ORDINARY.map(|square| cases * square);
+        let trust = [left * horizon * horizon, innovation, velocity, acceleration];
+        Self { prior, trust, squares: [[0.0; TERMS]; TERMS], cross: [0.0; TERMS], weights: prior }
+    }
+
+    /// By how much the preview moves.
+    pub(super) fn correction(&self, terms: &Terms) -> [f64; 2] {
+        let mut sum = [0.0; 2];
+        for (weight, term) in self.weights.iter().zip(terms) {
+            for (sum, term) in sum.iter_mut().zip(term) {
+                *sum += weight * term;
+            }
+        }
+        sum
+    }
+
+    /// One case: the preview missed by `error`, `ahead` steps after the sample. All in normalised units.
+    pub(super) fn learn(&mut self, terms: &Terms, error: [f64; 2], ahead: f64) {
+        let scale = 1.0 / ahead.max(SHORTEST);
+        let scale = scale * scale;
+        for ((row, cross), [x, y]) in self.squares.iter_mut().zip(&mut self.cross).zip(terms) {
+            let [ex, ey] = error;
+            *cross = FORGETTING * *cross + scale * (x * ex + y * ey);
+            for (entry, [u, v]) in row.iter_mut().zip(terms) {
+                *entry = FORGETTING * *entry + scale * (x * u + y * v);
+            }
+        }
+        self.weights = self.solved().unwrap_or(self.prior);
+    }
+
+    /// (Σ + P) w = c + P w₀ by Cholesky's factors; `None` if numbers went wrong.
+    #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
+    fn solved(&self) -> Option<[f64; TERMS]> {
+        let mut factor = self.squares;
+        let mut w = self.cross;
+        for k in 0..TERMS {
+            factor[k][k] += self.trust[k];
+            w[k] += self.trust[k] * self.prior[k];
+        }
+        for k in 0..TERMS {
+            let pivot = factor[k][k];
+            if !(pivot > 0.0 && pivot < f64::INFINITY) {
+                return None;
+            }
+            for i in k + 1..TERMS {
+                let ratio = factor[i][k] / pivot;
+                for j in k..TERMS {
+                    factor[i][j] -= ratio * factor[k][j];
+                }
+                w[i] -= ratio * w[k];
+            }
+        }
+        for k in (0..TERMS).rev() {
+            for j in k + 1..TERMS {
+                w[k] -= factor[k][j] * w[j];
+            }
+            w[k] /= factor[k][k];
+        }
+        let sound = w.iter().all(|w| w.is_finite());
+        sound.then(|| w.map(|w| w.clamp(-LARGEST, LARGEST)))
+    }
+}
+
+/// Weights that fit ten UNIPEN train writers in front of the shipped predictor, samples in the middle of a step, by steps ahead.
+fn prior(ahead: f64) -> [f64; TERMS] {
+    let rising = |most: f64, within: f64| most * (1.0 - (-ahead / within).exp());
+    let middle = (ahead - 2.2) / 2.5;
+    [
+        -0.3 - 0.45 * (-ahead / 1.5).exp(),
+        rising(1.85, 2.6),
+        rising(1.45, 2.0),
+        -0.5 * (-middle * middle).exp(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix4, Vector4};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    fn random(rng: &mut Pcg64, size: f64) -> [f64; 2] {
+        [rng.random_range(-size..size), rng.random_range(-size..size)]
+    }
+
+    /// Terms of ordinary motion and an error that follows `weights` but for noise.
+    fn case(rng: &mut Pcg64, weights: [f64; TERMS], noise: f64) -> (Terms, [f64; 2]) {
+        let terms = [30.0, 4.0, 12.0, 5.0].map(|size| random(rng, size));
+        let mut error = random(rng, noise);
+        for (weight, [x, y]) in weights.iter().zip(&terms) {
+            error[0] += weight * x;
+            error[1] += weight * y;
+        }
+        (terms, error)
+    }
+
+    #[test]
+    fn weights_are_those_of_the_ridge_regression_over_the_same_cases() {
+        let ahead = 3.5;
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut blend = Blend::new(ahead);
+        let scale = 1.0 / (ahead * ahead);
+        let cases = 20.0 * (1.0 + ahead) * scale;
+        let ridge = Vector4::new(100.0 * ahead * ahead, 10.0, 100.0, 15.0) * cases;
+        let prior = Vector4::from(super::prior(ahead));
+        let (mut squares, mut cross) = (Matrix4::zeros(), Vector4::zeros());
+        for _ in 0..700 {
+            let (terms, error) = case(&mut rng, [-0.7, 2.0, 0.3, 0.5], 3.0);
+            blend.learn(&terms, error, ahead);
+            (squares, cross) = (squares * FORGETTING, cross * FORGETTING);
+            for axis in 0..2 {
+                let x = Vector4::from(terms.map(|term| term[axis]));
+                squares += x * x.transpose() * scale;
+                cross += x * (error[axis] * scale);
+            }
+        }
+        let expected =
+            (squares + Matrix4::from_diagonal(&ridge)).lu().solve(&(cross + ridge.component_mul(&prior)));
+        for (got, expected) in blend.weights.iter().zip(expected.unwrap().iter()) {
+            assert!((got - expected).abs() < 1e-9, "{got}, directly {expected}");
+        }
+        assert!(blend.weights.iter().zip(prior.iter()).all(|(got, prior)| (got - prior).abs() > 0.02));
+    }
+
+    #[test]
+    fn a_new_hand_has_what_other_hands_had_and_learns_its_own() {
+        let mut rng = Pcg64::seed_from_u64(6);
+        let mut blend = Blend::new(1.5);
+        assert_eq!(blend.weights, super::prior(1.5));
+        let own = [-0.1, 3.0, 0.2, 0.8];
+        for _ in 0..4000 {
+            let (terms, error) = case(&mut rng, own, 1.0);
+            blend.learn(&terms, error, 1.5);
+        }
+        for ((got, own), prior) in blend.weights.iter().zip(own).zip(super::prior(1.5)) {
+            assert!((got - own).abs() < 0.2 * (prior - own).abs(), "{got}, {own}, once {prior}");
+        }
+    }
+
+    #[test]
+    fn weights_stay_finite_and_bounded_whatever_is_learned() {
+        let mut rng = Pcg64::seed_from_u64(7);
+        for size in [1e-300, 1e-3, 1e3, 1e150] {
+            let mut blend = Blend::new(0.2);
+            for _ in 0..200 {
+                let terms = std::array::from_fn(|_| random(&mut rng, size));
+                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2);
+                assert!(blend.weights.iter().all(|w| w.abs() <= LARGEST), "{size}: {:?}", blend.weights);
+            }
+        }
+    }
+}
