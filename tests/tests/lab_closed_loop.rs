@@ -58,6 +58,7 @@ fn closed_loop_gives_a_table_json_and_pictures() {
             "lag_ms",
             "rms_jerk",
             "saturated_pct",
+            "illegal_pct",
             "worse_than_hold_pct",
         ] {
             assert!(row[key].is_number(), "{key}: {row}");

@@ -217,7 +217,7 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
         let jerk = |label: &str| swept.iter().find(|point| point.label == label).unwrap().rms_jerk;
         // The jerk of a slow arm is the arm's own.
         if row.arm == "ideal" && ["hold", "ours"].contains(&row.predictor.as_str()) {
-            assert!(jerk("gains x 0.1") < 0.7 * jerk("default"), "{swept:#?}");
+            assert!(jerk("gains x 0.05") < 0.7 * jerk("default"), "{swept:#?}");
         }
     }
     let json = serde_json::to_value(&points).unwrap();

@@ -212,7 +212,7 @@ fn print(rows: &[Row]) {
         value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", value * factor))
     };
     say!(
-        "{:<18} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>7} {:>8}",
+        "{:<18} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>9} {:>7} {:>8}",
         "predictor",
         "arm",
         "mse m²",
@@ -224,13 +224,14 @@ fn print(rows: &[Row]) {
         "lag ms",
         "rms jerk",
         "sat %",
+        "illegal %",
         "worse %",
         "worst mm"
     );
     for row in rows {
         let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Entrant::Hold.name());
         say!(
-            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>7} {:>8}",
+            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} {:>7} {:>8}",
             row.predictor,
             row.arm,
             row.mse_m2,
@@ -242,6 +243,7 @@ fn print(rows: &[Row]) {
             row.lag_ms,
             row.rms_jerk,
             row.saturated_pct,
+            row.illegal_pct,
             optional(row.worse_than_hold_pct, 1.0, 2),
             optional(row.worst_beyond_hold_m, 1e3, 2),
         );

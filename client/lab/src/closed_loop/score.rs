@@ -28,6 +28,8 @@ pub struct Score {
     pub rms_jerk: f64,
     /// Ticks in which a motion limit shaped the command.
     pub limited: u32,
+    /// Ticks whose command asks a joint for more than its limits.
+    pub illegal: u32,
     /// All ticks.
     pub ticks: u32,
 }
@@ -52,6 +54,7 @@ impl Score {
             lag_ms: all.lag_ms,
             rms_jerk: motion(&written).rms_jerk_mps3,
             limited: ticks.clone().filter(|tick| tick.limited).count() as u32,
+            illegal: ticks.clone().filter(|tick| tick.illegal).count() as u32,
             ticks: ticks.count() as u32,
         })
     }
@@ -92,6 +95,8 @@ pub struct Row {
     pub rms_jerk: f64,
     /// Ticks in which a motion limit shaped the command [%].
     pub saturated_pct: f64,
+    /// Ticks whose command asks a joint for more velocity or acceleration than its limit [%].
+    pub illegal_pct: f64,
     /// Sequences worse than `hold` by more than 2 % and by more than 0.2 mm RMS [%]; absent without `hold`.
     pub worse_than_hold_pct: Option<f64>,
     /// The sequence that is worst beside `hold`: RMS error above its [m]; absent without `hold`.
@@ -123,7 +128,9 @@ pub fn rows(
             .flat_map(|hold| scores.iter().zip(hold).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))))
     };
     let ticks: u64 = known().map(|score| u64::from(score.ticks)).sum();
-    let limited: u64 = known().map(|score| u64::from(score.limited)).sum();
+    let part = |of: fn(&Score) -> u32| {
+        100.0 * known().map(|score| u64::from(of(score))).sum::<u64>() as f64 / ticks.max(1) as f64
+    };
     let worse = pairs().filter(|(score, hold)| score.worse_than(hold)).count();
     Some(Row {
         predictor: entrant.name().to_owned(),
@@ -135,7 +142,8 @@ pub fn rows(
         max_m: known().map(|score| score.max_m).fold(0.0, f64::max),
         lag_ms: median(known().map(|score| score.lag_ms)),
         rms_jerk: mean(|score| score.rms_jerk * score.rms_jerk).sqrt(),
-        saturated_pct: 100.0 * limited as f64 / ticks.max(1) as f64,
+        saturated_pct: part(|score| score.limited),
+        illegal_pct: part(|score| score.illegal),
         worse_than_hold_pct: hold.map(|_| 100.0 * worse as f64 / count as f64),
         worst_beyond_hold_m: hold
             .map(|_| pairs().map(|(score, hold)| score.rms_beyond(hold)).fold(f64::NEG_INFINITY, f64::max)),

@@ -7,7 +7,7 @@
 
 use foretrace_config::Config;
 use foretrace_control::follower::{FollowerSettings, JointCommand, Plane, Request};
-use foretrace_control::ik::Chain;
+use foretrace_control::ik::{Chain, JointLimits};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
@@ -16,7 +16,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use super::BenchArm;
 use crate::arm::JOINTS;
 use crate::experiments::{
-    AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, feed, settings_for,
+    AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
 };
 use crate::metrics::ToolSample;
 use crate::path::PathSample;
@@ -58,8 +58,11 @@ pub(super) struct WayDesk {
     arm: Arm,
     period_ns: u64,
     now: Stamp,
-    /// Commanded joints [rad].
+    /// Commanded joints [rad] and their velocity [rad/s].
     q: [f64; JOINTS],
+    qd: [f64; JOINTS],
+    /// `None` in front of an arm without any.
+    limits: Option<JointLimits<JOINTS>>,
     /// Commanded tool [m] and its velocity [m/s].
     tool: Option<([f64; 2], [f64; 2])>,
 }
@@ -89,6 +92,8 @@ impl WayDesk {
             period_ns: law.period_ns,
             now: Stamp(EPOCH_NS - EPOCH_NS % law.period_ns),
             q: home,
+            qd: [0.0; JOINTS],
+            limits: arm.limited().then_some(law.limits),
             tool: None,
         })
     }
@@ -105,6 +110,8 @@ impl WayDesk {
         for (qd, before) in qd.iter_mut().zip(before) {
             *qd = (*qd - before) / period_s;
         }
+        let illegal = self.limits.is_some_and(|limits| exceeds(&limits, &self.qd, &qd, period_s));
+        self.qd = qd;
         self.now = self.now + self.period_ns;
         self.arm.obey(&JointCommand { stamp: self.now, valid_until: self.now, q: self.q, qd, enabled: true });
         let (was, velocity) = self.tool.unwrap_or((target.unwrap_or_default(), [0.0; 2]));
@@ -121,6 +128,7 @@ impl WayDesk {
             // Nobody is trusted here.
             alpha: f64::NAN,
             limited: self.arm.clamped() || self.way.limited(),
+            illegal,
         }
     }
 }

@@ -7,7 +7,7 @@ use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, JointCommand, JointReading, NoClock, Plane,
     Refusal, Request, StepInput, StepOutput,
 };
-use foretrace_control::ik::Chain;
+use foretrace_control::ik::{Chain, JointLimits};
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, Oracle};
@@ -45,6 +45,8 @@ pub struct TickTrace {
     pub alpha: f64,
     /// A limit of plan, joints or guard shaped the command.
     pub limited: bool,
+    /// The command asks a joint for more velocity or acceleration than its limit.
+    pub illegal: bool,
 }
 
 /// One run.
@@ -140,6 +142,8 @@ struct LoopDesk<const N: usize> {
     oracle: bool,
     armed: bool,
     now: Stamp,
+    /// Commanded last [rad/s].
+    qd: [f64; JOINTS],
 }
 
 impl<const N: usize> LoopDesk<N> {
@@ -160,6 +164,7 @@ impl<const N: usize> LoopDesk<N> {
             promoted: None,
             oracle: options.oracle,
             armed: false,
+            qd: [0.0; JOINTS],
         })
     }
 
@@ -192,6 +197,16 @@ impl<const N: usize> LoopDesk<N> {
             self.arm.obey(command);
         }
         Ok(output)
+    }
+}
+
+impl<const N: usize> LoopDesk<N> {
+    /// Whether the command asks for more than the joints may do after the one before.
+    fn judge(&mut self, output: &StepOutput<JOINTS>) -> bool {
+        let Some(command) = &output.command else { return false };
+        let settings = self.follower.settings();
+        let before = std::mem::replace(&mut self.qd, command.qd);
+        exceeds(&settings.limits, &before, &command.qd, settings.period_ns as f64 * 1e-9)
     }
 }
 
@@ -230,14 +245,15 @@ impl<const N: usize> Desk for LoopDesk<N> {
             let output = self.tick(&due, request)?;
             let settings = self.follower.settings();
             let tool = self.arm.tool(&settings.chain, &settings.plane);
-            out.record(self.now.seconds_since(begin) + start_s, &tool, &output);
+            let illegal = self.judge(&output);
+            out.record(self.now.seconds_since(begin) + start_s, &tool, &output, illegal);
         }
         Ok(out)
     }
 }
 
 impl ClosedLoop {
-    fn record(&mut self, t_s: f64, tool: &[f64; 2], output: &StepOutput<JOINTS>) {
+    fn record(&mut self, t_s: f64, tool: &[f64; 2], output: &StepOutput<JOINTS>, illegal: bool) {
         let [x_m, y_m] = *tool;
         self.tool.push(ToolSample { t_s, x_m, y_m });
         let [x, y, _] = &output.setpoint;
@@ -249,6 +265,7 @@ impl ClosedLoop {
             alpha: output.trust.alpha.alpha(),
             limited: output.axes.iter().take(2).any(|axis| axis.active.total() > 0)
                 || output.health.has(Health::IK_LIMITED | Health::GUARD_ALTERED),
+            illegal,
         });
     }
 }
@@ -297,6 +314,21 @@ fn recorded_future<const N: usize>(
         [x - x0, y - y0]
     });
     Oracle::new(first_index + 1, steps.collect())
+}
+
+/// A joint is asked for more velocity, or for more acceleration from `before` to `after` [rad/s], than it is allowed.
+pub(crate) fn exceeds(
+    limits: &JointLimits<JOINTS>,
+    before: &[f64; JOINTS],
+    after: &[f64; JOINTS],
+    period_s: f64,
+) -> bool {
+    // What rounding adds is no demand.
+    const ROUNDING: f64 = 1.0 + 1e-6;
+    let allowed = limits.velocity().iter().zip(limits.acceleration());
+    before.iter().zip(after).zip(allowed).any(|((before, after), (velocity, acceleration))| {
+        after.abs() > velocity * ROUNDING || (after - before).abs() > acceleration * period_s * ROUNDING
+    })
 }
 
 /// Either arm, as the loop sees it.

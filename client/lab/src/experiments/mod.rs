@@ -5,7 +5,7 @@ mod fig2;
 mod fig3;
 mod letters;
 
-pub(crate) use closed_loop::{AWAY_NS, Arm, EPOCH_NS, feed};
+pub(crate) use closed_loop::{AWAY_NS, Arm, EPOCH_NS, exceeds, feed};
 pub use closed_loop::{ArmKind, ClosedLoop, Desk, DeskOptions, RunError, TickTrace, desk};
 pub use fig2::{Fig2, Fig2Arm, Fig2Entrant, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};
