@@ -185,7 +185,7 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
         let benchmark = Benchmark {
             config: &config,
             arms: vec![(BenchArm::Ideal, placed)],
-            entrants: vec![Entrant::Hold],
+            entrants: vec![Entrant::HOLD],
         };
         Outcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
     };

@@ -2,7 +2,7 @@
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
-use foretrace_lab::experiments::{Fig2Arm, Fig2Entrant, Fig3, Letter, fig2, fig2_entrant, fig3};
+use foretrace_lab::experiments::{Fig2Arm, Fig3, LawEntrant, Letter, fig2, fig2_entrant, fig3};
 use foretrace_lab::path::Placement;
 use foretrace_lab::writer::text_path;
 
@@ -44,7 +44,7 @@ fn perfect_prediction_beats_ours_and_the_dybm_and_both_beat_feedback() {
 fn every_predictor_has_its_row_and_the_picture_stays_readable() {
     let config = Config::preset("ur5").unwrap();
     let letters = &written()[..2];
-    let figure = fig2(&config, letters, &Fig2Entrant::ALL, || {}).unwrap();
+    let figure = fig2(&config, letters, &LawEntrant::ALL, || {}).unwrap();
     for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
         let rows: Vec<_> = figure.rows.iter().filter(|row| row.arm == arm).collect();
         let mut names: Vec<_> = rows.iter().map(|row| row.name()).collect();
@@ -54,7 +54,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
         assert!(names.contains(&"ours-trust1"), "{names:?}");
         names.sort_unstable();
         names.dedup();
-        assert_eq!(names.len(), Fig2Entrant::ALL.len(), "each name once: {names:?}");
+        assert_eq!(names.len(), LawEntrant::ALL.len(), "each name once: {names:?}");
         for row in rows {
             assert_eq!(fig2_entrant(row.name()), Some(row.entrant));
             assert!(row.mse_m2 > 0.0 && row.letters_mse_m2.len() == letters.len(), "{row:?}");

@@ -74,10 +74,10 @@ section! {
         /// it compares.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
             "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
-        /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this group delay: it is
-        /// made up for by commanding ahead of the planned motion, inside all limits. 0: all of it is taken for pure delay.
+        /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this group delay: the plan
+        /// then brings the arm behind it to the pen, not the command, inside all limits. 0: all of it is taken for pure delay.
         servo_filter_ms: f64 = Between(0.0, 150.0), Default("0.0"), AtStart,
-            "what `foretrace calibrate lag` says; servoj's look-ahead, 30, for a UR";
+            "0 for letters near the arm's limits; for slower motion what `foretrace calibrate lag` says";
         /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow it.
         /// `false`: the dead time stays as configured; the lag is measured and shown all the same.
         follow_lag: bool = Flag, Default("true"), AtStart, "true";

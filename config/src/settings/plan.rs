@@ -96,6 +96,6 @@ section! {
         acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "15.0 for a UR5 near its home; 5.0 near people";
         /// Largest jerk (always kept).
         jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
-            "2000: the acceleration reverses in 15 ms; 400 near people";
+            "4000: the acceleration reverses in 8 ms; 400 near people";
     }
 }

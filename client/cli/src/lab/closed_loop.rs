@@ -184,8 +184,8 @@ fn placed(
 
 fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
     if names.is_empty() {
-        let swept = |entrant: &Entrant| matches!(entrant, Entrant::Hold | Entrant::Ours | Entrant::Today(_));
-        return Ok(Entrant::ALL.into_iter().filter(|entrant| !pareto || swept(entrant)).collect());
+        let swept = |entrant: &Entrant| matches!(*entrant, Entrant::HOLD | Entrant::OURS | Entrant::Today(_));
+        return Ok(Entrant::all().filter(|entrant| !pareto || swept(entrant)).collect());
     }
     let named = |name: &String| {
         Entrant::named(name.trim())
@@ -229,7 +229,7 @@ fn print(rows: &[Row]) {
         "worst mm"
     );
     for row in rows {
-        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Entrant::Hold.name());
+        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Entrant::HOLD.name());
         say!(
             "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} {:>7} {:>8}",
             row.predictor,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use foretrace_control::predict::PredictorKind;
 use foretrace_lab::experiments::{
-    Fig2, Fig2Arm, Fig2Entrant, Fig2Row, Fig3, fig2, fig2_entrant, fig2_names, fig3,
+    Fig2, Fig2Arm, Fig2Row, Fig3, LawEntrant, fig2, fig2_entrant, fig2_names, fig3,
 };
 use foretrace_lab::plot::{Cell, Rampup, letter_grid, trust_ramp};
 use serde_json::{Map, Value, json};
@@ -97,15 +97,15 @@ impl Session {
     }
 
     /// Those that were named; all that the settings have a network for where nobody was.
-    fn entrants(&self, names: &[String]) -> Result<Vec<Fig2Entrant>, Failure> {
-        let has = |entrant: &Fig2Entrant| self.config.models().has(entrant.predictor());
+    fn entrants(&self, names: &[String]) -> Result<Vec<LawEntrant>, Failure> {
+        let has = |entrant: &LawEntrant| self.config.models().has(entrant.predictor());
         if names.is_empty() {
-            if !has(&Fig2Entrant::Believed(PredictorKind::Lstm)) {
+            if !has(&LawEntrant::Believed(PredictorKind::Lstm)) {
                 note!("lab: no network for lstm at this pen.step_ms (predictor.lstm): left out");
             }
-            return Ok(Fig2Entrant::ALL.into_iter().filter(has).collect());
+            return Ok(LawEntrant::ALL.into_iter().filter(has).collect());
         }
-        let mut entrants: Vec<Fig2Entrant> = Vec::new();
+        let mut entrants: Vec<LawEntrant> = Vec::new();
         for name in names {
             let entrant = fig2_entrant(name.trim())
                 .ok_or_else(|| unknown(name.trim(), &fig2_names(), "--predictors"))?;

@@ -1,36 +1,17 @@
 //! Who takes part: predictors in the daemon's control law, and the ways of today.
 
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::trust::TrustRequest;
-use foretrace_control::units::Trust;
 
+use crate::experiments::LawEntrant;
 use crate::today::WayKind;
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entrant {
-    /// Feedback only: trust 0.
-    Hold,
-    /// A predictor believed fully (trust 1, but for the warm-up that nobody can do without).
-    Believed(PredictorKind),
-    /// `ours` with automatic trust: the daemon as it is shipped.
-    Ours,
+    /// The daemon's control law.
+    Law(LawEntrant),
     /// No control law of ours: what people use today.
     Today(WayKind),
-}
-
-/// What makes the arm move.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Driver {
-    /// The daemon's control law.
-    Law {
-        /// Who predicts.
-        predictor: PredictorKind,
-        /// Who decides the trust.
-        trust: TrustRequest,
-    },
-    /// A way of today.
-    Way(WayKind),
 }
 
 /// A name that nobody has.
@@ -44,38 +25,34 @@ pub struct UnknownEntrant {
 }
 
 impl Entrant {
-    /// All, in the order of the table.
-    pub const ALL: [Self; 13] = [
-        Self::Hold,
-        Self::Believed(PredictorKind::ConstantVelocity),
-        Self::Believed(PredictorKind::Dybm),
-        Self::Believed(PredictorKind::DybmEsn),
-        Self::Believed(PredictorKind::Lstm),
-        Self::Believed(PredictorKind::ArRls),
-        Self::Believed(PredictorKind::Ours),
-        Self::Ours,
-        Self::Today(WayKind::ServojGello),
-        Self::Today(WayKind::ServojRos),
-        Self::Today(WayKind::Otg),
-        Self::Today(WayKind::Kalman),
-        Self::Believed(PredictorKind::Oracle),
-    ];
+    /// Feedback only.
+    pub const HOLD: Self = Self::Law(LawEntrant::Hold);
+    /// The daemon as it is shipped.
+    pub const OURS: Self = Self::Law(LawEntrant::Ours);
+
+    /// All, in the order of the table: the law, today's ways, and who knows the future.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::Oracle;
+        let law = LawEntrant::ALL.into_iter();
+        let knowing = law.clone().filter(oracle).map(Self::Law);
+        law.filter(move |law| !oracle(law)).map(Self::Law).chain(WayKind::ALL.map(Self::Today)).chain(knowing)
+    }
 
     /// Name in tables and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Hold => "hold",
-            Self::Ours => "ours",
+            Self::Law(LawEntrant::Hold) => "hold",
+            Self::Law(LawEntrant::Ours) => "ours",
             Self::Today(kind) => kind.name(),
-            Self::Believed(PredictorKind::Hold) => "hold-trust1",
-            Self::Believed(PredictorKind::ConstantVelocity) => "constant-velocity",
-            Self::Believed(PredictorKind::Dybm) => "dybm-online",
-            Self::Believed(PredictorKind::DybmEsn) => "dybm-esn-online",
-            Self::Believed(PredictorKind::Lstm) => "lstm10",
-            Self::Believed(PredictorKind::ArRls) => "ar-rls",
-            Self::Believed(PredictorKind::Ours) => "ours-trust1",
-            Self::Believed(PredictorKind::Oracle) => "oracle",
+            Self::Law(LawEntrant::Believed(PredictorKind::Hold)) => "hold-trust1",
+            Self::Law(LawEntrant::Believed(PredictorKind::ConstantVelocity)) => "constant-velocity",
+            Self::Law(LawEntrant::Believed(PredictorKind::Dybm)) => "dybm-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::DybmEsn)) => "dybm-esn-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::Lstm)) => "lstm10",
+            Self::Law(LawEntrant::Believed(PredictorKind::ArRls)) => "ar-rls",
+            Self::Law(LawEntrant::Believed(PredictorKind::Ours)) => "ours-trust1",
+            Self::Law(LawEntrant::Believed(PredictorKind::Oracle)) => "oracle",
         }
     }
 
@@ -84,21 +61,9 @@ impl Entrant {
     /// # Errors
     /// A name that nobody has.
     pub fn named(name: &str) -> Result<Self, UnknownEntrant> {
-        Self::ALL.into_iter().find(|entrant| entrant.name() == name).ok_or_else(|| UnknownEntrant {
+        Self::all().find(|entrant| entrant.name() == name).ok_or_else(|| UnknownEntrant {
             name: name.to_owned(),
-            known: Self::ALL.iter().map(|entrant| entrant.name()).collect(),
+            known: Self::all().map(Self::name).collect(),
         })
-    }
-
-    /// What makes the arm move.
-    #[must_use]
-    pub const fn driver(self) -> Driver {
-        let (predictor, trust) = match self {
-            Self::Today(kind) => return Driver::Way(kind),
-            Self::Hold => (PredictorKind::Hold, TrustRequest::Manual(Trust::NONE)),
-            Self::Ours => (PredictorKind::Ours, TrustRequest::Auto),
-            Self::Believed(kind) => (kind, TrustRequest::Manual(Trust::FULL)),
-        };
-        Driver::Law { predictor, trust }
     }
 }

@@ -4,7 +4,7 @@ use foretrace_config::Config;
 
 use super::pareto::{Tuning, scale_gains};
 use super::way::{WayDesk, way_settings};
-use super::{BenchArm, Driver, Entrant, Hand, Row, Score, rows};
+use super::{BenchArm, Entrant, Hand, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
@@ -169,9 +169,9 @@ impl Benchmark<'_> {
     fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
         let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
         let arm = job.arm.kind(self.config);
-        let (kind, trust) = match job.entrant.driver() {
-            Driver::Law { predictor, trust } => (predictor, trust),
-            Driver::Way(kind) => {
+        let (kind, trust) = match job.entrant {
+            Entrant::Law(law) => (law.predictor(), law.trust()),
+            Entrant::Today(kind) => {
                 let law = settings_for(self.config, arm, PredictorKind::Hold);
                 let settings = match job.tuning {
                     Tuning::Way(settings) => **settings,
@@ -200,7 +200,7 @@ impl Outcome {
     /// The table: one row per outcome with anything scored, compared with `hold` in front of the same arm.
     #[must_use]
     pub fn table(outcomes: &[Self]) -> Vec<Row> {
-        let hold = |arm| outcomes.iter().find(|o| o.entrant == Entrant::Hold && o.arm == arm);
+        let hold = |arm| outcomes.iter().find(|o| o.entrant == Entrant::HOLD && o.arm == arm);
         outcomes
             .iter()
             .filter_map(|o| rows(o.entrant, o.arm, &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice())))

@@ -16,7 +16,7 @@ mod sequences;
 mod way;
 
 pub use arm::BenchArm;
-pub use entrant::{Driver, Entrant, UnknownEntrant};
+pub use entrant::{Entrant, UnknownEntrant};
 pub use job::{BenchError, Benchmark, Outcome};
 pub use pareto::ParetoPoint;
 pub use score::{Row, Score, rows};

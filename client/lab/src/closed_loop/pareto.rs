@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::job::Task;
 use super::way::way_settings;
-use super::{BenchArm, BenchError, Benchmark, Driver, Entrant, rows};
+use super::{BenchArm, BenchError, Benchmark, Entrant, rows};
 use crate::today::{WaySettings, sweep};
 
 /// Factors on the law's gains, smooth to stiff.
@@ -99,7 +99,7 @@ impl Benchmark<'_> {
     }
 
     fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
-        let Driver::Way(kind) = entrant.driver() else {
+        let Entrant::Today(kind) = entrant else {
             let (factors, shipped) =
                 if arm.limited() { (FACTORS, 1.0) } else { (FREE_FACTORS, f64::INFINITY) };
             let named = |factor: f64| match factor {

@@ -6,11 +6,9 @@
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::trust::TrustRequest;
-use foretrace_control::units::Trust;
 
 use super::closed_loop::{ArmKind, DeskOptions, RunError, desk};
-use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
+use super::{ExperimentError, LawEntrant, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
 use crate::metrics::{ToolSample, tracking};
 use crate::parallel;
 
@@ -23,55 +21,11 @@ pub enum Fig2Arm {
     Ur5,
 }
 
-/// Who predicts, and who decides the trust in it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fig2Entrant {
-    /// Feedback only: trust 0.
-    Hold,
-    /// A predictor with trust 1.
-    Believed(PredictorKind),
-    /// `ours` with automatic trust: the daemon as it is shipped.
-    Ours,
-}
-
-impl Fig2Entrant {
-    /// All, in the order of the figure.
-    pub const ALL: [Self; 9] = [
-        Self::Hold,
-        Self::Believed(PredictorKind::ConstantVelocity),
-        Self::Believed(PredictorKind::Dybm),
-        Self::Believed(PredictorKind::DybmEsn),
-        Self::Believed(PredictorKind::Lstm),
-        Self::Believed(PredictorKind::ArRls),
-        Self::Believed(PredictorKind::Ours),
-        Self::Ours,
-        Self::Believed(PredictorKind::Oracle),
-    ];
-
-    /// Who predicts.
-    #[must_use]
-    pub const fn predictor(self) -> PredictorKind {
-        match self {
-            Self::Hold => PredictorKind::Hold,
-            Self::Believed(kind) => kind,
-            Self::Ours => PredictorKind::Ours,
-        }
-    }
-
-    const fn trust(self) -> TrustRequest {
-        match self {
-            Self::Hold => TrustRequest::Manual(Trust::NONE),
-            Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
-            Self::Ours => TrustRequest::Auto,
-        }
-    }
-}
-
 /// One predictor in front of one arm, over all letters.
 #[derive(Debug, Clone)]
 pub struct Fig2Row {
     /// Who predicts, and who decides the trust in it.
-    pub entrant: Fig2Entrant,
+    pub entrant: LawEntrant,
     /// The arm.
     pub arm: Fig2Arm,
     /// Mean over letters of the mean squared 2-D error [m²].
@@ -108,35 +62,35 @@ impl Fig2Row {
 }
 
 /// The predictor's own name; `ours` is the one with automatic trust, as shipped.
-const fn name(entrant: Fig2Entrant) -> &'static str {
+const fn name(entrant: LawEntrant) -> &'static str {
     match entrant {
-        Fig2Entrant::Believed(PredictorKind::Ours) => "ours-trust1",
+        LawEntrant::Believed(PredictorKind::Ours) => "ours-trust1",
         other => other.predictor().name(),
     }
 }
 
 /// The entrant of the figure with that name.
 #[must_use]
-pub fn fig2_entrant(wanted: &str) -> Option<Fig2Entrant> {
-    Fig2Entrant::ALL.into_iter().find(|entrant| name(*entrant) == wanted)
+pub fn fig2_entrant(wanted: &str) -> Option<LawEntrant> {
+    LawEntrant::ALL.into_iter().find(|entrant| name(*entrant) == wanted)
 }
 
 /// Names of all entrants, for a message.
 #[must_use]
 pub fn fig2_names() -> String {
-    Fig2Entrant::ALL.map(name).join(", ")
+    LawEntrant::ALL.map(name).join(", ")
 }
 
 /// So many fit the picture.
 const PICTURED: usize = 5;
 
 /// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and ours as shipped.
-fn pictured(entrant: Fig2Entrant, entrants: &[Fig2Entrant]) -> bool {
+fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
     use PredictorKind::{ConstantVelocity, Dybm, Oracle};
     entrants.len() <= PICTURED
         || match entrant {
-            Fig2Entrant::Hold | Fig2Entrant::Ours => true,
-            Fig2Entrant::Believed(kind) => matches!(kind, ConstantVelocity | Dybm | Oracle),
+            LawEntrant::Hold | LawEntrant::Ours => true,
+            LawEntrant::Believed(kind) => matches!(kind, ConstantVelocity | Dybm | Oracle),
         }
 }
 
@@ -146,14 +100,14 @@ fn pictured(entrant: Fig2Entrant, entrants: &[Fig2Entrant]) -> bool {
 pub fn fig2(
     config: &Config,
     letters: &[Letter],
-    entrants: &[Fig2Entrant],
+    entrants: &[LawEntrant],
     done: impl FnMut(),
 ) -> Result<Fig2, ExperimentError> {
     let jobs: Vec<_> = [Fig2Arm::Ideal, Fig2Arm::Ur5]
         .into_iter()
         .flat_map(|arm| entrants.iter().map(move |entrant| (arm, *entrant)))
         .collect();
-    let write = |(arm, entrant): &(Fig2Arm, Fig2Entrant)| {
+    let write = |(arm, entrant): &(Fig2Arm, LawEntrant)| {
         row(config, letters, *arm, *entrant, pictured(*entrant, entrants))
     };
     let finished = parallel::map(&jobs, write, done);
@@ -166,7 +120,7 @@ pub fn fig2(
     }
     let of_dybm = rows
         .iter()
-        .find(|row| row.entrant == Fig2Entrant::Believed(PredictorKind::Dybm))
+        .find(|row| row.entrant == LawEntrant::Believed(PredictorKind::Dybm))
         .or(rows.first())
         .ok_or(ExperimentError::Nothing)?;
     let distance = |mse: &f64| if mse.is_nan() { f64::INFINITY } else { (mse - of_dybm.median_mse_m2).abs() };
@@ -185,7 +139,7 @@ fn row(
     config: &Config,
     letters: &[Letter],
     arm: Fig2Arm,
-    entrant: Fig2Entrant,
+    entrant: LawEntrant,
     kept: bool,
 ) -> Result<(Fig2Row, Vec<Vec<ToolSample>>), ExperimentError> {
     let predictor = entrant.predictor();

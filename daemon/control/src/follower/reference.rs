@@ -23,6 +23,8 @@ pub(super) struct Preview {
     /// is the newest sample then, `origin` steps after the base; 0 where the preview is taken as it is.
     used: [[f64; 2]; MAX_PREVIEW + 1],
     origin: f64,
+    /// The sample that `used` is up to date with, and whether it was believed per step.
+    corrected: Option<(Stamp, bool)>,
     base: Option<Stamp>,
     finite: bool,
     bands: Option<PreviewBands>,
@@ -39,6 +41,7 @@ impl Preview {
             path: [[0.0; 2]; MAX_PREVIEW + 1],
             used: [[0.0; 2]; MAX_PREVIEW + 1],
             origin: 0.0,
+            corrected: None,
             base: None,
             finite: true,
             bands: None,
@@ -61,6 +64,7 @@ impl Preview {
             self.finite = finite;
             self.bands = Some(bands);
             self.raw();
+            self.corrected = None;
         }
     }
 
@@ -78,6 +82,11 @@ impl Preview {
     /// Moves the preview by what `newest` says and shortens it to the shares that `evidence` justifies, if `per_step`.
     pub(super) fn correct(&mut self, newest: &PenReading, evidence: &mut Evidence, per_step: bool) {
         let Some(base) = self.base else { return };
+        let seen = Some((newest.stamp, per_step));
+        if self.corrected == seen {
+            return;
+        }
+        self.corrected = seen;
         let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
         if !(0.0..1.5).contains(&phase) {
             self.raw();

@@ -50,7 +50,7 @@ pub(super) fn letters(
 ) -> Result<(), Failure> {
     for (arm, hands) in &benchmark.arms {
         let of = |entrant| outcomes.iter().find(|outcome| outcome.arm == *arm && outcome.entrant == entrant);
-        let (Some(ours), Some(hold)) = (of(Entrant::Ours), of(Entrant::Hold)) else { continue };
+        let (Some(ours), Some(hold)) = (of(Entrant::OURS), of(Entrant::HOLD)) else { continue };
         let places: Vec<(&Hand, usize)> =
             hands.iter().flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index))).collect();
         let scored = places.iter().zip(&ours.scores).zip(&hold.scores);
@@ -61,7 +61,7 @@ pub(super) fn letters(
         let Some(last) = ranked.len().checked_sub(1) else { continue };
         let chosen = [("best", 0), ("median", last / 2), ("worst", last)];
         let mut shown = Vec::new();
-        for entrant in [Entrant::Ours, Entrant::Hold] {
+        for entrant in [Entrant::OURS, Entrant::HOLD] {
             for (name, rank) in chosen {
                 let Some(((hand, index), ours, hold)) = ranked.get(rank) else { continue };
                 let Some(sequence) = hand.sequences.get(*index) else { continue };
@@ -70,7 +70,7 @@ pub(super) fn letters(
                 let (Some(run), Some((first, end))) = (run, ends) else { continue };
                 let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
                 let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
-                let mm = rms_mm(if entrant == Entrant::Ours { ours } else { hold });
+                let mm = rms_mm(if entrant == Entrant::OURS { ours } else { hold });
                 let label = format!("{name} {:?}, {}: {mm:.2} mm", sequence.label, entrant.name());
                 shown.push((label, &sequence.path.samples, tool));
             }

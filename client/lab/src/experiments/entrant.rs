@@ -1,0 +1,51 @@
+//! Who takes part in closed loop with the daemon's own control law.
+
+use foretrace_control::predict::PredictorKind;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
+
+/// Who predicts, and who decides the trust in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LawEntrant {
+    /// Feedback only: trust 0.
+    Hold,
+    /// A predictor with trust 1.
+    Believed(PredictorKind),
+    /// `ours` with automatic trust: the daemon as it is shipped.
+    Ours,
+}
+
+impl LawEntrant {
+    /// All, in the order of figures and tables.
+    pub const ALL: [Self; 9] = [
+        Self::Hold,
+        Self::Believed(PredictorKind::ConstantVelocity),
+        Self::Believed(PredictorKind::Dybm),
+        Self::Believed(PredictorKind::DybmEsn),
+        Self::Believed(PredictorKind::Lstm),
+        Self::Believed(PredictorKind::ArRls),
+        Self::Believed(PredictorKind::Ours),
+        Self::Ours,
+        Self::Believed(PredictorKind::Oracle),
+    ];
+
+    /// Who predicts.
+    #[must_use]
+    pub const fn predictor(self) -> PredictorKind {
+        match self {
+            Self::Hold => PredictorKind::Hold,
+            Self::Believed(kind) => kind,
+            Self::Ours => PredictorKind::Ours,
+        }
+    }
+
+    /// Who decides the trust in it.
+    #[must_use]
+    pub const fn trust(self) -> TrustRequest {
+        match self {
+            Self::Hold => TrustRequest::Manual(Trust::NONE),
+            Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
+            Self::Ours => TrustRequest::Auto,
+        }
+    }
+}
