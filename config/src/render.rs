@@ -55,7 +55,7 @@ impl Config {
         };
         format!(
             "{}: ok\n  {} keys from the file, {} from the preset, {} by default\n  \
-             loop {} Hz, step {} ms, horizon {} steps ({} ms ahead), predictor {}, trust {}\n  \
+             loop {} Hz, pen step {} ms, plan of {} steps of {} ms, predictor {}, trust {}\n  \
              robot {}, dead time {} ms",
             self.name(),
             count(|place| matches!(place, Place::File { .. } | Place::Override)),
@@ -64,7 +64,7 @@ impl Config {
             s.control_loop.rate_hz,
             s.pen.step_ms,
             s.mpc.horizon,
-            s.mpc.horizon * s.pen.step_ms,
+            s.plan_step_s() * 1e3,
             s.predictor.kind.word(),
             s.trust.mode.word(),
             s.robot.urdf,

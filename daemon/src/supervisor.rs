@@ -107,11 +107,11 @@ impl Daemon {
     fn greet(&self, instance: &Instance) {
         let settings = self.config.settings();
         info!(
-            "ready: instance {}, {} Hz, horizon {} x {} ms, predictor {}, settings {} (attach with --instance {})",
+            "ready: instance {}, {} Hz, plan {} x {} ms, predictor {}, settings {} (attach with --instance {})",
             instance.number(),
             settings.control_loop.rate_hz,
             settings.mpc.horizon,
-            settings.pen.step_ms,
+            settings.plan_step_s() * 1e3,
             settings.predictor.kind.kind().name(),
             self.config.name(),
             instance.number(),

@@ -114,11 +114,16 @@ fn the_servo_of_a_way_counts_on_the_ur5_and_changes_nothing_on_the_slow_arm() {
 #[test]
 fn hold_is_never_worse_than_itself_and_rows_say_everything() {
     let config = config();
-    let benchmark = benchmark(&config, &[BenchArm::Ur5], &["hold", "ours", "otg", "oracle"]);
+    let benchmark = benchmark(&config, &[BenchArm::Ur5], &["hold", "ours", "servoj-ros", "oracle"]);
     let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
     let hold = find(&rows, BenchArm::Ur5, "hold");
     assert_eq!((hold.worse_than_hold_pct, hold.worst_beyond_hold_m), (Some(0.0), Some(0.0)));
     assert!(find(&rows, BenchArm::Ur5, "oracle").mse_m2 < 0.3 * hold.mse_m2);
+    // The law's commands keep the joints' limits; a stream that jumps with every sample does not.
+    for law in ["hold", "ours", "oracle"] {
+        assert_eq!(find(&rows, BenchArm::Ur5, law).illegal_pct, 0.0, "{law}");
+    }
+    assert!(find(&rows, BenchArm::Ur5, "servoj-ros").illegal_pct > 5.0);
     for row in &rows {
         assert_eq!(row.sequences, 3);
         let json = serde_json::to_value(row).unwrap();
@@ -131,6 +136,7 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
             "lag_ms",
             "rms_jerk",
             "saturated_pct",
+            "illegal_pct",
             "worse_than_hold_pct",
         ] {
             assert!(json[key].is_number(), "{key}: {json}");
