@@ -7,8 +7,10 @@
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
 
-use super::closed_loop::{ArmKind, DeskOptions, RunError, desk};
-use super::{ExperimentError, LawEntrant, Letter, WAIT_S, learner_for, median, settings_for, ur5_at};
+use super::closed_loop::{DeskOptions, RunError, desk};
+use super::{
+    ArmKind, ExperimentError, LawEntrant, Letter, WAIT_S, learner_for, median, settings_for, ur5_at,
+};
 use crate::metrics::{ToolSample, tracking};
 use crate::parallel;
 

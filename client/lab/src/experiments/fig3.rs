@@ -7,9 +7,9 @@ use foretrace_config::Config;
 use foretrace_control::follower::Request;
 use foretrace_control::predict::PredictorKind;
 
-use super::closed_loop::{ArmKind, ClosedLoop, DeskOptions, desk};
+use super::closed_loop::{ClosedLoop, DeskOptions, desk};
 use super::fig2::failed;
-use super::{ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
+use super::{ArmKind, ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
 use crate::metrics::{ToolSample, error_series};
 
 /// First and last grid step of the ramp, counted from the letter's first sample.

@@ -1,13 +1,16 @@
 //! Closed-loop experiments through the daemon's own control law: the paper's figures 2 and 3.
 
 mod closed_loop;
+mod desk_arm;
 mod entrant;
 mod fig2;
 mod fig3;
 mod letters;
 
-pub(crate) use closed_loop::{AWAY_NS, Arm, EPOCH_NS, exceeds, feed};
-pub use closed_loop::{ArmKind, ClosedLoop, Desk, DeskOptions, RunError, TickTrace, desk};
+pub(crate) use closed_loop::{AWAY_NS, EPOCH_NS, feed};
+pub use closed_loop::{ClosedLoop, Desk, DeskOptions, RunError, TickTrace, desk};
+pub use desk_arm::ArmKind;
+pub(crate) use desk_arm::{Arm, exceeds};
 pub use entrant::LawEntrant;
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};

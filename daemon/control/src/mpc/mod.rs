@@ -18,6 +18,7 @@ pub mod behind;
 pub mod settings;
 pub mod plan;
 mod lanes;
+mod sweeps;
 mod free;
 mod axis;
 
