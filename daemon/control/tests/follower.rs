@@ -64,6 +64,23 @@ fn the_first_command_is_where_the_arm_stands() {
 }
 
 #[test]
+fn every_arming_begins_a_stream_of_its_own() {
+    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    for _ in 0..3 {
+        let pen = bench.pen([0.0, 0.0]);
+        let armed = bench.tick_with(&[pen], Some(Request::Arm), Budget::default());
+        assert_eq!(armed.answer, Some(Ok(())));
+        assert!(armed.command.is_some() && armed.health.has(Health::RESYNCHRONISED));
+        let after = bench.tick(&[pen]);
+        assert!(!after.health.has(Health::RESYNCHRONISED));
+        bench.tick_with(&[], Some(Request::Disarm), Budget::default());
+        for _ in 0..500 {
+            bench.tick(&[]);
+        }
+    }
+}
+
+#[test]
 fn prediction_beats_feedback_and_the_oracle_beats_both() {
     let mut rms = Vec::new();
     for kind in [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm] {

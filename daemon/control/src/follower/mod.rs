@@ -134,6 +134,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
+        if let (Some(Request::Arm), Some(Ok(()))) = (input.request, answer) {
+            // Another stream begins where the arm stands: nobody is to compare it with the end of the last one.
+            health.set(Health::RESYNCHRONISED);
+        }
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);
         let pen_age = self.pen.age_ns(now);
