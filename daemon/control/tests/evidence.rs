@@ -184,6 +184,23 @@ fn leap_counts_nothing() {
 }
 
 #[test]
+fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen_it() {
+    let path = smooth(600);
+    let mut evidence = Evidence::new(STEP_S, true);
+    live(&mut evidence, &path, Preview::Steady, Some(0.5), 1);
+    let [x, y] = path[599];
+    let leapt = [x + 0.05, y - 0.03];
+    evidence.sample(at(599.5), leapt, 0.5, [x, y]);
+    for lead in 1..=EVIDENCE_LEADS {
+        assert_eq!(evidence.believed(0.5, lead, [x + 0.001, y]), leapt);
+    }
+    // A step that a pen can make is news like any other.
+    evidence.interrupt();
+    evidence.sample(at(600.5), [x + 0.001, y], 0.5, [x, y]);
+    assert!(evidence.believed(0.5, 2, [x, y]) != [x + 0.001, y]);
+}
+
+#[test]
 fn steps_that_close_together_are_told_apart() {
     // A preview that is right is right at every lead only if each step is compared with the lead that meant it.
     for batch in [2, 3, 7] {

@@ -18,7 +18,7 @@ const ORDINARY: [f64; TERMS] = [100.0, 10.0, 100.0, 15.0];
 /// themselves from case to case.
 const PRIOR_CASES: f64 = 20.0;
 /// No weight learned is larger.
-const LARGEST: f64 = 8.0;
+const LARGEST: f64 = 4.0;
 /// Least horizon that a row is divided by [steps].
 const SHORTEST: f64 = 0.5;
 

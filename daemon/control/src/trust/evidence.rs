@@ -30,6 +30,8 @@ const PRIOR: f64 = 2000.0;
 const PRIOR_WORTH: f64 = 100.0;
 /// Ways and errors beyond this [normalised, per step ahead] are leaps, which no preview foresees.
 const LARGEST_PER_STEP: f64 = 100.0;
+/// News beyond this [normalised] tells of a leap, and nothing of where the pen goes next.
+const LARGEST_NEWS: f64 = 150.0;
 /// Cases of ordinary motion that the record begins with, and the preview's squared error in them relative to Hold's.
 const HEAD_START: f64 = 20.0;
 const HEAD_START_ERROR: f64 = 0.7;
@@ -47,6 +49,12 @@ struct News {
 }
 
 impl News {
+    /// Neither a leap nor what a filter makes of one, nor no number; `unit_m`: metres per normalised unit.
+    fn is_ordinary(&self, unit_m: f64) -> bool {
+        let said = self.innovation.iter().chain(&self.velocity).chain(&self.acceleration);
+        said.into_iter().all(|v| v.abs() <= LARGEST_NEWS * unit_m)
+    }
+
     /// The terms of a correction for `left` [m] of predicted way.
     fn terms(&self, left: [f64; 2]) -> Terms {
         [left, self.innovation, self.velocity, self.acceleration]
@@ -121,6 +129,8 @@ pub struct Evidence {
     /// Newest sample [m] and what it says.
     newest: [f64; 2],
     news: Option<News>,
+    /// Metres per normalised unit, the newest that was told; 0 before.
+    unit_m: f64,
     step_s: f64,
     /// Corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
@@ -140,6 +150,7 @@ impl Evidence {
             observer: Observer::NEW,
             newest: [0.0; 2],
             news: None,
+            unit_m: 0.0,
             step_s,
             per_step,
         }
@@ -165,6 +176,7 @@ impl Evidence {
         if !(unit_m > 0.0) {
             return;
         }
+        self.unit_m = unit_m;
         for index in 0..self.waiting {
             let at = (self.last + EVIDENCE_LEADS - index) % EVIDENCE_LEADS;
             let Some(shot) = self.shots.get_mut(at) else { break };
@@ -174,7 +186,11 @@ impl Evidence {
             let Some(predicted) = shot.path.get(age) else { continue };
             let ahead = (age + 1) as f64 - shot.phase;
             let left = from(*predicted, shot.newest);
-            let terms = shot.news.map(|news| news.terms(left).map(|term| term.map(|v| v / unit_m)));
+            let news = shot.news.filter(|news| news.is_ordinary(unit_m));
+            if shot.news.is_some() && news.is_none() {
+                continue;
+            }
+            let terms = news.map(|news| news.terms(left).map(|term| term.map(|v| v / unit_m)));
             let [ax, ay] = self.correction_at(shot.phase, age, terms.as_ref());
             let worth = self.worth(age);
             let (cx, cy) = (worth * ax, worth * ay);
@@ -244,10 +260,15 @@ impl Evidence {
         }
     }
 
-    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`.
+    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`:
+    /// where that sample is, if it leapt.
     #[must_use]
     pub fn believed(&self, phase: f64, lead: usize, predicted: [f64; 2]) -> [f64; 2] {
         let left = from(predicted, self.newest);
+        if self.per_step && self.unit_m > 0.0 && self.news.is_some_and(|news| !news.is_ordinary(self.unit_m))
+        {
+            return self.newest;
+        }
         let terms = self.news.map(|news| news.terms(left));
         let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
         let [cx, cy] = self.correction_at(phase, index, terms.as_ref());
