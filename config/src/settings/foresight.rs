@@ -207,7 +207,7 @@ section! {
         /// The trust that a healthy prediction gets in automatic mode.
         ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
         /// Steps of motion whose previews have to be judged before automatic mode believes in any.
-        proof_cases: u32 = Between(0.0, 10000.0), Default("5"), AtStart, "5: a twentieth of a second at 10 ms";
+        proof_cases: u32 = Between(0.0, 10000.0), Default("1"), AtStart, "1: the record begins with cases of doubt anyway; 20 to wait for a fifth of a second at 10 ms";
         /// Automatic mode believes each step of the preview as far as it paid, and moves the preview by samples newer than
         /// the grid's. Off: one trust for the whole preview, as in the paper and in manual mode.
         per_step: bool = Flag, Default("true"), AtStart, "true";

@@ -97,7 +97,7 @@ fn judged(trust: &mut TrustControl, record: Record) -> (TrustReason, Trust) {
 #[test]
 fn nothing_is_believed_before_enough_previews_were_judged() {
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
-    let few = Record { cases: 4.0, ..GOOD };
+    let few = Record { cases: 0.5, ..GOOD };
     assert_eq!(judged(&mut trust, few), (TrustReason::Unproven, Trust::NONE));
     assert_eq!(judged(&mut trust, Record::default()), (TrustReason::Unproven, Trust::NONE));
     assert_eq!(judged(&mut trust, GOOD), (TrustReason::Auto, Trust::FULL));

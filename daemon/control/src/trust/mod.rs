@@ -51,7 +51,7 @@ impl Default for TrustSettings {
             warmup_steps: 5,
             stale_after_ns: 60_000_000,
             auto_ceiling: Trust::FULL,
-            proof_cases: 5,
+            proof_cases: 1,
             per_step: true,
         }
     }
