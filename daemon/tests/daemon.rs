@@ -140,6 +140,8 @@ fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_
     until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
     operator.status_when("it follows again", |status| status.mode == u32::from(Mode::Following));
     assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
+    // Everything but the first command after arming is compared with the one before.
+    assert_eq!(log.begun.load(std::sync::atomic::Ordering::Relaxed), 1);
     daemon.end().unwrap();
 }
 

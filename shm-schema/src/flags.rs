@@ -46,8 +46,8 @@ wire_flags! {
     pub mod command_flags {
         /// The arm shall follow; without it the consumer stands still.
         ENABLED = 0 => "enabled",
-        /// First command after arming or re-synchronising: continues from rest at the measured joints.
-        RESYNCHRONISED = 1 => "resynchronised",
+        /// First command after arming: it begins at rest where the arm stands. Every other one continues the one before.
+        BEGINS = 1 => "begins",
         /// A stop is under way.
         STOPPING = 2 => "stopping",
     }

@@ -70,9 +70,9 @@ fn every_arming_begins_a_stream_of_its_own() {
         let pen = bench.pen([0.0, 0.0]);
         let armed = bench.tick_with(&[pen], Some(Request::Arm), Budget::default());
         assert_eq!(armed.answer, Some(Ok(())));
-        assert!(armed.command.is_some() && armed.health.has(Health::RESYNCHRONISED));
+        assert!(armed.command.is_some() && armed.begins);
         let after = bench.tick(&[pen]);
-        assert!(!after.health.has(Health::RESYNCHRONISED));
+        assert!(after.command.is_some() && !after.begins);
         bench.tick_with(&[], Some(Request::Disarm), Budget::default());
         for _ in 0..500 {
             bench.tick(&[]);

@@ -77,7 +77,7 @@ pub fn joint_command(outgoing: &Outgoing, now: Stamp) -> shm::JointCommand {
     let stopping =
         matches!(outgoing.mode, Mode::Stopped | Mode::Fault) || matches!(outgoing.rung, Rung::Stop);
     let flags = flag(command.enabled, shm::command_flags::ENABLED)
-        | flag(outgoing.resynchronised, shm::command_flags::RESYNCHRONISED)
+        | flag(outgoing.begins, shm::command_flags::BEGINS)
         | flag(stopping, shm::command_flags::STOPPING);
     shm::JointCommand {
         published_ns: now.0,

@@ -94,8 +94,8 @@ pub struct Outgoing {
     pub mode: Mode,
     /// Which fallback made it.
     pub rung: Rung,
-    /// The commanded state was set anew in this tick.
-    pub resynchronised: bool,
+    /// It is the first since arming.
+    pub begins: bool,
     /// Newest pen sample behind it: its number in its sender's sequence; 0: none.
     pub pen_sequence: u64,
     /// Newest pen sample behind it: its stamp.

@@ -223,7 +223,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             command,
             mode: output.mode,
             rung: output.rung,
-            resynchronised: output.health.has(Health::RESYNCHRONISED),
+            begins: output.begins,
             pen_sequence: output.pen_origin.sequence,
             pen_stamp: output.pen_stamp,
         };

@@ -143,6 +143,8 @@ impl Operator {
 pub struct ArmLog {
     pub commands: AtomicU64,
     pub illegal: AtomicU64,
+    /// Streams that began.
+    pub begun: AtomicU64,
 }
 
 /// A peer in a thread of its own, ended on drop.
@@ -191,7 +193,8 @@ pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
             let now = monotonic_now_ns();
             commands.drain(now, |command| {
                 let (stamp, until) = (Stamp(command.header.stamp_ns), Stamp(command.valid_until_ns));
-                if command.flags & foretrace_shm::command_flags::RESYNCHRONISED != 0 {
+                if command.flags & foretrace_shm::command_flags::BEGINS != 0 {
+                    seen.begun.fetch_add(1, Ordering::Relaxed);
                     checker.restart();
                 }
                 if !checker.observe(stamp, until, &command.q, &command.qd) {

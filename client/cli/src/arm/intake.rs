@@ -92,7 +92,7 @@ impl Intake {
         }
         let stamp = Stamp(command.header.stamp_ns);
         let valid_until = Stamp(command.valid_until_ns);
-        let begins = command.flags & command_flags::RESYNCHRONISED != 0;
+        let begins = command.flags & command_flags::BEGINS != 0;
         if begins || lost != self.header.dropped() || restarts != self.header.restarts() {
             // Two commands can only be compared when nothing lies between them.
             self.checker.restart();

@@ -270,6 +270,8 @@ pub struct JointCommand<const J: usize> {
 pub struct StepOutput<const J: usize> {
     /// The command; `None` only while the loop is not in charge of the arm (Idle).
     pub command: Option<JointCommand<J>>,
+    /// The command is the first since arming: it begins where the arm stands, not where the last stream ended.
+    pub begins: bool,
     /// Mode after the step.
     pub mode: Mode,
     /// Why it is stopped, if it is.

@@ -134,10 +134,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
-        if let (Some(Request::Arm), Some(Ok(()))) = (input.request, answer) {
-            // Another stream begins where the arm stands: nobody is to compare it with the end of the last one.
-            health.set(Health::RESYNCHRONISED);
-        }
+        let begins = matches!((input.request, answer), (Some(Request::Arm), Some(Ok(()))));
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);
         let pen_age = self.pen.age_ns(now);
@@ -190,6 +187,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             command: moved
                 .command
                 .map(|command| JointCommand { enabled: !(self.watch.stopped() && moved.at_rest), ..command }),
+            begins,
             mode: self.watch.mode(),
             stop_reason: self.watch.reason(),
             answer,
