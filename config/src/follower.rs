@@ -228,6 +228,7 @@ fn mpc(s: &Settings) -> MpcSettings {
         backend: profile(s.mpc.backend).map_or(Backend::Exact, Backend::Clarabel),
         max_iterations: s.mpc.max_iterations,
         servo_s: s.timing.servo_filter_ms * 1e-3,
+        unlimited: false,
     }
 }
 

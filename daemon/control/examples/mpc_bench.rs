@@ -75,6 +75,7 @@ fn settings(backend: Backend) -> MpcSettings {
         backend,
         max_iterations: 200,
         servo_s: 0.0,
+        unlimited: false,
     }
 }
 

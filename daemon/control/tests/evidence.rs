@@ -1,6 +1,8 @@
 //! Evidence: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go wrong.
 
-use foretrace_control::trust::{EVIDENCE_LEADS, Evidence, Record};
+use foretrace_control::trust::{
+    EVIDENCE_LEADS, Evidence, Record, TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings,
+};
 use foretrace_control::units::Stamp;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -130,10 +132,21 @@ fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
     }
 }
 
+/// What was judged, without what is left of the doubt that a record begins with.
 fn record_of(preview: Preview, per_step: bool) -> Record {
     let mut evidence = Evidence::new(STEP_S, per_step);
+    let doubt = evidence.clone();
     live(&mut evidence, &smooth(1500), preview, None, 1);
-    evidence.record(3, 6)
+    let mut sum = Record::default();
+    for lead in 3..=6 {
+        let (record, doubt) = (evidence.record(lead, lead), doubt.record(lead, lead));
+        // Cases are the sum of 0.998^k, so this is 0.998^n.
+        let left = 1.0 - 0.002 * record.cases;
+        sum.preview += record.preview - left * doubt.preview;
+        sum.hold += record.hold - left * doubt.hold;
+        sum.steady += record.steady - left * doubt.steady;
+    }
+    sum
 }
 
 #[test]
@@ -141,16 +154,91 @@ fn record_orders_perfect_constant_velocity_and_hold() {
     for per_step in [false, true] {
         let [perfect, steady, hold] =
             [Preview::Truth(1.0), Preview::Steady, Preview::Hold].map(|preview| record_of(preview, per_step));
-        // What is left is the cases of doubt that every record begins with.
-        assert!(perfect.preview < 0.1 * steady.preview, "{perfect:?}, {steady:?}");
+        assert!(perfect.preview.abs() < 1e-12 * hold.hold, "{perfect:?}, {hold:?}");
         assert!(steady.preview < 0.5 * hold.preview, "{steady:?}, {hold:?}");
         // Each is judged beside the same two yardsticks, and is one of them itself.
         assert_eq!((perfect.hold, perfect.steady), (hold.hold, hold.steady));
-        assert!((hold.preview / hold.hold - 1.0).abs() < 0.03, "{hold:?}");
+        assert!((hold.preview / hold.hold - 1.0).abs() < 1e-9, "{hold:?}");
         if !per_step {
-            assert!((steady.preview / steady.steady - 1.0).abs() < 0.1, "{steady:?}");
+            assert!((steady.preview / steady.steady - 1.0).abs() < 1e-9, "{steady:?}");
         }
     }
+}
+
+#[test]
+fn every_part_of_a_step_is_learned_where_samples_are_many() {
+    let path = smooth(3000);
+    let phases = [0.1, 0.35, 0.6, 0.85];
+    let mut evidence = Evidence::new(STEP_S, true);
+    let (mut raw, mut believed) = ([0.0; 4], [0.0; 4]);
+    for k in 1..path.len() - 4 {
+        evidence.realise(path[k], UNIT_M);
+        // Late by a third of a step, whatever the hand does.
+        let late = |j: usize| between(path[k + j], path[k + j - 1], 0.33);
+        let predicted: Vec<_> = (1..=4).map(late).collect();
+        evidence.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        for (part, phase) in phases.into_iter().enumerate() {
+            let sample = between(path[k], path[k + 1], phase);
+            evidence.sample(at(k as f64 + phase), sample, phase, between(path[k], predicted[0], phase));
+            if k > 2000 {
+                let missed = |[x, y]: [f64; 2]| (x - path[k + 3][0]).powi(2) + (y - path[k + 3][1]).powi(2);
+                raw[part] += missed(predicted[2]);
+                believed[part] += missed(evidence.believed(phase, 3, predicted[2]));
+            }
+        }
+    }
+    for (part, (raw, believed)) in raw.iter().zip(believed).enumerate() {
+        assert!(
+            believed < 0.25 * raw,
+            "at {}: {:.3} of the squared error is left",
+            phases[part],
+            believed / raw
+        );
+    }
+}
+
+/// What automatic trust makes of the evidence, step by step, when previews run the wrong way.
+fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
+    let mut evidence = Evidence::new(STEP_S, per_step);
+    let mut trust = TrustControl::new(TrustSettings { per_step, ..TrustSettings::default() }).unwrap();
+    let path = smooth(400);
+    let mut verdicts = Vec::new();
+    for k in 1..path.len() - 1 {
+        evidence.realise(path[k], UNIT_M);
+        evidence.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
+        let inputs = TrustInputs {
+            request: TrustRequest::Auto,
+            armed: true,
+            history: 100,
+            pen_age_ns: Some(0),
+            jumped: false,
+            preview_finite: true,
+            switching: false,
+            record: evidence.record(3, 4),
+        };
+        verdicts.push(trust.update(&inputs, 10_000_000).reason);
+    }
+    verdicts
+}
+
+#[test]
+fn preview_that_runs_the_wrong_way_is_given_up_within_ten_cases_for_good() {
+    let verdicts = verdicts_on_the_wrong_way(false);
+    // Nothing was judged at lead 3 for two steps.
+    let given_up = verdicts.iter().position(|reason| *reason == TrustReason::WorseThanHold);
+    assert!(given_up.is_some_and(|at| at <= 2 + 10), "{given_up:?}");
+    assert!(verdicts.iter().skip(12).all(|reason| *reason == TrustReason::WorseThanHold), "{verdicts:?}");
+}
+
+#[test]
+fn shares_leave_nothing_of_a_preview_that_runs_the_wrong_way() {
+    let mut evidence = Evidence::new(STEP_S, true);
+    live(&mut evidence, &smooth(400), Preview::Truth(-1.5), None, 1);
+    for lead in [2, 3, 6, 12] {
+        assert!(evidence.share(lead) < 0.01, "lead {lead}: {}", evidence.share(lead));
+    }
+    let last = verdicts_on_the_wrong_way(true).pop();
+    assert_ne!(last, Some(TrustReason::WorseThanHold), "what is left is Hold, and no worse than it");
 }
 
 #[test]

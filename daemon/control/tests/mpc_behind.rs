@@ -19,6 +19,7 @@ fn settings(jerk_mps3: f64, acceleration_mps2: f64) -> MpcSettings {
     MpcSettings {
         step_s: STEP_S,
         servo_s: SERVO_S,
+        unlimited: false,
         gains_feedback: [Gains { position: 1.0, velocity: 3.5, acceleration: 0.0, decay: 1.0 }; 3],
         gains_feedforward: [Gains { position: 0.7, velocity: 0.1, acceleration: 0.05, decay: 0.95 }; 3],
         effort: 3.2,

@@ -35,6 +35,7 @@ fn defaults() -> MpcSettings {
         backend: Backend::Exact,
         max_iterations: CAP,
         servo_s: 0.0,
+        unlimited: false,
     }
 }
 

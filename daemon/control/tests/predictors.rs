@@ -118,8 +118,7 @@ fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_er
         }
         let share = f64::from(inside) / f64::from(cases);
         println!("{kind:?}: {share}");
-        // The band is the preview's; what newer samples moved on a curve that is known to a micrometre may leave it more often.
-        assert!((0.75..=1.0).contains(&share), "{kind:?}: {share} of {cases} inside the band");
+        assert!((0.8..=1.0).contains(&share), "{kind:?}: {share} of {cases} inside the band");
     }
 }
 

@@ -3,6 +3,8 @@
 use foretrace_config::Config;
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::ik::JointLimits;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
 
 use crate::arm::{ArmSettings, JOINTS};
 use crate::experiments::{ArmKind, ur5_at};
@@ -25,11 +27,13 @@ pub enum BenchArm {
 const DELAY_S: f64 = 0.030;
 /// From command to motion on [`BenchArm::Slow`] [s].
 const SLOW_S: f64 = 0.100;
-/// "Off" for the plan's limits: jerk [m/s³], acceleration [m/s²], velocity [m/s]. The largest legal ones; letters of 0.1 m
-/// in real time ask for some 35 m/s².
-const FREE_PLAN: [f64; 3] = [1e8, 1e6, 1e3];
 /// Largest gain that a plan may have.
-const FREE_GAIN: f64 = 1e3;
+pub(super) const FREE_GAIN: f64 = 1e3;
+/// "Off" for the way the IK takes back to the commanded tool: velocity [m/s] and acceleration [m/s²].
+const FREE_CORRECTION: [f64; 2] = [1e3, 1e6];
+/// Shortest step that a plan may have [s], and the part of its effort that is left: least error on UNIPEN train writers.
+const FREE_STEP_S: f64 = 1e-3;
+const FREE_EASE: f64 = 0.1;
 /// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
 const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
@@ -103,21 +107,25 @@ impl BenchArm {
         [0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])]
     }
 
-    /// The plan as sharp as this arm lets it be: without limits its steps are the control period, and nothing is as dear as the
-    /// prediction's position. Feedback and effort cost the same motion as much as they did, so that Hold stays what it is.
-    pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>) {
+    /// The plan as sharp as this arm lets it be, with `gain` towards the prediction: without limits its steps are so short that
+    /// a jump of the prediction is over within a tick. Who is never led by a prediction has steps of the control period, with
+    /// feedback and effort that cost the same motion as much as they did: Hold stays what it is.
+    pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>, gain: f64) {
         if self.limited() {
             return;
         }
-        let finer = settings.mpc.step_s / (settings.period_ns as f64 * 1e-9);
-        settings.mpc.step_s /= finer;
-        settings.mpc.effort *= finer.powi(6);
+        let hold = settings.trust_request == TrustRequest::Manual(Trust::NONE);
+        let (step_s, ease) =
+            if hold { (settings.period_ns as f64 * 1e-9, 1.0) } else { (FREE_STEP_S, FREE_EASE) };
+        let finer = settings.mpc.step_s / step_s;
+        settings.mpc.step_s = step_s;
+        settings.mpc.effort *= ease * finer.powi(6);
         for gains in &mut settings.mpc.gains_feedback {
             gains.velocity *= finer;
             gains.acceleration *= finer * finer;
         }
         for gains in &mut settings.mpc.gains_feedforward {
-            gains.position = FREE_GAIN;
+            gains.position = gain;
         }
     }
 
@@ -129,12 +137,9 @@ impl BenchArm {
         if self.limited() {
             return;
         }
-        let [jerk_mps3, acceleration_mps2, velocity_mps] = FREE_PLAN;
+        settings.mpc.unlimited = true;
         let centre = self.centre_m(config);
         for (axis, limits) in settings.mpc.axes.iter_mut().enumerate() {
-            limits.jerk_mps3 = jerk_mps3;
-            limits.acceleration_mps2 = acceleration_mps2;
-            limits.velocity_mps = velocity_mps;
             if let (Some(centre), Some(half)) = (centre.get(axis), FREE_HALF_M.get(axis)) {
                 limits.position_m = [centre - half - 0.1, centre + half + 0.1];
             }
@@ -148,7 +153,6 @@ impl BenchArm {
         if let Ok(free) = JointLimits::new(position, [velocity; JOINTS], [acceleration; JOINTS]) {
             settings.limits = free;
         }
-        settings.ik.correction_mps = velocity_mps;
-        settings.ik.correction_mps2 = acceleration_mps2;
+        [settings.ik.correction_mps, settings.ik.correction_mps2] = FREE_CORRECTION;
     }
 }

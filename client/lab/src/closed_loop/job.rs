@@ -2,6 +2,7 @@
 
 use foretrace_config::Config;
 
+use super::arm::FREE_GAIN;
 use super::pareto::{Tuning, scale_gains};
 use super::way::{WayDesk, way_settings};
 use super::{BenchArm, Entrant, Hand, Row, Score, rows};
@@ -186,7 +187,8 @@ impl Benchmark<'_> {
         job.arm.fit(self.config, &mut settings);
         match *job.tuning {
             Tuning::Gains(factor) => scale_gains(&mut settings.mpc, factor),
-            Tuning::Default | Tuning::Way(_) => job.arm.sharpen(&mut settings),
+            Tuning::Sharp(gain) => job.arm.sharpen(&mut settings, gain),
+            Tuning::Default | Tuning::Way(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;

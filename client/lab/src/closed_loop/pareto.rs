@@ -14,8 +14,9 @@ use crate::today::{WaySettings, sweep};
 
 /// Factors on the law's gains, smooth to stiff.
 const FACTORS: [f64; 8] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0];
-/// The same without limits, where the point as shipped is a sharper plan yet.
-const FREE_FACTORS: [f64; 8] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0, f64::INFINITY];
+/// The same without limits, where the plan can be sharper yet: then with the gains towards the prediction up to that of the benchmark.
+const FREE_FACTORS: [f64; 4] = [0.05, 0.2, 0.6, 1.0];
+const FREE_GAINS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
 
 /// With which settings an entrant takes part.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +25,8 @@ pub(super) enum Tuning {
     Default,
     /// The law in the plan's own steps, its gains multiplied.
     Gains(f64),
+    /// As sharp as an arm without limits lets it be, but for the gain towards the prediction.
+    Sharp(f64),
     /// A way with these settings.
     Way(Box<WaySettings>),
 }
@@ -100,13 +103,14 @@ impl Benchmark<'_> {
 
     fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
         let Entrant::Today(kind) = entrant else {
-            let (factors, shipped) =
-                if arm.limited() { (FACTORS, 1.0) } else { (FREE_FACTORS, f64::INFINITY) };
-            let named = |factor: f64| match factor {
-                factor if factor == shipped => (Tuning::Default, "default".to_owned()),
-                factor => (Tuning::Gains(factor), format!("gains x {factor}")),
-            };
-            return factors.map(named).to_vec();
+            let shipped = (Tuning::Default, "default".to_owned());
+            let gains = |factor: f64| (Tuning::Gains(factor), format!("gains x {factor}"));
+            if arm.limited() {
+                let named = |factor| if factor == 1.0 { shipped.clone() } else { gains(factor) };
+                return FACTORS.map(named).to_vec();
+            }
+            let sharp = FREE_GAINS.map(|gain| (Tuning::Sharp(gain), format!("sharp, gain {gain}")));
+            return FREE_FACTORS.map(gains).into_iter().chain(sharp).chain([shipped]).collect();
         };
         let shipped = way_settings(self.config, arm, kind);
         sweep(kind, &shipped)

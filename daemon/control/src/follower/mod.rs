@@ -69,6 +69,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let steps = settings.preview_steps(N)?;
         let step_ns = settings.pen.step_ns;
+        let mut mover = Mover::new(&settings)?;
+        let feedback_lag_s = mover.feedback_lag_s();
+        let evidence = Evidence::new(step_ns as f64 * 1e-9, settings.trust.per_step);
         let aim = if settings.servo_ns() > 0 { Aim::GroupDelay } else { Aim::Shift };
         Ok(Self {
             watch: Watch::new(settings.safety),
@@ -76,12 +79,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
             preview: Preview::new(step_ns, steps),
             pending_predictor: None,
-            evidence: Box::new(Evidence::new(step_ns as f64 * 1e-9, settings.trust.per_step)),
+            evidence: Box::new(evidence.beside_feedback(feedback_lag_s)),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
-            mover: Mover::new(&settings)?,
+            mover,
             settings,
         })
     }
@@ -164,6 +167,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(newest) = self.pen.newest() {
             let per_step =
                 self.settings.trust.per_step && !matches!(self.trust_request, TrustRequest::Manual(_));
+            self.evidence.observe(newest.stamp, newest.position);
             self.preview.correct(&newest, &mut self.evidence, per_step);
         }
         if !self.preview.is_finite() {

@@ -47,9 +47,10 @@ impl Default for SoftPenalty {
     }
 }
 
-/// The rows of `limits` with positions relative to zero.
+/// The rows of `limits` with positions relative to zero; `unlimited`: of those on the position only.
 pub(super) fn rows<const N: usize>(
     limits: &AxisLimits,
+    unlimited: bool,
     scale: &Scale,
     penalty: &SoftPenalty,
     cost: &Cost<N>,
@@ -59,7 +60,8 @@ pub(super) fn rows<const N: usize>(
         limits.acceleration_mps2 * scale.acceleration,
         limits.velocity_mps * scale.velocity,
     ];
-    let [jerk, acceleration, velocity] = largest.map(|value| [value; N]);
+    let [jerk, acceleration, velocity] =
+        largest.map(|value| [if unlimited { f64::INFINITY } else { value }; N]);
     let [lowest, highest] = limits.position_m.map(|value| [value * scale.position; N]);
     let lower = [jerk.map(|j| -j), acceleration.map(|a| -a), velocity.map(|v| -v), lowest];
     let upper = [jerk, acceleration, velocity, highest];

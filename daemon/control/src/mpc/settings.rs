@@ -33,6 +33,8 @@ pub struct MpcSettings {
     pub effort: f64,
     /// Limits per axis of the writing plane's frame.
     pub axes: [AxisLimits; 3],
+    /// The limits on jerk, acceleration and velocity are off, the workspace is not: for experiments with arms that have none.
+    pub unlimited: bool,
     /// Price of leaving the soft limits.
     pub soft_penalty: SoftPenalty,
     /// Solver.
@@ -200,9 +202,9 @@ fn validate_gains(kind: &'static str, axis: usize, gains: &Gains) -> Result<(), 
 
 fn validate_limits(axis: usize, limits: &AxisLimits) -> Result<(), MpcError> {
     for (quantity, value, lowest, highest, unit) in [
-        ("jerk", limits.jerk_mps3, 1.0, 1e8, "m/s³"),
-        ("acceleration", limits.acceleration_mps2, 0.01, 1e6, "m/s²"),
-        ("velocity", limits.velocity_mps, 0.001, 1e3, "m/s"),
+        ("jerk", limits.jerk_mps3, 1.0, 1e5, "m/s³"),
+        ("acceleration", limits.acceleration_mps2, 0.01, 1e3, "m/s²"),
+        ("velocity", limits.velocity_mps, 0.001, 20.0, "m/s"),
     ] {
         if !within(value, lowest, highest) {
             return Err(MpcError::Limit { axis, quantity, value, lowest, highest, unit });

@@ -15,106 +15,20 @@
 //! whatever the size of the writing.
 
 use super::blend::{Blend, Terms};
-use super::observer::Observer;
+use super::feedback::Feedback;
+use super::lead::{Lead, Record};
+use super::observer::Observers;
+use super::shot::{Look, News, Shot, from};
 use crate::units::Stamp;
 
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
 pub const EVIDENCE_LEADS: usize = 24;
 /// Parts of a grid step that have corrections of their own: devices sample where they like.
 const PHASES: usize = 4;
-/// Factor by which the past loses weight per judged case: about 500 steps of motion.
-const FORGETTING: f64 = 0.998;
-/// Weight of the priors [normalised²]: some ten cases of ordinary motion.
-const PRIOR: f64 = 2000.0;
-/// Weight of the prior that corrections are worth what they say [normalised²].
-const PRIOR_WORTH: f64 = 100.0;
 /// Ways and errors beyond this [normalised, per step ahead] are leaps, which no preview foresees.
 const LARGEST_PER_STEP: f64 = 100.0;
-/// News beyond this [normalised] tells of a leap, and nothing of where the pen goes next.
-const LARGEST_NEWS: f64 = 150.0;
-/// Cases of ordinary motion that the record begins with, and the preview's squared error in them relative to Hold's.
-const HEAD_START: f64 = 20.0;
-const HEAD_START_ERROR: f64 = 0.7;
 /// The pen moved less than this [normalised] and was not thought to move: says nothing.
 const REST: f64 = 0.3;
-
-/// What the newest sample says beyond its position.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct News {
-    /// Sample − preview at its instant [m].
-    innovation: [f64; 2],
-    /// Velocity [m/step] and acceleration [m/step²] of the pen.
-    velocity: [f64; 2],
-    acceleration: [f64; 2],
-}
-
-impl News {
-    /// Neither a leap nor what a filter makes of one, nor no number; `unit_m`: metres per normalised unit.
-    fn is_ordinary(&self, unit_m: f64) -> bool {
-        let said = self.innovation.iter().chain(&self.velocity).chain(&self.acceleration);
-        said.into_iter().all(|v| v.abs() <= LARGEST_NEWS * unit_m)
-    }
-
-    /// The terms of a correction for `left` [m] of predicted way.
-    fn terms(&self, left: [f64; 2]) -> Terms {
-        [left, self.innovation, self.velocity, self.acceleration]
-    }
-}
-
-/// One preview that waits for what it foresaw.
-#[derive(Debug, Clone, Copy)]
-struct Shot {
-    /// Grid steps closed since.
-    age: usize,
-    /// Newest sample before the next grid point closed [m], and where in the step it lay.
-    newest: [f64; 2],
-    phase: f64,
-    news: Option<News>,
-    /// Displacement before the preview [m]: what constant velocity goes on with.
-    velocity: [f64; 2],
-    /// Predicted positions [m].
-    path: [[f64; 2]; EVIDENCE_LEADS],
-}
-
-impl Shot {
-    const EMPTY: Self = Self {
-        age: 0,
-        newest: [0.0; 2],
-        phase: 0.0,
-        news: None,
-        velocity: [0.0; 2],
-        path: [[0.0; 2]; EVIDENCE_LEADS],
-    };
-}
-
-/// What is known about one lead; sums forget.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Lead {
-    /// Squared errors [normalised²].
-    preview: f64,
-    hold: f64,
-    steady: f64,
-    /// ⟨real way, predicted way⟩ and ⟨predicted way, predicted way⟩.
-    along: f64,
-    way: f64,
-    /// ⟨preview's error, correction⟩ and ⟨correction, correction⟩.
-    worth: f64,
-    corrected: f64,
-    cases: f64,
-}
-
-/// Squared errors over the leads that a plan looks at [normalised²], and from how many cases.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Record {
-    /// Of the preview, as it would be used.
-    pub preview: f64,
-    /// Of Hold.
-    pub hold: f64,
-    /// Of constant velocity.
-    pub steady: f64,
-    /// Cases of motion per lead.
-    pub cases: f64,
-}
 
 /// See the module's description.
 #[derive(Debug, Clone)]
@@ -123,15 +37,20 @@ pub struct Evidence {
     shots: [Shot; EVIDENCE_LEADS],
     last: usize,
     waiting: usize,
+    /// Latest part of the step from which the newest shot wants its earlier sample: they take turns.
+    turn: usize,
     leads: [Lead; EVIDENCE_LEADS],
     corrections: [[Blend; EVIDENCE_LEADS]; PHASES],
-    observer: Observer,
+    observers: Observers,
+    /// Of the observer that the corrections were learned with.
+    clarity: f64,
     /// Newest sample [m] and what it says.
     newest: [f64; 2],
     news: Option<News>,
     /// Metres per normalised unit, the newest that was told; 0 before.
     unit_m: f64,
     step_s: f64,
+    feedback: Feedback,
     /// Corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
 }
@@ -145,29 +64,41 @@ impl Evidence {
             shots: [Shot::EMPTY; EVIDENCE_LEADS],
             last: 0,
             waiting: 0,
-            leads: untried(),
-            corrections: fresh(),
-            observer: Observer::NEW,
+            turn: 0,
+            leads: untried_leads(),
+            corrections: fresh(0.0),
+            observers: Observers::new(),
+            clarity: 0.0,
             newest: [0.0; 2],
             news: None,
             unit_m: 0.0,
             step_s,
+            feedback: Feedback::new(0.0),
             per_step,
         }
+    }
+
+    /// Hold, in the record, is what standing back from the prediction really means: feedback that lags `lag_s` [s] behind the
+    /// samples. Without, it is at the sample at once, as no arm is.
+    #[must_use]
+    pub fn beside_feedback(mut self, lag_s: f64) -> Self {
+        self.feedback = Feedback::new(lag_s / self.step_s);
+        self
     }
 
     /// Another predictor answers from here on: what was learned about the last one goes.
     pub fn forget(&mut self) {
         self.waiting = 0;
-        self.leads = untried();
-        self.corrections = fresh();
+        self.leads = untried_leads();
+        self.corrections = fresh(self.clarity);
     }
 
     /// The pen was elsewhere at once: previews that wait foresaw nothing of it.
     pub fn interrupt(&mut self) {
         self.waiting = 0;
         self.news = None;
-        self.observer.forget();
+        self.feedback.forget();
+        self.observers.forget();
     }
 
     /// A grid step closed at `position` [m] after ordinary motion: judges every preview that waits. `unit_m`: metres per
@@ -177,6 +108,7 @@ impl Evidence {
             return;
         }
         self.unit_m = unit_m;
+        self.feedback.close(position);
         for index in 0..self.waiting {
             let at = (self.last + EVIDENCE_LEADS - index) % EVIDENCE_LEADS;
             let Some(shot) = self.shots.get_mut(at) else { break };
@@ -184,55 +116,71 @@ impl Evidence {
             shot.age += 1;
             let shot = *shot;
             let Some(predicted) = shot.path.get(age) else { continue };
-            let ahead = (age + 1) as f64 - shot.phase;
-            let left = from(*predicted, shot.newest);
-            let news = shot.news.filter(|news| news.is_ordinary(unit_m));
-            if shot.news.is_some() && news.is_none() {
-                continue;
+            if let Some(earlier) = shot.earlier {
+                self.judge(&shot, age, &earlier, *predicted, position);
             }
-            let terms = news.map(|news| news.terms(left).map(|term| term.map(|v| v / unit_m)));
-            let [ax, ay] = self.correction_at(shot.phase, age, terms.as_ref());
-            let worth = self.worth(age);
-            let (cx, cy) = (worth * ax, worth * ay);
-            let [rx, ry] = from(position, *predicted).map(|v| v / unit_m);
-            let [yx, yy] = from(position, shot.newest).map(|v| v / unit_m);
-            let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
-            // What is not a number is not ordinary either.
-            let most = LARGEST_PER_STEP * (ahead + 0.5);
-            let ordinary = [rx, ry, yx, yy, dx, dy]
-                .iter()
-                .chain(terms.iter().flatten().flatten())
-                .all(|v| v.abs() <= most);
-            if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
-                continue;
-            }
-            let share = self.share(age + 1);
-            let [vx, vy] = shot.velocity.map(|v| v / unit_m * ahead);
-            let square = |x: f64, y: f64| x * x + y * y;
-            if let Some(lead) = self.leads.get_mut(age) {
-                let keep = |sum: &mut f64, value: f64| *sum = FORGETTING * *sum + value;
-                keep(&mut lead.preview, square(yx - share * dx, yy - share * dy));
-                keep(&mut lead.hold, square(yx, yy));
-                // Nobody bounded the velocity; a minimum with a number is a number.
-                keep(&mut lead.steady, square(yx - vx, yy - vy).min(2.0 * most * most));
-                keep(&mut lead.along, yx * dx + yy * dy);
-                keep(&mut lead.way, square(dx, dy));
-                keep(&mut lead.worth, ax * rx + ay * ry);
-                keep(&mut lead.corrected, square(ax, ay));
-                keep(&mut lead.cases, 1.0);
-            }
-            let blend = bucket_mut(&mut self.corrections, shot.phase, age);
-            if let (Some(blend), Some(terms)) = (blend, terms) {
-                blend.learn(&terms, [rx, ry], ahead);
+            if let Some(judged) = self.judge(&shot, age, &shot.look, *predicted, position)
+                && let Some(lead) = self.leads.get_mut(age)
+            {
+                lead.add(&judged);
             }
         }
+    }
+
+    /// Learns from what the preview of `shot` had `predicted` [m] for the point `position` [m], corrected by `look`. `None`:
+    /// a leap, or rest.
+    fn judge(
+        &mut self,
+        shot: &Shot,
+        age: usize,
+        look: &Look,
+        predicted: [f64; 2],
+        position: [f64; 2],
+    ) -> Option<Lead> {
+        let normalised = |way: [f64; 2]| way.map(|v| v / self.unit_m);
+        let ahead = (age + 1) as f64 - look.phase;
+        let news = look.news.filter(|news| news.is_ordinary(self.unit_m));
+        if look.news.is_some() && news.is_none() {
+            return None;
+        }
+        let terms = news.map(|news| news.terms(from(predicted, look.newest), ahead).map(normalised));
+        let [cx, cy] = self.correction_at(look.phase, age, terms.as_ref());
+        let [rx, ry] = normalised(from(position, predicted));
+        let [yx, yy] = normalised(from(position, look.newest));
+        let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
+        // What is not a number is not ordinary either.
+        let most = LARGEST_PER_STEP * (ahead + 0.5);
+        let ordinary =
+            [rx, ry, yx, yy, dx, dy].iter().chain(terms.iter().flatten().flatten()).all(|v| v.abs() <= most);
+        if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
+            return None;
+        }
+        let share = self.share(age + 1);
+        let [hx, hy] = normalised(from(position, look.held));
+        let [vx, vy] = normalised(shot.velocity).map(|v| v * ahead);
+        let blend = bucket_mut(&mut self.corrections, look.phase, age);
+        if let (Some(blend), Some(terms)) = (blend, terms) {
+            blend.learn(&terms, [rx, ry], ahead);
+        }
+        Some(Lead {
+            preview: square(yx - share * dx, yy - share * dy),
+            // Nobody bounded the velocity, nor what came before; a minimum with a number is a number.
+            hold: square(hx, hy).min(2.0 * most * most),
+            steady: square(yx - vx, yy - vy).min(2.0 * most * most),
+            real: square(yx, yy),
+            along: yx * dx + yy * dy,
+            way: square(dx, dy),
+            cases: 1.0,
+        })
     }
 
     /// A new preview: `path` [m] after the grid point at `base` [m], which was reached by `velocity` [m per step].
     pub fn shoot(&mut self, base: [f64; 2], velocity: [f64; 2], path: &[[f64; 2]]) {
         self.last = (self.last + 1) % EVIDENCE_LEADS;
+        self.turn = (self.turn + 1) % PHASES;
+        let held = self.feedback.tool(base, 0.0);
         let Some(shot) = self.shots.get_mut(self.last) else { return };
-        *shot = Shot { newest: base, velocity, ..Shot::EMPTY };
+        *shot = Shot { look: Look { newest: base, held, ..Shot::EMPTY.look }, velocity, ..Shot::EMPTY };
         let mut last = base;
         let mut given = path.iter();
         for slot in &mut shot.path {
@@ -242,11 +190,23 @@ impl Evidence {
         self.waiting = (self.waiting + 1).min(EVIDENCE_LEADS);
     }
 
+    /// A sample at `stamp` and `position` [m]: the pen's velocity and acceleration are known from the first preview on only if
+    /// every sample is told. The same sample may be told again.
+    pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
+        self.observers.see(stamp.0 as f64 * 1e-9, position);
+        let clarity = self.observers.clarity();
+        if clarity != self.clarity {
+            // What was learned, and what waits to be, is about another filter's velocities.
+            (self.clarity, self.waiting) = (clarity, 0);
+            self.corrections = fresh(clarity);
+        }
+    }
+
     /// A sample at `stamp` and `position` [m], `phase` of a step after the newest grid point, where the preview had `expected`.
     /// The same sample may be told again.
     pub fn sample(&mut self, stamp: Stamp, position: [f64; 2], phase: f64, expected: [f64; 2]) {
-        self.observer.see(stamp.0 as f64 * 1e-9, position);
-        let [velocity, acceleration] = self.observer.motion();
+        self.observe(stamp, position);
+        let [velocity, acceleration] = self.observers.motion();
         self.newest = position;
         self.news = Some(News {
             innovation: from(position, expected),
@@ -254,10 +214,15 @@ impl Evidence {
             acceleration: acceleration.map(|a| a * self.step_s * self.step_s),
         });
         // Previews that are taken as they are know of nothing newer than their base, and neither may their yardsticks.
+        let held = self.feedback.tool(position, phase);
         let usable = self.waiting > 0 && phase.is_finite() && self.per_step;
-        if let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) {
-            (shot.newest, shot.phase, shot.news) = (position, phase.clamp(0.0, 1.0), self.news);
+        let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) else { return };
+        let last = bucket_of(shot.look.phase);
+        let wanted = shot.earlier.is_none() || last <= self.turn;
+        if shot.look.news.is_some() && last < bucket_of(phase) && wanted {
+            shot.earlier = Some(shot.look);
         }
+        shot.look = Look { newest: position, held, phase: phase.clamp(0.0, 1.0), news: self.news };
     }
 
     /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`:
@@ -269,11 +234,12 @@ impl Evidence {
         {
             return self.newest;
         }
-        let terms = self.news.map(|news| news.terms(left));
+        let ahead = lead as f64 - phase;
+        let terms = self.news.map(|news| news.terms(left, ahead));
         let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
         let [cx, cy] = self.correction_at(phase, index, terms.as_ref());
-        let ([lx, ly], [x, y], share, worth) = (left, self.newest, self.share(lead), self.worth(index));
-        [x + share * (lx + worth * cx), y + share * (ly + worth * cy)]
+        let ([lx, ly], [x, y], share) = (left, self.newest, self.share(lead));
+        [x + share * (lx + cx), y + share * (ly + cy)]
     }
 
     /// w at `lead` ≥ 1 steps.
@@ -283,7 +249,7 @@ impl Evidence {
             return 1.0;
         }
         let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
-        self.leads.get(index).map_or(0.0, |lead| ((lead.along + PRIOR) / (lead.way + PRIOR)).clamp(0.0, 1.0))
+        self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64))
     }
 
     /// Sums over the leads `first` to `last` [steps].
@@ -291,20 +257,14 @@ impl Evidence {
     pub fn record(&self, first: usize, last: usize) -> Record {
         let first = first.clamp(1, EVIDENCE_LEADS);
         let count = last.clamp(first, EVIDENCE_LEADS) + 1 - first;
-        let mut record = Record { cases: f64::INFINITY, ..Record::default() };
+        let mut record = Record::default();
         for lead in self.leads.iter().skip(first - 1).take(count) {
             record.preview += lead.preview;
             record.hold += lead.hold;
             record.steady += lead.steady;
-            record.cases = record.cases.min(lead.cases);
+            record.cases = record.cases.max(lead.cases);
         }
         record
-    }
-
-    /// How much of a correction past ones were worth, in [0, 1]: none to a preview that is right without.
-    fn worth(&self, index: usize) -> f64 {
-        let worth = |lead: &Lead| (lead.worth + PRIOR_WORTH) / (lead.corrected + PRIOR_WORTH);
-        self.leads.get(index).map_or(0.0, |lead| worth(lead).clamp(0.0, 1.0))
     }
 
     fn correction_at(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
@@ -316,25 +276,19 @@ impl Evidence {
     }
 }
 
-fn fresh() -> [[Blend; EVIDENCE_LEADS]; PHASES] {
+fn fresh(clarity: f64) -> [[Blend; EVIDENCE_LEADS]; PHASES] {
     std::array::from_fn(|bucket| {
         let phase = (bucket as f64 + 0.5) / PHASES as f64;
-        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase))
+        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity))
     })
 }
 
-/// Leads before the first case: a few of ordinary motion in which the preview was somewhat better than Hold.
-fn untried() -> [Lead; EVIDENCE_LEADS] {
-    std::array::from_fn(|index| {
-        let way = 10.0 * (index + 1) as f64;
-        let hold = HEAD_START * way * way;
-        Lead { preview: HEAD_START_ERROR * hold, hold, steady: hold, ..Lead::default() }
-    })
+fn untried_leads() -> [Lead; EVIDENCE_LEADS] {
+    std::array::from_fn(|index| Lead::untried((index + 1) as f64))
 }
 
-fn from(there: [f64; 2], here: [f64; 2]) -> [f64; 2] {
-    let ([tx, ty], [x, y]) = (there, here);
-    [tx - x, ty - y]
+fn square(x: f64, y: f64) -> f64 {
+    x * x + y * y
 }
 
 fn bucket_of(phase: f64) -> usize {

@@ -7,9 +7,14 @@
 
 mod blend;
 mod evidence;
+mod feedback;
+mod filter;
+mod lead;
 mod observer;
+mod shot;
 
-pub use evidence::{EVIDENCE_LEADS, Evidence, Record};
+pub use evidence::{EVIDENCE_LEADS, Evidence};
+pub use lead::Record;
 
 use thiserror::Error;
 

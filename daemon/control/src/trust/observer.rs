@@ -1,143 +1,186 @@
 //! Where the pen is going right now: velocity and acceleration from the raw samples, at whatever rate they come.
 //!
-//! Contract: Kalman filter of constant acceleration per axis, one gain for both; O(1) per sample, no allocation, total. Between
-//! samples the acceleration changes at random by [`CHANGE`] times the noise of a sample: only their ratio matters, and it
-//! is free of lengths, so that the size of the writing does not.
+//! Contract: Kalman filters of constant acceleration per axis, one gain for both; O(1) per sample, no allocation, total. Between
+//! samples the acceleration changes at random by so many times the noise of a sample: only their ratio matters, and it
+//! is free of lengths, so that the size of the writing does not. A tablet of coarse steps and a clean one differ in it by a
+//! hundred, and so do the errors of whoever takes one for the other: several filters run side by side, and the one that
+//! extrapolates best answers.
 
-/// Change of acceleration per sample over the noise of its position [1/s²]; least errors of the blend on UNIPEN train writers.
-const CHANGE: f64 = 3e4;
-/// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise.
-const FIRST: [f64; 3] = [1.0, 1e3, 1e6];
-/// A longer silence [s] tells nothing about the velocity any more.
-const FORGET_AFTER_S: f64 = 0.1;
+use super::filter::Filter;
+
+/// Change of acceleration per sample over the noise of its position [1/s²], from coarse to clean.
+const CHANGES: [f64; 5] = [3e3, 1e4, 3e4, 1e5, 3e5];
+/// How far the filters extrapolate to be judged [s].
+const REACH_S: f64 = 0.015;
+/// How much a judgement counts, if the pen moved a lot.
+const PACE: f64 = 0.03;
+/// Judgements before anything is chosen, and how much better another filter has to be.
+const SETTLED: u32 = 8;
+const BETTER: f64 = 0.85;
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Observer {
-    /// Time of the newest sample [s]; `None` before the first.
-    newest_s: Option<f64>,
-    /// Position [m], velocity [m/s], acceleration [m/s²] per axis.
-    axes: [[f64; 3]; 2],
-    /// In units of a sample's noise.
-    covariance: [[f64; 3]; 3],
+pub(super) struct Observers {
+    filters: [Filter; CHANGES.len()],
+    chosen: usize,
+    /// What waits for the pen to be [`REACH_S`] farther.
+    claim: Option<Claim>,
+    /// Mean squared errors of the filters and mean square of the ways [m²].
+    missed: [f64; CHANGES.len()],
+    moved: f64,
+    judged: u32,
 }
 
-impl Observer {
-    pub(super) const NEW: Self = Self { newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] };
+/// Where every filter said at `time_s` that the pen at `position` [m] goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Claim {
+    time_s: f64,
+    position: [f64; 2],
+    motions: [[[f64; 2]; 2]; CHANGES.len()],
+}
+
+impl Observers {
+    /// Nothing seen yet: a coarse tablet.
+    pub(super) fn new() -> Self {
+        Self {
+            filters: CHANGES.map(Filter::new),
+            chosen: 0,
+            claim: None,
+            missed: [0.0; CHANGES.len()],
+            moved: 0.0,
+            judged: 0,
+        }
+    }
 
     /// The pen was elsewhere at once.
     pub(super) fn forget(&mut self) {
-        self.newest_s = None;
+        self.claim = None;
+        for filter in &mut self.filters {
+            filter.forget();
+        }
     }
 
     /// A sample at `position` [m] and `time_s`; the one that was seen last, or an older one, changes nothing.
     pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
-        let elapsed_s = self.newest_s.map_or(f64::INFINITY, |newest_s| time_s - newest_s);
-        if elapsed_s <= 0.0 {
+        for filter in &mut self.filters {
+            filter.see(time_s, position);
+        }
+        let elapsed_s = self.claim.map_or(f64::INFINITY, |claim| time_s - claim.time_s);
+        if elapsed_s < REACH_S {
             return;
         }
-        self.newest_s = Some(time_s);
-        if !(elapsed_s <= FORGET_AFTER_S) {
-            self.begin(position);
-            return;
+        if let Some(claim) = self.claim.filter(|_| elapsed_s < 2.0 * REACH_S) {
+            self.judge(&claim, elapsed_s, position);
         }
-        self.advance(elapsed_s);
-        let [[variance, along_v, along_a], ..] = self.covariance;
-        let gains = [variance, along_v, along_a].map(|cross| cross / (variance + 1.0));
-        for (axis, measured) in self.axes.iter_mut().zip(position) {
-            let [x, ..] = *axis;
-            for (state, gain) in axis.iter_mut().zip(gains) {
-                *state += gain * (measured - x);
-            }
-        }
-        let [row, ..] = self.covariance;
-        for (entries, gain) in self.covariance.iter_mut().zip(gains) {
-            for (entry, first) in entries.iter_mut().zip(row) {
-                *entry -= gain * first;
-            }
-        }
-        let sound =
-            self.axes.as_flattened().iter().chain(self.covariance.as_flattened()).all(|v| v.is_finite());
-        if !sound {
-            self.begin(position);
-        }
+        self.claim = Some(Claim { time_s, position, motions: self.filters.each_ref().map(Filter::motion) });
+    }
+
+    /// From 0, a coarse tablet, to 1, a clean one: which filter answers.
+    pub(super) fn clarity(&self) -> f64 {
+        self.chosen as f64 / (CHANGES.len() - 1) as f64
     }
 
     /// Velocity [m/s] and acceleration [m/s²] at the newest sample.
     pub(super) fn motion(&self) -> [[f64; 2]; 2] {
-        let [[_, vx, ax], [_, vy, ay]] = self.axes;
-        [[vx, vy], [ax, ay]]
+        self.filters.get(self.chosen).map_or([[0.0; 2]; 2], Filter::motion)
     }
 
-    /// State and covariance `dt` later: P ← A P Aᵀ + g gᵀ, g = [½dt², dt, 1] · change.
-    fn advance(&mut self, dt: f64) {
-        let half = 0.5 * dt * dt;
-        for [x, v, a] in &mut self.axes {
-            *x += dt * *v + half * *a;
-            *v += dt * *a;
+    fn judge(&mut self, claim: &Claim, elapsed_s: f64, position: [f64; 2]) {
+        let square = |[x, y]: [f64; 2]| x * x + y * y;
+        let [[px, py], [x, y]] = [claim.position, position];
+        let (wx, wy) = (x - px, y - py);
+        let way = square([wx, wy]);
+        let half = 0.5 * elapsed_s * elapsed_s;
+        let errors = claim.motions.map(|[[vx, vy], [ax, ay]]| {
+            square([wx - elapsed_s * vx - half * ax, wy - elapsed_s * vy - half * ay])
+        });
+        // Rest says nothing about filters, so it makes nothing forgotten either.
+        let pace = PACE * way / (way + self.moved);
+        let sound = errors.iter().all(|error| error.is_finite());
+        if !(pace > 0.0 && sound) {
+            return;
         }
-        let [[pp, pv, pa], [_, vv, va], [_, _, aa]] = self.covariance;
-        // Rows of A P, then their products with the rows of A.
-        let [xp, xv, xa] = [pp + dt * pv + half * pa, pv + dt * vv + half * va, pa + dt * va + half * aa];
-        let [yv, ya] = [vv + dt * va, va + dt * aa];
-        let [gx, gv, ga] = [half * CHANGE, dt * CHANGE, CHANGE];
-        let (pp, pv, pa) = (xp + dt * xv + half * xa + gx * gx, xv + dt * xa + gx * gv, xa + gx * ga);
-        let (vv, va, aa) = (yv + dt * ya + gv * gv, ya + gv * ga, aa + ga * ga);
-        self.covariance = [[pp, pv, pa], [pv, vv, va], [pa, va, aa]];
-    }
-
-    fn begin(&mut self, position: [f64; 2]) {
-        self.axes = position.map(|x| [x, 0.0, 0.0]);
-        self.covariance = [[0.0; 3]; 3];
-        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(FIRST) {
-            if let Some(diagonal) = row.get_mut(i) {
-                *diagonal = deviation * deviation;
-            }
+        self.moved += pace * (way - self.moved);
+        for (missed, error) in self.missed.iter_mut().zip(errors) {
+            *missed += pace * (error - *missed);
+        }
+        self.judged = self.judged.saturating_add(1);
+        let best = self.missed.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+        if let (Some((best, least)), Some(now)) = (best, self.missed.get(self.chosen))
+            && self.judged >= SETTLED
+            && *least < BETTER * now
+        {
+            self.chosen = best;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
     use super::*;
 
-    #[test]
-    fn a_steady_acceleration_is_found_at_any_rate() {
-        for rate_hz in [60.0, 133.0, 1000.0] {
-            let mut observer = Observer::NEW;
-            let at = |t: f64| [0.1 * t + 0.5 * 3.0 * t * t, 0.2 - 0.3 * t];
-            for k in 0..400 {
-                let t = 5.0 + f64::from(k) / rate_hz;
-                observer.see(t, at(t - 5.0));
+    const RATE_HZ: f64 = 100.0;
+
+    /// Writes for `seconds` on a tablet with this noise [m]; returns how well the chosen filter knows the velocity at the end,
+    /// as the RMS error [m/s] of the last second.
+    fn write(observers: &mut Observers, from_s: f64, seconds: f64, noise_m: f64) -> f64 {
+        let mut rng = Pcg64::seed_from_u64(11);
+        let (mut sum, mut count) = (0.0, 0);
+        for k in 0..(seconds * RATE_HZ) as u32 {
+            let t = from_s + f64::from(k) / RATE_HZ;
+            let (w, u) = (17.0, 23.0);
+            let path = [0.02 * (w * t).sin(), 0.015 * (u * t).cos()];
+            observers.see(t, path.map(|x| x + noise_m * rng.random_range(-1.0..1.0)));
+            if f64::from(k) > (seconds - 1.0) * RATE_HZ {
+                let [[vx, vy], _] = observers.motion();
+                sum += (vx - 0.02 * w * (w * t).cos()).powi(2) + (vy + 0.015 * u * (u * t).sin()).powi(2);
+                count += 1;
             }
-            let t = 399.0 / rate_hz;
-            let [[vx, vy], [ax, ay]] = observer.motion();
-            assert!(
-                (vx - (0.1 + 3.0 * t)).abs() < 1e-3 && (vy + 0.3).abs() < 1e-3,
-                "{rate_hz} Hz: {vx} {vy}"
-            );
-            assert!((ax - 3.0).abs() < 1e-2 && ay.abs() < 1e-2, "{rate_hz} Hz: {ax} {ay}");
+        }
+        (sum / f64::from(count)).sqrt()
+    }
+
+    #[test]
+    fn a_coarse_tablet_and_a_clean_one_get_the_filter_that_suits_them() {
+        for (noise_m, suits) in [(2e-3, 0.0..=0.25), (1e-6, 0.75..=1.0)] {
+            let mut observers = Observers::new();
+            let error = write(&mut observers, 0.0, 6.0, noise_m);
+            assert!(suits.contains(&observers.clarity()), "{noise_m} m: {}", observers.clarity());
+            // Better than the filter for the other kind.
+            for other in [0, CHANGES.len() - 1].into_iter().filter(|other| *other != observers.chosen) {
+                let mut wrong = Observers::new();
+                wrong.filters = [Filter::new(CHANGES[other]); CHANGES.len()];
+                let wrong = write(&mut wrong, 0.0, 6.0, noise_m);
+                assert!(error < 0.8 * wrong, "{noise_m} m: {error} m/s, with {other} {wrong} m/s");
+            }
         }
     }
 
     #[test]
-    fn silence_and_numbers_that_are_none_start_anew() {
-        let mut observer = Observer::NEW;
-        for k in 0..50 {
-            observer.see(0.01 * f64::from(k), [0.01 * f64::from(k), 0.0]);
+    fn another_tablet_is_noticed_and_rest_changes_nothing() {
+        let mut observers = Observers::new();
+        write(&mut observers, 0.0, 4.0, 1e-6);
+        let clean = observers.clarity();
+        for k in 0..3000 {
+            observers.see(5.0 + f64::from(k) / RATE_HZ, [0.01, 0.02]);
         }
-        let moving = observer.motion();
-        assert!((moving[0][0] - 1.0).abs() < 1e-3, "{moving:?}");
-        observer.see(0.49, [9.0, 9.0]);
-        assert_eq!(observer.motion(), moving, "an old sample changes nothing");
-        observer.see(0.70, [0.49, 0.0]);
-        assert_eq!(observer.motion(), [[0.0; 2]; 2]);
-        observer.see(0.71, [f64::NAN, 0.0]);
-        observer.see(0.72, [0.5, 0.0]);
-        observer.see(0.73, [0.5, 0.0]);
-        assert!(observer.motion().as_flattened().iter().all(|v| v.is_finite()));
-        observer.see(f64::NAN, [0.5, 0.0]);
-        observer.see(0.74, [0.5, 0.0]);
-        assert!(observer.motion().as_flattened().iter().all(|v| v.is_finite()));
+        assert_eq!(observers.clarity(), clean);
+        write(&mut observers, 40.0, 10.0, 2e-3);
+        assert!(observers.clarity() < clean, "{} after {clean}", observers.clarity());
+    }
+
+    #[test]
+    fn numbers_that_are_none_choose_nothing() {
+        let mut observers = Observers::new();
+        write(&mut observers, 0.0, 2.0, 1e-6);
+        let chosen = observers.chosen;
+        for (k, bad) in [f64::NAN, f64::INFINITY, -1e300, 1e300].into_iter().cycle().take(200).enumerate() {
+            observers.see(3.0 + k as f64 * 0.03, [bad, 0.0]);
+        }
+        assert_eq!(observers.chosen, chosen);
+        assert!(observers.missed.iter().all(|missed| missed.is_finite()));
     }
 }

@@ -63,6 +63,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         backend: Backend::Exact,
         max_iterations: 200,
         servo_s: 0.0,
+        unlimited: false,
     };
     FollowerSettings {
         period_ns: PERIOD_NS,

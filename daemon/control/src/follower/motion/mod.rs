@@ -133,6 +133,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         })
     }
 
+    /// See [`Mpc::feedback_lag_s`].
+    pub(super) fn feedback_lag_s(&mut self) -> f64 {
+        let middle = self.workspace.map(|[low, high]| 0.5 * (low + high));
+        self.mpc.feedback_lag_s(middle)
+    }
+
     /// One period of motion: x₀ ← (FK, Jq̇, Jq̈ + J̇q̇) of what is really published, so that nothing winds up.
     pub(super) fn advance(
         &mut self,

@@ -1,0 +1,143 @@
+//! A Kalman filter of constant acceleration per axis, one gain for both, over samples at whatever rate they come.
+//!
+//! Contract: O(1) per sample, no allocation, total. A silence begins anew, and so does a number that is none.
+
+/// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise.
+const FIRST: [f64; 3] = [1.0, 1e3, 1e6];
+/// A longer silence [s] tells nothing about the velocity any more.
+const FORGET_AFTER_S: f64 = 0.1;
+
+/// See the module's description.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Filter {
+    /// Change of acceleration per sample over the noise of its position [1/s²].
+    change: f64,
+    /// Time of the newest sample [s]; `None` before the first.
+    newest_s: Option<f64>,
+    /// Position [m], velocity [m/s], acceleration [m/s²] per axis.
+    axes: [[f64; 3]; 2],
+    /// In units of a sample's noise.
+    covariance: [[f64; 3]; 3],
+}
+
+impl Filter {
+    /// Nothing seen yet; `change`: of the acceleration from sample to sample [1/s²], in units of a sample's noise.
+    pub(super) const fn new(change: f64) -> Self {
+        Self { change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
+    }
+
+    /// The pen was elsewhere at once.
+    pub(super) fn forget(&mut self) {
+        self.newest_s = None;
+    }
+
+    /// A sample at `position` [m] and `time_s`; the one that was seen last, or an older one, changes nothing.
+    pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
+        let elapsed_s = self.newest_s.map_or(f64::INFINITY, |newest_s| time_s - newest_s);
+        if elapsed_s <= 0.0 {
+            return;
+        }
+        self.newest_s = Some(time_s);
+        if !(elapsed_s <= FORGET_AFTER_S) {
+            self.begin(position);
+            return;
+        }
+        self.advance(elapsed_s);
+        let [[variance, along_v, along_a], ..] = self.covariance;
+        let gains = [variance, along_v, along_a].map(|cross| cross / (variance + 1.0));
+        for (axis, measured) in self.axes.iter_mut().zip(position) {
+            let [x, ..] = *axis;
+            for (state, gain) in axis.iter_mut().zip(gains) {
+                *state += gain * (measured - x);
+            }
+        }
+        let [row, ..] = self.covariance;
+        for (entries, gain) in self.covariance.iter_mut().zip(gains) {
+            for (entry, first) in entries.iter_mut().zip(row) {
+                *entry -= gain * first;
+            }
+        }
+        let sound =
+            self.axes.as_flattened().iter().chain(self.covariance.as_flattened()).all(|v| v.is_finite());
+        if !sound {
+            self.begin(position);
+        }
+    }
+
+    pub(super) fn motion(&self) -> [[f64; 2]; 2] {
+        let [[_, vx, ax], [_, vy, ay]] = self.axes;
+        [[vx, vy], [ax, ay]]
+    }
+
+    /// State and covariance `dt` later: P ← A P Aᵀ + g gᵀ, g = [½dt², dt, 1] · change.
+    fn advance(&mut self, dt: f64) {
+        let half = 0.5 * dt * dt;
+        for [x, v, a] in &mut self.axes {
+            *x += dt * *v + half * *a;
+            *v += dt * *a;
+        }
+        let [[pp, pv, pa], [_, vv, va], [_, _, aa]] = self.covariance;
+        // Rows of A P, then their products with the rows of A.
+        let [xp, xv, xa] = [pp + dt * pv + half * pa, pv + dt * vv + half * va, pa + dt * va + half * aa];
+        let [yv, ya] = [vv + dt * va, va + dt * aa];
+        let [gx, gv, ga] = [half * self.change, dt * self.change, self.change];
+        let (pp, pv, pa) = (xp + dt * xv + half * xa + gx * gx, xv + dt * xa + gx * gv, xa + gx * ga);
+        let (vv, va, aa) = (yv + dt * ya + gv * gv, ya + gv * ga, aa + ga * ga);
+        self.covariance = [[pp, pv, pa], [pv, vv, va], [pa, va, aa]];
+    }
+
+    fn begin(&mut self, position: [f64; 2]) {
+        self.axes = position.map(|x| [x, 0.0, 0.0]);
+        self.covariance = [[0.0; 3]; 3];
+        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(FIRST) {
+            if let Some(diagonal) = row.get_mut(i) {
+                *diagonal = deviation * deviation;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_steady_acceleration_is_found_at_any_rate() {
+        for rate_hz in [60.0, 133.0, 1000.0] {
+            let mut filter = Filter::new(3e4);
+            let at = |t: f64| [0.1 * t + 0.5 * 3.0 * t * t, 0.2 - 0.3 * t];
+            for k in 0..400 {
+                let t = 5.0 + f64::from(k) / rate_hz;
+                filter.see(t, at(t - 5.0));
+            }
+            let t = 399.0 / rate_hz;
+            let [[vx, vy], [ax, ay]] = filter.motion();
+            assert!(
+                (vx - (0.1 + 3.0 * t)).abs() < 1e-3 && (vy + 0.3).abs() < 1e-3,
+                "{rate_hz} Hz: {vx} {vy}"
+            );
+            assert!((ax - 3.0).abs() < 1e-2 && ay.abs() < 1e-2, "{rate_hz} Hz: {ax} {ay}");
+        }
+    }
+
+    #[test]
+    fn silence_and_numbers_that_are_none_start_anew() {
+        let mut filter = Filter::new(3e4);
+        for k in 0..50 {
+            filter.see(0.01 * f64::from(k), [0.01 * f64::from(k), 0.0]);
+        }
+        let moving = filter.motion();
+        assert!((moving[0][0] - 1.0).abs() < 1e-3, "{moving:?}");
+        filter.see(0.49, [9.0, 9.0]);
+        assert_eq!(filter.motion(), moving, "an old sample changes nothing");
+        filter.see(0.70, [0.49, 0.0]);
+        assert_eq!(filter.motion(), [[0.0; 2]; 2]);
+        filter.see(0.71, [f64::NAN, 0.0]);
+        filter.see(0.72, [0.5, 0.0]);
+        filter.see(0.73, [0.5, 0.0]);
+        assert!(filter.motion().as_flattened().iter().all(|v| v.is_finite()));
+        filter.see(f64::NAN, [0.5, 0.0]);
+        filter.see(0.74, [0.5, 0.0]);
+        assert!(filter.motion().as_flattened().iter().all(|v| v.is_finite()));
+    }
+}
