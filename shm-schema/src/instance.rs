@@ -199,6 +199,25 @@ fn default_root(number: u32, runtime: Option<&Path>, user: u32) -> PathBuf {
     }
 }
 
+/// The roots of this user's instances at the usual places, whatever their numbers.
+pub(crate) fn usual_roots() -> Vec<(u32, PathBuf)> {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    let user = crate::effective_user();
+    let mut folders = vec![(PathBuf::from("/tmp"), format!("foretrace-{user}-"))];
+    folders.extend(
+        runtime.filter(|folder| folder.is_absolute()).map(|folder| (folder, "foretrace-".to_owned())),
+    );
+    let mut found = Vec::new();
+    for (folder, beginning) in folders {
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|name| name.strip_prefix(&beginning)?.parse().ok());
+            found.extend(number.map(|number| (number, entry.path())));
+        }
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::PermissionsExt;

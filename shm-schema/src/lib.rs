@@ -44,6 +44,8 @@ mod instance;
 pub use instance::*;
 mod occupancy;
 pub use occupancy::*;
+mod leftovers;
+pub use leftovers::*;
 mod session;
 pub use session::*;
 mod topic;
@@ -60,3 +62,6 @@ pub const JOINTS: usize = 6;
 
 /// Axes of a position on the wire: x, y in the writing plane, z along its normal.
 pub const AXES: usize = 3;
+
+/// Where the middleware keeps its segments.
+pub const SHARED_MEMORY: &str = "/dev/shm";

@@ -9,13 +9,8 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use iceoryx2::node::NodeView;
-use iceoryx2::prelude::{CallbackProgression, Node, NodeState, ipc};
-
 use crate::instance::MIDDLEWARE_FOLDER;
-use crate::{Instance, InstanceError};
-
-const SHARED_MEMORY: &str = "/dev/shm";
+use crate::{Instance, InstanceError, SHARED_MEMORY};
 
 /// What a purge did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -125,20 +120,7 @@ impl Instance {
     ///
     /// *Errors*: `PeersUnknown`.
     pub fn peers(&self) -> Result<Vec<u32>, InstanceError> {
-        let mut alive = Vec::new();
-        if self.root().join(MIDDLEWARE_FOLDER).exists() {
-            Node::<ipc::Service>::list(self.config(), |node| {
-                if let NodeState::Alive(view) = node {
-                    alive.push(view.id().pid().value() as u32);
-                }
-                CallbackProgression::Continue
-            })
-            .map_err(|error| InstanceError::PeersUnknown {
-                number: self.number(),
-                detail: error.to_string(),
-            })?;
-        }
-        alive.sort_unstable();
+        let (mut alive, _, _) = self.nodes()?;
         alive.dedup();
         Ok(alive)
     }
