@@ -4,14 +4,12 @@
 //! touches dies of SIGBUS, possibly in the middle of a motion. Locking memory does not help: mlockall returns success.
 
 use std::io;
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-use foretrace_shm::{Instance, SHARED_MEMORY_LIMIT_BYTES};
+use foretrace_shm::{Instance, SHARED_MEMORY, SHARED_MEMORY_LIMIT_BYTES};
 
 use crate::rt::os::{self, Missing, Right};
-
-const SHARED_MEMORY: &str = "/dev/shm";
 
 /// There is too little of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -38,6 +36,32 @@ pub fn check_space() -> Result<(), NoSpace> {
 
 const fn fits(free: u64, needed: u64) -> Result<(), NoSpace> {
     if free >= needed { Ok(()) } else { Err(NoSpace { free, needed }) }
+}
+
+/// Takes as much shared memory as the instance may need beyond what is backed already, as [`reserve`] will, and gives it
+/// back at once; returns the bytes.
+///
+/// The file has no name: it is gone with this process, however that ends.
+///
+/// # Errors
+/// The file system is full (or a limit on this process' memory is reached), or cannot reserve.
+pub fn rehearse_reserve(instance: &Instance) -> Result<u64, ReserveError> {
+    let backed = instance.shared_memory().map_or(0, |memory| memory.backed_bytes);
+    rehearse_reserve_in(Path::new(SHARED_MEMORY), SHARED_MEMORY_LIMIT_BYTES.saturating_sub(backed).max(1))
+}
+
+fn rehearse_reserve_in(folder: &Path, bytes: u64) -> Result<u64, ReserveError> {
+    let file = std::fs::OpenOptions::new().write(true).custom_flags(libc::O_TMPFILE).mode(0o600).open(folder);
+    match file.and_then(|file| os::reserve(&file, bytes)) {
+        Ok(()) => Ok(bytes),
+        Err(error) if error.kind() == io::ErrorKind::StorageFull => {
+            Err(NoSpace { free: os::free_space(folder).unwrap_or(0), needed: bytes }.into())
+        }
+        Err(error) => {
+            let text = format!("{} bytes in {} cannot be reserved: {error}", bytes, folder.display());
+            Err(ReserveError::Refused(Missing { right: Right::SharedMemory, text }))
+        }
+    }
 }
 
 /// Why the segments could not be reserved.
@@ -101,5 +125,18 @@ mod tests {
         assert_eq!(fits(8 << 20, 8 << 20), Ok(()));
         let text = fits(1 << 20, 8 << 20).unwrap_err().to_string();
         assert!(text.contains("1024 KiB free") && text.contains("8192 KiB"), "{text}");
+    }
+
+    #[test]
+    fn a_rehearsed_reserve_leaves_nothing_and_is_refused_where_it_cannot_fit() {
+        let bytes = 64 << 10;
+        assert_eq!(rehearse_reserve_in(Path::new(SHARED_MEMORY), bytes).unwrap(), bytes);
+        let error = rehearse_reserve_in(Path::new(SHARED_MEMORY), 1 << 60).unwrap_err();
+        assert!(!error.to_string().is_empty());
+        let error = rehearse_reserve_in(Path::new("/no/such/folder"), bytes).unwrap_err();
+        assert!(
+            matches!(&error, ReserveError::Refused(missing) if missing.text.contains("/no/such/folder")),
+            "{error}"
+        );
     }
 }

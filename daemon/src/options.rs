@@ -4,7 +4,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use foretrace_config::{Config, ConfigError, Draft};
+use foretrace_config::{Config, ConfigError, Draft, Settings};
+
+use crate::rt::cyclic::Rhythm;
+use crate::rt::thread::RtSettings;
 
 /// Where settings come from: a file or a preset, with values put over it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -73,6 +76,30 @@ pub enum Rights {
     Ask,
     /// No priority, no CPU of its own, no spinning, no locked memory: for tests and small machines.
     Leave,
+}
+
+impl Rights {
+    /// What the real-time thread asks for, and its rhythm.
+    #[must_use]
+    pub fn rt_settings(self, settings: &Settings) -> RtSettings {
+        let section = &settings.control_loop;
+        let max_iterations = settings.mpc.max_iterations;
+        let period_ns = settings.period_ns();
+        match self {
+            Self::Ask => RtSettings {
+                rhythm: Rhythm { period_ns, spin_ns: u64::from(section.spin_us) * 1000 },
+                priority: Some(section.priority),
+                cpu: section.cpu.map(|cpu| cpu as usize),
+                max_iterations,
+            },
+            Self::Leave => RtSettings {
+                rhythm: Rhythm { period_ns, spin_ns: 0 },
+                priority: None,
+                cpu: None,
+                max_iterations,
+            },
+        }
+    }
 }
 
 /// Ends a running daemon from within the process, as a signal would from outside.

@@ -2,11 +2,14 @@
 
 mod support;
 
-use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use foretrace_shm::{ControlOp, ControlStatus, Mode, PredictorId, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
+use foretraced::rt::rehearsal::rehearse;
+use foretraced::{Rights, Source};
 use support::{Operator, Place, Running, arm, pen, turn};
 
 #[global_allocator]
@@ -22,6 +25,15 @@ fn the_allocator_counts_per_thread() {
     assert_eq!(alloc_count::allocations(), spawning + 1);
     assert!(spawning > before);
     drop(kept);
+}
+
+#[test]
+fn a_rehearsal_allocates_nothing_while_it_measures() {
+    let settings = Rights::Leave.rt_settings(Source::preset("ur5").load().unwrap().settings());
+    let quit = Arc::new(AtomicBool::new(false));
+    let seen = rehearse(settings, false, 0.2, quit).unwrap().join().unwrap();
+    assert!(!seen.lateness.is_empty());
+    assert_eq!(seen.allocations, 0);
 }
 
 #[test]

@@ -8,3 +8,4 @@ pub mod cyclic;
 pub mod evidence;
 pub mod tick;
 pub mod thread;
+pub mod rehearsal;

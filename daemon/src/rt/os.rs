@@ -159,11 +159,28 @@ pub fn page_faults() -> (u64, u64) {
     (usage.ru_minflt as u64, usage.ru_majflt as u64)
 }
 
+/// Room of a file system [bytes].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Space {
+    /// What this user may still take.
+    pub free: u64,
+    /// All of it; 0 where nothing limits it.
+    pub total: u64,
+}
+
 /// Free bytes of the file system that holds `path`.
 ///
 /// # Errors
 /// The path does not exist or cannot be asked.
 pub fn free_space(path: &Path) -> io::Result<u64> {
+    space(path).map(|space| space.free)
+}
+
+/// Room of the file system that holds `path`.
+///
+/// # Errors
+/// The path does not exist or cannot be asked.
+pub fn space(path: &Path) -> io::Result<Space> {
     let path = std::ffi::CString::new(path.as_os_str().as_encoded_bytes())?;
     let mut answer = MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: `path` is a valid C string and `answer` is valid for writing.
@@ -172,7 +189,10 @@ pub fn free_space(path: &Path) -> io::Result<u64> {
     }
     // SAFETY: statvfs is plain numbers, and the call succeeded.
     let answer = unsafe { answer.assume_init() };
-    Ok(answer.f_bavail.saturating_mul(answer.f_frsize))
+    Ok(Space {
+        free: answer.f_bavail.saturating_mul(answer.f_frsize),
+        total: answer.f_blocks.saturating_mul(answer.f_frsize),
+    })
 }
 
 /// Reserves the first `bytes` of `file`, so that no later touch of a mapped page can fail for want of space.
@@ -223,15 +243,33 @@ fn user_name() -> String {
     std::env::var("USER").unwrap_or_else(|_| format!("#{}", user_id()))
 }
 
+/// How this user gets SCHED_FIFO at `priority`.
+#[must_use]
+pub fn fifo_remedy(priority: u32) -> String {
+    let (user, wanted) = (user_name(), priority.max(90));
+    format!(
+        "add `{user} - rtprio {wanted}` to /etc/security/limits.conf and log in again, or LimitRTPRIO={wanted} to the \
+         systemd unit"
+    )
+}
+
+/// How this user gets memory that stays in memory.
+#[must_use]
+pub fn lock_remedy() -> String {
+    let user = user_name();
+    format!(
+        "add `{user} - memlock unlimited` to /etc/security/limits.conf and log in again, or LimitMEMLOCK=infinity to the \
+         systemd unit"
+    )
+}
+
 fn fifo_refused(priority: u32, error: &io::Error, limit: Option<u64>) -> Missing {
     let text = if (1..=99).contains(&priority) {
         format!(
-            "SCHED_FIFO {priority} refused ({error}): RLIMIT_RTPRIO is {limit}; add `{user} - rtprio {wanted}` to \
-             /etc/security/limits.conf and log in again, or LimitRTPRIO={wanted} to the systemd unit. Until then other \
-             programs can delay ticks",
+            "SCHED_FIFO {priority} refused ({error}): RLIMIT_RTPRIO is {limit}; {remedy}. Until then other programs can \
+             delay ticks",
             limit = limit_text(limit),
-            user = user_name(),
-            wanted = priority.max(90),
+            remedy = fifo_remedy(priority),
         )
     } else {
         format!("SCHED_FIFO {priority} refused ({error}): priorities reach from 1 to 99")
@@ -246,11 +284,10 @@ fn affinity_refused(cpu: usize, error: &io::Error, allowed: &str) -> Missing {
 
 fn lock_refused(error: &io::Error, limit: Option<u64>) -> Missing {
     let text = format!(
-        "memory lock refused ({error}): RLIMIT_MEMLOCK is {limit} bytes; add `{user} - memlock unlimited` to \
-         /etc/security/limits.conf and log in again, or LimitMEMLOCK=infinity to the systemd unit. Until then a page \
-         fault can delay a tick",
+        "memory lock refused ({error}): RLIMIT_MEMLOCK is {limit} bytes; {remedy}. Until then a page fault can delay a \
+         tick",
         limit = limit_text(limit),
-        user = user_name(),
+        remedy = lock_remedy(),
     );
     Missing { right: Right::MemoryLock, text }
 }
@@ -314,6 +351,8 @@ mod tests {
     fn space_is_reported_and_can_be_reserved() {
         let directory = tempfile::tempdir().unwrap();
         assert!(free_space(directory.path()).unwrap() > 0);
+        let space = space(directory.path()).unwrap();
+        assert!(space.total >= space.free, "{space:?}");
         let file = std::fs::File::create(directory.path().join("segment")).unwrap();
         match reserve(&file, 8192) {
             Ok(()) => assert_eq!(file.metadata().unwrap().len(), 8192),

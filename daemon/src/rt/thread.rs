@@ -98,7 +98,7 @@ where
 }
 
 /// Asks for what makes ticks punctual; says what was refused.
-fn take_rights(settings: &RtSettings) -> Vec<Missing> {
+pub(super) fn take_rights(settings: &RtSettings) -> Vec<Missing> {
     os::block_signals();
     os::prefault_stack();
     let rights =

@@ -21,9 +21,8 @@ use crate::memory::{self, ReserveError};
 use crate::options::{Options, Rights};
 use crate::ports::shm::{IpcPorts, ShmPorts};
 use crate::ports::{JOINTS, convert};
-use crate::rt::cyclic::Rhythm;
 use crate::rt::os;
-use crate::rt::thread::{self, RtNews, RtOrders, RtSettings};
+use crate::rt::thread::{self, RtNews, RtOrders};
 use crate::rt::tick::{self, TickRings};
 
 /// Ticks that count neither in spreads nor in allocations: this much time after the start.
@@ -138,7 +137,7 @@ impl Daemon {
     ) -> Result<(), DaemonError> {
         let (news_in, news) = channel::bounded(4);
         let (go, gone) = channel::bounded(1);
-        let settings = rt_settings(&self.config, options.rights);
+        let settings = options.rights.rt_settings(self.config.settings());
         let services = services.clone();
         let open = move || ShmPorts::open(&services);
         let (follower, orders) = (self.config.follower_settings(), self.rt_orders.clone());
@@ -222,23 +221,6 @@ fn heard<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
             DaemonError::ThreadDied { name: "starting", cause: "it said nothing".to_owned() }
         }
     })
-}
-
-fn rt_settings(config: &Config, rights: Rights) -> RtSettings {
-    let section = &config.settings().control_loop;
-    let max_iterations = config.settings().mpc.max_iterations;
-    let period_ns = config.settings().period_ns();
-    match rights {
-        Rights::Ask => RtSettings {
-            rhythm: Rhythm { period_ns, spin_ns: u64::from(section.spin_us) * 1000 },
-            priority: Some(section.priority),
-            cpu: section.cpu.map(|cpu| cpu as usize),
-            max_iterations,
-        },
-        Rights::Leave => {
-            RtSettings { rhythm: Rhythm { period_ns, spin_ns: 0 }, priority: None, cpu: None, max_iterations }
-        }
-    }
 }
 
 fn ipc_settings(config: &Config) -> IpcSettings {
