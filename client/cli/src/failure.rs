@@ -14,6 +14,7 @@ Exit codes:
   3    no daemon runs under this instance
   4    the daemon refused the request
   5    an input is wrong: settings, recording, reach of the arm
+  6    doctor: this machine is unfit for the rate
   130  interrupted by Ctrl-C before the result was complete";
 
 /// Why the program ends without a result.
@@ -24,6 +25,7 @@ pub(crate) enum Cause {
     NoDaemon = 3,
     Refused = 4,
     BadInput = 5,
+    Unfit = 6,
     Interrupted = 130,
 }
 

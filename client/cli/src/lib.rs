@@ -23,6 +23,7 @@ mod calibrate;
 mod status;
 mod demo;
 mod bench;
+mod doctor;
 mod lab;
 
 use std::process::ExitCode;
@@ -62,6 +63,7 @@ enum Command {
     Calibrate(calibrate::CalibrateCommand),
     Status(status::StatusArgs),
     Bench(bench::BenchArgs),
+    Doctor(doctor::DoctorArgs),
     /// The paper's experiments on a data set
     #[command(subcommand)]
     Lab(lab::LabCommand),
@@ -93,6 +95,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Calibrate(command) => calibrate::run(command),
         Command::Status(args) => status::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Lab(command) => lab::run(command),
         Command::Config(command) => config::run(command),
     }

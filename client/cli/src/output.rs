@@ -34,6 +34,19 @@ impl JsonArgs {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
+    /// Refuses a file that cannot be written, before work is done for it.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let Some(path) = self.json.as_deref().filter(|_| !self.is_stdout()) else { return Ok(()) };
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let why = match (folder.is_dir(), path.is_dir()) {
+            (true, false) => return Ok(()),
+            (true, true) => "it is a folder".to_owned(),
+            (false, _) => format!("there is no folder {}", folder.display()),
+        };
+        let what = format!("cannot write {}: {why}", path.display());
+        Err(Failure::bad_input(what, "give a writable --json FILE"))
+    }
+
     /// Writes `result` where it was asked for, if it was.
     pub(crate) fn write<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
         let Some(path) = &self.json else { return Ok(()) };

@@ -16,6 +16,19 @@ pub(crate) struct Quantiles {
     pub(crate) max: f64,
 }
 
+/// Durations up to a bound, and above the bound before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub(crate) struct Bucket {
+    pub(crate) up_to_us: u64,
+    pub(crate) count: u64,
+}
+
+impl From<Histogram<u64>> for Spread {
+    fn from(histogram: Histogram<u64>) -> Self {
+        Self(histogram)
+    }
+}
+
 impl Spread {
     const LONGEST_NS: u64 = 100_000_000_000;
 
@@ -31,6 +44,22 @@ impl Spread {
     #[cfg(test)]
     fn count(&self) -> u64 {
         self.0.len()
+    }
+
+    /// Counts in buckets whose bounds double from 1 us; ends with the last that holds something.
+    pub(crate) fn doublings(&self) -> Vec<Bucket> {
+        let mut buckets: Vec<Bucket> = Vec::new();
+        for value in self.0.iter_recorded() {
+            let bound = value.value_iterated_to().div_ceil(1000).max(1).next_power_of_two();
+            while buckets.last().is_none_or(|last| last.up_to_us < bound) {
+                let up_to_us = buckets.last().map_or(1, |last| last.up_to_us * 2);
+                buckets.push(Bucket { up_to_us, count: 0 });
+            }
+            if let Some(last) = buckets.last_mut() {
+                last.count += value.count_since_last_iteration();
+            }
+        }
+        buckets
     }
 
     /// All zero when nothing was counted.
@@ -56,6 +85,16 @@ mod tests {
         let q = spread.quantiles();
         assert!((q.p50 - 500.0).abs() < 1.0 && (q.p99 - 990.0).abs() < 1.0 && (q.max - 1000.0).abs() < 1.0);
         assert_eq!(spread.count(), 1000);
+    }
+
+    #[test]
+    fn doublings_hold_every_count_once_and_in_order() {
+        let mut spread = Spread::new();
+        [500, 900, 1_500, 7_000, 7_500].into_iter().for_each(|ns| spread.add_ns(ns));
+        let counts: Vec<_> =
+            spread.doublings().iter().map(|bucket| (bucket.up_to_us, bucket.count)).collect();
+        assert_eq!(counts, [(1, 2), (2, 1), (4, 0), (8, 2)]);
+        assert!(Spread::new().doublings().is_empty());
     }
 
     #[test]
