@@ -2,8 +2,9 @@
 //!
 //! Start: settings → lock of the instance → leftovers purged → services created under a watchdog → threads with their
 //! ports → shared memory reserved → memory locked → ticks begin → announced. End: the arm stops smoothly and is let go,
-//! ticks end, then the other threads, then the services. Every wait is bounded.
+//! ticks end, then the other threads, then the services. Every wait is bounded. A service manager is told of all of it.
 
+mod notify;
 mod start;
 
 use std::sync::Arc;
@@ -27,6 +28,7 @@ use crate::learner::LearnerOrder;
 use crate::memory;
 use crate::options::{Options, StopHandle};
 use crate::rt::thread::RtOrders;
+use notify::Manager;
 use start::open_services;
 
 /// Opening shared memory takes milliseconds; damaged files can make it hang.
@@ -50,6 +52,7 @@ pub struct ExitReport {
 /// # Errors
 /// It could not start, or a thread ended by a fault; the text says what to do.
 pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
+    let mut manager = Manager::of_environment();
     let config = options.source.load()?;
     let instance = instance(&config)?;
     let mut lock = instance.lock()?;
@@ -66,9 +69,10 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
 
     let mut daemon = Daemon::start(options, config, &instance, &services)?;
     lock.announce().map_err(|source| DaemonError::System { what: "writing the lock file", source })?;
-    daemon.greet(&instance);
-    let outcome = daemon.watch(options);
-    let report = daemon.end(outcome, &options.stop);
+    manager.ready(&daemon.greet(&instance));
+    let outcome = daemon.watch(options, &mut manager);
+    manager.stopping();
+    let report = daemon.end(outcome, &options.stop, &mut manager);
 
     // Nobody may find services that are about to go.
     let _ = lock.withdraw();
@@ -104,10 +108,11 @@ struct Daemon {
 }
 
 impl Daemon {
-    fn greet(&self, instance: &Instance) {
+    /// Says that it is ready; returns what it said.
+    fn greet(&self, instance: &Instance) -> String {
         let settings = self.config.settings();
-        info!(
-            "ready: instance {}, {} Hz, plan {} x {} ms, predictor {}, settings {} (attach with --instance {})",
+        let words = format!(
+            "instance {}, {} Hz, plan {} x {} ms, predictor {}, settings {} (attach with --instance {})",
             instance.number(),
             settings.control_loop.rate_hz,
             settings.mpc.horizon,
@@ -116,14 +121,17 @@ impl Daemon {
             self.config.name(),
             instance.number(),
         );
+        info!("ready: {words}");
         for remark in self.config.remarks() {
             warn!("{remark}");
         }
+        words
     }
 
     /// Waits for a reason to end; reloads meanwhile.
-    fn watch(&mut self, options: &Options) -> Result<(), DaemonError> {
+    fn watch(&mut self, options: &Options, manager: &mut Manager) -> Result<(), DaemonError> {
         loop {
+            manager.alive(self.rt_orders.ticks());
             if options.stop.take() {
                 info!("stopping");
                 return Ok(());
@@ -191,10 +199,16 @@ impl Daemon {
 
     /// Takes everything down; the first thing that went wrong is what is reported. Told to stop once more meanwhile, it
     /// no longer waits for the arm.
-    fn end(mut self, outcome: Result<(), DaemonError>, stop: &StopHandle) -> Result<ExitReport, DaemonError> {
+    fn end(
+        mut self,
+        outcome: Result<(), DaemonError>,
+        stop: &StopHandle,
+        manager: &mut Manager,
+    ) -> Result<ExitReport, DaemonError> {
         let mut outcome = outcome;
         self.rt_orders.leave();
         let impatient = || {
+            manager.alive(self.rt_orders.ticks());
             let again = stop.take();
             if again {
                 warn!("told to stop once more: not waiting for the arm, which brakes by itself");
@@ -242,7 +256,11 @@ fn ended<T>(thread: Option<&JoinHandle<T>>, patience: Duration) -> bool {
 }
 
 /// As [`ended`], but gives up early when `enough`.
-fn ended_unless<T>(thread: Option<&JoinHandle<T>>, patience: Duration, enough: impl Fn() -> bool) -> bool {
+fn ended_unless<T>(
+    thread: Option<&JoinHandle<T>>,
+    patience: Duration,
+    mut enough: impl FnMut() -> bool,
+) -> bool {
     let since = Instant::now();
     while thread.is_some_and(|thread| !thread.is_finished()) {
         if since.elapsed() > patience || enough() {

@@ -4,7 +4,7 @@
 //! the arm smoothly, ends once the loop is idle, and can be told to end at once instead.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
 use crossbeam::channel::{Receiver, Sender};
@@ -41,11 +41,12 @@ pub enum RtNews<E> {
     Running(Vec<Missing>),
 }
 
-/// What the supervisor tells the thread while it runs.
+/// What the supervisor tells the thread while it runs, and the sign of life that it sees.
 #[derive(Debug, Default)]
 pub struct RtOrders {
     leave: AtomicBool,
     quit: AtomicBool,
+    ticks: AtomicU64,
 }
 
 impl RtOrders {
@@ -57,6 +58,12 @@ impl RtOrders {
     /// End after the present tick; consumers brake by themselves.
     pub fn quit(&self) {
         self.quit.store(true, Ordering::Release);
+    }
+
+    /// Ticks run so far.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        self.ticks.load(Ordering::Relaxed)
     }
 }
 
@@ -115,6 +122,7 @@ fn run<const N: usize, P: Ports>(mut tick: Tick<N, P>, rhythm: Rhythm, orders: &
         }
         let wake = cyclic.wait();
         let mode = tick.run(&wake, cyclic.clock());
+        orders.ticks.fetch_add(1, Ordering::Relaxed);
         if leaving && mode == Mode::Idle {
             break;
         }

@@ -12,6 +12,7 @@ use foretrace_control::learn::Learner;
 use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{Instance, InstanceLock, Services, Session};
 
+use super::notify::Manager;
 use super::{Daemon, OPENING, settings_hash};
 use crate::error::DaemonError;
 use crate::ipc::ghost::GhostShell;
@@ -123,7 +124,9 @@ impl Daemon {
         let started = started.and_then(|()| daemon.listen_to_signals(options));
         match started {
             Ok(()) => Ok(daemon),
-            Err(error) => daemon.end(Err(error), &options.stop).and(Err(DaemonError::NotAtRest)),
+            Err(error) => daemon
+                .end(Err(error), &options.stop, &mut Manager::default())
+                .and(Err(DaemonError::NotAtRest)),
         }
     }
 

@@ -1,0 +1,202 @@
+//! The daemon and its service manager, over a NOTIFY_SOCKET of the test's own: ready, alive while it ticks, stopping.
+
+mod support;
+
+use std::io::ErrorKind;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use support::{Place, turn, until};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+struct Started {
+    child: Child,
+    socket: UnixDatagram,
+}
+
+impl Started {
+    fn new(place: &Place, socket: UnixDatagram, name: &str, watchdog_us: &str) -> Self {
+        let child = Command::new(env!("CARGO_BIN_EXE_foretraced"))
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
+            .args(["--instance", &place.number.to_string()])
+            .env("NOTIFY_SOCKET", name)
+            .env("WATCHDOG_USEC", watchdog_us)
+            .env_remove("WATCHDOG_PID")
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self { child, socket }
+    }
+
+    /// The next datagram within `patience`.
+    fn heard(&self, patience: Duration) -> Option<String> {
+        self.socket.set_read_timeout(Some(patience)).unwrap();
+        let mut bytes = [0; 512];
+        match self.socket.recv(&mut bytes) {
+            Ok(count) => Some(String::from_utf8(bytes[..count].to_vec()).unwrap()),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => None,
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn expect(&self, first_line: &str) -> String {
+        let told = self.heard(PATIENCE).unwrap_or_else(|| panic!("{first_line} never came"));
+        assert_eq!(told.lines().next(), Some(first_line), "{told}");
+        told
+    }
+
+    fn end(mut self) -> String {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+        let mut last = self.expect_after_signs_of_life();
+        let status = until("it ends", || self.child.try_wait().unwrap());
+        assert!(status.success(), "{status}");
+        while let Some(told) = self.heard(Duration::from_millis(1)) {
+            assert_eq!(told, "WATCHDOG=1", "after {last}");
+            last = told;
+        }
+        use std::io::Read;
+        let mut log = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
+        log
+    }
+
+    fn expect_after_signs_of_life(&self) -> String {
+        loop {
+            let told = self.heard(PATIENCE).expect("it says that it stops");
+            if told != "WATCHDOG=1" {
+                assert_eq!(told.lines().next(), Some("STOPPING=1"), "{told}");
+                return told;
+            }
+        }
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn ready_then_alive_then_stopping_over_a_socket_with_a_path() {
+    let _turn = turn();
+    let place = Place::new();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    let daemon = Started::new(&place, socket, path.to_str().unwrap(), "300000");
+    let ready = daemon.expect("READY=1");
+    assert!(ready.contains(&format!("\nSTATUS=instance {}, 500 Hz", place.number)), "{ready}");
+    assert_eq!(
+        place.instance().daemon().map(|mark| mark.pid),
+        Some(daemon.child.id()),
+        "ready means attachable"
+    );
+    let since = Instant::now();
+    for _ in 0..5 {
+        daemon.expect("WATCHDOG=1");
+    }
+    // Four waits of a third of a period lie between five signs of life.
+    assert!(since.elapsed() >= Duration::from_millis(300), "{:?}", since.elapsed());
+    let log = daemon.end();
+    assert!(log.contains("a sign of life every 300 ms"), "{log}");
+}
+
+#[test]
+fn an_abstract_socket_works_and_without_a_watchdog_nothing_but_ready_and_stopping_is_said() {
+    let _turn = turn();
+    let place = Place::new();
+    let name = format!("foretrace-daemon-notify-{}", std::process::id());
+    let socket = UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name).unwrap()).unwrap();
+    let daemon = Started::new(&place, socket, &format!("@{name}"), "never");
+    daemon.expect("READY=1");
+    assert_eq!(daemon.heard(Duration::from_millis(500)), None);
+    let log = daemon.end();
+    assert!(log.contains("WATCHDOG_USEC is no positive whole number"), "{log}");
+}
+
+#[test]
+fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
+    let _turn = turn();
+    let place = Place::new();
+    for name in ["vsock:2:1234", "/no/such/socket"] {
+        let mut daemon = Started::new(&place, UnixDatagram::unbound().unwrap(), name, "300000");
+        until("the daemon comes up", || place.instance().daemon());
+        let pid = daemon.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+        assert!(until("it ends", || daemon.child.try_wait().unwrap()).success());
+        use std::io::Read;
+        let mut log = String::new();
+        daemon.child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
+        assert!(log.contains(name) || log.contains("does not hear"), "{log}");
+        assert_eq!(
+            log.matches("service manager does not hear").count() + log.matches(name).count(),
+            1,
+            "{log}"
+        );
+    }
+}
+
+#[test]
+fn a_real_time_thread_that_hangs_is_not_vouched_for() {
+    let _turn = turn();
+    let place = Place::new();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    let daemon = Started::new(&place, socket, path.to_str().unwrap(), "300000");
+    daemon.expect("READY=1");
+    daemon.expect("WATCHDOG=1");
+    let Some(frozen) = frozen::Frozen::thread_of(daemon.child.id(), "foretrace-rt") else {
+        eprintln!("skipped: this system does not let a process trace its child");
+        return;
+    };
+    // What was on its way when the thread froze.
+    while daemon.heard(Duration::from_millis(200)).is_some() {}
+    assert_eq!(daemon.heard(Duration::from_millis(900)), None, "three periods without a tick");
+    drop(frozen);
+    daemon.expect("WATCHDOG=1");
+    daemon.end();
+}
+
+mod frozen {
+    //! One thread of a child, held by the kernel as a hanging loop would be. The only `unsafe` of the daemon's tests.
+
+    pub(super) struct Frozen(libc::pid_t);
+
+    impl Frozen {
+        /// Stops the thread called `name`; `None` where tracing is forbidden.
+        pub(super) fn thread_of(pid: u32, name: &str) -> Option<Self> {
+            let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
+            let thread = threads.map(|entry| entry.path()).find(|path| {
+                std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name)
+            });
+            let id: libc::pid_t = thread.expect(name).file_name()?.to_str()?.parse().ok()?;
+            let none = std::ptr::null_mut::<libc::c_void>();
+            // SAFETY: PTRACE_SEIZE with no options reads and writes no memory of this process.
+            if unsafe { libc::ptrace(libc::PTRACE_SEIZE, id, none, none) } != 0 {
+                return None;
+            }
+            let frozen = Self(id);
+            // SAFETY: as above; the thread is traced by this one.
+            assert_eq!(unsafe { libc::ptrace(libc::PTRACE_INTERRUPT, id, none, none) }, 0);
+            let mut status = 0;
+            // SAFETY: `status` is valid for writing.
+            assert_eq!(unsafe { libc::waitpid(id, &raw mut status, libc::__WALL) }, id);
+            Some(frozen)
+        }
+    }
+
+    impl Drop for Frozen {
+        fn drop(&mut self) {
+            let none = std::ptr::null_mut::<libc::c_void>();
+            // SAFETY: PTRACE_DETACH without a signal touches no memory of this process.
+            unsafe { libc::ptrace(libc::PTRACE_DETACH, self.0, none, none) };
+        }
+    }
+}
