@@ -20,6 +20,9 @@ mod attach;
 pub use attach::*;
 mod pen;
 pub use pen::*;
+pub mod gateway_frame;
+mod gateway;
+pub use gateway::*;
 mod arm;
 pub use arm::*;
 mod watch;
@@ -31,6 +34,6 @@ pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
     FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode,
     PenSample, Percentiles, PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung,
-    SafetyMode, ServiceError, SolverPath, Stage, Status, TickRecord, Tracking, TrustReason, command_flags,
-    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    SafetyMode, ServiceError, SolverPath, Stage, Status, TickRecord, Tracking, TrustReason, Validate,
+    command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -25,6 +25,24 @@ pub struct PenReading {
     pub more_flags: u32,
 }
 
+impl PenReading {
+    /// The sample that says the same, without a header.
+    pub(crate) fn sample(&self) -> PenSample {
+        let [tilt_x_rad, tilt_y_rad] = self.tilt_rad.unwrap_or_default();
+        let touch = if self.contact { pen_flags::CONTACT | pen_flags::IN_RANGE } else { 0 };
+        PenSample {
+            device_stamp_ns: self.device_stamp_ns,
+            x_m: self.x_m,
+            y_m: self.y_m,
+            pressure: self.pressure.unwrap_or(-1.0),
+            tilt_x_rad,
+            tilt_y_rad,
+            flags: self.more_flags | touch,
+            ..Default::default()
+        }
+    }
+}
+
 /// Why a reading was not sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FeedError {
@@ -56,18 +74,7 @@ impl PenFeed {
     ///
     /// *Errors*: see [`FeedError`]; nothing is sent then.
     pub fn send(&mut self, reading: PenReading) -> Result<bool, FeedError> {
-        let [tilt_x_rad, tilt_y_rad] = reading.tilt_rad.unwrap_or_default();
-        let touch = if reading.contact { pen_flags::CONTACT | pen_flags::IN_RANGE } else { 0 };
-        self.send_sample(PenSample {
-            device_stamp_ns: reading.device_stamp_ns,
-            x_m: reading.x_m,
-            y_m: reading.y_m,
-            pressure: reading.pressure.unwrap_or(-1.0),
-            tilt_x_rad,
-            tilt_y_rad,
-            flags: reading.more_flags | touch,
-            ..Default::default()
-        })
+        self.send_sample(reading.sample())
     }
 
     /// Send a sample as it stands; its header is filled in.

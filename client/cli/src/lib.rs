@@ -17,6 +17,7 @@ mod config;
 mod daemon;
 mod arm;
 mod play;
+mod gateway;
 mod record;
 mod request;
 mod calibrate;
@@ -53,6 +54,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
+    Gateway(gateway::GatewayArgs),
     Record(record::RecordArgs),
     /// Arms to plug into the loop
     #[command(subcommand)]
@@ -89,6 +91,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Demo(args) => demo::run(args),
         Command::Daemon(args) => daemon::run(args),
         Command::Play(args) => play::run(args),
+        Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),

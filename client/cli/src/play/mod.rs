@@ -4,22 +4,24 @@
 //! sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do. Outlives the daemon.
 
 pub(crate) mod source;
+mod way;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use foretrace_client::{PenFeed, PenReading, monotonic_now_ns};
+use foretrace_client::{PenReading, monotonic_now_ns};
 use foretrace_lab::data::write_csv;
 use foretrace_lab::path::{PathSample, PenPath};
 use serde::Serialize;
 
-use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::attach::instance_of;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::os;
 use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
 use source::PathArgs;
+use way::{Sent, Way};
 
 /// A pen that will write soon: time to get ready.
 const LEAD_NS: u64 = 50_000_000;
@@ -57,6 +59,10 @@ pub(crate) struct PlayArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     wait: f64,
 
+    /// Send to the socket of a `foretrace gateway` instead of into shared memory; for users other than the daemon's
+    #[arg(long, value_name = "PATH")]
+    gateway: Option<PathBuf>,
+
     /// Write what was sent as CSV: t_s (monotonic clock), x_m, y_m, contact
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -72,7 +78,7 @@ pub(crate) struct PlayArgs {
 #[derive(Debug, Default, Serialize)]
 struct Report {
     samples: u64,
-    /// Sent while no daemon listened.
+    /// Sent while no daemon listened; a gateway does not tell.
     unheard: u64,
     /// Refused by the shared memory.
     failed: u64,
@@ -99,16 +105,19 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         if args.repeat { ", over and over" } else { "" },
         path.inserted_travels
     );
-    let instance = instance_of(config.settings())?;
-    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
-    let feed = foretrace.pen_feed().map_err(unattached)?;
+    let way = match &args.gateway {
+        Some(path) => Way::gateway(path)?,
+        None => {
+            let wait = Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0));
+            Way::shared(&instance_of(config.settings())?, wait)?
+        }
+    };
     let begin = monotonic_now_ns() + LEAD_NS;
     let mut player = Player {
-        feed: Some(feed),
+        way,
         report: Report { rate_hz: path.rate_hz, ..Report::default() },
         sent: args.record.is_some().then(Vec::new),
     };
-    let mut lookout = Lookout::new();
     let turns = if args.repeat { usize::MAX } else { path.samples.len() };
     let first_s = path.samples.first().map_or(0.0, |sample| sample.t_s);
     for sample in path.cycle().take(turns) {
@@ -117,27 +126,17 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         if args.seconds.is_some_and(|seconds| after_s >= seconds) || !slept_until(due, &interrupt) {
             break;
         }
-        player.send(due, &sample);
-        match lookout.look(&mut foretrace) {
-            News::None => {}
-            News::Gone => note!("play: the daemon is gone; playing on"),
-            News::Back => note!("play: a daemon took over"),
-            News::Renewed => {
-                // The old feed holds the place that the new one needs.
-                player.feed = None;
-                match foretrace.pen_feed() {
-                    Ok(feed) => player.feed = Some(feed),
-                    Err(error) => note!("{}", unattached(error)),
-                }
-                note!("play: a new daemon is there");
-            }
-        }
+        player.send(due, &sample)?;
+        player.way.look();
         player.report.seconds = after_s;
     }
     if let (Some(file), Some(sent)) = (&args.record, player.sent) {
         write_csv(file, &PenPath::from_samples(sent)).map_err(|error| {
             Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")
         })?;
+    }
+    if let Some(words) = player.way.finish() {
+        note!("play: {words}");
     }
     let report = player.report;
     say!(
@@ -152,13 +151,13 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
 }
 
 struct Player {
-    feed: Option<PenFeed>,
+    way: Way,
     report: Report,
     sent: Option<Vec<PathSample>>,
 }
 
 impl Player {
-    fn send(&mut self, due: u64, sample: &PathSample) {
+    fn send(&mut self, due: u64, sample: &PathSample) -> Result<(), Failure> {
         let reading = PenReading {
             device_stamp_ns: due,
             x_m: sample.x_m,
@@ -167,10 +166,10 @@ impl Player {
             more_flags: foretrace_client::pen_flags::IN_RANGE,
             ..PenReading::default()
         };
-        match self.feed.as_mut().map(|feed| feed.send(reading)) {
-            Some(Ok(true)) => {}
-            Some(Ok(false)) | None => self.report.unheard += 1,
-            Some(Err(error)) => {
+        match self.way.send(reading)? {
+            Sent::Heard => {}
+            Sent::Unheard => self.report.unheard += 1,
+            Sent::Failed(error) => {
                 if self.report.failed == 0 {
                     note!("play: {error}");
                 }
@@ -183,6 +182,7 @@ impl Player {
         if let Some(sent) = &mut self.sent {
             sent.push(PathSample { t_s: due as f64 * 1e-9, ..*sample });
         }
+        Ok(())
     }
 }
 

@@ -1,0 +1,191 @@
+//! `foretrace gateway`: pen samples from programs of other users, who may not touch the shared memory.
+//!
+//! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames are well formed,
+//! and each sample is finite, in range, of this moment, later than the one before and within the rate. Everything that is
+//! refused is counted by reason and told. In the order of a sample's way: `socket`, `serve`, `admission`; `tally` counts.
+
+mod admission;
+mod serve;
+mod socket;
+mod tally;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Foretrace, PenFeed, PenSample, monotonic_now_ns};
+
+use crate::attach::{Lookout, News, attach_within, unattached};
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::output::{JsonArgs, note, say};
+use crate::settings::InstanceArgs;
+use serve::{Delivery, Gateway, Policy};
+use socket::Socket;
+
+/// Let programs of other users feed the pen, over a socket and through checks
+///
+/// One client at a time, `foretrace play --gateway PATH` or any program that speaks the protocol (documentation of
+/// foretrace_client::gateway_frame). The kernel tells which user a client is; only those of --allow-uid come in. Run it as
+/// the daemon's user. Holds the instance's only place for a pen. Outlives the daemon; ends on Ctrl-C.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  foretrace gateway --socket /run/foretrace-pen/socket --allow-uid 1001 --mode 666\n  foretrace play glyphs:Hello --gateway /run/foretrace-pen/socket      # as user 1001"
+)]
+pub(crate) struct GatewayArgs {
+    /// Where to make the socket, in a folder that only its owner may write to
+    #[arg(long, value_name = "PATH")]
+    socket: PathBuf,
+
+    /// Numbers of the users that may send; see `id -u NAME`
+    #[arg(long, value_name = "N", value_delimiter = ',', required = true)]
+    allow_uid: Vec<u32>,
+
+    /// Permissions of the socket; 666 where the list of users is enough
+    #[arg(long, value_name = "OCTAL", default_value = "660", value_parser = octal)]
+    mode: u32,
+
+    /// Number of the group that the socket is given to
+    #[arg(long, value_name = "N")]
+    group: Option<u32>,
+
+    /// Samples per second that pass in the long run
+    #[arg(long, value_name = "HZ", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    rate: u32,
+
+    /// Samples that may come at once
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    burst: u32,
+
+    /// Say what came through at most this often, and only when it has changed
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = crate::play::source::positive)]
+    status_every: f64,
+
+    /// Seconds to wait for the daemon to come up
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    wait: f64,
+
+    /// End after this many seconds
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+
+    #[command(flatten)]
+    instance: InstanceArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// A half frame after this long is an attack or a bug.
+const FRAME_TIME: Duration = Duration::from_secs(1);
+/// A pen that has nothing to say for this long gives way.
+const SILENCE: Duration = Duration::from_secs(5);
+
+pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
+    args.json.claim_stdout();
+    let interrupt = Interrupt::listen()?;
+    let instance = args.instance.instance()?;
+    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
+    let mut pen = Pen { feed: Some(foretrace.pen_feed().map_err(unattached)?), told: false };
+    let socket = Socket::open(&args.socket, args.mode, args.group)
+        .map_err(|error| Failure::bad_input(error.what, error.remedy))?;
+    let policy = Policy {
+        allowed: args.allow_uid.clone(),
+        rate: args.rate,
+        burst: args.burst,
+        frame_time: FRAME_TIME,
+        silence: SILENCE,
+    };
+    let pen = std::cell::RefCell::new(&mut pen);
+    let mut gateway =
+        Gateway::new(socket, policy, |sample| pen.borrow_mut().pass_on(sample), monotonic_now_ns);
+    note!(
+        "gateway: open at {} for users {:?}, {} samples/s, {} at once",
+        args.socket.display(),
+        args.allow_uid,
+        args.rate,
+        args.burst
+    );
+    let (begin, mut lookout) = (Instant::now(), Lookout::new());
+    let mut news = Told::new(Duration::from_secs_f64(args.status_every));
+    let over = || args.seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
+    while !interrupt.is_set() && !over() {
+        gateway.round().map_err(|error| {
+            Failure::failed(format_args!("the socket failed: {error}"), "start the gateway again")
+        })?;
+        look(&mut lookout, &mut foretrace, &mut pen.borrow_mut());
+        news.tell(&gateway);
+    }
+    let tally = gateway.close();
+    say!("gateway: {tally}");
+    args.json.write(&tally)
+}
+
+fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
+    match lookout.look(foretrace) {
+        News::None => {}
+        News::Gone => note!("gateway: the daemon is gone; waiting for the next"),
+        News::Back => note!("gateway: a daemon took over"),
+        News::Renewed => {
+            // The old feed holds the place that the new one needs.
+            pen.feed = None;
+            match foretrace.pen_feed() {
+                Ok(feed) => pen.feed = Some(feed),
+                Err(error) => note!("{}", unattached(error)),
+            }
+            note!("gateway: a new daemon is there");
+        }
+    }
+}
+
+/// The way into shared memory.
+struct Pen {
+    feed: Option<PenFeed>,
+    told: bool,
+}
+
+impl Pen {
+    fn pass_on(&mut self, sample: PenSample) -> Delivery {
+        match self.feed.as_mut().map(|feed| feed.send_sample(sample)) {
+            Some(Ok(true)) => Delivery::Heard,
+            Some(Ok(false)) | None => Delivery::Unheard,
+            Some(Err(error)) => {
+                if !self.told {
+                    note!("gateway: {error}; said only once");
+                    self.told = true;
+                }
+                Delivery::Failed
+            }
+        }
+    }
+}
+
+/// What has been said about the counts.
+struct Told {
+    every: Duration,
+    last: Instant,
+    tally: tally::Tally,
+}
+
+impl Told {
+    fn new(every: Duration) -> Self {
+        Self { every, last: Instant::now(), tally: tally::Tally::default() }
+    }
+
+    fn tell<D: FnMut(PenSample) -> Delivery>(&mut self, gateway: &Gateway<D>) {
+        if self.last.elapsed() < self.every || *gateway.tally() == self.tally {
+            return;
+        }
+        let who =
+            gateway.user().map_or_else(|| "nobody is in".to_owned(), |user| format!("user {user} is in"));
+        note!("gateway: {who}; {}", gateway.tally());
+        self.last = Instant::now();
+        self.tally = gateway.tally().clone();
+    }
+}
+
+fn octal(text: &str) -> Result<u32, String> {
+    match u32::from_str_radix(text, 8) {
+        Ok(mode) if mode <= 0o777 => Ok(mode),
+        _ => Err("three octal digits, 000 to 777".to_owned()),
+    }
+}

@@ -1,0 +1,253 @@
+//! The gateway at work: who may come in, one at a time, and what becomes of the bytes they send.
+//!
+//! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read. Whatever a client
+//! sends or leaves out, the gateway goes on; only a listener that fails ends it.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::time::{Duration, Instant};
+
+use foretrace_client::PenSample;
+use foretrace_client::gateway_frame::{FrameReader, WELCOME};
+
+use super::admission::Admission;
+use super::socket::Socket;
+use super::tally::{Samples, Tally};
+use crate::os;
+
+/// Longest wait for bytes of the client, and so for a look at who else knocks.
+const WAIT: Duration = Duration::from_millis(20);
+/// A client that sends more than it may is read no faster than once per this.
+const THROTTLE: Duration = Duration::from_millis(1);
+/// Bytes read at once.
+const CHUNK: usize = 4096;
+/// Clients that are answered in one round.
+const KNOCKS: usize = 16;
+
+/// What the gateway puts up with.
+#[derive(Debug, Clone)]
+pub(crate) struct Policy {
+    /// Users that may come in.
+    pub(crate) allowed: Vec<u32>,
+    /// Samples per second in the long run.
+    pub(crate) rate: u32,
+    /// Samples at once.
+    pub(crate) burst: u32,
+    /// Longest time from the first byte of a frame to its last.
+    pub(crate) frame_time: Duration,
+    /// A client of whom no sample passed for this long gives way to the next that knocks.
+    pub(crate) silence: Duration,
+}
+
+/// What became of a sample that passed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Delivery {
+    Heard,
+    Unheard,
+    Failed,
+}
+
+/// The client that is in.
+#[derive(Debug)]
+struct Client {
+    stream: UnixStream,
+    user: u32,
+    reader: FrameReader,
+    /// Since when a frame is not whole.
+    half_since: Option<Instant>,
+    last_passed: Instant,
+    samples: Samples,
+}
+
+/// The gateway; `Deliver` takes every sample that passes.
+#[derive(Debug)]
+pub(crate) struct Gateway<Deliver> {
+    socket: Socket,
+    policy: Policy,
+    admission: Admission,
+    client: Option<Client>,
+    tally: Tally,
+    deliver: Deliver,
+    now_ns: fn() -> u64,
+}
+
+impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
+    /// A gateway behind `socket`; `now_ns`: the monotonic clock.
+    pub(crate) fn new(socket: Socket, policy: Policy, deliver: Deliver, now_ns: fn() -> u64) -> Self {
+        let admission = Admission::new(policy.rate, policy.burst, now_ns());
+        Self { socket, policy, admission, client: None, tally: Tally::default(), deliver, now_ns }
+    }
+
+    /// What came and went so far.
+    pub(crate) fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// The user that is in.
+    pub(crate) fn user(&self) -> Option<u32> {
+        self.client.as_ref().map(|client| client.user)
+    }
+
+    /// One round: answers those who knock, then waits for bytes of the client, at most [`WAIT`].
+    ///
+    /// *Errors*: the socket takes no clients any more.
+    pub(crate) fn round(&mut self) -> io::Result<()> {
+        for _ in 0..KNOCKS {
+            match self.socket.knock()? {
+                Some(stream) => self.answer(stream),
+                None => break,
+            }
+        }
+        match self.client.take() {
+            None => std::thread::sleep(WAIT / 2),
+            Some(mut client) => match self.hear(&mut client) {
+                None => self.client = Some(client),
+                Some(reason) => self.end(client, reason),
+            },
+        }
+        Ok(())
+    }
+
+    /// Ends the connection and gives the last counts.
+    pub(crate) fn close(mut self) -> Tally {
+        if let Some(client) = self.client.take() {
+            self.end(client, "the gateway ends");
+        }
+        self.tally
+    }
+
+    /// Lets a client in or turns it away.
+    fn answer(&mut self, mut stream: UnixStream) {
+        let timeouts =
+            stream.set_read_timeout(Some(WAIT)).and_then(|()| stream.set_write_timeout(Some(WAIT)));
+        let user = timeouts.and_then(|()| os::peer_user(&stream));
+        let refusal = match user {
+            Err(_) => Some("user unknown"),
+            Ok(user) if !self.policy.allowed.contains(&user) => Some("user not allowed"),
+            Ok(_) => self.refuse_a_second(),
+        };
+        match (refusal, user) {
+            (None, Ok(user)) if say(&mut stream, WELCOME).is_ok() => {
+                self.tally.clients = self.tally.clients.saturating_add(1);
+                self.client = Some(Client {
+                    stream,
+                    user,
+                    reader: FrameReader::default(),
+                    half_since: None,
+                    last_passed: Instant::now(),
+                    samples: Samples::default(),
+                });
+            }
+            (refusal, user) => {
+                let reason = refusal.unwrap_or("gone before it was let in");
+                self.tally.turned_away.count(reason);
+                let who = user.map_or_else(|_| String::new(), |user| format!(" (user {user})"));
+                // Whoever is turned away may not listen, and need not.
+                let _ = say(&mut stream, &format!("foretrace-gateway 1 refused: {reason}{who}"));
+            }
+        }
+    }
+
+    /// Keeps the place for the client that is in, unless it has been silent for too long.
+    fn refuse_a_second(&mut self) -> Option<&'static str> {
+        let client = self.client.take()?;
+        if client.last_passed.elapsed() <= self.policy.silence {
+            self.client = Some(client);
+            return Some("another client is connected");
+        }
+        self.end(client, "silent, and another client came");
+        None
+    }
+
+    /// Takes what the client has sent; a reason when the connection is over.
+    fn hear(&mut self, client: &mut Client) -> Option<&'static str> {
+        let mut bytes = [0; CHUNK];
+        let count = match client.stream.read(&mut bytes) {
+            Ok(0) if client.reader.pending() > 0 => return Some("ended inside a frame"),
+            Ok(0) => return Some("ended by the client"),
+            Ok(count) => count,
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) =>
+            {
+                0
+            }
+            Err(_) => return Some("the connection broke"),
+        };
+        let mut input = bytes.get(..count).unwrap_or_default();
+        let mut whole = false;
+        let before = client.samples.refused.total();
+        loop {
+            match client.reader.next(&mut input) {
+                Ok(Some(frame)) => {
+                    whole = true;
+                    self.take(client, frame.0);
+                }
+                Ok(None) => break,
+                Err(error) => return Some(frame_reason(error)),
+            }
+        }
+        if whole || client.reader.pending() == 0 {
+            client.half_since = None;
+        }
+        if client.reader.pending() > 0 {
+            let since = *client.half_since.get_or_insert_with(Instant::now);
+            if since.elapsed() > self.policy.frame_time {
+                return Some("too slow with a frame");
+            }
+        }
+        if client.samples.refused.total() > before {
+            std::thread::sleep(THROTTLE);
+        }
+        None
+    }
+
+    /// Judges one sample and passes it on.
+    fn take(&mut self, client: &mut Client, sample: PenSample) {
+        let both = [&mut client.samples, &mut self.tally.samples];
+        if let Err(refusal) = self.admission.judge(&sample, (self.now_ns)()) {
+            both.into_iter().for_each(|samples| samples.refused.count(refusal.label()));
+            return;
+        }
+        client.last_passed = Instant::now();
+        let delivery = (self.deliver)(sample);
+        for samples in both {
+            match delivery {
+                Delivery::Heard => samples.passed += 1,
+                Delivery::Unheard => {
+                    samples.passed += 1;
+                    samples.unheard += 1;
+                }
+                Delivery::Failed => samples.failed += 1,
+            }
+        }
+    }
+
+    fn end(&mut self, mut client: Client, reason: &'static str) {
+        self.tally.ended.count(reason);
+        // It may be gone, or not reading.
+        let _ = say(&mut client.stream, &format!("foretrace-gateway 1 closed: {reason}; {}", client.samples));
+        let _ = client.stream.shutdown(Shutdown::Both);
+    }
+}
+
+/// Words for the counts; the numbers of a broken frame are the sender's business.
+const fn frame_reason(error: foretrace_client::gateway_frame::FrameError) -> &'static str {
+    use foretrace_client::gateway_frame::FrameError;
+    match error {
+        FrameError::Length(_) => "wrong frame length",
+        FrameError::Version(_) => "wrong protocol version",
+        FrameError::Kind(_) => "unknown kind of frame",
+        FrameError::Reserved(_) => "reserved field in use",
+    }
+}
+
+fn say(stream: &mut UnixStream, words: &str) -> io::Result<()> {
+    stream.write_all(format!("{words}\n").as_bytes())
+}
+
+#[cfg(test)]
+mod tests;

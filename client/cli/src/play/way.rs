@@ -1,0 +1,90 @@
+//! The two ways of a played sample: into shared memory, or through a gateway of another user.
+
+use std::path::Path;
+use std::time::Duration;
+
+use foretrace_client::{Foretrace, GatewayError, GatewayFeed, Instance, PenFeed, PenReading};
+
+use crate::attach::{Lookout, News, attach_within, unattached};
+use crate::failure::{Cause, Failure};
+use crate::output::note;
+
+/// Where readings go.
+pub(super) enum Way {
+    /// The shared memory of this user; outlives the daemon.
+    Shared { foretrace: Foretrace, feed: Option<PenFeed>, lookout: Lookout },
+    /// The socket of a gateway.
+    Gateway(GatewayFeed),
+}
+
+/// What became of a reading.
+pub(super) enum Sent {
+    Heard,
+    Unheard,
+    Failed(String),
+}
+
+impl Way {
+    pub(super) fn shared(instance: &Instance, wait: Duration) -> Result<Self, Failure> {
+        let foretrace = attach_within(instance, wait)?;
+        let feed = foretrace.pen_feed().map_err(unattached)?;
+        Ok(Self::Shared { foretrace, feed: Some(feed), lookout: Lookout::new() })
+    }
+
+    pub(super) fn gateway(path: &Path) -> Result<Self, Failure> {
+        GatewayFeed::connect(path).map(Self::Gateway).map_err(|error| {
+            let cause = match error {
+                GatewayError::Refused(_) => Cause::Refused,
+                _ => Cause::Failed,
+            };
+            Failure::new(cause, error, "")
+        })
+    }
+
+    /// Sends one reading.
+    ///
+    /// *Errors*: the gateway ended the connection.
+    pub(super) fn send(&mut self, reading: PenReading) -> Result<Sent, Failure> {
+        Ok(match self {
+            Self::Shared { feed, .. } => match feed.as_mut().map(|feed| feed.send(reading)) {
+                Some(Ok(true)) => Sent::Heard,
+                Some(Ok(false)) | None => Sent::Unheard,
+                Some(Err(error)) => Sent::Failed(error.to_string()),
+            },
+            Self::Gateway(feed) => match feed.send(reading) {
+                Ok(()) => Sent::Heard,
+                Err(GatewayError::Invalid(error)) => Sent::Failed(error.to_string()),
+                Err(error) => return Err(Failure::failed(error, "play again")),
+            },
+        })
+    }
+
+    /// Looks whether the daemon is still there.
+    pub(super) fn look(&mut self) {
+        let Self::Shared { foretrace, feed, lookout } = self else { return };
+        match lookout.look(foretrace) {
+            News::None => {}
+            News::Gone => note!("play: the daemon is gone; playing on"),
+            News::Back => note!("play: a daemon took over"),
+            News::Renewed => {
+                // The old feed holds the place that the new one needs.
+                *feed = None;
+                match foretrace.pen_feed() {
+                    Ok(new) => *feed = Some(new),
+                    Err(error) => note!("{}", unattached(error)),
+                }
+                note!("play: a new daemon is there");
+            }
+        }
+    }
+
+    /// Ends the connection; what the gateway says of it.
+    pub(super) fn finish(self) -> Option<String> {
+        match self {
+            Self::Shared { .. } => None,
+            Self::Gateway(feed) => {
+                Some(feed.finish().unwrap_or_else(|error| format!("no last word of the gateway: {error}")))
+            }
+        }
+    }
+}
