@@ -39,6 +39,8 @@ pub(crate) const STOPPING: Duration = Duration::from_secs(5);
 const ENDING: Duration = Duration::from_secs(2);
 /// How often signals and threads are looked at.
 const LOOK: Duration = Duration::from_millis(20);
+/// How often the owners of the segments are looked at.
+const SEGMENTS_LOOK: Duration = Duration::from_secs(1);
 
 /// What there was to see over the life of a daemon.
 #[derive(Debug, Clone, Copy)]
@@ -70,7 +72,7 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     let mut daemon = Daemon::start(options, config, &instance, &services)?;
     lock.announce().map_err(|source| DaemonError::System { what: "writing the lock file", source })?;
     manager.ready(&daemon.greet(&instance));
-    let outcome = daemon.watch(options, &mut manager);
+    let outcome = daemon.watch(options, &instance, &mut manager);
     manager.stopping();
     let report = daemon.end(outcome, &options.stop, &mut manager);
 
@@ -129,9 +131,22 @@ impl Daemon {
     }
 
     /// Waits for a reason to end; reloads meanwhile.
-    fn watch(&mut self, options: &Options, manager: &mut Manager) -> Result<(), DaemonError> {
+    fn watch(
+        &mut self,
+        options: &Options,
+        instance: &Instance,
+        manager: &mut Manager,
+    ) -> Result<(), DaemonError> {
+        let (mut segments_seen, mut warned) = (Instant::now(), false);
         loop {
             manager.alive(self.rt_orders.ticks());
+            if !warned && segments_seen.elapsed() >= SEGMENTS_LOOK {
+                segments_seen = Instant::now();
+                if let Err(error) = instance.check_segments() {
+                    warn!("{error}; said only once");
+                    warned = true;
+                }
+            }
             if options.stop.take() {
                 info!("stopping");
                 return Ok(());

@@ -80,6 +80,21 @@ pub enum InstanceError {
         /// Its permission bits.
         mode: u32,
     },
+    /// Another user owns or may touch a segment with a name of this instance.
+    #[error(
+        "{} belongs to user {owner} (mode {mode:03o}) but has a name of this instance of user {user}: \
+         ask that user or root to remove it, or choose another instance number", path.display()
+    )]
+    ForeignSegment {
+        /// The segment.
+        path: PathBuf,
+        /// Who owns it.
+        owner: u32,
+        /// Its permission bits.
+        mode: u32,
+        /// Whose instance it is.
+        user: u32,
+    },
     /// Another daemon has it.
     #[error("instance {number} already has a daemon ({}): stop it or choose another instance number",
         pid.map_or("starting".to_string(), |pid| format!("process {pid}")))]

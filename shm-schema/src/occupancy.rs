@@ -6,7 +6,7 @@
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::instance::MIDDLEWARE_FOLDER;
@@ -110,10 +110,21 @@ impl Instance {
             match fs::remove_file(&path) {
                 Ok(()) => removed += 1,
                 Err(source) if source.kind() == io::ErrorKind::NotFound => {}
-                Err(source) => return Err(InstanceError::Io { path, source }),
+                Err(source) => {
+                    own_segment(&path)?;
+                    return Err(InstanceError::Io { path, source });
+                }
             }
         }
         Ok(Purge::Removed(removed))
+    }
+
+    /// Check that every segment of this instance belongs to this user alone. /dev/shm is open to everybody: another user
+    /// can put a file there under a name that the middleware would open.
+    ///
+    /// *Errors*: `ForeignSegment`, `Io`.
+    pub fn check_segments(&self) -> Result<(), InstanceError> {
+        self.segments()?.iter().try_for_each(|path| own_segment(path))
     }
 
     /// Process numbers of all living peers, the daemon included, in ascending order.
@@ -177,6 +188,17 @@ impl InstanceLock {
     }
 }
 
+/// Refuses a segment that another user owns or may touch; one that is gone by now passes.
+fn own_segment(path: &Path) -> Result<(), InstanceError> {
+    // Not `metadata`: a link of another user must not borrow the owner of what it points to.
+    let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
+    let (owner, mode, user) = (found.uid(), found.mode() & 0o777, crate::effective_user());
+    if owner == user && mode & 0o077 == 0 {
+        return Ok(());
+    }
+    Err(InstanceError::ForeignSegment { path: path.to_path_buf(), owner, mode, user })
+}
+
 fn announced(file: &mut File) -> Option<DaemonMark> {
     let mut text = String::new();
     file.rewind().ok()?;
@@ -212,6 +234,32 @@ mod tests {
         drop(lock);
         assert_eq!(instance.daemon(), None);
         instance.lock().unwrap();
+    }
+
+    #[test]
+    fn a_segment_that_another_user_owns_or_may_touch_is_refused_by_name() {
+        use std::os::unix::fs::PermissionsExt;
+        let (_folder, instance) = scratch();
+        let path = PathBuf::from(format!("{SHARED_MEMORY}/{}planted.data", instance.prefix()));
+        fs::write(&path, "").unwrap();
+        let set = |mode| fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+        set(0o600);
+        let own = instance.check_segments();
+        set(0o606);
+        let open = instance.check_segments();
+        set(0o600);
+        // Only root may give files away.
+        let given = std::os::unix::fs::chown(&path, Some(65534), None).map(|()| instance.check_segments());
+        fs::remove_file(&path).unwrap();
+        own.unwrap();
+        assert!(matches!(open, Err(InstanceError::ForeignSegment { mode: 0o606, .. })), "{open:?}");
+        match given {
+            Ok(foreign) => {
+                let text = foreign.unwrap_err().to_string();
+                assert!(text.contains("planted.data belongs to user 65534"), "{text}");
+            }
+            Err(_) => eprintln!("skipped in part: only root can plant another user's file"),
+        }
     }
 
     #[test]

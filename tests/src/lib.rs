@@ -5,6 +5,7 @@
 //! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
 
 pub mod observer;
+pub mod trespass;
 
 use std::fs::{File, Permissions};
 use std::io::{Read, Write as _};
@@ -21,6 +22,8 @@ use serde_json::Value;
 /// A busy machine takes seconds for what usually takes milliseconds; only a hang lasts longer than this.
 const PATIENCE: Duration = Duration::from_secs(60);
 const NOBODY: u32 = 65534;
+/// A user that owns nothing, neither the daemon's nor root.
+pub const STRANGER: u32 = 65533;
 
 /// A place for one test, and the processes in it.
 pub struct World {
@@ -48,7 +51,7 @@ impl World {
         std::fs::create_dir(&folder).expect("a folder below /tmp");
         std::fs::set_permissions(&folder, Permissions::from_mode(0o700)).expect("own folder");
         let program = PathBuf::from(program);
-        let user = (user == 0 && runs_as_nobody(&program)).then_some(NOBODY);
+        let user = (user == 0 && runs_as(&program, NOBODY)).then_some(NOBODY);
         if let Some(user) = user {
             chown(&folder, Some(user), Some(user)).expect("root may give folders away");
         }
@@ -59,6 +62,25 @@ impl World {
     #[must_use]
     pub fn is_unprivileged(&self) -> bool {
         self.user.is_some() || own_user() != 0
+    }
+
+    /// The user that the processes run as.
+    #[must_use]
+    pub fn user(&self) -> u32 {
+        self.user.unwrap_or_else(own_user)
+    }
+
+    /// Another user on this machine, where the tests may run programs as one; says so if not.
+    #[must_use]
+    pub fn stranger(&self) -> Option<Stranger<'_>> {
+        if self.user.is_none() || !runs_as(&self.program, STRANGER) {
+            let _ = writeln!(
+                std::io::stderr(),
+                "skipped: only root can try what another user may do (and the program must be open to all)"
+            );
+            return None;
+        }
+        Some(Stranger(self))
     }
 
     /// The folder of this test; files in it belong to the user that the processes run as.
@@ -178,11 +200,15 @@ impl World {
     /// The program cannot be started.
     #[must_use]
     pub fn start_plain(&self, arguments: &[String]) -> Process {
+        self.start_as(self.user, arguments)
+    }
+
+    fn start_as(&self, user: Option<u32>, arguments: &[String]) -> Process {
         let mut command = Command::new(&self.program);
         command.args(arguments).current_dir(&self.folder);
         command.env_remove("XDG_RUNTIME_DIR").env("HOME", &self.folder);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        if let Some(user) = self.user {
+        if let Some(user) = user {
             command.uid(user).gid(user);
         }
         let words = arguments.join(" ");
@@ -192,6 +218,18 @@ impl World {
 
     fn root(&self, other: u32) -> PathBuf {
         self.folder.join(format!("r{other}"))
+    }
+}
+
+/// A user who has nothing to do with a world's processes.
+#[derive(Clone, Copy)]
+pub struct Stranger<'a>(&'a World);
+
+impl Stranger<'_> {
+    /// Starts `foretrace ARGUMENTS...` as this user.
+    #[must_use]
+    pub fn start(&self, arguments: &[String]) -> Process {
+        self.0.start_as(Some(STRANGER), arguments)
     }
 }
 
@@ -373,9 +411,9 @@ fn own_user() -> u32 {
     std::fs::metadata("/proc/self").map_or(0, |found| found.uid())
 }
 
-/// `nobody` can reach and run the program.
-fn runs_as_nobody(program: &Path) -> bool {
+/// This user can reach and run the program.
+fn runs_as(program: &Path, user: u32) -> bool {
     let mut command = Command::new(program);
-    command.arg("--version").uid(NOBODY).gid(NOBODY).stdout(Stdio::null()).stderr(Stdio::null());
+    command.arg("--version").uid(user).gid(user).stdout(Stdio::null()).stderr(Stdio::null());
     command.status().is_ok_and(|status| status.success())
 }

@@ -180,6 +180,7 @@ impl Daemon {
             RtNews::Failed(error) => return Err(error.into()),
             RtNews::Opened | RtNews::Running(_) => {}
         }
+        instance.check_segments()?;
         match memory::reserve(instance) {
             Ok(bytes) => info!("{} KiB of shared memory reserved", bytes / 1024),
             Err(ReserveError::NoSpace(error)) => return Err(error.into()),
