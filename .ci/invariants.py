@@ -66,6 +66,24 @@ def opponents_stay_in_the_lab() -> None:
             problems.append(f"{package} reaches rsruckig: what foretrace is compared with belongs to the lab only")
 
 
+def unsafe_code_is_justified() -> None:
+    """SECURITY.md's table names every file with unsafe code, tests included, and how many places it has."""
+    listed = {}
+    for line in (ROOT / "SECURITY.md").read_text(encoding="utf-8").splitlines():
+        row = re.match(r"\| `([^`]+\.rs)` \| (\d+) \| \S", line)
+        if row:
+            listed[row[1]] = int(row[2])
+    found = {}
+    for path in (path for folder in OUR_FOLDERS for path in sources(folder)):
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.lstrip().startswith("//")]
+        count = sum(len(re.findall(r"\bunsafe\s*(?:\{|\(|fn\b|impl\b|extern\b|trait\b)", line)) for line in lines)
+        if count:
+            found[str(path.relative_to(ROOT))] = count
+    for name in sorted(found.keys() | listed.keys()):
+        if found.get(name, 0) != listed.get(name, 0):
+            problems.append(f"{name}: {found.get(name, 0)} places with unsafe code, SECURITY.md justifies {listed.get(name, 0)}")
+
+
 def sizes_and_places() -> None:
     for folder in OUR_FOLDERS:
         for path in sources(folder):
@@ -86,6 +104,7 @@ def main() -> int:
     nowhere_but(r"\bclarabel::(algebra|solver)\b", "daemon/control/src", {"daemon/control/src/qp/clarabel.rs"}, "only qp/clarabel.rs names Clarabel")
     for folder in ("shm-schema/src", "config/src", "daemon", "client"):
         nowhere_but(r"\bunsafe\s*(\{|fn|impl|extern)", folder, UNSAFE_FILES, "unsafe code stands in the listed files only")
+    unsafe_code_is_justified()
     nowhere_but(r"\btracing::|\b(info|warn|error|debug|trace)!\(", "daemon/src/rt", set(), "the real-time thread does not log")
     sizes_and_places()
     for problem in problems:

@@ -1,4 +1,7 @@
-"""Checks every dependency's licence and source against deny.toml. An expression passes if one of its alternatives does."""
+"""Checks licence and source of every dependency, and its single version where deny.toml wants one, without network.
+
+A licence expression passes if one of its alternatives does. Advisories need a database: see .ci/run.
+"""
 
 import json
 import pathlib
@@ -11,7 +14,8 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 
 def main() -> int:
-    allowed = set(tomllib.loads((ROOT / "deny.toml").read_text(encoding="utf-8"))["licenses"]["allow"])
+    rules = tomllib.loads((ROOT / "deny.toml").read_text(encoding="utf-8"))
+    allowed = set(rules["licenses"]["allow"])
     command = ["cargo", "metadata", "--locked", "--format-version", "1"]
     packages = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)["packages"]
     bad = 0
@@ -24,6 +28,11 @@ def main() -> int:
             bad += 1
         if package["source"] is not None and not package["source"].startswith("registry+"):
             print(f"source: {name} comes from {package['source']}, not from the registry", file=sys.stderr)
+            bad += 1
+    for single in (ban["name"] for ban in rules["bans"]["deny"] if ban.get("deny-multiple-versions")):
+        versions = sorted(package["version"] for package in packages if package["name"] == single)
+        if len(versions) != 1:
+            print(f"versions: {single} {versions}, deny.toml wants exactly one", file=sys.stderr)
             bad += 1
     print(f"licences: {len(packages)} packages, {bad} problems")
     return 1 if bad else 0

@@ -5,6 +5,8 @@
 //! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
 
 pub mod observer;
+mod stranger;
+pub use stranger::*;
 pub mod trespass;
 
 use std::fs::{File, Permissions};
@@ -22,8 +24,6 @@ use serde_json::Value;
 /// A busy machine takes seconds for what usually takes milliseconds; only a hang lasts longer than this.
 const PATIENCE: Duration = Duration::from_secs(60);
 const NOBODY: u32 = 65534;
-/// A user that owns nothing, neither the daemon's nor root.
-pub const STRANGER: u32 = 65533;
 
 /// A place for one test, and the processes in it.
 pub struct World {
@@ -68,19 +68,6 @@ impl World {
     #[must_use]
     pub fn user(&self) -> u32 {
         self.user.unwrap_or_else(own_user)
-    }
-
-    /// Another user on this machine, where the tests may run programs as one; says so if not.
-    #[must_use]
-    pub fn stranger(&self) -> Option<Stranger<'_>> {
-        if self.user.is_none() || !runs_as(&self.program, STRANGER) {
-            let _ = writeln!(
-                std::io::stderr(),
-                "skipped: only root can try what another user may do (and the program must be open to all)"
-            );
-            return None;
-        }
-        Some(Stranger(self))
     }
 
     /// The folder of this test; files in it belong to the user that the processes run as.
@@ -218,18 +205,6 @@ impl World {
 
     fn root(&self, other: u32) -> PathBuf {
         self.folder.join(format!("r{other}"))
-    }
-}
-
-/// A user who has nothing to do with a world's processes.
-#[derive(Clone, Copy)]
-pub struct Stranger<'a>(&'a World);
-
-impl Stranger<'_> {
-    /// Starts `foretrace ARGUMENTS...` as this user.
-    #[must_use]
-    pub fn start(&self, arguments: &[String]) -> Process {
-        self.0.start_as(Some(STRANGER), arguments)
     }
 }
 

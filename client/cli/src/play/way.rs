@@ -12,7 +12,7 @@ use crate::output::note;
 /// Where readings go.
 pub(super) enum Way {
     /// The shared memory of this user; outlives the daemon.
-    Shared { foretrace: Foretrace, feed: Option<PenFeed>, lookout: Lookout },
+    Shared { foretrace: Box<Foretrace>, feed: Option<PenFeed>, lookout: Lookout },
     /// The socket of a gateway.
     Gateway(GatewayFeed),
 }
@@ -26,7 +26,7 @@ pub(super) enum Sent {
 
 impl Way {
     pub(super) fn shared(instance: &Instance, wait: Duration) -> Result<Self, Failure> {
-        let foretrace = attach_within(instance, wait)?;
+        let foretrace = Box::new(attach_within(instance, wait)?);
         let feed = foretrace.pen_feed().map_err(unattached)?;
         Ok(Self::Shared { foretrace, feed: Some(feed), lookout: Lookout::new() })
     }
