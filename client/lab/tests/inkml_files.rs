@@ -137,7 +137,10 @@ fn continued_traces_are_one_and_utf_16_is_read() {
 #[test]
 fn every_refusal_names_file_line_and_reason() {
     let deep = format!("<ink>{}", "<traceGroup>".repeat(70));
-    let cases: [(&str, &str); 18] = [
+    let crowded: String = (0..200_000).map(|n| format!(" a{n}=''")).collect();
+    let crowded = format!("<ink>\n<trace{crowded}>1 2</trace></ink>");
+    let cases: [(&str, &str); 19] = [
+        (&crowded, "a.inkml:2: a tag with more than 256 attributes"),
         ("<ink>\n<trace>1 2,\n3 x</trace></ink>", "a.inkml:3: \"x\" is not a number"),
         ("<ink>\n<trace>1 2,3</trace></ink>", "a.inkml:2: a point has 1 of 2 values"),
         ("<ink>\n<trace>1</tracé></ink>", "a.inkml:2: malformed XML: "),

@@ -361,6 +361,10 @@ impl Builder {
     }
 }
 
+/// InkML knows about a dozen attributes. Comparing each with all before it takes quadratic time (RUSTSEC-2026-0194), so a tag
+/// with very many must not be read to its end.
+const MOST_ATTRIBUTES: usize = 256;
+
 /// Attributes by local name, so that `xml:id` and `id` are one.
 struct Attributes(Vec<(String, String)>);
 
@@ -368,6 +372,9 @@ impl Attributes {
     fn of(element: &BytesStart<'_>) -> Result<Self, String> {
         let mut all = Vec::new();
         for attribute in element.attributes() {
+            if all.len() == MOST_ATTRIBUTES {
+                return Err(format!("a tag with more than {MOST_ATTRIBUTES} attributes"));
+            }
             let attribute = attribute.map_err(|e| format!("malformed attribute: {e}"))?;
             let value = attribute.unescape_value().map_err(|e| format!("malformed attribute: {e}"))?;
             let name = String::from_utf8_lossy(attribute.key.local_name().as_ref()).into_owned();
