@@ -214,3 +214,46 @@ fn a_gateway_outlives_its_daemon_and_refuses_a_bad_beginning_with_a_line() {
     gate.end();
     daemon.end();
 }
+
+/// A file of another user under a name of the instance; removed at the end.
+struct Planted(PathBuf);
+
+impl Planted {
+    fn new(world: &World) -> Self {
+        let planted =
+            Self(PathBuf::from(format!("/dev/shm/{}planted.connection", world.instance(0).prefix())));
+        std::fs::write(&planted.0, "").unwrap();
+        std::fs::set_permissions(&planted.0, Permissions::from_mode(0o666)).unwrap();
+        std::os::unix::fs::chown(&planted.0, Some(STRANGER), Some(STRANGER)).unwrap();
+        planted
+    }
+}
+
+impl Drop for Planted {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn a_segment_that_another_user_planted_keeps_the_daemon_from_starting_and_is_told_while_it_runs() {
+    let world = World::new(PROGRAM);
+    // Without another user at hand there is nobody to plant one.
+    if world.stranger().is_none() {
+        return;
+    }
+    let planted = Planted::new(&world);
+    let refused = world.run(0, &["daemon", "--no-rights"]);
+    let (name, owner) = (planted.0.display().to_string(), format!("belongs to user {STRANGER} (mode 666)"));
+    assert_refused(&refused, 1, &[&name, &owner, "ask that user or root to remove it"]);
+    drop(planted);
+
+    let daemon = world.daemon(0);
+    let planted = Planted::new(&world);
+    // Looked at once per second; the daemon goes on.
+    std::thread::sleep(std::time::Duration::from_millis(2500));
+    drop(planted);
+    let ended = daemon.end();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(said.matches(&owner).count(), 1, "{said}");
+}
