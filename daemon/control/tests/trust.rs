@@ -129,6 +129,27 @@ fn predictor_that_a_straight_line_beats_by_far_is_not_believed() {
 }
 
 #[test]
+fn straight_line_does_not_count_where_doubt_would_only_put_hold_in_the_previews_place() {
+    let mut trust = trusted();
+    let of = |preview| Record { preview, steady: 5.0, ..GOOD };
+    assert_eq!(judged(&mut trust, of(20.0)), (TrustReason::Auto, Trust::FULL));
+    assert_eq!(judged(&mut trust, of(21.0)), (TrustReason::WorseThanSteady, Trust::NONE));
+    assert_eq!(judged(&mut trust, of(20.0)), (TrustReason::Auto, Trust::FULL));
+}
+
+#[test]
+fn shipped_predictor_loses_belief_by_its_own_faults_only() {
+    // Nobody foresees the start of the first stroke: as good as Hold is no reason for doubt yet.
+    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
+    let first = Record { preview: 95.0, hold: 100.0, steady: 100.0, cases: 1.0 };
+    assert_eq!(judged(&mut trust, first).0, TrustReason::Auto);
+    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
+    let worse = Record { preview: 106.0, ..first };
+    assert_eq!(judged(&mut trust, worse).0, TrustReason::WorseThanHold);
+    assert_eq!(judged(&mut trust, first).0, TrustReason::Hysteresis);
+}
+
+#[test]
 fn evidence_that_is_not_a_number_speaks_against_the_preview() {
     for bad in [
         Record { preview: f64::NAN, ..GOOD },

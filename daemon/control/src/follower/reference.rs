@@ -8,6 +8,11 @@ use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
 use crate::trust::Evidence;
 use crate::units::{AxisState, Stamp};
 
+/// Longest time between samples that a device may be used to [ns]; longer ones are pauses.
+const LONGEST_INTERVAL_NS: u64 = 40_000_000;
+/// No device is taken to be silent sooner [ns].
+const LEAST_PATIENCE_NS: u64 = 20_000_000;
+
 /// The newest preview, kept between grid steps, because most ticks close none.
 #[derive(Debug, Clone)]
 pub(super) struct Preview {
@@ -25,6 +30,9 @@ pub(super) struct Preview {
     origin: f64,
     /// The sample that `used` is up to date with, and whether it was believed per step.
     corrected: Option<(Stamp, bool)>,
+    /// The newest sample, and the usual time between samples [ns].
+    heard: Option<(Stamp, [f64; 2])>,
+    interval_ns: u64,
     base: Option<Stamp>,
     finite: bool,
     bands: Option<PreviewBands>,
@@ -42,6 +50,8 @@ impl Preview {
             used: [[0.0; 2]; MAX_PREVIEW + 1],
             origin: 0.0,
             corrected: None,
+            heard: None,
+            interval_ns: step_ns,
             base: None,
             finite: true,
             bands: None,
@@ -81,6 +91,7 @@ impl Preview {
 
     /// Moves the preview by what `newest` says and shortens it to the shares that `evidence` justifies, if `per_step`.
     pub(super) fn correct(&mut self, newest: &PenReading, evidence: &mut Evidence, per_step: bool) {
+        self.hear(newest);
         let Some(base) = self.base else { return };
         let seen = Some((newest.stamp, per_step));
         if self.corrected == seen {
@@ -88,7 +99,13 @@ impl Preview {
         }
         self.corrected = seen;
         let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
-        if !(0.0..1.5).contains(&phase) {
+        if phase >= 1.5 {
+            // The preview knows nothing of this sample, as after a pause.
+            self.used = [newest.position; MAX_PREVIEW + 1];
+            self.origin = 0.0;
+            return;
+        }
+        if !(phase >= 0.0) {
             self.raw();
             return;
         }
@@ -104,6 +121,21 @@ impl Preview {
         }
         self.used[0] = newest.position;
         self.origin = phase;
+    }
+
+    fn hear(&mut self, newest: &PenReading) {
+        let elapsed_ns = self.heard.map_or(0, |(heard, _)| newest.stamp.0.saturating_sub(heard.0));
+        if (1..=LONGEST_INTERVAL_NS).contains(&elapsed_ns) {
+            self.interval_ns = self.interval_ns - self.interval_ns / 8 + elapsed_ns / 8;
+        }
+        self.heard = Some((newest.stamp, newest.position));
+    }
+
+    /// Where the pen is taken to have come to rest [m]: devices that are silent for longer than they usually are have nothing to tell.
+    fn silent_at(&self, now: Stamp) -> Option<[f64; 2]> {
+        let patience_ns = (self.interval_ns * 5 / 2).max(LEAST_PATIENCE_NS);
+        let (_, position) = self.heard.filter(|(heard, _)| now.0.saturating_sub(heard.0) > patience_ns)?;
+        Some(position)
     }
 
     fn raw(&mut self) {
@@ -138,7 +170,7 @@ impl Preview {
     ///
     /// On cubic pieces through the newest sample and the predicted grid points, with the slopes of their neighbours: a kink
     /// at every grid point would cost a sharp plan more jerk than the letter does. Beyond the last predicted point the pen is
-    /// taken to stand still.
+    /// taken to stand still; where samples stay away it is taken to have stopped at the last one.
     pub(super) fn references<const N: usize>(
         &self,
         now: Stamp,
@@ -149,6 +181,9 @@ impl Preview {
         let step_s = self.step_ns as f64 * 1e-9;
         let lead = self.lead(base, now, dead_time_ns);
         let stride = plan_step_s / step_s;
+        if let Some([x, y]) = self.silent_at(now) {
+            return Some([[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]]);
+        }
         let mut xs = [AxisState::default(); N];
         let mut ys = [AxisState::default(); N];
         for (i, (x, y)) in xs.iter_mut().zip(&mut ys).enumerate() {
@@ -271,6 +306,47 @@ mod tests {
                 assert!((a.velocity - b.velocity).abs() < 2e-3);
             }
             last = next;
+        }
+    }
+
+    fn told(stamp: u64, position: [f64; 2]) -> PenReading {
+        PenReading { stamp: Stamp(stamp), position, contact: true, origin: Default::default() }
+    }
+
+    #[test]
+    fn pen_whose_samples_stay_away_has_stopped_at_the_last_one() {
+        for interval_ns in [5_000_000, 16_000_000] {
+            let mut preview = straight(40);
+            let mut stamp = 1_000_000_000 - 40 * interval_ns;
+            for _ in 0..41 {
+                preview.hear(&told(stamp, [0.0007, -0.0001]));
+                stamp += interval_ns;
+            }
+            let newest = stamp - interval_ns;
+            let patience = (interval_ns * 5 / 2).max(20_000_000);
+            let moving = |after| {
+                let [xs, _] = preview.references::<10>(Stamp(newest + after), 30_000_000, 0.01).unwrap();
+                xs[0].velocity != 0.0
+            };
+            assert!(moving(0) && moving(patience - 500_000), "{interval_ns} ns");
+            assert!(!moving(patience + 500_000), "{interval_ns} ns");
+            let silent = Stamp(newest + patience + 500_000);
+            let [xs, ys] = preview.references::<10>(silent, 30_000_000, 0.01).unwrap();
+            assert!(xs.iter().all(|x| *x == AxisState::at_rest(0.0007)));
+            assert!(ys.iter().all(|y| *y == AxisState::at_rest(-0.0001)));
+        }
+    }
+
+    #[test]
+    fn preview_from_before_a_pause_says_nothing_of_what_comes_after() {
+        for per_step in [false, true] {
+            let mut preview = straight(40);
+            let mut evidence = Evidence::new(0.01, per_step);
+            let after = told(1_150_000_000, [0.05, 0.02]);
+            preview.correct(&after, &mut evidence, per_step);
+            let [xs, ys] = preview.references::<10>(Stamp(1_151_000_000), 0, 0.01).unwrap();
+            assert!(xs.iter().all(|x| x.position == 0.05 && x.velocity == 0.0), "{xs:?}");
+            assert!(ys.iter().all(|y| y.position == 0.02 && y.velocity == 0.0), "{ys:?}");
         }
     }
 }

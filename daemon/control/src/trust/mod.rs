@@ -44,9 +44,11 @@ pub struct TrustSettings {
 const END: f64 = 1.05;
 /// ... and begins when they were better by this one.
 const BEGIN: f64 = 0.9;
-/// The same against constant velocity: what a far simpler predictor does much better is not to be believed.
+/// The same against constant velocity: what a far simpler predictor does much better is not to be believed...
 const END_STEADY: f64 = 1.5;
 const BEGIN_STEADY: f64 = 1.2;
+/// ... but for previews that are better than Hold by this factor: Hold is what doubt would put in their place.
+const CLEARLY: f64 = 0.2;
 
 impl Default for TrustSettings {
     fn default() -> Self {
@@ -208,7 +210,8 @@ pub struct TrustControl {
     alpha: f64,
     /// The present warm-up follows a jump.
     after_jump: bool,
-    /// The evidence spoke for the predictor, and has not spoken against it since.
+    /// The evidence has not spoken against the predictor, or has spoken for it since: one that is shipped has its proof from
+    /// other hands.
     believed: bool,
 }
 
@@ -226,7 +229,7 @@ impl TrustControl {
         if !(settings.step_ns..=10_000_000_000).contains(&settings.stale_after_ns) {
             return Err(TrustError::Stale { got_ns: settings.stale_after_ns, step_ns: settings.step_ns });
         }
-        Ok(Self { settings, alpha: 0.0, after_jump: false, believed: false })
+        Ok(Self { settings, alpha: 0.0, after_jump: false, believed: true })
     }
 
     /// Moves α towards what `inputs` justify; `dt_ns` since the last update [ns].
@@ -248,13 +251,12 @@ impl TrustControl {
     /// What the record says, with a memory of what it said before.
     fn weigh(&mut self, record: &Record) -> TrustReason {
         if !(record.cases >= f64::from(self.settings.proof_cases)) {
-            self.believed = false;
             return TrustReason::Unproven;
         }
         let (hold, steady) = if self.believed { (END, END_STEADY) } else { (BEGIN, BEGIN_STEADY) };
         // Written so that a record that is not a number speaks against the preview.
         let better = record.preview <= hold * record.hold;
-        let no_worse = record.preview <= steady * record.steady;
+        let no_worse = record.preview <= steady * record.steady || record.preview <= CLEARLY * record.hold;
         let before = self.believed;
         self.believed = better && no_worse;
         match (better, no_worse) {
