@@ -82,14 +82,20 @@ impl Drop for Started {
     }
 }
 
+/// A daemon that tells a socket with a path, and the folder of that.
+fn started_beside_a_path(place: &Place) -> (tempfile::TempDir, Started) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    let daemon = Started::new(place, socket, path.to_str().unwrap(), "300000");
+    (folder, daemon)
+}
+
 #[test]
 fn ready_then_alive_then_stopping_over_a_socket_with_a_path() {
     let _turn = turn();
     let place = Place::new();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let socket = UnixDatagram::bind(&path).unwrap();
-    let daemon = Started::new(&place, socket, path.to_str().unwrap(), "300000");
+    let (_folder, daemon) = started_beside_a_path(&place);
     let ready = daemon.expect("READY=1");
     assert!(ready.contains(&format!("\nSTATUS=instance {}, 500 Hz", place.number)), "{ready}");
     assert_eq!(
@@ -146,10 +152,7 @@ fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
 fn a_real_time_thread_that_hangs_is_not_vouched_for() {
     let _turn = turn();
     let place = Place::new();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let socket = UnixDatagram::bind(&path).unwrap();
-    let daemon = Started::new(&place, socket, path.to_str().unwrap(), "300000");
+    let (_folder, daemon) = started_beside_a_path(&place);
     daemon.expect("READY=1");
     daemon.expect("WATCHDOG=1");
     let Some(frozen) = frozen::Frozen::thread_of(daemon.child.id(), "foretrace-rt") else {

@@ -128,19 +128,6 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
         assert_eq!(row.sequences, 3);
         let json = serde_json::to_value(row).unwrap();
         assert!(json["predictor"].is_string() && json["arm"] == "ur5", "{json}");
-        for key in [
-            "mse_m2",
-            "median_mse_m2",
-            "pen_down_mse_m2",
-            "max_m",
-            "lag_ms",
-            "rms_jerk",
-            "saturated_pct",
-            "illegal_pct",
-            "worse_than_hold_pct",
-        ] {
-            assert!(json[key].is_number(), "{key}: {json}");
-        }
     }
 }
 

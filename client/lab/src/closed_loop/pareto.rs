@@ -16,7 +16,9 @@ use crate::today::{WaySettings, sweep};
 const FACTORS: [f64; 8] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0];
 /// The same without limits, where the plan can be sharper yet: then with the gains towards the prediction up to that of the benchmark.
 const FREE_FACTORS: [f64; 4] = [0.05, 0.2, 0.6, 1.0];
-const FREE_GAINS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
+const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
+/// Feedback alone has no gain towards a prediction.
+const HOLD_FACTORS: [f64; 7] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0];
 
 /// With which settings an entrant takes part.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,6 +110,9 @@ impl Benchmark<'_> {
             if arm.limited() {
                 let named = |factor| if factor == 1.0 { shipped.clone() } else { gains(factor) };
                 return FACTORS.map(named).to_vec();
+            }
+            if entrant == Entrant::HOLD {
+                return HOLD_FACTORS.map(gains).into_iter().chain([shipped]).collect();
             }
             let sharp = FREE_GAINS.map(|gain| (Tuning::Sharp(gain), format!("sharp, gain {gain}")));
             return FREE_FACTORS.map(gains).into_iter().chain(sharp).chain([shipped]).collect();
