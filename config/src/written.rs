@@ -91,10 +91,15 @@ impl Raw {
 pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
     let (root, errors) = DeTable::parse_recoverable(text);
+    let mut told: Option<(usize, String)> = None;
     for error in &errors {
         let line = error.span().map_or(0, |span| lines.line(span.start));
         let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
-        problems.push(Problem::Syntax { place: at_line(place, line), what });
+        // The parser repeats itself at every level of nesting.
+        if told.as_ref() != Some(&(line, what.clone())) {
+            problems.push(Problem::Syntax { place: at_line(place, line), what: what.clone() });
+            told = Some((line, what));
+        }
     }
     // A broken line leaves half-read values behind: judging them would bury the cause under its consequences.
     if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }

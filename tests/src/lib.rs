@@ -4,25 +4,29 @@
 //! processes are killed and everything is removed when the [`World`] goes. Started as root, the processes run as `nobody`
 //! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
 
+pub mod forger;
+pub mod frozen;
+pub mod judge;
+pub mod leftovers;
 pub mod observer;
+mod process;
+pub use process::*;
+pub mod recorder;
 mod stranger;
 pub use stranger::*;
 pub mod trespass;
 
 use std::fs::{File, Permissions};
-use std::io::{Read, Write as _};
+use std::io::Write as _;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
 use serde_json::Value;
 
-/// A busy machine takes seconds for what usually takes milliseconds; only a hang lasts longer than this.
-const PATIENCE: Duration = Duration::from_secs(60);
 const NOBODY: u32 = 65534;
 
 /// A place for one test, and the processes in it.
@@ -32,6 +36,8 @@ pub struct World {
     folder: PathBuf,
     number: u32,
     user: Option<u32>,
+    /// Words before the program's own, for example to run it in another mount namespace.
+    through: Vec<String>,
 }
 
 impl World {
@@ -55,7 +61,7 @@ impl World {
         if let Some(user) = user {
             chown(&folder, Some(user), Some(user)).expect("root may give folders away");
         }
-        Self { _turn: turn, program, folder, number: count % 50, user }
+        Self { _turn: turn, program, folder, number: count % 50, user, through: Vec::new() }
     }
 
     /// The processes of this world have no special rights.
@@ -68,6 +74,11 @@ impl World {
     #[must_use]
     pub fn user(&self) -> u32 {
         self.user.unwrap_or_else(own_user)
+    }
+
+    /// From here on, starts everything through `words`, which must run what follows them as this world's user.
+    pub fn go_through(&mut self, words: Vec<String>) {
+        self.through = words;
     }
 
     /// The folder of this test; files in it belong to the user that the processes run as.
@@ -114,12 +125,15 @@ impl World {
     /// Starts the daemon and waits until it can be attached to.
     #[must_use]
     pub fn daemon(&self, other: u32) -> Process {
+        self.daemon_with(other, &[])
+    }
+
+    /// The same with further options.
+    #[must_use]
+    pub fn daemon_with(&self, other: u32, options: &[&str]) -> Process {
         let rights = std::env::var_os("FORETRACE_RT_TESTS").is_some_and(|value| value == "1");
-        let mut daemon = if rights {
-            self.start(other, &["daemon"])
-        } else {
-            self.start(other, &["daemon", "--no-rights"])
-        };
+        let words: &[&str] = if rights { &["daemon"] } else { &["daemon", "--no-rights"] };
+        let mut daemon = self.start(other, &[words, options].concat());
         until("the daemon comes up", || {
             daemon.expect_alive();
             let asked = self.run(other, &["status"]);
@@ -191,16 +205,25 @@ impl World {
     }
 
     fn start_as(&self, user: Option<u32>, arguments: &[String]) -> Process {
-        let mut command = Command::new(&self.program);
+        let mut command = match self.through.split_first() {
+            Some((first, rest)) => {
+                let mut command = Command::new(first);
+                command.args(rest).arg(&self.program);
+                command
+            }
+            None => Command::new(&self.program),
+        };
         command.args(arguments).current_dir(&self.folder);
         command.env_remove("XDG_RUNTIME_DIR").env("HOME", &self.folder);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        if let Some(user) = user {
+        // What goes through other programs changes its user by them.
+        if let Some(user) = user
+            && self.through.is_empty()
+        {
             command.uid(user).gid(user);
         }
         let words = arguments.join(" ");
-        let child = command.spawn().expect("the program under test starts");
-        Process { child, words }
+        Process::new(command.spawn().expect("the program under test starts"), words)
     }
 
     fn root(&self, other: u32) -> PathBuf {
@@ -220,153 +243,6 @@ impl Drop for World {
         }
         let _ = std::fs::remove_dir_all(&self.folder);
     }
-}
-
-/// A running program; dropping it kills it.
-#[derive(Debug)]
-pub struct Process {
-    child: Child,
-    words: String,
-}
-
-impl Process {
-    /// Number of the process.
-    #[must_use]
-    pub fn pid(&self) -> u32 {
-        self.child.id()
-    }
-
-    /// Fails the test with its messages if it has ended.
-    ///
-    /// # Panics
-    /// It has ended.
-    pub fn expect_alive(&mut self) {
-        if let Some(status) = self.child.try_wait().expect("own child") {
-            let mut text = String::new();
-            if let Some(stderr) = &mut self.child.stderr {
-                let _ = stderr.read_to_string(&mut text);
-            }
-            panic!("`foretrace {}` ended early ({status}):\n{text}", self.words);
-        }
-    }
-
-    /// Asks it to end as Ctrl-C does and waits.
-    ///
-    /// # Panics
-    /// It does not end, or badly.
-    pub fn end(self) -> Output {
-        let words = self.words.clone();
-        self.signal("-INT");
-        let output = self.output();
-        assert!(output.status.success(), "`foretrace {words}`: {}", told(&output));
-        output
-    }
-
-    /// Stops listening to its stdout, as `| head` does.
-    pub fn close_stdout(&mut self) {
-        self.child.stdout = None;
-    }
-
-    /// Kills it without warning (SIGKILL).
-    ///
-    /// # Panics
-    /// It cannot be waited for.
-    pub fn kill(mut self) -> ExitStatus {
-        self.child.kill().expect("own child");
-        self.child.wait().expect("own child")
-    }
-
-    /// Sends it a signal, for example `-STOP`.
-    ///
-    /// # Panics
-    /// There is no program called `kill`.
-    pub fn signal(&self, signal: &str) {
-        let sent = Command::new("kill").args([signal, &self.pid().to_string()]).status();
-        assert!(sent.expect("kill exists everywhere").success());
-    }
-
-    /// Waits for its end and takes what it wrote.
-    ///
-    /// # Panics
-    /// It hangs.
-    #[must_use]
-    pub fn output(mut self) -> Output {
-        // Pipes hold 64 KiB: readers of their own keep the child from waiting for us.
-        let read = |pipe: Option<Box<dyn Read + Send>>| {
-            std::thread::spawn(move || {
-                let mut bytes = Vec::new();
-                if let Some(mut pipe) = pipe {
-                    let _ = pipe.read_to_end(&mut bytes);
-                }
-                bytes
-            })
-        };
-        let stdout = read(self.child.stdout.take().map(|pipe| Box::new(pipe) as _));
-        let stderr = read(self.child.stderr.take().map(|pipe| Box::new(pipe) as _));
-        let status =
-            until(&format!("`foretrace {}` ends", self.words), || self.child.try_wait().expect("own child"));
-        Output {
-            status,
-            stdout: stdout.join().expect("reading a pipe"),
-            stderr: stderr.join().expect("reading a pipe"),
-        }
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// Asks until there is an answer.
-///
-/// # Panics
-/// There is none within a minute.
-pub fn until<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
-    let since = Instant::now();
-    loop {
-        if let Some(answer) = ask() {
-            return answer;
-        }
-        assert!(since.elapsed() < PATIENCE, "{what}: not within {} s", PATIENCE.as_secs());
-        std::thread::sleep(Duration::from_millis(10));
-    }
-}
-
-/// Exit code and both outputs, for messages.
-#[must_use]
-pub fn told(output: &Output) -> String {
-    format!(
-        "{}\nstdout: {}\nstderr: {}",
-        output.status,
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    )
-}
-
-/// Asserts that the program failed with `code`, said so in one sentence that holds all `words`, and did not panic.
-///
-/// # Panics
-/// It did something else.
-pub fn assert_refused(output: &Output, code: i32, words: &[&str]) {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{}", told(output));
-    for word in words {
-        assert!(stderr.contains(word), "{word:?} is missing in {}", told(output));
-    }
-    assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "{}", told(output));
-}
-
-/// A process' own JSON report.
-///
-/// # Panics
-/// There is none.
-#[must_use]
-pub fn json(file: &Path) -> Value {
-    let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}\n{text}", file.display()))
 }
 
 /// The shared data folder with recorded handwriting, if this machine has it; says so if not.
@@ -391,4 +267,11 @@ fn runs_as(program: &Path, user: u32) -> bool {
     let mut command = Command::new(program);
     command.arg("--version").uid(user).gid(user).stdout(Stdio::null()).stderr(Stdio::null());
     command.status().is_ok_and(|status| status.success())
+}
+
+/// The instance that a role's options `--instance=N --root=DIR` name.
+fn instance_of(arguments: &[String]) -> Result<Instance, Box<dyn std::error::Error>> {
+    let option = |name: &str| arguments.iter().find_map(|argument| argument.strip_prefix(name));
+    let number = option("--instance=").ok_or("--instance is missing")?.parse()?;
+    Ok(Instance::at(number, option("--root=").ok_or("--root is missing")?)?)
 }

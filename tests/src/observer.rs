@@ -7,7 +7,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Commands, Foretrace, Instance, Stage, TickRecord};
+use foretrace_client::{Commands, Foretrace, Stage, TickRecord};
 use serde_json::{Value, json};
 
 /// The observer, with the arguments after `observe`.
@@ -26,10 +26,8 @@ pub fn main(arguments: &[String]) -> ExitCode {
 }
 
 fn run(arguments: &[String]) -> Result<Value, Box<dyn std::error::Error>> {
-    let option = |name: &str| arguments.iter().find_map(|argument| argument.strip_prefix(name));
     let seconds: f64 = arguments.first().ok_or("how many seconds?")?.parse()?;
-    let number = option("--instance=").ok_or("--instance is missing")?.parse()?;
-    let instance = Instance::at(number, option("--root=").ok_or("--root is missing")?)?;
+    let instance = crate::instance_of(arguments)?;
     let foretrace = Foretrace::attach_within(&instance, Duration::from_secs(30))?;
     let mut pen = foretrace.pen_watch()?;
     let mut commands = foretrace.commands(Commands::MAX_BUFFER)?;

@@ -1,13 +1,18 @@
-//! The program `foretrace`, under a name of its own; with `observe` or `trespass` as its first word, the tests' observer and
-//! trespasser.
+//! The program `foretrace`, under a name of its own; with one of the tests' own roles as its first word, that role.
 
 use std::process::ExitCode;
 
+use foretrace_tests::{forger, leftovers, observer, recorder, trespass};
+
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    match arguments.split_first() {
-        Some((first, rest)) if first == "observe" => foretrace_tests::observer::main(rest),
-        Some((first, rest)) if first == "trespass" => foretrace_tests::trespass::main(rest),
+    let Some((first, rest)) = arguments.split_first() else { return foretrace::main() };
+    match first.as_str() {
+        "observe" => observer::main(rest),
+        "trespass" => trespass::main(rest),
+        "recorder" => recorder::main(rest),
+        "forge" => forger::main(rest),
+        "leftovers" => leftovers::main(rest),
         _ => foretrace::main(),
     }
 }

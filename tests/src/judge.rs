@@ -1,0 +1,251 @@
+//! Judges joint commands as a hardware interface would, from the messages alone.
+//!
+//! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's rule are written down here
+//! once more. Counts and keeps the first examples, never alters. Absent: whether a state can still stop (not visible in commands).
+
+use foretrace_shm::{JOINTS, JointCommand, JointState, command_flags, host_boot_id};
+use serde_json::{Value, json};
+
+/// Joint limits of the preset `ur5`: URDF positions [rad], `robot.velocity_radps`, `robot.acceleration_radps2`.
+const POSITION_RAD: [f64; JOINTS] = [TURN, TURN, TURN / 2.0, TURN, TURN, TURN];
+const TURN: f64 = std::f64::consts::TAU;
+/// [rad/s]
+pub const VELOCITY: f64 = 3.1;
+/// [rad/s²]
+pub const ACCELERATION: f64 = 40.0;
+/// A command may begin this far from where the arm was measured last [rad].
+const BEGIN_RAD: f64 = 0.02;
+/// Rounding: relative for rates, absolute for positions [rad].
+const RELATIVE: f64 = 1e-6;
+const ROUNDING_RAD: f64 = 1e-9;
+/// A stamp lies at most this far after the moment of sending [ns], and validity at most so far after the stamp.
+const AHEAD_NS: u64 = 20_000_000;
+const VALID_NS: u64 = 1_000_000_000;
+const EXAMPLES: usize = 5;
+
+/// Memory and findings of one judge.
+#[derive(Debug, Default)]
+pub struct Judge {
+    last: Option<JointCommand>,
+    measured: Option<[f64; JOINTS]>,
+    seen: u64,
+    missed: u64,
+    before: u64,
+    streams: u64,
+    begins: u64,
+    largest_jump_rad: f64,
+    largest_velocity: f64,
+    largest_acceleration: f64,
+    violations: u64,
+    examples: Vec<String>,
+}
+
+impl Judge {
+    /// What the arm says about itself, for the next command that begins.
+    pub fn state(&mut self, state: &JointState) {
+        self.measured = state.q.iter().all(|q| q.is_finite()).then_some(state.q);
+    }
+
+    /// Judges the next command as it lies in shared memory.
+    pub fn command(&mut self, command: &JointCommand) {
+        self.seen += 1;
+        let mut broken: Vec<&str> = Vec::new();
+        let before = self.neighbour(command, &mut broken);
+        self.alone(command, &mut broken);
+        if command.flags & command_flags::BEGINS != 0 {
+            self.begins += 1;
+            self.begin(command, &mut broken);
+        } else if let Some(before) = before {
+            self.pair(&before, command, &mut broken);
+        }
+        if !broken.is_empty() {
+            self.violations += 1;
+            if self.examples.len() < EXAMPLES {
+                self.examples.push(format!("{}: {command:?} after {before:?}", broken.join(", ")));
+            }
+        }
+        self.last = Some(*command);
+    }
+
+    /// The command directly before this one, if it was seen.
+    fn neighbour(&mut self, command: &JointCommand, broken: &mut Vec<&str>) -> Option<JointCommand> {
+        let sequence = command.header.sequence;
+        match self.last {
+            Some(last) if sequence > last.header.sequence => {
+                let missing = sequence - last.header.sequence - 1;
+                self.missed += missing;
+                (missing == 0).then_some(last)
+            }
+            // Another daemon, whose first command must say that it begins.
+            found => {
+                self.streams += 1;
+                if sequence == 1 && command.flags & command_flags::BEGINS == 0 {
+                    broken.push("a stream without a beginning");
+                }
+                if found.is_some_and(|last| command.header.stamp_ns <= last.header.stamp_ns) {
+                    broken.push("a new stream in the past");
+                }
+                self.before += sequence.saturating_sub(1);
+                None
+            }
+        }
+    }
+
+    fn alone(&mut self, command: &JointCommand, broken: &mut Vec<&str>) {
+        if !command.q.iter().chain(&command.qd).all(|x| x.is_finite()) {
+            broken.push("not finite");
+        }
+        if command.q.iter().zip(POSITION_RAD).any(|(q, limit)| q.abs() > limit + ROUNDING_RAD) {
+            broken.push("position");
+        }
+        for qd in command.qd {
+            self.largest_velocity = self.largest_velocity.max(qd.abs());
+        }
+        if command.qd.iter().any(|qd| qd.abs() > VELOCITY * (1.0 + RELATIVE)) {
+            broken.push("velocity");
+        }
+        let stamp = command.header.stamp_ns;
+        if stamp > command.published_ns + AHEAD_NS
+            || !(stamp..=stamp + VALID_NS).contains(&command.valid_until_ns)
+        {
+            broken.push("times");
+        }
+        if command.header.boot_id != host_boot_id() {
+            broken.push("boot");
+        }
+    }
+
+    /// A first command stands where the arm stands.
+    fn begin(&mut self, command: &JointCommand, broken: &mut Vec<&str>) {
+        let Some(measured) = self.measured else { return };
+        if command.q.iter().zip(measured).any(|(q, m)| !((q - m).abs() <= BEGIN_RAD)) {
+            broken.push("begins elsewhere");
+        }
+        if command.qd.iter().any(|qd| qd.abs() > ACCELERATION * 0.01) {
+            broken.push("begins in motion");
+        }
+    }
+
+    fn pair(&mut self, a: &JointCommand, b: &JointCommand, broken: &mut Vec<&str>) {
+        if b.header.stamp_ns <= a.header.stamp_ns || b.published_ns < a.published_ns {
+            broken.push("time does not go on");
+            return;
+        }
+        let seconds = |from: u64, to: u64| to.wrapping_sub(from).cast_signed() as f64 * 1e-9;
+        let span = seconds(a.header.stamp_ns, b.header.stamp_ns);
+        let (to_switch, left) =
+            (seconds(a.header.stamp_ns, b.published_ns), seconds(b.published_ns, b.header.stamp_ns));
+        let expired = b.header.stamp_ns > a.valid_until_ns;
+        let (mut fast, mut hard, mut torn, mut jump) = (false, false, false, false);
+        for joint in 0..JOINTS {
+            let (v0, v1) = (a.qd[joint], b.qd[joint]);
+            let way = b.q[joint] - a.q[joint];
+            let change = (v1 - v0).abs() / span;
+            self.largest_acceleration = self.largest_acceleration.max(change);
+            fast |= !(way.abs() <= VELOCITY * span * (1.0 + RELATIVE) + ROUNDING_RAD);
+            hard |= !(change <= ACCELERATION * (1.0 + RELATIVE));
+            // On the way from one line to the other: nothing faster than the faster, nothing slower than the slower.
+            let rest = if expired { 0.0 } else { v0 };
+            let slow = v0.min(v1).min(rest) * span - ROUNDING_RAD;
+            let quick = v0.max(v1).max(rest) * span + ROUNDING_RAD;
+            torn |= !(slow <= way && way <= quick);
+            // Seen by who obeys: at the moment of sending, the old line and the new one are this far apart.
+            let apart = (way - v1 * left - v0 * to_switch).abs();
+            let allowed = ACCELERATION * span * (to_switch.abs() + span) + ROUNDING_RAD;
+            jump |= !(apart <= allowed);
+            if span < 0.01 {
+                self.largest_jump_rad = self.largest_jump_rad.max(apart);
+            }
+        }
+        let rules = [(fast, "way"), (hard, "acceleration"), (torn, "continuity"), (jump, "jump")];
+        broken.extend(rules.iter().filter(|(is, _)| *is).map(|(_, rule)| *rule));
+    }
+
+    /// Number of the newest command in its daemon's sequence; 0: none.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.last.map_or(0, |last| last.header.sequence)
+    }
+
+    /// Everything found.
+    #[must_use]
+    pub fn report(&self) -> Value {
+        json!({
+            "seen": self.seen, "missed": self.missed, "before": self.before,
+            "streams": self.streams, "begins": self.begins, "last_sequence": self.sequence(),
+            "largest_jump_rad": self.largest_jump_rad, "largest_velocity_radps": self.largest_velocity,
+            "largest_acceleration_radps2": self.largest_acceleration,
+            "violations": self.violations, "examples": self.examples,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foretrace_shm::Header;
+
+    use super::*;
+
+    const TICK_NS: u64 = 2_000_000;
+
+    /// Command `k` of a joint at `q` with velocity `qd`.
+    fn command(k: u64, q: f64, qd: f64) -> JointCommand {
+        let stamp_ns = (1000 + k) * TICK_NS;
+        JointCommand {
+            header: Header { sequence: k, stamp_ns, boot_id: host_boot_id() },
+            published_ns: stamp_ns - TICK_NS + 50_000,
+            valid_until_ns: stamp_ns + 5 * TICK_NS,
+            q: [q; JOINTS],
+            qd: [qd; JOINTS],
+            flags: command_flags::ENABLED | if k == 1 { command_flags::BEGINS } else { 0 },
+            ..JointCommand::default()
+        }
+    }
+
+    fn judged(commands: &[JointCommand]) -> Judge {
+        let mut judge = Judge::default();
+        judge.state(&JointState::default());
+        commands.iter().for_each(|command| judge.command(command));
+        judge
+    }
+
+    #[test]
+    fn a_legal_stream_passes_and_every_rule_finds_its_breach() {
+        let good = [command(1, 0.0, 0.0), command(2, 1e-4, 0.05), command(3, 3e-4, 0.1)];
+        assert_eq!(judged(&good).violations, 0, "{}", judged(&good).report());
+        let second = |change: fn(&mut JointCommand)| {
+            let mut commands = good;
+            change(&mut commands[1]);
+            judged(&commands[..2]).report()["examples"].to_string()
+        };
+        for (change, rule) in [
+            ((|c| c.q[3] = f64::NAN) as fn(&mut JointCommand), "not finite"),
+            (|c| c.q[2] = 3.2, "position"),
+            (|c| c.qd[0] = -3.2, "velocity"),
+            (|c| c.q[5] = 0.1, "way"),
+            (|c| c.qd[1] = 0.1, "acceleration"),
+            (|c| c.q[1] = 2e-4, "continuity"),
+            (|c| c.q[4] = 1e-2, "jump"),
+            (|c| c.header.stamp_ns -= 2 * TICK_NS, "time does not go on"),
+            (|c| c.published_ns -= 30_000_000, "times"),
+            (|c| c.valid_until_ns = 0, "times"),
+            (|c| c.header.boot_id ^= 1, "boot"),
+        ] {
+            assert!(second(change).contains(rule), "{rule}: {}", second(change));
+        }
+    }
+
+    #[test]
+    fn beginnings_are_at_rest_where_the_arm_is_and_streams_begin() {
+        assert!(judged(&[command(1, 0.03, 0.0)]).report().to_string().contains("begins elsewhere"));
+        assert!(judged(&[command(1, 0.0, 1.0)]).report().to_string().contains("begins in motion"));
+        let unannounced = JointCommand { flags: command_flags::ENABLED, ..command(1, 0.0, 0.0) };
+        assert_eq!(judged(&[command(1, 0.0, 0.0), unannounced]).violations, 1);
+    }
+
+    #[test]
+    fn what_was_missed_is_counted_and_not_compared() {
+        let judge = judged(&[command(1, 0.0, 0.0), command(5, 0.5, 3.0)]);
+        assert_eq!((judge.violations, judge.missed), (0, 3));
+    }
+}

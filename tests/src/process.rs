@@ -1,0 +1,180 @@
+//! Processes of a test, and waiting for them: never without end.
+
+use std::io::Read;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// A busy machine takes seconds for what usually takes milliseconds; only a hang lasts longer than this.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running program; dropping it kills it.
+#[derive(Debug)]
+pub struct Process {
+    child: Child,
+    words: String,
+}
+
+impl Process {
+    pub(crate) const fn new(child: Child, words: String) -> Self {
+        Self { child, words }
+    }
+
+    /// Number of the process.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Fails the test with its messages if it has ended.
+    ///
+    /// # Panics
+    /// It has ended.
+    pub fn expect_alive(&mut self) {
+        if let Some(status) = self.child.try_wait().expect("own child") {
+            let mut text = String::new();
+            if let Some(stderr) = &mut self.child.stderr {
+                let _ = stderr.read_to_string(&mut text);
+            }
+            panic!("`foretrace {}` ended early ({status}):\n{text}", self.words);
+        }
+    }
+
+    /// Asks it to end as Ctrl-C does and waits.
+    ///
+    /// # Panics
+    /// It does not end, or badly.
+    pub fn end(self) -> Output {
+        let words = self.words.clone();
+        self.signal("-INT");
+        let output = self.output();
+        assert!(output.status.success(), "`foretrace {words}`: {}", told(&output));
+        output
+    }
+
+    /// Whether it has ended, and what it said then.
+    ///
+    /// # Panics
+    /// It cannot be waited for.
+    pub fn ended(&mut self) -> Option<(ExitStatus, String)> {
+        let status = self.child.try_wait().expect("own child")?;
+        let mut text = String::new();
+        if let Some(stderr) = &mut self.child.stderr {
+            let _ = stderr.read_to_string(&mut text);
+        }
+        Some((status, text))
+    }
+
+    /// Its stdout, to be read while it runs.
+    pub fn take_stdout(&mut self) -> Option<std::process::ChildStdout> {
+        self.child.stdout.take()
+    }
+
+    /// Stops listening to its stdout, as `| head` does.
+    pub fn close_stdout(&mut self) {
+        self.child.stdout = None;
+    }
+
+    /// Kills it without warning (SIGKILL).
+    ///
+    /// # Panics
+    /// It cannot be waited for.
+    pub fn kill(mut self) -> ExitStatus {
+        self.child.kill().expect("own child");
+        self.child.wait().expect("own child")
+    }
+
+    /// Sends it a signal, for example `-STOP`.
+    ///
+    /// # Panics
+    /// There is no program called `kill`.
+    pub fn signal(&self, signal: &str) {
+        let sent = Command::new("kill").args([signal, &self.pid().to_string()]).status();
+        assert!(sent.expect("kill exists everywhere").success());
+    }
+
+    /// Waits for its end and takes what it wrote.
+    ///
+    /// # Panics
+    /// It hangs.
+    #[must_use]
+    pub fn output(mut self) -> Output {
+        // Pipes hold 64 KiB: readers of their own keep the child from waiting for us.
+        let read = |pipe: Option<Box<dyn Read + Send>>| {
+            std::thread::spawn(move || {
+                let mut bytes = Vec::new();
+                if let Some(mut pipe) = pipe {
+                    let _ = pipe.read_to_end(&mut bytes);
+                }
+                bytes
+            })
+        };
+        let stdout = read(self.child.stdout.take().map(|pipe| Box::new(pipe) as _));
+        let stderr = read(self.child.stderr.take().map(|pipe| Box::new(pipe) as _));
+        let status =
+            until(&format!("`foretrace {}` ends", self.words), || self.child.try_wait().expect("own child"));
+        Output {
+            status,
+            stdout: stdout.join().expect("reading a pipe"),
+            stderr: stderr.join().expect("reading a pipe"),
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Asks until there is an answer.
+///
+/// # Panics
+/// There is none within a minute.
+pub fn until<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
+    let since = Instant::now();
+    loop {
+        if let Some(answer) = ask() {
+            return answer;
+        }
+        assert!(since.elapsed() < PATIENCE, "{what}: not within {} s", PATIENCE.as_secs());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// Exit code and both outputs, for messages.
+#[must_use]
+pub fn told(output: &Output) -> String {
+    format!(
+        "{}\nstdout: {}\nstderr: {}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// Asserts that the program failed with `code`, said so in one sentence that holds all `words`, and did not panic.
+///
+/// # Panics
+/// It did something else.
+pub fn assert_refused(output: &Output, code: i32, words: &[&str]) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{}", told(output));
+    for word in words {
+        assert!(stderr.contains(word), "{word:?} is missing in {}", told(output));
+    }
+    assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "{}", told(output));
+}
+
+/// A process' own JSON report.
+///
+/// # Panics
+/// There is none.
+#[must_use]
+pub fn json(file: &Path) -> Value {
+    let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}\n{text}", file.display()))
+}
