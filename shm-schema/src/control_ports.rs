@@ -109,6 +109,10 @@ impl ControlServer {
     pub fn take(&mut self) -> Option<Call> {
         for _ in 0..CONTROL_CLIENTS * CONTROL_OPEN_REQUESTS {
             let open = self.port.receive().ok()??;
+            // Who asked has given up, or is gone.
+            if !open.is_connected() {
+                continue;
+            }
             let call = Call { request: *open, open, boot_id: self.boot_id, daemon_id: self.daemon_id };
             let foreign = Rejection { reason: RejectReason::ForeignBoot, field: "boot_id" };
             let checked =

@@ -91,6 +91,17 @@ pub enum ServiceError {
         /// Name of the service.
         service: &'static str,
     },
+    /// The first touch of a page that is not there would kill the process without a word.
+    #[error(
+        "/dev/shm has {} KiB free, a program that attaches needs up to {} KiB: remove files there, or give the container \
+         more (docker run --shm-size=64m)", free / 1024, needed / 1024
+    )]
+    NoSpace {
+        /// Free [bytes].
+        free: u64,
+        /// Needed [bytes].
+        needed: u64,
+    },
     /// The instance itself cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -103,6 +114,9 @@ pub enum ServiceError {
         detail: String,
     },
 }
+
+/// Upper bound of the shared memory that one more peer takes, the daemon's ends of its connections included.
+pub const PEER_MEMORY_LIMIT_BYTES: u64 = 1 << 20;
 
 /// A process's membership in an instance. May be sent to other threads; ports may not.
 #[derive(Debug)]
@@ -121,7 +135,7 @@ impl Session {
 
     /// Join an instance whose daemon is up; leaves no trace if there is none.
     ///
-    /// *Errors*: `NoDaemon`, `Permission`, `Middleware`, `Instance`.
+    /// *Errors*: `NoDaemon`, `NoSpace`, `Permission`, `Middleware`, `Instance`.
     pub fn open(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
         let no_daemon =
             || ServiceError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() };
@@ -132,7 +146,12 @@ impl Session {
             checked => checked?,
         }
         instance.daemon().ok_or_else(no_daemon)?;
-        Self::join(instance, name)
+        match crate::shared_memory_free_bytes() {
+            Some(free) if free < PEER_MEMORY_LIMIT_BYTES => {
+                Err(ServiceError::NoSpace { free, needed: PEER_MEMORY_LIMIT_BYTES })
+            }
+            _ => Self::join(instance, name),
+        }
     }
 
     /// The instance joined.

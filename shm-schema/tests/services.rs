@@ -283,3 +283,36 @@ fn the_whole_instance_fits_its_memory_limit() {
     assert!(memory.bytes <= SHARED_MEMORY_LIMIT_BYTES, "{} bytes", memory.bytes);
     drop(ports);
 }
+
+#[test]
+fn clients_that_come_and_go_leave_room_for_more_than_the_middleware_keeps_of_the_departed() {
+    let rig = Rig::with_daemon();
+    let mut server = rig.daemon().control.server(1).unwrap();
+    // 0.9.3 keeps up to 128 departed clients beside the four living ones.
+    for round in 0..150 {
+        let peer = rig.peer();
+        let asking = std::thread::spawn(move || {
+            let mut client = peer.control.client().unwrap();
+            client.ask(ControlRequest::new(0, 0, ControlOp::Query), Duration::from_secs(30))
+        });
+        let call = loop {
+            if let Some(call) = server.take() {
+                break call;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        };
+        assert!(call.answer(ControlStatus::Ok, 0.0, round, ""));
+        assert_eq!(asking.join().unwrap().unwrap().detail, round);
+    }
+}
+
+#[test]
+fn a_request_that_nobody_waits_for_any_more_is_not_carried_out() {
+    let rig = Rig::with_daemon();
+    let mut server = rig.daemon().control.server(1).unwrap();
+    let peer = rig.peer();
+    let mut client = peer.control.client().unwrap();
+    let asked = client.ask(ControlRequest::new(0, 0, ControlOp::Arm), Duration::from_millis(20));
+    assert!(asked.is_err(), "{asked:?}");
+    assert!(server.take().is_none());
+}

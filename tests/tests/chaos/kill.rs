@@ -29,8 +29,9 @@ fn started<T>(
 /// The first command after `since_ns` that follows a newer sample; asks to arm where that is needed.
 fn follows(scene: &Scene, since_ns: u64) -> Option<f64> {
     scene.follows_now(since_ns).or_else(|| {
-        let mode = scene.world.run(0, &["request", "arm"]);
-        assert!(matches!(mode.status.code(), Some(0 | 1 | 3 | 4)), "{}", foretrace_tests::told(&mode));
+        let asked = scene.world.run(0, &["request", "arm"]);
+        assert!(matches!(asked.status.code(), Some(0 | 1 | 3 | 4)), "{}", foretrace_tests::told(&asked));
+        scene.note(foretrace_tests::told(&asked));
         None
     })
 }

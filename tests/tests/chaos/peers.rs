@@ -80,3 +80,16 @@ fn peer_of_another_layout() {
     daemon.end();
     assert_nothing_left(&world);
 }
+
+#[test]
+fn more_operators_than_the_middleware_remembers() {
+    let scene = Scene::following();
+    for _ in 0..200 {
+        let asked = scene.world.run(0, &["request", "query"]);
+        assert!(asked.status.success(), "{}", foretrace_tests::told(&asked));
+    }
+    let since = monotonic_now_ns();
+    say_times("200 operators, one after the other", vec![scene.follows_again(since)]);
+    let report = scene.end();
+    assert_eq!((&report["begins"], &report["streams"]), (&1.into(), &1.into()), "{report}");
+}

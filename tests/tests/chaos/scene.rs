@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
+use std::rc::Rc;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -72,12 +73,26 @@ impl Recorder {
 
 /// Daemon, arm, pen and recorder. Whatever a test takes out it may leave out.
 pub(crate) struct Scene {
-    pub(crate) world: World,
+    pub(crate) world: Rc<World>,
     pub(crate) daemon: Option<Process>,
     pub(crate) arm: Option<Process>,
     pub(crate) player: Option<Process>,
-    recorder: Recorder,
+    recorder: Option<Recorder>,
     arms: u32,
+    /// What was answered last, for who has to find out why a test waits in vain.
+    noted: std::cell::RefCell<String>,
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let status = self.world.run(0, &["status"]);
+            say("failed", &format!("last answer: {}\n{}", self.noted.borrow(), told(&status)));
+            for process in [&mut self.daemon, &mut self.arm, &mut self.player].into_iter().flatten() {
+                say("failed", &format!("{}: {:?}", process.pid(), process.ended()));
+            }
+        }
+    }
 }
 
 /// The options of the hand that writes, over and over.
@@ -89,12 +104,12 @@ impl Scene {
         Self::following_in(World::new(PROGRAM))
     }
 
-    pub(crate) fn following_in(world: World) -> Self {
+    pub(crate) fn following_in(world: impl Into<Rc<World>>) -> Self {
         Self::following_with(world, &[])
     }
 
     /// The same, with further options for the daemon.
-    pub(crate) fn following_with(world: World, daemon: &[&str]) -> Self {
+    pub(crate) fn following_with(world: impl Into<Rc<World>>, daemon: &[&str]) -> Self {
         let mut scene = Self::idle_with(world, daemon);
         scene.start_arm();
         let since = monotonic_now_ns();
@@ -104,21 +119,30 @@ impl Scene {
     }
 
     /// Everything but a pen.
-    pub(crate) fn armed_in(world: World) -> Self {
+    pub(crate) fn armed_in(world: impl Into<Rc<World>>) -> Self {
         let mut scene = Self::idle_in(world);
         scene.start_arm();
         scene
     }
 
     /// Daemon and recorder only.
-    pub(crate) fn idle_in(world: World) -> Self {
+    pub(crate) fn idle_in(world: impl Into<Rc<World>>) -> Self {
         Self::idle_with(world, &[])
     }
 
-    fn idle_with(world: World, daemon: &[&str]) -> Self {
+    fn idle_with(world: impl Into<Rc<World>>, daemon: &[&str]) -> Self {
+        let world = world.into();
         let daemon = world.daemon_with(0, daemon);
         let recorder = Recorder::start(&world, "enough");
-        Self { world, daemon: Some(daemon), arm: None, player: None, recorder, arms: 0 }
+        Self {
+            world,
+            daemon: Some(daemon),
+            arm: None,
+            player: None,
+            recorder: Some(recorder),
+            arms: 0,
+            noted: String::new().into(),
+        }
     }
 
     /// Where the next arm is to write its report.
@@ -151,8 +175,13 @@ impl Scene {
     pub(crate) fn follows_now(&self, since_ns: u64) -> Option<f64> {
         let following = u64::from(u32::from(Mode::Following));
         let newer = |beat: &Beat| beat.pen_ns > since_ns && beat.published_ns > since_ns;
-        let beat = self.recorder.first(|beat| beat.mode == following && newer(beat))?;
+        let beat = self.recorder.as_ref()?.first(|beat| beat.mode == following && newer(beat))?;
         Some((beat.published_ns - since_ns) as f64 * 1e-6)
+    }
+
+    /// Keeps an answer, should the test fail.
+    pub(crate) fn note(&self, answer: String) {
+        *self.noted.borrow_mut() = answer;
     }
 
     /// A count in the status, by its JSON pointer.
@@ -168,12 +197,13 @@ impl Scene {
     }
 
     /// Kills everything at once, recorder included.
-    pub(crate) fn slaughter(self) -> World {
-        let processes = [self.daemon, self.arm, self.player, Some(self.recorder.process)];
-        for process in processes.into_iter().flatten() {
+    pub(crate) fn slaughter(mut self) {
+        let recorder = self.recorder.take().map(|recorder| recorder.process);
+        for process in
+            [self.daemon.take(), self.arm.take(), self.player.take(), recorder].into_iter().flatten()
+        {
             process.kill();
         }
-        self.world
     }
 
     /// Ends everything in order and judges: no command broke a rule, none is unaccounted for, nothing is left behind.
@@ -204,7 +234,7 @@ impl Scene {
             assert_eq!(report["commands"]["refused"]["jump"], 0, "{report}");
         }
         std::thread::sleep(Duration::from_millis(100));
-        let report = self.recorder.finish();
+        let report = self.recorder.take().expect("a recorder").finish();
         assert_eq!(report["violations"], 0, "{report}");
         let count = |key: &str| report[key].as_u64().expect("a count");
         if let Some(sent) = sent {

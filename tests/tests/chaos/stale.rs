@@ -2,6 +2,7 @@
 
 use std::os::unix::fs::{PermissionsExt, chown};
 use std::path::PathBuf;
+use std::rc::Rc;
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, until};
@@ -20,9 +21,11 @@ fn segments(world: &World) -> Vec<PathBuf> {
 }
 
 /// Everything of a following scene is killed at once.
-fn killed_run() -> World {
+fn killed_run() -> Rc<World> {
     let scene = Scene::following();
-    scene.slaughter()
+    let world = scene.world.clone();
+    scene.slaughter();
+    world
 }
 
 #[test]
