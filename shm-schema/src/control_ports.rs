@@ -11,8 +11,9 @@ use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::server::ServerCreateError;
 
 use crate::{
-    CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlRequest, ControlResponse, ControlStatus,
-    ControlTopic, RejectReason, Rejection, Rejections, ServiceError, Validate, Wire, host_boot_id,
+    CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlOp, ControlRequest, ControlResponse,
+    ControlStatus, ControlTopic, RejectReason, Rejection, Rejections, ServiceError, Validate, Wire,
+    host_boot_id,
 };
 
 /// How often a waiting client looks for the answer.
@@ -109,15 +110,18 @@ impl ControlServer {
     pub fn take(&mut self) -> Option<Call> {
         for _ in 0..CONTROL_CLIENTS * CONTROL_OPEN_REQUESTS {
             let open = self.port.receive().ok()??;
-            // Who asked has given up, or is gone.
-            if !open.is_connected() {
-                continue;
-            }
             let call = Call { request: *open, open, boot_id: self.boot_id, daemon_id: self.daemon_id };
             let foreign = Rejection { reason: RejectReason::ForeignBoot, field: "boot_id" };
             let checked =
                 if call.request.boot_id == self.boot_id { call.request.validate() } else { Err(foreign) };
-            let Err(rejection) = checked else { return Some(call) };
+            let Err(rejection) = checked else {
+                // Who asked has given up, or is gone. A stop counts all the same.
+                let stops = [ControlOp::Disarm, ControlOp::Stop].map(u32::from).contains(&call.request.op);
+                if stops || call.open.is_connected() {
+                    return Some(call);
+                }
+                continue;
+            };
             self.rejections.count(rejection);
             let status =
                 if rejection == foreign { ControlStatus::ForeignBoot } else { ControlStatus::Invalid };

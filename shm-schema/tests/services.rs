@@ -307,12 +307,20 @@ fn clients_that_come_and_go_leave_room_for_more_than_the_middleware_keeps_of_the
 }
 
 #[test]
-fn a_request_that_nobody_waits_for_any_more_is_not_carried_out() {
-    let rig = Rig::with_daemon();
-    let mut server = rig.daemon().control.server(1).unwrap();
-    let peer = rig.peer();
-    let mut client = peer.control.client().unwrap();
-    let asked = client.ask(ControlRequest::new(0, 0, ControlOp::Arm), Duration::from_millis(20));
-    assert!(asked.is_err(), "{asked:?}");
-    assert!(server.take().is_none());
+fn of_requests_that_nobody_waits_for_any_more_only_stops_are_carried_out() {
+    for (op, carried_out) in [
+        (ControlOp::Arm, false),
+        (ControlOp::SetTrust, false),
+        (ControlOp::Stop, true),
+        (ControlOp::Disarm, true),
+    ] {
+        let rig = Rig::with_daemon();
+        let mut server = rig.daemon().control.server(1).unwrap();
+        let peer = rig.peer();
+        let mut client = peer.control.client().unwrap();
+        let asked = client.ask(ControlRequest::new(0, 0, op), Duration::from_millis(20));
+        assert!(asked.is_err(), "{asked:?}");
+        let taken = server.take().map(|call| call.request.op);
+        assert_eq!(taken, carried_out.then(|| u32::from(op)), "{op:?}");
+    }
 }
