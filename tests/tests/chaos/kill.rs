@@ -155,7 +155,7 @@ fn killed_during_start_up() {
         let since = monotonic_now_ns();
         let ms = match round % 4 {
             0 => {
-                let (player, ms) = started(&mut scene, &PLAY, |scene| scene.follows_now(since));
+                let (player, ms) = started(&mut scene, &PLAY, |scene| follows(scene, since));
                 scene.player = Some(player);
                 ms
             }
@@ -168,7 +168,8 @@ fn killed_during_start_up() {
                 scene.daemon = Some(scene.world.daemon(0));
                 until("the loop follows again", || follows(&scene, since))
             }
-            _ => scene.follows_again(since),
+            // A machine that starts so much may starve the arm for 50 ms, which latches a stop as it should.
+            _ => until("the loop follows again", || follows(&scene, since)),
         };
         times.push(ms);
     }
