@@ -2,7 +2,7 @@
 //!
 //! Contract: `recorder UNTIL --instance=N --root=DIR` reads commands as they lie in shared memory, without the receipt checks of
 //! foretrace-shm, and prints one JSON object per line: `at`, `mode`, `pen`, `published` when the mode changes and at most every 10 ms; at the
-//! end, when the file UNTIL exists, `report` (see [`Judge`](crate::judge::Judge)).
+//! end, when the file UNTIL exists, `report` (see [`Judge`]).
 
 use std::error::Error;
 use std::io::Write as _;
