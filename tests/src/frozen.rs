@@ -1,4 +1,4 @@
-//! One thread of a child, held by the kernel as a hanging loop would be. The only `unsafe` of this package.
+//! One thread of a child, held by the kernel as a hanging loop would be. The only `unsafe` of these tests and, by this same file, of the daemon's.
 
 /// A thread that stands still until this is dropped, in the thread that made it.
 #[derive(Debug)]
