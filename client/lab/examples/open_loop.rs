@@ -1,0 +1,167 @@
+//! Open loop: how well the pen is foreseen at the moment of a sample, without plan and arm.
+//!
+//! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT]]]`
+//!
+//! FOLDER: a set such as `../shared/data/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
+//! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17 and 37 ms
+//! after a sample, of: standing still; the shipped predictor's preview; a Kalman filter tuned for that lead; the preview with
+//! what `trust::Evidence` makes of it. Points of a preview are joined by straight lines.
+
+use std::path::Path;
+
+use foretrace_config::Config;
+use foretrace_control::learn::{Leads, Learner, LearnerSettings};
+use foretrace_control::pen::{Motion, PenReading, PenTracker};
+use foretrace_control::predict::Previewer;
+use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
+use foretrace_control::units::Stamp;
+use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
+use foretrace_lab::data::{DataSet, Split, median_glyph_height};
+use foretrace_lab::path::{Lift, PathSample};
+use foretrace_lab::today::{Limits, WayKind, WaySettings, build};
+
+const LEADS_S: [f64; 4] = [0.004, 0.007, 0.017, 0.037];
+const PERIOD_S: f64 = 0.002;
+/// Between two sequences [s].
+const REST_S: f64 = 2.0;
+/// Samples of a sequence before anything is scored: a Kalman filter needs some.
+const WARM: usize = 8;
+
+type Point = [f64; 2];
+type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Sums of squared distances per lead: still, preview, Kalman, corrected; and how many there are.
+#[derive(Default)]
+struct Sums([([f64; 4], f64); LEADS_S.len()]);
+
+fn main() -> Fallible<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let folder = Path::new(arguments.first().ok_or("usage: open_loop FOLDER [LIMIT [EVERY [SPLIT]]]")?);
+    let number = |at: usize, usual: usize| arguments.get(at).map_or(Ok(usual), |text| text.parse());
+    let (limit, every) = (number(1, 25)?, number(2, 6)?.max(1));
+    let split: Split = arguments.get(3).map_or("train", String::as_str).parse()?;
+    let config = Config::preset("ur5")?;
+    let set = DataSet::load(folder, &split, false)?;
+    let height = median_glyph_height(set.characters()).ok_or("no glyph")?;
+    let (hands, _) = hands(&set, height, BenchArm::Ideal, &config, Lift::Leap)?;
+    let mut sums = Sums::default();
+    for hand in hands.iter().step_by(every) {
+        write(hand, limit, &config, &mut sums)?;
+    }
+    println!("after      still      preview    Kalman     corrected [m²]");
+    for (lead_s, (sums, count)) in LEADS_S.iter().zip(sums.0) {
+        let means = sums.map(|sum| format!("{:.3e}", sum / count)).join("  ");
+        println!("{:4.0} ms    {means}", lead_s * 1e3);
+    }
+    Ok(())
+}
+
+fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallible<()> {
+    let settings = config.follower_settings();
+    let step_ns = settings.pen.step_ns;
+    let step_s = step_ns as f64 * 1e-9;
+    let leads = Leads::of_loop(step_ns, 30_000_000, 10);
+    let mut learner = Learner::new(LearnerSettings { leads, ..config.learner_settings() }, config.models())?;
+    let mut previewer = Previewer::new(settings.preview, &settings.models, &settings.weights)?;
+    let mut pen = settings.pen;
+    pen.max_speed_mps = 10.0;
+    (pen.position_min_m, pen.position_max_m) = ([-10.0; 2], [10.0; 2]);
+    let mut tracker = PenTracker::new(pen)?;
+    let mut evidence = Evidence::new(step_s, true);
+    let mut filters = Vec::new();
+    for lead_s in LEADS_S {
+        let way = WaySettings::new(WayKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
+        filters.push(build(WayKind::Kalman, &way)?);
+    }
+    let mut begin_s = 10.0;
+    for sequence in hand.sequences.iter().take(limit) {
+        let samples = &sequence.path.samples;
+        let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
+        // The preview in force: its base, the point before, and the predicted points.
+        let mut preview: Option<(Stamp, Point, [Point; EVIDENCE_LEADS + 1])> = None;
+        for (index, sample) in samples.iter().enumerate() {
+            let time_s = begin_s + sample.t_s - first_s;
+            let (stamp, position) = (Stamp((time_s * 1e9).round() as u64), [sample.x_m, sample.y_m]);
+            tracker.ingest(
+                stamp,
+                &PenReading { stamp, position, contact: sample.contact, origin: Default::default() },
+            );
+            let mut closed = false;
+            while let Some(step) = tracker.next_step() {
+                let learn = previewer.observe(&step);
+                if learner.learn(&learn).hand_over {
+                    previewer.set_weights(learner.weights())?;
+                }
+                match learn.motion {
+                    Motion::Continues => evidence.realise(step.position, learn.scale_m),
+                    _ => evidence.interrupt(),
+                }
+                closed = true;
+            }
+            evidence.observe(stamp, position);
+            let mut points = [[0.0; 2]; EVIDENCE_LEADS];
+            if closed && let Some(report) = previewer.preview(&mut points) {
+                let velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
+                evidence.shoot(report.base_position, velocity, &points);
+                let mut path = [report.base_position; EVIDENCE_LEADS + 1];
+                path[1..].copy_from_slice(&points);
+                let [[x, y], [dx, dy]] = [report.base_position, velocity];
+                preview = Some((Stamp(report.base_index * step_ns), [x - dx, y - dy], path));
+            }
+            let shifted = PathSample { t_s: time_s, ..*sample };
+            let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
+            let Some((base, before, path)) = &preview else { continue };
+            let phase = stamp.since(*base) as f64 / step_ns as f64;
+            if !(0.0..1.5).contains(&phase) {
+                continue;
+            }
+            evidence.sample(stamp, position, phase, parabola(*before, path[0], path[1], phase));
+            if index < WARM {
+                continue;
+            }
+            for (lead, (lead_s, kalman)) in LEADS_S.iter().zip(kalman).enumerate() {
+                let Some(real) = at(samples, sample.t_s + lead_s) else { continue };
+                let s = phase + lead_s / step_s;
+                let (index, part) = (s as usize, s.fract());
+                let believed = |index: usize| evidence.believed(phase, index, path[index]);
+                let corrected = if index == 0 {
+                    between(position, believed(1), ((s - phase) / (1.0 - phase).max(0.02)).min(1.0))
+                } else {
+                    between(believed(index), believed(index + 1), part)
+                };
+                let claims = [
+                    position,
+                    between(path[index], path[index + 1], part),
+                    kalman.unwrap_or(position),
+                    corrected,
+                ];
+                let (sums, count) = &mut sums.0[lead];
+                for (sum, [x, y]) in sums.iter_mut().zip(claims) {
+                    *sum += (x - real[0]).powi(2) + (y - real[1]).powi(2);
+                }
+                *count += 1.0;
+            }
+        }
+        begin_s += sequence.path.duration_s() + REST_S;
+    }
+    Ok(())
+}
+
+/// Where the pen was at `t_s`, on straight lines between samples.
+fn at(samples: &[PathSample], t_s: f64) -> Option<Point> {
+    let after = samples.partition_point(|sample| sample.t_s < t_s);
+    let (from, to) = (samples.get(after.checked_sub(1)?)?, samples.get(after)?);
+    Some(between([from.x_m, from.y_m], [to.x_m, to.y_m], (t_s - from.t_s) / (to.t_s - from.t_s)))
+}
+
+fn between([ax, ay]: Point, [bx, by]: Point, part: f64) -> Point {
+    [ax + part * (bx - ax), ay + part * (by - ay)]
+}
+
+/// `phase` steps after the middle one of three points a step apart: what the follower takes as expected.
+fn parabola([bx, by]: Point, [hx, hy]: Point, [nx, ny]: Point, phase: f64) -> Point {
+    let along = |before: f64, here: f64, next: f64| {
+        here + phase * (0.5 * (next - before) + phase * (0.5 * (next + before) - here))
+    };
+    [along(bx, hx, nx), along(by, hy, ny)]
+}
