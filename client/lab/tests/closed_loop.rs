@@ -128,6 +128,12 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
         assert_eq!(row.sequences, 3);
         let json = serde_json::to_value(row).unwrap();
         assert!(json["predictor"].is_string() && json["arm"] == "ur5", "{json}");
+        // Beside `hold`, in front of one arm and without leaps, nothing is unknown.
+        let unknown = json.as_object().unwrap().iter().filter(|(_, value)| value.is_null());
+        let unknown: Vec<_> = unknown.map(|(key, _)| key.as_str()).collect();
+        assert!(unknown.is_empty() || unknown == ["leap_mse_m2"], "{unknown:?}: {json}");
+        let numbers = json.as_object().unwrap().values().filter(|value| value.is_number()).count();
+        assert!(numbers >= 11, "{json}");
     }
 }
 

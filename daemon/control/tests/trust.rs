@@ -96,11 +96,14 @@ fn judged(trust: &mut TrustControl, record: Record) -> (TrustReason, Trust) {
 
 #[test]
 fn nothing_is_believed_before_enough_previews_were_judged() {
-    let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
-    let few = Record { cases: 0.5, ..GOOD };
-    assert_eq!(judged(&mut trust, few), (TrustReason::Unproven, Trust::NONE));
-    assert_eq!(judged(&mut trust, Record::default()), (TrustReason::Unproven, Trust::NONE));
-    assert_eq!(judged(&mut trust, GOOD), (TrustReason::Auto, Trust::FULL));
+    for proof_cases in [1, 20] {
+        let settings = TrustSettings { proof_cases, ..TrustSettings::default() };
+        let mut trust = TrustControl::new(settings).unwrap();
+        let few = Record { cases: 0.95 * f64::from(proof_cases), ..GOOD };
+        assert_eq!(judged(&mut trust, few), (TrustReason::Unproven, Trust::NONE));
+        assert_eq!(judged(&mut trust, Record::default()), (TrustReason::Unproven, Trust::NONE));
+        assert_eq!(judged(&mut trust, GOOD), (TrustReason::Auto, Trust::FULL));
+    }
 }
 
 #[test]

@@ -64,6 +64,7 @@ impl Filter {
         }
     }
 
+    /// Velocity [m/s] and acceleration [m/s²] at the newest sample.
     pub(super) fn motion(&self) -> [[f64; 2]; 2] {
         let [[_, vx, ax], [_, vy, ay]] = self.axes;
         [[vx, vy], [ax, ay]]
