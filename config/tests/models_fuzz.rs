@@ -1,4 +1,6 @@
 //! The model loader against damaged files: bounded, with fixed seeds. It never panics, and what it lets through is finite.
+//!
+//! FORETRACE_FUZZ_CASES=N runs N cases.
 
 use foretrace_config::models::{Assumed, DType, LstmModel, Shipped};
 use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
@@ -54,10 +56,12 @@ fn mutate(random: &mut Pcg64, seeds: &[Vec<u8>]) -> Vec<u8> {
 
 #[test]
 fn damaged_files_never_panic_and_never_give_poison() {
+    let cases =
+        std::env::var("FORETRACE_FUZZ_CASES").map_or(CASES, |text| text.parse().expect("a whole number"));
     let seeds = seeds();
     let mut random = Pcg64::seed_from_u64(7);
     let (mut accepted, mut poison_found) = (0, 0);
-    for case in 0..CASES {
+    for case in 0..cases {
         let bytes = mutate(&mut random, &seeds);
         match LstmModel::parse("fuzz", &bytes, BARE) {
             Ok(model) => {
@@ -83,6 +87,6 @@ fn damaged_files_never_panic_and_never_give_poison() {
         }
     }
     // The mutations reach both ends of the loader: a flipped bit of a weight loads, a poisoned one is found.
-    assert!(accepted > CASES / 50, "only {accepted} of {CASES} were accepted");
-    assert!(poison_found > CASES / 100, "only {poison_found} of {CASES} held poison");
+    assert!(accepted > cases / 50, "only {accepted} of {cases} were accepted");
+    assert!(poison_found > cases / 100, "only {poison_found} of {cases} held poison");
 }

@@ -1,4 +1,6 @@
 //! Random bytes as messages: nothing panics, and what passes validation is within its promised range.
+//!
+//! FORETRACE_FUZZ_CASES=N runs N cases of each.
 
 use foretrace_shm::*;
 use proptest::prelude::*;
@@ -21,7 +23,15 @@ fn any_bits<T: Wire>() -> impl Strategy<Value = T> {
     })
 }
 
+fn bounds() -> ProptestConfig {
+    let cases =
+        std::env::var("FORETRACE_FUZZ_CASES").map_or(512, |text| text.parse().expect("a whole number"));
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
 proptest! {
+    #![proptest_config(bounds())]
+
     #[test]
     fn bytes_survive_the_codec(record in any_bits::<TickRecord>()) {
         let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Anything at all as a settings file: an answer, never a panic.
+//! Anything at all as a settings file: an answer, never a panic. FORETRACE_FUZZ_CASES=N asks for N answers to each question.
 
 use proptest::prelude::*;
 
@@ -26,8 +26,14 @@ fn value() -> impl Strategy<Value = String> {
     ]
 }
 
+fn bounds() -> ProptestConfig {
+    let cases =
+        std::env::var("FORETRACE_FUZZ_CASES").map_or(512, |text| text.parse().expect("a whole number"));
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(bounds())]
 
     #[test]
     fn random_bytes_in_a_file_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
