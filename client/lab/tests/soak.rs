@@ -1,0 +1,304 @@
+//! Hours at the desk in simulated time: the daemon's law and its learner, an arm with a servo, texts of many hands, and
+//! troubles between them. Every command is judged, every trouble is got over, and the last hour is as good as the first.
+//!
+//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000:
+//! `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test soak -- --nocapture`.
+
+use foretrace_config::Config;
+use foretrace_control::follower::{
+    Budget, Follower, Health, JointReading, Mode, NoClock, Request, Rung, StepInput, StepOutput, StopReason,
+};
+use foretrace_control::guard::CommandChecker;
+use foretrace_control::learn::Learner;
+use foretrace_control::pen::{PenOrigin, PenReading};
+use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::units::Stamp;
+use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS};
+use foretrace_lab::path::{Layout, PathSample, PenPath, Placement};
+use foretrace_lab::writer::text_path;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Of the preset.
+const HORIZON: usize = 20;
+const TICKS: u64 = 120_000;
+
+/// What goes wrong in the middle of a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trouble {
+    Leaps,
+    NotANumber,
+    SamplesLost,
+    TicksLost,
+    LongStall,
+    ArmSilent,
+    Stopped,
+    Switched,
+    Shed,
+    FewIterations,
+}
+
+impl Trouble {
+    const ALL: [Self; 10] = [
+        Self::Leaps,
+        Self::NotANumber,
+        Self::SamplesLost,
+        Self::TicksLost,
+        Self::LongStall,
+        Self::ArmSilent,
+        Self::Stopped,
+        Self::Switched,
+        Self::Shed,
+        Self::FewIterations,
+    ];
+
+    /// The stop that it has to end in; `None`: the arm goes on.
+    const fn stop(self) -> Option<StopReason> {
+        match self {
+            Self::LongStall => Some(StopReason::TimeLost),
+            Self::ArmSilent => Some(StopReason::JointStateLost),
+            Self::Stopped => Some(StopReason::Requested),
+            _ => None,
+        }
+    }
+}
+
+/// Squared distances of tool and pen where the pen writes, and how many.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tracking {
+    sum: f64,
+    count: u64,
+}
+
+impl Tracking {
+    fn rms_mm(self) -> f64 {
+        (self.sum / self.count.max(1) as f64).sqrt() * 1e3
+    }
+}
+
+struct Desk {
+    follower: Follower<HORIZON, JOINTS>,
+    learner: Learner,
+    weights: Option<Box<OnlineWeights>>,
+    judge: CommandChecker<JOINTS>,
+    arm: ArmModel,
+    target: [f64; JOINTS],
+    now: Stamp,
+    ticks: u64,
+    period_ns: u64,
+    random: Pcg64,
+    /// Requests that were answered.
+    answered: u64,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let config = Config::preset("ur5").unwrap();
+        assert_eq!(config.settings().mpc.horizon, HORIZON as u32);
+        let settings = config.follower_settings();
+        let home = config.robot().home;
+        Self {
+            learner: Learner::new(config.learner_settings(), config.models()).unwrap(),
+            weights: None,
+            judge: CommandChecker::new(settings.limits),
+            arm: ArmModel::at_rest(ArmSettings::ur5(0.002, 0.03), home),
+            target: home,
+            now: Stamp(10_000_000_000),
+            ticks: 0,
+            period_ns: settings.period_ns,
+            follower: Follower::new(settings).unwrap(),
+            random: Pcg64::seed_from_u64(2026),
+            answered: 0,
+        }
+    }
+
+    /// One tick; the arm is silent, or the loop is short of time, where `trouble` says so.
+    fn tick(
+        &mut self,
+        pen: &[PenReading],
+        request: Option<Request>,
+        trouble: Option<Trouble>,
+    ) -> StepOutput<JOINTS> {
+        let joints = self.arm.joints();
+        let reading = JointReading { stamp: self.now, q: joints.q, qd: joints.qd, motion_allowed: true };
+        let weights = self.weights.take();
+        let input = StepInput {
+            pen,
+            joints: (trouble != Some(Trouble::ArmSilent)).then_some(&reading),
+            request,
+            weights: weights.as_deref(),
+            ..StepInput::nothing(self.now)
+        };
+        let budget = match trouble {
+            Some(Trouble::Shed) => Budget { shed: true, ..Budget::default() },
+            Some(Trouble::FewIterations) => Budget { max_iterations: 1, ..Budget::default() },
+            _ => Budget::default(),
+        };
+        let output = self.follower.step(&input, budget, &mut NoClock);
+        assert!(!output.health.has(Health::WEIGHTS_REFUSED), "tick {}", self.ticks);
+        if output.begins {
+            self.judge.restart();
+        }
+        if let Some(command) = output.command {
+            let legal = self.judge.observe(command.stamp, command.valid_until, &command.q, &command.qd);
+            assert!(legal, "tick {}: {:?}", self.ticks, self.judge.statistics().violations);
+            self.target = command.q;
+        }
+        for step in output.learn.iter().take(output.learn_count) {
+            if self.learner.learn(step).hand_over {
+                self.weights = Some(Box::new(*self.learner.weights()));
+            }
+        }
+        self.answered += u64::from(output.answer.is_some());
+        self.arm.cycle(self.target);
+        self.now = self.now + self.period_ns;
+        self.ticks += 1;
+        output
+    }
+
+    /// Arms, as soon as the arm stands; gives up after ten seconds.
+    fn arm_again(&mut self, pen: PathSample) {
+        for _ in 0..5000 {
+            let reading = self.reading(pen);
+            let output = self.tick(&[reading], Some(Request::Arm), None);
+            if output.answer == Some(Ok(())) {
+                return;
+            }
+        }
+        panic!("tick {}: not to be armed any more", self.ticks);
+    }
+
+    fn reading(&self, sample: PathSample) -> PenReading {
+        let position = [sample.x_m, sample.y_m];
+        PenReading { stamp: self.now, position, contact: sample.contact, origin: PenOrigin::default() }
+    }
+
+    /// Writes `path` from rest to its end; in its middle third `trouble`.
+    fn write(&mut self, path: &PenPath, trouble: Option<Trouble>) -> Tracking {
+        let first = path.samples[0];
+        // The arm comes to the pen, which waits, and the loop follows.
+        let mut mode = Mode::Idle;
+        for _ in 0..1000 {
+            mode = self.tick(&[self.reading(PathSample { contact: false, ..first })], None, None).mode;
+        }
+        assert_eq!(mode, Mode::Following, "tick {}: {trouble:?}", self.ticks);
+        let begin = self.now;
+        let duration = path.samples[path.samples.len() - 1].t_s - first.t_s;
+        let mut samples = path.samples.iter().copied().peekable();
+        let (mut newest, mut tracking, mut stopped) = (first, Tracking::default(), None);
+        let mut requested = trouble.and_then(|trouble| match trouble {
+            Trouble::Stopped => Some(Request::Stop),
+            Trouble::Switched => Some(Request::SwitchPredictor(
+                PredictorKind::LIVE[self.ticks as usize % PredictorKind::LIVE.len()],
+            )),
+            _ => None,
+        });
+        let mut stall = trouble == Some(Trouble::LongStall);
+        while samples.peek().is_some() {
+            let t = self.now.seconds_since(begin);
+            let active = trouble.filter(|_| (duration / 3.0..duration / 3.0 + 0.6).contains(&t));
+            let mut due = Vec::new();
+            while let Some(sample) = samples.next_if(|sample| sample.t_s - first.t_s <= t) {
+                newest = sample;
+                let stamp = begin.plus_ns(((sample.t_s - first.t_s) * 1e9) as u64);
+                due.push(PenReading { stamp, ..self.reading(sample) });
+            }
+            match active {
+                Some(Trouble::Leaps) if self.random.random_bool(0.1) => {
+                    due.iter_mut()
+                        .for_each(|reading| reading.position[0] += self.random.random_range(-0.1..0.1));
+                }
+                Some(Trouble::NotANumber) => {
+                    due.iter_mut().for_each(|reading| reading.position[1] = f64::NAN)
+                }
+                Some(Trouble::SamplesLost) => due.clear(),
+                Some(Trouble::TicksLost) if self.random.random_bool(0.2) => self.lose(40_000_000),
+                Some(Trouble::LongStall) if std::mem::take(&mut stall) => {
+                    self.now = self.now + 400_000_000;
+                }
+                _ => {}
+            }
+            let request = active.and_then(|_| requested.take());
+            let output = self.tick(&due, request, active);
+            if let Some(trouble) = active {
+                let rung = match trouble {
+                    Trouble::Shed => output.rung != Rung::FreshPlan,
+                    _ => true,
+                };
+                assert!(rung, "tick {}: {:?} while shed", self.ticks, output.rung);
+            }
+            if matches!(output.mode, Mode::Stopped | Mode::Fault) {
+                stopped = Some(output.stop_reason);
+                break;
+            }
+            if newest.contact && trouble.is_none() {
+                let settings = self.follower.settings();
+                let tool = settings.chain.forward(&self.arm.joints().q).position;
+                let tool = settings.plane.point_from_base(&tool);
+                tracking.sum += (tool.x - newest.x_m).powi(2) + (tool.y - newest.y_m).powi(2);
+                tracking.count += 1;
+            }
+        }
+        assert_eq!(stopped, trouble.and_then(Trouble::stop), "tick {}: {trouble:?}", self.ticks);
+        if stopped.is_some() {
+            self.arm_again(newest);
+        }
+        if trouble == Some(Trouble::Switched) {
+            let ours = Request::SwitchPredictor(PredictorKind::Ours);
+            self.tick(&[self.reading(newest)], Some(ours), None);
+        }
+        tracking
+    }
+
+    /// Up to `most_ns` pass without a tick.
+    fn lose(&mut self, most_ns: u64) {
+        let lost = self.random.random_range(0..=most_ns / self.period_ns);
+        self.now = self.now + lost * self.period_ns;
+    }
+
+    fn text(&mut self) -> PenPath {
+        const LETTERS: &[u8] = b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
+        let text: String =
+            (0..4).map(|_| char::from(LETTERS[self.random.random_range(0..LETTERS.len())])).collect();
+        let placement = Placement { layout: Layout::Line, ..Placement::default() };
+        text_path(&text, self.random.random_range(0..1000), 200.0, &placement).unwrap()
+    }
+}
+
+#[test]
+fn hours_of_writing_and_trouble_leave_nothing_behind() {
+    let ticks = std::env::var("FORETRACE_SOAK_TICKS")
+        .map_or(TICKS, |text| text.parse().expect("FORETRACE_SOAK_TICKS must be a whole number"));
+    let mut desk = Desk::new();
+    let first = desk.text().samples[0];
+    desk.arm_again(first);
+    let mut quiet = Vec::new();
+    let mut troubles = 0;
+    while desk.ticks < ticks || troubles < Trouble::ALL.len() {
+        let path = desk.text();
+        quiet.push(desk.write(&path, None));
+        let path = desk.text();
+        desk.write(&path, Some(Trouble::ALL[troubles % Trouble::ALL.len()]));
+        troubles += 1;
+    }
+    let part = (quiet.len() / 4).max(1);
+    let over = |texts: &[Tracking]| {
+        let sum = |of: fn(&Tracking) -> f64| texts.iter().map(of).sum::<f64>();
+        Tracking { sum: sum(|t| t.sum), count: sum(|t| t.count as f64) as u64 }.rms_mm()
+    };
+    let (begin, end) = (over(&quiet[..part]), over(&quiet[quiet.len() - part..]));
+    let seen = desk.judge.statistics();
+    println!(
+        "soak: {} ticks ({:.1} h), {} commands, {} violations, {troubles} troubles, {} requests; RMS where the pen writes {begin:.2} mm \
+         in the first quarter, {end:.2} mm in the last; at most {:.1} rad/s, {:.1} rad/s2",
+        desk.ticks,
+        desk.ticks as f64 * desk.period_ns as f64 / 3.6e12,
+        seen.count,
+        seen.limit_violations,
+        desk.answered,
+        seen.max_velocity_radps,
+        seen.max_acceleration_radps2,
+    );
+    assert_eq!(seen.limit_violations, 0);
+    assert!(end < 1.2 * begin, "tracking went from {begin} to {end} mm");
+}
