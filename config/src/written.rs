@@ -84,6 +84,9 @@ impl Raw {
     }
 }
 
+/// Lines with errors of syntax that are told one by one: one open bracket makes all that follow wrong.
+const SYNTAX_ERRORS: usize = 8;
+
 /// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
 ///
 /// *Errors*: every syntax error that the parser can recover from is pushed to `problems`; what could be read
@@ -91,15 +94,25 @@ impl Raw {
 pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
     let (root, errors) = DeTable::parse_recoverable(text);
-    let mut told: Option<(usize, String)> = None;
+    let mut told: Vec<usize> = Vec::new();
     for error in &errors {
         let line = error.span().map_or(0, |span| lines.line(span.start));
-        let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
-        // The parser repeats itself at every level of nesting.
-        if told.as_ref() != Some(&(line, what.clone())) {
-            problems.push(Problem::Syntax { place: at_line(place, line), what: what.clone() });
-            told = Some((line, what));
+        // The parser repeats itself at every level of nesting, and where a bracket is missing on every line that follows.
+        if told.contains(&line) {
+            continue;
         }
+        told.push(line);
+        if told.len() <= SYNTAX_ERRORS {
+            let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
+            problems.push(Problem::Syntax { place: at_line(place, line), what });
+        }
+    }
+    if let Some(line) = told.get(SYNTAX_ERRORS) {
+        let what = format!(
+            "from here on {} more lines cannot be read, probably because of those above",
+            told.len() - SYNTAX_ERRORS
+        );
+        problems.push(Problem::Syntax { place: at_line(place, *line), what });
     }
     // A broken line leaves half-read values behind: judging them would bury the cause under its consequences.
     if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }

@@ -151,6 +151,18 @@ fn every_syntax_error_has_its_line() {
 }
 
 #[test]
+fn one_open_bracket_does_not_bury_its_cause() {
+    let whole = Config::preset("ur5").unwrap().render();
+    let broken = whole.replacen("home_rad = [", "home_rad = [[", 1);
+    assert_ne!(whole, broken);
+    let line = 1 + broken.lines().position(|line| line.starts_with("home_rad")).unwrap();
+    let text = Config::parse(&broken, "table.toml", ".").unwrap_err().to_string();
+    assert!(text.lines().count() <= 9 && text.contains("more lines cannot be read"), "{text}");
+    let first: usize = text.split(':').nth(1).unwrap().parse().unwrap();
+    assert!((line..line + 5).contains(&first), "line {line} is broken: {text}");
+}
+
+#[test]
 fn a_key_given_twice_is_a_syntax_error() {
     assert!(message("[loop]\nrate_hz = 500\nrate_hz = 1000\n").contains("table.toml:4"));
 }
