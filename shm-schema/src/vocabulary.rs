@@ -135,6 +135,12 @@ wire_enum! {
         Frozen = 14 => "frozen",
         /// Too few previews were judged.
         Unproven = 15 => "no evidence yet",
+        /// The pen left the bands of recent previews far more often than they promise.
+        Surprised = 16 => "pen outside the bands",
+        /// Too many recent ticks had no plan at all.
+        SolverUnhealthy = 17 => "plans in trouble",
+        /// The learner handed over parameters that were refused.
+        LearnerUnhealthy = 18 => "learner unhealthy",
     }
 }
 

@@ -2,13 +2,15 @@
 
 mod support;
 
-use foretrace_control::follower::{Budget, FollowerSettings, Request, StepOutput};
+use foretrace_control::follower::{Budget, FollowerSettings, Health, Request, StepInput, StepOutput};
+use foretrace_control::learn::Learner;
 use foretrace_control::mpc::{Mpc, Plan};
-use foretrace_control::predict::{Oracle, PredictorKind};
+use foretrace_control::predict::bands::BAND_LEADS;
+use foretrace_control::predict::{OnlineWeights, Oracle, PredictorKind};
 use foretrace_control::trust::TrustReason;
 use foretrace_control::units::{AxisState, Stamp, Trust};
 use support::lagging::{Arm, Kind};
-use support::{Bench, HOME, PERIOD_NS, STEP_NS, settings};
+use support::{Bench, HOME, PERIOD_NS, STEP_NS, models, preset, settings};
 
 /// Writing with turns: accelerations up to 6 m/s².
 fn curve(t: f64) -> [f64; 2] {
@@ -120,6 +122,83 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     assert_eq!((silent.alpha.alpha(), silent.reason), (0.0, TrustReason::Stale));
     let auto = bench.tick_with(&[], Some(Request::TrustAuto), Budget::default());
     assert_eq!(auto.answer, Some(Ok(())));
+}
+
+/// The reasons for trust, each once in a row, while the pen writes for 4 s and the learner claims bands of `factor` for every lead.
+fn reasons_with_bands(factor: f32) -> Vec<TrustReason> {
+    let kind = PredictorKind::ConstantVelocity;
+    let mut bench = Bench::armed(settings(kind));
+    let mut weights = bench.follower.weights();
+    weights.version += 1;
+    weights.bands.factors[kind.index()] = [factor; BAND_LEADS];
+    let output = bench
+        .step(&StepInput { weights: Some(&weights), ..StepInput::nothing(bench.now) }, Budget::default());
+    assert!(!output.health.has(Health::WEIGHTS_REFUSED));
+    let start = bench.now;
+    let mut reasons = Vec::new();
+    write(&mut bench, start, 2000, curve, |_, output| reasons.push(output.trust.reason));
+    reasons.dedup();
+    reasons
+}
+
+#[test]
+fn predictor_whose_bands_do_not_hold_is_not_believed() {
+    assert_eq!(reasons_with_bands(3.0).last(), Some(&TrustReason::Auto));
+    assert!(!reasons_with_bands(3.0).contains(&TrustReason::Surprised));
+    // A twentieth of a step: what no preview of a bending path keeps.
+    assert_eq!(reasons_with_bands(0.002).last(), Some(&TrustReason::Surprised));
+}
+
+#[test]
+fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let start = bench.now;
+    let mut tick = |request: Budget, weights: Option<&OnlineWeights>| {
+        let pen = [bench.pen(curve(bench.now.seconds_since(start)))];
+        bench.joints.stamp = bench.now;
+        let joints = bench.joints;
+        let input = StepInput { pen: &pen, joints: Some(&joints), weights, ..StepInput::nothing(bench.now) };
+        bench.step(&input, request).trust
+    };
+    let shed = Budget { shed: true, ..Budget::default() };
+    for _ in 0..1500 {
+        tick(Budget::default(), None);
+    }
+    // Old plans are good for 50 ms: four ticks of five may be shed. A stop is no plan.
+    for count in 0..300 {
+        let trust = tick(if count % 5 == 0 { Budget::default() } else { shed }, None);
+        assert_eq!(trust.reason, TrustReason::Auto, "{count}");
+    }
+    let mut last = None;
+    for _ in 0..100 {
+        last = Some(tick(shed, None));
+    }
+    assert_eq!(
+        last.map(|trust| (trust.reason, trust.alpha)),
+        Some((TrustReason::SolverUnhealthy, Trust::NONE))
+    );
+    let mut trust = last.unwrap();
+    for _ in 0..300 {
+        trust = tick(Budget::default(), None);
+    }
+    assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
+
+    let mut weights = *Learner::new(preset(), &models()).unwrap().weights();
+    weights.version = 5;
+    let good = weights;
+    weights.dybm.version = 5;
+    weights.dybm.parameters.fifo[0][0][0] = f64::NAN;
+    trust = tick(Budget::default(), Some(&weights));
+    for _ in 0..100 {
+        assert_eq!(trust.reason, TrustReason::LearnerUnhealthy);
+        trust = tick(Budget::default(), None);
+    }
+    assert_eq!(trust.alpha, Trust::NONE);
+    tick(Budget::default(), Some(&good));
+    for _ in 0..100 {
+        trust = tick(Budget::default(), None);
+    }
+    assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
 }
 
 /// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.

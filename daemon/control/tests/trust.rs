@@ -9,6 +9,8 @@ use proptest::prelude::*;
 const TICK_NS: u64 = 2_000_000;
 
 const HEALTHY: TrustInputs = TrustInputs {
+    unplanned: 0.0,
+    weights_refused: false,
     request: TrustRequest::Auto,
     armed: true,
     history: 1000,
@@ -20,7 +22,7 @@ const HEALTHY: TrustInputs = TrustInputs {
 };
 
 /// Half of Hold's squared error, a little less than constant velocity's, from enough cases.
-const GOOD: Record = Record { preview: 50.0, hold: 100.0, steady: 60.0, cases: 200.0 };
+const GOOD: Record = Record { preview: 50.0, hold: 100.0, steady: 60.0, cases: 200.0, surprise: 0.1 };
 
 fn trusted() -> TrustControl {
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
@@ -144,12 +146,44 @@ fn straight_line_does_not_count_where_doubt_would_only_put_hold_in_the_previews_
 fn shipped_predictor_loses_belief_by_its_own_faults_only() {
     // Nobody foresees the start of the first stroke: as good as Hold is no reason for doubt yet.
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
-    let first = Record { preview: 95.0, hold: 100.0, steady: 100.0, cases: 1.0 };
+    let first = Record { preview: 95.0, hold: 100.0, steady: 100.0, cases: 1.0, surprise: 0.0 };
     assert_eq!(judged(&mut trust, first).0, TrustReason::Auto);
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
     let worse = Record { preview: 106.0, ..first };
     assert_eq!(judged(&mut trust, worse).0, TrustReason::WorseThanHold);
     assert_eq!(judged(&mut trust, first).0, TrustReason::Hysteresis);
+}
+
+#[test]
+fn predictor_whose_bands_are_left_is_doubted_until_they_hold_again() {
+    let mut trust = trusted();
+    let of = |surprise| Record { surprise, ..GOOD };
+    for surprise in [0.1, 0.5, 0.26] {
+        assert_eq!(judged(&mut trust, of(surprise)), (TrustReason::Auto, Trust::FULL), "{surprise}");
+    }
+    assert_eq!(judged(&mut trust, of(0.51)), (TrustReason::Surprised, Trust::NONE));
+    assert_eq!(judged(&mut trust, of(0.26)), (TrustReason::Surprised, Trust::NONE));
+    assert_eq!(judged(&mut trust, of(0.25)), (TrustReason::Auto, Trust::FULL));
+}
+
+#[test]
+fn health_of_solver_and_learner_counts_unless_an_operator_decides() {
+    let manual = TrustRequest::Manual(Trust::new(0.7));
+    let mut trust = trusted();
+    let mut told = |unplanned, request| {
+        let report = trust.update(&TrustInputs { unplanned, request, ..HEALTHY }, TICK_NS);
+        (report.reason, report.target)
+    };
+    assert_eq!(told(0.25, TrustRequest::Auto), (TrustReason::Auto, Trust::FULL));
+    assert_eq!(told(0.26, TrustRequest::Auto), (TrustReason::SolverUnhealthy, Trust::NONE));
+    assert_eq!(told(0.06, TrustRequest::Auto), (TrustReason::SolverUnhealthy, Trust::NONE));
+    assert_eq!(told(0.06, manual), (TrustReason::Manual, Trust::new(0.7)));
+    assert_eq!(told(0.05, TrustRequest::Auto), (TrustReason::Auto, Trust::FULL));
+    assert_eq!(told(f64::NAN, TrustRequest::Auto).1, Trust::NONE);
+    let refused = TrustInputs { weights_refused: true, ..HEALTHY };
+    assert_eq!(trusted().update(&refused, TICK_NS).reason, TrustReason::LearnerUnhealthy);
+    let refused = TrustInputs { request: manual, ..refused };
+    assert_eq!(trusted().update(&refused, TICK_NS).reason, TrustReason::Manual);
 }
 
 #[test]
@@ -159,6 +193,7 @@ fn evidence_that_is_not_a_number_speaks_against_the_preview() {
         Record { hold: f64::NAN, ..GOOD },
         Record { steady: f64::NAN, ..GOOD },
         Record { cases: f64::NAN, ..GOOD },
+        Record { surprise: f64::NAN, ..GOOD },
     ] {
         assert_eq!(judged(&mut trusted(), bad).1, Trust::NONE, "{bad:?}");
     }
@@ -201,19 +236,21 @@ proptest! {
     #[test]
     fn alpha_stays_in_its_range_and_never_moves_faster_than_the_ramp(
         ticks in proptest::collection::vec(
-            (any::<[bool; 4]>(), any::<Option<f64>>(), any::<[f64; 4]>(), 0..20_u32, any::<Option<u64>>(),
+            (any::<[bool; 4]>(), any::<Option<f64>>(), any::<[f64; 6]>(), 0..20_u32, any::<Option<u64>>(),
              0..60_000_000_u64), 1..300)
     ) {
         let settings = TrustSettings::default();
         let mut trust = TrustControl::new(settings).unwrap();
         let mut before = trust.alpha().alpha();
         for ([armed, jumped, preview_finite, switching], manual, sums, history, age, dt_ns) in ticks {
-            let [preview, hold, steady, cases] = sums;
-            let record = Record { preview, hold, steady, cases };
+            let [preview, hold, steady, cases, surprise, unplanned] = sums;
+            let record = Record { preview, hold, steady, cases, surprise };
             let request = manual.map_or(TrustRequest::Auto, |alpha| TrustRequest::Manual(Trust::new(alpha)));
             let pen_age_ns = age.map(|age| age % 120_000_000);
-            let inputs =
-                TrustInputs { request, armed, history, pen_age_ns, jumped, preview_finite, switching, record };
+            let weights_refused = history == 7;
+            let inputs = TrustInputs {
+                request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, weights_refused, record,
+            };
             let report = trust.update(&inputs, dt_ns);
             let alpha = report.alpha.alpha();
             let reach = dt_ns as f64 / (settings.ramp_steps * settings.step_ns as f64);

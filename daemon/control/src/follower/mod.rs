@@ -45,6 +45,10 @@ pub struct Follower<const N: usize, const J: usize> {
     evidence: Box<Evidence>,
     trust: TrustControl,
     trust_request: TrustRequest,
+    /// Share of the recent ticks that wanted a plan and had none.
+    unplanned: f64,
+    /// What the learner handed over last was refused.
+    weights_refused: bool,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
     mover: Mover<N, J>,
@@ -53,6 +57,9 @@ pub struct Follower<const N: usize, const J: usize> {
 /// Leads whose evidence decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
 /// anew in every tick.
 const LEADS_JUDGED: usize = 2;
+
+/// Ticks over which the share of those without a plan forgets.
+const SOLVER_TICKS: f64 = 50.0;
 
 /// What the pen gave in one tick.
 struct PenNews {
@@ -82,6 +89,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             evidence: Box::new(evidence.beside_feedback(feedback_lag_s)),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
+            unplanned: 0.0,
+            weights_refused: false,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
             mover,
@@ -147,10 +156,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.watch.heed_pen(pen_age);
         clock.lap(Stage::Pen);
 
-        if let Some(weights) = input.weights
-            && self.previewer.set_weights(weights).is_err()
-        {
-            health.set(Health::WEIGHTS_REFUSED);
+        if let Some(weights) = input.weights {
+            self.weights_refused = self.previewer.set_weights(weights).is_err();
+            if self.weights_refused {
+                health.set(Health::WEIGHTS_REFUSED);
+            }
         }
         let trust = self.believe(pen_age, news.jumped);
         if news.count > 0 || input.weights.is_some() || trust.switched {
@@ -162,6 +172,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             if news.count > 0 {
                 let velocity = self.previewer.newest().map_or([0.0; 2], |step| step.displacement);
                 self.evidence.shoot(self.preview.base_position(), velocity, self.preview.predicted());
+                let nearest = self.nearest_lead();
+                if let Some(radius) = self.preview.claimed(nearest) {
+                    self.evidence.claim(nearest, radius);
+                }
             }
         }
         if let Some(newest) = self.pen.newest() {
@@ -177,6 +191,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         let wanted = self.wanted(now, trust.report.alpha);
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
+        if matches!(wanted, Some(Motion::Follow { .. })) {
+            let unplanned = f64::from(u8::from(matches!(moved.rung, Rung::Stop | Rung::Hold)));
+            self.unplanned += (unplanned - self.unplanned) / SOLVER_TICKS;
+        }
         if moved.at_rest && self.watch.stopped() && self.watch.came_to_rest() {
             self.mover.let_go();
         }
@@ -295,7 +313,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     }
 
     fn believe(&mut self, pen_age: Option<u64>, jumped: bool) -> Believed {
-        let nearest = (self.ahead_ns() / self.settings.pen.step_ns) as usize + 1;
+        let nearest = self.nearest_lead();
         let report = self.trust.update(
             &TrustInputs {
                 request: self.trust_request,
@@ -305,6 +323,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 jumped,
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
+                unplanned: self.unplanned,
+                weights_refused: self.weights_refused,
                 record: self.evidence.record(nearest, nearest + LEADS_JUDGED - 1),
             },
             self.settings.period_ns,
@@ -316,6 +336,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             switched = self.previewer.choose(kind).is_ok();
         }
         Believed { report, switched }
+    }
+
+    /// The nearest lead that a plan looks at [steps].
+    fn nearest_lead(&self) -> usize {
+        (self.ahead_ns() / self.settings.pen.step_ns) as usize + 1
     }
 
     /// How far ahead references lie: the dead time, without the servo that the plan reckons with, and the plan's response.

@@ -203,6 +203,11 @@ impl Preview {
         self.bands?.at(self.lead(self.base?, now, dead_time_ns) + 1.0)
     }
 
+    /// Radius [m] around the predicted point `lead` steps after the base, as [`Preview::band`].
+    pub(super) fn claimed(&self, lead: usize) -> Option<f64> {
+        self.bands?.at(lead as f64)
+    }
+
     /// From the newest closed grid point to `now` + dead time [steps].
     fn lead(&self, base: Stamp, now: Stamp, dead_time_ns: u64) -> f64 {
         (now.since(base) as f64 + dead_time_ns as f64) / self.step_ns as f64

@@ -27,6 +27,8 @@ pub const EVIDENCE_LEADS: usize = 24;
 const PHASES: usize = 4;
 /// Ways and errors beyond this [normalised, per step ahead] are leaps, which no preview foresees.
 const LARGEST_PER_STEP: f64 = 100.0;
+/// Claims over which the share of surprises forgets: half a second of motion.
+const SURPRISE_CASES: f64 = 50.0;
 /// The pen moved less than this [normalised] and was not thought to move: says nothing.
 const REST: f64 = 0.3;
 
@@ -51,6 +53,8 @@ pub struct Evidence {
     unit_m: f64,
     step_s: f64,
     feedback: Feedback,
+    /// Share of recent claims that were wrong.
+    surprise: f64,
     /// Corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
 }
@@ -74,6 +78,7 @@ impl Evidence {
             unit_m: 0.0,
             step_s,
             feedback: Feedback::new(0.0),
+            surprise: 0.0,
             per_step,
         }
     }
@@ -91,6 +96,7 @@ impl Evidence {
         self.waiting = 0;
         self.leads = untried_leads();
         self.corrections = fresh(self.clarity);
+        self.surprise = 0.0;
     }
 
     /// The pen was elsewhere at once: previews that wait foresaw nothing of it.
@@ -123,6 +129,11 @@ impl Evidence {
                 && let Some(lead) = self.leads.get_mut(age)
             {
                 lead.add(&judged);
+                if let Some((_, radius)) = shot.claim.filter(|(index, _)| *index == age) {
+                    // As it would be used: corrections may know what the predictor does not.
+                    let wrong = f64::from(u8::from(!(judged.preview.sqrt() * unit_m <= radius)));
+                    self.surprise += (wrong - self.surprise) / SURPRISE_CASES;
+                }
             }
         }
     }
@@ -172,6 +183,14 @@ impl Evidence {
             way: square(dx, dy),
             cases: 1.0,
         })
+    }
+
+    /// The predictor says of the newest preview that `lead` ≥ 1 steps after its base the pen will be within `radius` [m] of it in nine of
+    /// ten cases.
+    pub fn claim(&mut self, lead: usize, radius: f64) {
+        if let Some(shot) = self.shots.get_mut(self.last).filter(|_| self.waiting > 0) {
+            shot.claim = lead.checked_sub(1).map(|index| (index, radius));
+        }
     }
 
     /// A new preview: `path` [m] after the grid point at `base` [m], which was reached by `velocity` [m per step].
@@ -257,7 +276,7 @@ impl Evidence {
     pub fn record(&self, first: usize, last: usize) -> Record {
         let first = first.clamp(1, EVIDENCE_LEADS);
         let count = last.clamp(first, EVIDENCE_LEADS) + 1 - first;
-        let mut record = Record::default();
+        let mut record = Record { surprise: self.surprise, ..Record::default() };
         for lead in self.leads.iter().skip(first - 1).take(count) {
             record.preview += lead.preview;
             record.hold += lead.hold;

@@ -63,4 +63,6 @@ pub struct Record {
     pub steady: f64,
     /// Cases of motion of the lead that has most: right before a grid point closes there is hardly any way left to judge.
     pub cases: f64,
+    /// Share of the recent previews whose predictor claimed a band that the pen then left, [0, 1]; 0.1 is what bands promise.
+    pub surprise: f64,
 }

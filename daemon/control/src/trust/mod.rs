@@ -49,6 +49,13 @@ const END_STEADY: f64 = 1.5;
 const BEGIN_STEADY: f64 = 1.2;
 /// ... but for previews that are better than Hold by this factor: Hold is what doubt would put in their place.
 const CLEARLY: f64 = 0.2;
+/// Belief ends when more than this share of a predictor's recent bands were left by the pen: it does not know what it does not
+/// know, long before its mean error tells...
+const END_SURPRISE: f64 = 0.5;
+/// ... and begins below this one. Bands promise 0.1.
+const BEGIN_SURPRISE: f64 = 0.25;
+/// Plans are in trouble when more than this share of the recent ticks had none, until it is below the second.
+const UNPLANNED: [f64; 2] = [0.25, 0.05];
 
 impl Default for TrustSettings {
     fn default() -> Self {
@@ -117,6 +124,10 @@ pub struct TrustInputs {
     pub preview_finite: bool,
     /// Another predictor waits for α = 0 to take over.
     pub switching: bool,
+    /// Share of the recent ticks that wanted a plan and had neither a fresh one nor one that was still good, [0, 1].
+    pub unplanned: f64,
+    /// The parameters that the learner handed over last were refused.
+    pub weights_refused: bool,
     /// What past previews were worth.
     pub record: Record,
 }
@@ -141,8 +152,14 @@ pub enum TrustReason {
     Manual,
     /// The value that an operator froze.
     Frozen,
+    /// Too many recent ticks had no plan at all: what begins again begins gently.
+    SolverUnhealthy,
+    /// The learner handed over parameters that were none: it may have learned from the same steps what the predictor remembers.
+    LearnerUnhealthy,
     /// Too few previews were judged.
     Unproven,
+    /// The pen left the bands of recent previews far more often than they promise.
+    Surprised,
     /// Past previews were worse than Hold.
     WorseThanHold,
     /// Past previews were much worse than constant velocity.
@@ -155,7 +172,7 @@ pub enum TrustReason {
 
 impl TrustReason {
     /// Every reason, in the order of their numbers on the wire.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 16] = [
         Self::Disarmed,
         Self::Stale,
         Self::PredictorInvalid,
@@ -164,7 +181,10 @@ impl TrustReason {
         Self::Warmup,
         Self::Manual,
         Self::Frozen,
+        Self::SolverUnhealthy,
+        Self::LearnerUnhealthy,
         Self::Unproven,
+        Self::Surprised,
         Self::WorseThanHold,
         Self::WorseThanSteady,
         Self::Hysteresis,
@@ -183,7 +203,10 @@ impl TrustReason {
             Self::Warmup => "warmup",
             Self::Manual => "manual",
             Self::Frozen => "frozen",
+            Self::SolverUnhealthy => "solver-unhealthy",
+            Self::LearnerUnhealthy => "learner-unhealthy",
             Self::Unproven => "unproven",
+            Self::Surprised => "surprised",
             Self::WorseThanHold => "worse-than-hold",
             Self::WorseThanSteady => "worse-than-constant-velocity",
             Self::Hysteresis => "hysteresis",
@@ -213,6 +236,8 @@ pub struct TrustControl {
     /// The evidence has not spoken against the predictor, or has spoken for it since: one that is shipped has its proof from
     /// other hands.
     believed: bool,
+    surprised: bool,
+    unplanned: bool,
 }
 
 impl TrustControl {
@@ -229,13 +254,23 @@ impl TrustControl {
         if !(settings.step_ns..=10_000_000_000).contains(&settings.stale_after_ns) {
             return Err(TrustError::Stale { got_ns: settings.stale_after_ns, step_ns: settings.step_ns });
         }
-        Ok(Self { settings, alpha: 0.0, after_jump: false, believed: true })
+        Ok(Self {
+            settings,
+            alpha: 0.0,
+            after_jump: false,
+            believed: true,
+            surprised: false,
+            unplanned: false,
+        })
     }
 
     /// Moves α towards what `inputs` justify; `dt_ns` since the last update [ns].
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
         let verdict = self.weigh(&inputs.record);
+        // Written so that what is not a number speaks against.
+        let [begin, end] = UNPLANNED;
+        self.unplanned = !(inputs.unplanned <= if self.unplanned { end } else { begin });
         let (reason, target) = self.judge(inputs, verdict);
         let reach = dt_ns as f64 / (self.settings.ramp_steps * self.settings.step_ns as f64);
         self.alpha = target.alpha().clamp(self.alpha - reach, self.alpha + reach);
@@ -253,6 +288,7 @@ impl TrustControl {
         if !(record.cases >= f64::from(self.settings.proof_cases)) {
             return TrustReason::Unproven;
         }
+        self.surprised = !(record.surprise <= if self.surprised { BEGIN_SURPRISE } else { END_SURPRISE });
         let (hold, steady) = if self.believed { (END, END_STEADY) } else { (BEGIN, BEGIN_STEADY) };
         // Written so that a record that is not a number speaks against the preview.
         let better = record.preview <= hold * record.hold;
@@ -260,6 +296,7 @@ impl TrustControl {
         let before = self.believed;
         self.believed = better && no_worse;
         match (better, no_worse) {
+            _ if self.surprised => TrustReason::Surprised,
             (true, true) => TrustReason::Auto,
             (true, false) => TrustReason::WorseThanSteady,
             _ if !before && record.preview <= END * record.hold => TrustReason::Hysteresis,
@@ -278,6 +315,8 @@ impl TrustControl {
             _ if inputs.history < self.settings.warmup_steps => TrustReason::Warmup,
             TrustRequest::Manual(_) => TrustReason::Manual,
             TrustRequest::Frozen(_) => TrustReason::Frozen,
+            TrustRequest::Auto if self.unplanned => TrustReason::SolverUnhealthy,
+            TrustRequest::Auto if inputs.weights_refused => TrustReason::LearnerUnhealthy,
             TrustRequest::Auto => verdict,
         };
         let target = match (reason, inputs.request) {

@@ -53,6 +53,8 @@ pub(super) struct Shot {
     pub(super) velocity: [f64; 2],
     /// Predicted positions [m].
     pub(super) path: [[f64; 2]; EVIDENCE_LEADS],
+    /// Index of the position for which the predictor named a band, and its radius [m].
+    pub(super) claim: Option<(usize, f64)>,
 }
 
 impl Shot {
@@ -62,6 +64,7 @@ impl Shot {
         earlier: None,
         velocity: [0.0; 2],
         path: [[0.0; 2]; EVIDENCE_LEADS],
+        claim: None,
     };
 }
 
