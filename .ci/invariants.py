@@ -84,6 +84,15 @@ def unsafe_code_is_justified() -> None:
             problems.append(f"{name}: {found.get(name, 0)} places with unsafe code, SECURITY.md justifies {listed.get(name, 0)}")
 
 
+def promised_tests_exist() -> None:
+    """Every `file::test` of the docs is a test of that file."""
+    for doc in sorted((ROOT / "docs").glob("*.md")):
+        for name, test in re.findall(r"`([\w./-]+\.rs)::(\w+)`", doc.read_text(encoding="utf-8")):
+            path = ROOT / name
+            if not path.is_file() or not re.search(rf"\bfn {test}\b", path.read_text(encoding="utf-8")):
+                problems.append(f"docs/{doc.name} names the test {test}, which {name} does not have")
+
+
 def sizes_and_places() -> None:
     for folder in OUR_FOLDERS:
         for path in sources(folder):
@@ -106,6 +115,7 @@ def main() -> int:
         nowhere_but(r"\bunsafe\s*(\{|fn|impl|extern)", folder, UNSAFE_FILES, "unsafe code stands in the listed files only")
     unsafe_code_is_justified()
     nowhere_but(r"\btracing::|\b(info|warn|error|debug|trace)!\(", "daemon/src/rt", set(), "the real-time thread does not log")
+    promised_tests_exist()
     sizes_and_places()
     for problem in problems:
         print(f"invariant broken: {problem}", file=sys.stderr)

@@ -2,7 +2,7 @@
 
 mod support;
 #[path = "../../tests/src/frozen.rs"]
-#[allow(unreachable_pub)]
+#[allow(dead_code, unreachable_pub)]
 mod frozen;
 
 use std::io::ErrorKind;

@@ -1,4 +1,7 @@
-//! One thread of a child, held by the kernel as a hanging loop would be. The only `unsafe` of these tests and, by this same file, of the daemon's.
+//! One thread of a child, held by the kernel as a hanging loop would be, or watched at each of its system calls. The only
+//! `unsafe` of these tests and, by this same file, of the daemon's.
+
+use std::collections::BTreeMap;
 
 /// A thread that stands still until this is dropped, in the thread that made it.
 #[derive(Debug)]
@@ -17,17 +20,56 @@ impl Frozen {
             .find(|path| std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name));
         let id: libc::pid_t = thread.expect(name).file_name()?.to_str()?.parse().ok()?;
         let none = std::ptr::null_mut::<libc::c_void>();
-        // SAFETY: PTRACE_SEIZE with no options reads and writes no memory of this process.
-        if unsafe { libc::ptrace(libc::PTRACE_SEIZE, id, none, none) } != 0 {
+        // SAFETY: PTRACE_SEIZE reads and writes no memory of this process; its last argument is a set of options.
+        if unsafe { libc::ptrace(libc::PTRACE_SEIZE, id, none, libc::PTRACE_O_TRACESYSGOOD) } != 0 {
             return None;
         }
         let frozen = Self(id);
         // SAFETY: as above; the thread is traced by this one.
         assert_eq!(unsafe { libc::ptrace(libc::PTRACE_INTERRUPT, id, none, none) }, 0);
+        frozen.wait();
+        Some(frozen)
+    }
+
+    /// Lets the thread run until it has made `count` system calls; how often each, by number.
+    ///
+    /// # Panics
+    /// The thread ends meanwhile.
+    #[must_use]
+    pub fn system_calls(&self, count: usize) -> BTreeMap<libc::c_long, usize> {
+        let mut calls = BTreeMap::new();
+        let mut seen = 0;
+        while seen < count {
+            let none = std::ptr::null_mut::<libc::c_void>();
+            // SAFETY: the thread is stopped and traced by this one; no memory is touched and no signal delivered.
+            assert_eq!(unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.0, none, none) }, 0);
+            let stop = self.wait();
+            assert!(libc::WIFSTOPPED(stop), "the thread has ended");
+            if libc::WSTOPSIG(stop) != libc::SIGTRAP | 0x80 {
+                continue;
+            }
+            // SAFETY: plain numbers, for which zero is a value.
+            let mut info: libc::ptrace_syscall_info = unsafe { std::mem::zeroed() };
+            let size = std::mem::size_of_val(&info);
+            // SAFETY: at most `size` bytes are written to `info`.
+            let written = unsafe { libc::ptrace(libc::PTRACE_GET_SYSCALL_INFO, self.0, size, &raw mut info) };
+            assert!(written > 0, "the kernel does not tell system calls");
+            if info.op == libc::PTRACE_SYSCALL_INFO_ENTRY {
+                // SAFETY: `op` says that the entry is what was written.
+                let number = unsafe { info.u.entry.nr };
+                *calls.entry(number as libc::c_long).or_default() += 1;
+                seen += 1;
+            }
+        }
+        calls
+    }
+
+    /// Until the thread stops.
+    fn wait(&self) -> libc::c_int {
         let mut status = 0;
         // SAFETY: `status` is valid for writing.
-        assert_eq!(unsafe { libc::waitpid(id, &raw mut status, libc::__WALL) }, id);
-        Some(frozen)
+        assert_eq!(unsafe { libc::waitpid(self.0, &raw mut status, libc::__WALL) }, self.0);
+        status
     }
 }
 

@@ -1,0 +1,39 @@
+//! What the real-time thread asks of the kernel while it moves an arm: it is traced, and every system call counted.
+
+use std::time::Duration;
+
+use foretrace_tests::World;
+use foretrace_tests::frozen::Frozen;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
+
+#[test]
+fn real_time_thread_asks_the_kernel_for_nothing_but_sleep_and_its_page_faults() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:hello", "--loop"]);
+    world.wait_for_mode(0, "following");
+    // Until the last of them has connected and been warmed up to.
+    std::thread::sleep(Duration::from_secs(1));
+    let Some(thread) = Frozen::thread_of(daemon.pid(), "foretrace-rt") else {
+        eprintln!("skipped: this system does not let a process trace its child");
+        return;
+    };
+    let mut calls = thread.system_calls(1500);
+    drop(thread);
+    world.wait_for_mode(0, "following");
+    for process in [player, arm, daemon] {
+        process.end();
+    }
+    let mut taken = |number| calls.remove(&number).unwrap_or(0);
+    // A sleep that tracing interrupts is begun again under a name of its own.
+    let slept = taken(libc::SYS_clock_nanosleep);
+    let restarted = taken(libc::SYS_restart_syscall);
+    let faults = taken(libc::SYS_getrusage);
+    println!(
+        "{slept} sleeps, {restarted} of them begun again, {faults} looks at page faults; else {calls:?}"
+    );
+    assert!(calls.is_empty(), "system calls by number, and how often: {calls:?}");
+    assert!(slept > 300 && faults <= slept + 1, "{slept} sleeps, {faults} looks at page faults");
+}
