@@ -66,14 +66,17 @@ pub(super) fn daemon(instances: &[Instance]) -> Option<(u32, u32)> {
     instances.iter().find_map(|instance| instance.daemon().map(|mark| (instance.number(), mark.pid)))
 }
 
-/// Removes what the dead left behind.
-pub(super) fn clean(scope: &Scope) -> Result<Vec<Removed>, Failure> {
+/// Removes what the dead left behind, and tells of each instance at once: a later one may fail.
+pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, Failure> {
     let mut removed = Vec::new();
     for instance in &scope.instances {
         let there = instance.clone();
         let cleaned = match within(PATIENCE, move || there.clean()) {
             Some(Ok(cleaned)) => cleaned,
-            Some(Err(error)) => return Err(Failure::failed(format_args!("nothing cleaned: {error}"), "")),
+            Some(Err(error)) => {
+                let what = format!("instance {} not cleaned: {error}", instance.number());
+                return Err(Failure::failed(what, ""));
+            }
             None => {
                 let what = format!(
                     "cleaning instance {} takes longer than {} s",
@@ -93,7 +96,9 @@ pub(super) fn clean(scope: &Scope) -> Result<Vec<Removed>, Failure> {
         }
         if cleaned != Cleaned::default() {
             let root = instance.root().to_path_buf();
-            removed.push(Removed { instance: instance.number(), root, dead_nodes: nodes, segments, bytes });
+            let done = Removed { instance: instance.number(), root, dead_nodes: nodes, segments, bytes };
+            tell(&done);
+            removed.push(done);
         }
     }
     Ok(removed)

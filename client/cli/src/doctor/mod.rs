@@ -96,10 +96,8 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
 
     let instances = leftovers::in_sight(&own);
     let scope = Scope::new(&own, &instances, settings.instance.root_dir.is_some());
-    let removed = args.clean.then(|| leftovers::clean(&scope)).transpose()?;
-    for line in removed.iter().flatten() {
-        say!("{}", line.told());
-    }
+    let tell = |removed: &leftovers::Removed| say!("{}", removed.told());
+    let removed = args.clean.then(|| leftovers::clean(&scope, tell)).transpose()?;
     if removed.as_ref().is_some_and(Vec::is_empty) {
         say!("nothing to remove: no leftovers of dead instances");
     }
