@@ -18,6 +18,8 @@ use crate::units::Stamp;
 
 /// A velocity this far outside its interval [rad/s] is rounding of (q' − q)/elapsed, not a violation.
 const ROUNDING_RADPS: f64 = 1e-9;
+/// In short steps less: this share of the change that acceleration allows.
+const ROUNDING_SHARE: f64 = 1e-7;
 
 /// The last command, known to be finite: joint motion and the instant at which it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,10 +138,10 @@ pub struct Guard<const J: usize> {
 }
 
 impl<const J: usize> Guard<J> {
-    /// A guard that keeps `limits`; steps longer than 0.1 s count as 0.1 s.
+    /// A guard that keeps `limits`; steps longer than 0.1 s, or than consumers extrapolate, count as that long.
     #[must_use]
     pub const fn new(limits: JointLimits<J>) -> Self {
-        Self { limits, longest_step_s: 0.1 }
+        Self { limits, longest_step_s: limits.hold_s().max(0.1) }
     }
 
     /// Limits kept.
@@ -183,25 +185,32 @@ impl<const J: usize> Guard<J> {
         mut reasons: Reasons,
     ) -> Verdict<J> {
         let allowed = limit::velocity_box(&last.motion, &self.limits, h);
+        let finite = !reasons.contains(Reasons::NOT_FINITE);
         let mut altered = 0;
         let mut motion = last.motion;
         let inputs = proposed.iter().zip(wanted).zip(allowed.lower.iter().zip(&allowed.upper));
-        let positions = self.limits.position();
+        let positions = self.limits.position().iter().zip(self.limits.acceleration());
         let outputs = motion.q.iter_mut().zip(&mut motion.qd).zip(&mut motion.qdd);
-        for (joint, ((((proposed, &wanted), (&lower, &upper)), [q_min, q_max]), ((q, qd), qdd))) in
+        for (joint, ((((proposed, &wanted), (&lower, &upper)), ([q_min, q_max], a)), ((q, qd), qdd))) in
             inputs.zip(positions).zip(outputs).enumerate()
         {
             let (old_q, old_qd) = (*q, *qd);
-            let inside = wanted >= lower - ROUNDING_RADPS && wanted <= upper + ROUNDING_RADPS;
+            let rounding = rounding_radps(old_q, *a, h);
+            let inside = wanted >= lower - rounding && wanted <= upper + rounding;
             let v = if inside { wanted } else { wanted.max(lower).min(upper) };
             // A proposal inside the box passes bit for bit.
-            *q = if inside && reasons.is_empty() { *proposed } else { old_q + v * h };
-            // Rounding must not put a joint outside that was inside.
-            if old_q >= *q_min && old_q <= *q_max {
-                *q = q.max(*q_min).min(*q_max);
+            *q = if inside && finite { *proposed } else { old_q + v * h };
+            // Rounding must put no joint outside, and none further outside. More than rounding would break the acceleration.
+            let kept = q.max(q_min.min(old_q)).min(q_max.max(old_q));
+            if ((kept - old_q) / h - old_qd).abs() <= a * h + rounding {
+                *q = kept;
             }
             *qd = (*q - old_q) / h;
             *qdd = (*qd - old_qd) / h;
+            if !(q.is_finite() && qd.is_finite() && qdd.is_finite()) {
+                // Only states near the end of the number range come here; no motion from them means anything.
+                (*q, *qd, *qdd) = (old_q, 0.0, 0.0);
+            }
             if !inside {
                 reasons = reasons.with(why(&self.limits, &last.motion, joint, wanted, h));
             }
@@ -212,6 +221,12 @@ impl<const J: usize> Guard<J> {
         }
         Verdict { command: Commanded { stamp, motion }, altered, reasons }
     }
+}
+
+/// How far outside its interval a velocity [rad/s] is still rounding: positions near `q` are only so fine.
+fn rounding_radps(q: f64, acceleration: f64, h: f64) -> f64 {
+    let grain = 2.0 * f64::EPSILON * q.abs() / h;
+    ROUNDING_RADPS.min(grain.max(ROUNDING_SHARE * acceleration * h))
 }
 
 /// Which limits the velocity `wanted` [rad/s] breaks for joint `joint` after `last`.

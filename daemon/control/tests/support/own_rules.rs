@@ -1,0 +1,75 @@
+//! The rules of one joint written down once more, from the words of the contract: no arithmetic of guard, box or stop.
+#![allow(dead_code, unreachable_pub)]
+
+use foretrace_control::ik::JointLimits;
+
+/// Instants at which a braking consumer is looked at.
+const BRAKING_STEPS: u32 = 12;
+
+/// Limits of one joint as plain numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct Joint {
+    pub low: f64,
+    pub high: f64,
+    pub velocity: f64,
+    pub acceleration: f64,
+    pub jerk: f64,
+    pub deceleration: f64,
+    pub hold_s: f64,
+}
+
+/// Position [rad], velocity [rad/s] and acceleration [rad/s²] of one joint.
+#[derive(Debug, Clone, Copy)]
+pub struct State {
+    pub q: f64,
+    pub qd: f64,
+    pub qdd: f64,
+}
+
+pub fn joint<const J: usize>(limits: &JointLimits<J>, i: usize) -> Joint {
+    let [low, high] = limits.position()[i];
+    Joint {
+        low,
+        high,
+        velocity: limits.velocity()[i],
+        acceleration: limits.acceleration()[i],
+        jerk: limits.jerk().map_or(f64::INFINITY, |jerk| jerk[i]),
+        deceleration: limits.deceleration()[i],
+        hold_s: limits.hold_s(),
+    }
+}
+
+impl Joint {
+    /// How far outside the position limits [rad] a consumer gets that hears nothing more: at `v` for the time of validity, then
+    /// `deceleration` until it stands, looked at step by step. Negative: the room that is left.
+    pub fn excess(&self, q: f64, v: f64) -> f64 {
+        let mut worst = (q - self.high).max(self.low - q);
+        let mut look = |q: f64| worst = worst.max(q - self.high).max(self.low - q);
+        let mut at = q + v * self.hold_s;
+        look(at);
+        let dt = v.abs() / self.deceleration / f64::from(BRAKING_STEPS);
+        let rate = if v > 0.0 { -self.deceleration } else { self.deceleration };
+        let mut speed = v;
+        for _ in 0..BRAKING_STEPS {
+            at += dt * (speed + 0.5 * rate * dt);
+            speed += rate * dt;
+            look(at);
+        }
+        worst
+    }
+
+    /// True when going on from `from` at `v` for `h` breaks a limit that must never be broken, seen with `slack` [rad/s].
+    pub fn breaks_hard(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
+        v.abs() > self.velocity - slack
+            || (v - from.qd).abs() > self.acceleration * h - slack
+            || self.excess(from.q + v * h, v) > -slack * (h + self.hold_s + self.velocity / self.deceleration)
+    }
+
+    /// True when it breaks the jerk limit, or could not let its acceleration fade before the velocity limit.
+    pub fn breaks_jerk(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
+        let a = (v - from.qd) / h;
+        (a - from.qdd).abs() * h > self.jerk * h * h - slack
+            || a.signum() * v + a * a / (2.0 * self.jerk)
+                > self.velocity - slack * (1.0 + a.abs() / (self.jerk * h))
+    }
+}
