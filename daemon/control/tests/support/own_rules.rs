@@ -58,11 +58,27 @@ impl Joint {
         worst
     }
 
-    /// True when going on from `from` at `v` for `h` breaks a limit that must never be broken, seen with `slack` [rad/s].
+    /// True when a consumer that went on from `from` at `v` for `h` could not stop inside, seen with `slack` [rad/s].
+    pub fn cannot_stop(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
+        self.excess(from.q + v * h, v) > -slack * (h + self.hold_s + self.velocity / self.deceleration)
+    }
+
+    /// True when going on so breaks a limit that must never be broken.
     pub fn breaks_hard(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
         v.abs() > self.velocity - slack
             || (v - from.qd).abs() > self.acceleration * h - slack
-            || self.excess(from.q + v * h, v) > -slack * (h + self.hold_s + self.velocity / self.deceleration)
+            || self.cannot_stop(from, v, h, slack)
+    }
+
+    /// True when the acceleration of `from` can fade at the jerk limit before the velocity limit is reached.
+    pub fn can_fade(&self, from: &State, slack: f64) -> bool {
+        from.qdd.signum() * from.qd + from.qdd * from.qdd / (2.0 * self.jerk) <= self.velocity - slack
+            && from.qdd.abs() <= self.acceleration
+    }
+
+    /// What braking at `deceleration` for `h` leaves of a velocity.
+    pub fn braked(&self, v: f64, h: f64) -> f64 {
+        if v.abs() <= self.deceleration * h { 0.0 } else { v - v.signum() * self.deceleration * h }
     }
 
     /// True when it breaks the jerk limit, or could not let its acceleration fade before the velocity limit.
