@@ -3,7 +3,40 @@
 //! Contract: independent of everything above it and usable alone. The answer is finite, continuous with the last command,
 //! inside velocity and acceleration limits judged by the stamps of the two commands, inside the position limits, and
 //! leads to a state that a consumer without further commands stops inside them (see [`crate::ik::limit`]). If the
-//! last command was outside its limits, acceleration is kept and the way leads back. Absent: collision, tool-space limits.
+//! last command was outside its limits, acceleration is kept and the way leads back. Absent: collision, tool-space limits,
+//! and planning: a far goal is approached as fast as the limits allow, and overshot.
+//!
+//! # In a loop of your own
+//!
+//! Three rules: send nothing but [`Verdict::command`]; after lost time go on from [`consumer_state`], where the arm is that
+//! extrapolated the last command and then braked; stop with [`StopProfile`]. `hold_s` of the limits must be the time between a
+//! command's stamp and the end of its validity, `deceleration` what the arm brakes with by itself. A whole loop at 500 Hz:
+//! `daemon/control/examples/guard_alone.rs`.
+//!
+//! ```
+//! use foretrace_control::guard::{Commanded, Guard, Reasons, StopProfile};
+//! use foretrace_control::ik::JointLimits;
+//! use foretrace_control::units::Stamp;
+//!
+//! // Two joints [rad, rad/s, rad/s²]; whoever obeys extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
+//! let limits = JointLimits::new([[-3.1, 3.1], [-1.0, 0.5]], [3.0, 1.5], [40.0, 20.0])?
+//!     .with_stale_braking(0.010, [20.0, 10.0])?;
+//! let (guard, stop) = (Guard::new(limits), StopProfile::new(limits));
+//! let mut last = Commanded::at_rest(Stamp(0), [0.0, 0.0]).ok_or("not finite")?;
+//!
+//! let leap = guard.clamp(&last, &[0.1, f64::NAN], last.stamp() + 2_000_000);
+//! assert!(leap.reasons.contains(Reasons::NOT_FINITE) && *leap.command.q() == [0.0, 0.0]);
+//! for _ in 0..1000 {
+//!     last = guard.clamp(&last, &[9.0, -9.0], last.stamp() + 2_000_000).command;
+//! }
+//! assert!(last.q()[0] <= 3.1 && last.q()[1] >= -1.0 && limits.is_viable(last.motion()));
+//! while !StopProfile::is_done(&last) {
+//!     let (h, qd) = (0.002, stop.next(&last, last.stamp() + 2_000_000));
+//!     let q = std::array::from_fn(|i| last.q()[i] + qd[i] * h);
+//!     last = guard.clamp(&last, &q, last.stamp() + 2_000_000).command;
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod check;
 pub mod consumer;
@@ -152,7 +185,8 @@ impl<const J: usize> Guard<J> {
 
     /// The legal command for `stamp` nearest to the proposed joint positions `q` [rad], joint by joint.
     ///
-    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it.
+    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it. `last` is what
+    /// whoever obeys follows at `stamp`: where it may have begun to brake by itself, take `last` from [`consumer_state`].
     #[must_use]
     pub fn clamp(&self, last: &Commanded<J>, q: &[f64; J], stamp: Stamp) -> Verdict<J> {
         let elapsed = stamp.seconds_since(last.stamp);

@@ -73,7 +73,7 @@ impl Joint {
     /// True when the acceleration of `from` can fade at the jerk limit before the velocity limit is reached.
     pub fn can_fade(&self, from: &State, slack: f64) -> bool {
         from.qdd.signum() * from.qd + from.qdd * from.qdd / (2.0 * self.jerk) <= self.velocity - slack
-            && from.qdd.abs() <= self.acceleration
+            && from.qdd.abs() <= self.acceleration * (1.0 + 1e-6)
     }
 
     /// What braking at `deceleration` for `h` leaves of a velocity.
