@@ -1,7 +1,7 @@
 //! Judges joint commands as a hardware interface would, from the messages alone.
 //!
 //! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's rule are written down here
-//! once more. Counts and keeps the first examples, never alters. Absent: whether a state can still stop (not visible in commands).
+//! once more. Counts and keeps the first examples, never alters. Absent: jerk, which the preset does not limit.
 
 use foretrace_shm::{JOINTS, JointCommand, JointState, command_flags, host_boot_id};
 use serde_json::{Value, json};
@@ -13,6 +13,8 @@ const TURN: f64 = std::f64::consts::TAU;
 pub const VELOCITY: f64 = 3.1;
 /// [rad/s²]
 pub const ACCELERATION: f64 = 40.0;
+/// What the arm brakes with when commands stay away [rad/s²]: `robot.stale_deceleration_radps2`.
+const DECELERATION: f64 = 20.0;
 /// A command may begin this far from where the arm was measured last [rad].
 const BEGIN_RAD: f64 = 0.02;
 /// Rounding: relative for rates, absolute for positions [rad].
@@ -104,6 +106,9 @@ impl Judge {
         if command.qd.iter().any(|qd| qd.abs() > VELOCITY * (1.0 + RELATIVE)) {
             broken.push("velocity");
         }
+        if ends_outside(command) {
+            broken.push("no stop inside");
+        }
         let stamp = command.header.stamp_ns;
         if stamp > command.published_ns + AHEAD_NS
             || !(stamp..=stamp + VALID_NS).contains(&command.valid_until_ns)
@@ -180,6 +185,17 @@ impl Judge {
     }
 }
 
+/// True when an arm that hears nothing after this command leaves its position limits: it goes on until the command is no longer
+/// valid, then brakes. A joint that is beyond a limit already is not judged by that one again.
+fn ends_outside(command: &JointCommand) -> bool {
+    let gliding = command.valid_until_ns.saturating_sub(command.header.stamp_ns) as f64 * 1e-9;
+    command.q.iter().zip(command.qd).zip(POSITION_RAD).any(|((q, qd), limit)| {
+        let way = qd * gliding + qd * qd.abs() / (2.0 * DECELERATION);
+        let (now, end) = if qd > 0.0 { (*q, q + way) } else { (-q, -q - way) };
+        now <= limit + ROUNDING_RAD && end > limit + ROUNDING_RAD + RELATIVE * way.abs()
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use foretrace_shm::Header;
@@ -222,6 +238,8 @@ mod tests {
             ((|c| c.q[3] = f64::NAN) as fn(&mut JointCommand), "not finite"),
             (|c| c.q[2] = 3.2, "position"),
             (|c| c.qd[0] = -3.2, "velocity"),
+            (|c| (c.q[2], c.qd[2]) = (3.1, 3.0), "no stop inside"),
+            (|c| (c.q[0], c.qd[0]) = (-6.2, -2.0), "no stop inside"),
             (|c| c.q[5] = 0.1, "way"),
             (|c| c.qd[1] = 0.1, "acceleration"),
             (|c| c.q[1] = 2e-4, "continuity"),

@@ -5,7 +5,7 @@ mod limited;
 
 use limited::*;
 
-use foretrace_control::guard::{CommandChecker, Commanded, StopProfile, consumer_state};
+use foretrace_control::guard::{CommandChecker, Commanded, StopProfile, Violations, consumer_state};
 use foretrace_control::ik::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
@@ -171,6 +171,29 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert_eq!(second(TICK_NS, 0.0, 0.0).stamp, 1);
     assert_eq!(second(tick, 1.5, 0.0).position, 1);
     assert_eq!(second(100 * TICK_NS, 0.1, 2.1).velocity, 1);
+    // 2 rad/s glides 0.02 rad and brakes at 100 rad/s² over another 0.02: 0.04 rad are enough and a bit less is not.
+    let ends_at = |q: f64, qd: f64| {
+        let mut checker = CommandChecker::new(limits);
+        checker.observe(Stamp(TICK_NS), Stamp(6 * TICK_NS), &[q], &[qd]);
+        checker.statistics().violations
+    };
+    assert_eq!(ends_at(0.96, 2.0), Default::default());
+    assert_eq!(ends_at(-0.96, -2.0), Default::default());
+    assert_eq!(ends_at(0.96001, 2.0), Violations { viability: 1, ..Default::default() });
+    assert_eq!(ends_at(-0.96001, -2.0), Violations { viability: 1, ..Default::default() });
+    assert_eq!(ends_at(1.0, 1e-9), Default::default());
+    assert_eq!(ends_at(1.0, 1e-6), Violations { viability: 1, ..Default::default() });
+    // A joint outside: what its position says is not said twice, whether it comes back or not; only the other side is news.
+    for (q, qd) in [(1.1, -1.0), (1.1, 1.0), (1.1, 0.0), (-1.1, 1.0), (-1.1, -1.0)] {
+        assert_eq!(ends_at(q, qd), Violations { position: 1, ..Default::default() }, "{q} {qd}");
+    }
+    let mut narrow = CommandChecker::new(JointLimits::new([[-0.01, 0.01]], [2.0], [100.0]).unwrap());
+    narrow.observe(Stamp(0), Stamp(TICK_NS), &[0.02], &[-2.0]);
+    let across = Violations { position: 1, viability: 0, ..Default::default() };
+    assert_eq!(narrow.statistics().violations, across, "0.024 rad to rest from 0.02 end inside");
+    narrow.restart();
+    narrow.observe(Stamp(0), Stamp(6 * TICK_NS), &[0.02], &[-2.0]);
+    assert_eq!(narrow.statistics().violations, Violations { position: 2, viability: 1, ..across });
     // A command after a stall may start from anywhere the consumer may have braked to.
     let mut checker = start();
     assert!(checker.observe(Stamp(tick), Stamp(7 * TICK_NS), &[0.0004], &[0.2]));

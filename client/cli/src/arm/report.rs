@@ -33,6 +33,7 @@ pub(super) struct ViolationReport {
     pub(super) velocity: u64,
     pub(super) acceleration: u64,
     pub(super) continuity: u64,
+    pub(super) viability: u64,
 }
 
 #[derive(Debug, Serialize)]

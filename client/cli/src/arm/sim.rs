@@ -237,6 +237,7 @@ impl Simulation {
                     velocity: broken.velocity,
                     acceleration: broken.acceleration,
                     continuity: broken.continuity,
+                    viability: broken.viability,
                 },
             },
             arm: ArmReport {

@@ -1,14 +1,14 @@
 //! An independent judge of published commands: recomputes every limit from stamps and positions.
 //!
-//! Contract: shares no arithmetic with guard, IK or stop, so that a mistake there cannot hide here. Counts, never alters.
-//! Absent: viability (whether the state can still stop), which is the guard's promise and not visible in two commands.
+//! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that a mistake there cannot hide here. Counts,
+//! never alters. Absent: jerk, whose limit yields to the others.
 
 use crate::ik::limit::JointLimits;
 use crate::units::Stamp;
 
 /// Allowed excess relative to each limit: rounding of (q₁ − q₀)/elapsed at 1 kHz is below 1e-12 rad / (1 ms)² = 1e-6 rad/s².
 const RELATIVE: f64 = 1e-6;
-/// Allowed excess of positions [rad], for rounding of the sum q + q̇·elapsed.
+/// Allowed excess of positions [rad], for rounding of the sum q + q̇·elapsed. A way to rest may be [`RELATIVE`] too long besides.
 const POSITION_RAD: f64 = 1e-9;
 
 /// How many commands broke which rule. One command can break several.
@@ -26,6 +26,8 @@ pub struct Violations {
     pub acceleration: u64,
     /// The positions do not follow from the claimed velocities: the command jumped.
     pub continuity: u64,
+    /// Whoever hears nothing after this command leaves the position limits: it leads to no stop inside them.
+    pub viability: u64,
 }
 
 /// What was seen so far.
@@ -62,7 +64,7 @@ struct Received<const J: usize> {
 }
 
 impl<const J: usize> CommandChecker<J> {
-    /// A judge by position, velocity and acceleration of `limits`.
+    /// A judge by position, velocity, acceleration and deceleration of `limits`.
     #[must_use]
     pub fn new(limits: JointLimits<J>) -> Self {
         Self { limits, last: None, statistics: CommandStatistics::default() }
@@ -83,11 +85,13 @@ impl<const J: usize> CommandChecker<J> {
     ///
     /// Velocity and acceleration are judged over the time between the two stamps. Positions must lie between what the
     /// old and the new velocity cover in that time; once the old command is past `valid_until` its consumer may have
-    /// braked, and rest counts as a third velocity. A command that is not finite or not newer does not become the last one.
+    /// braked, and rest counts as a third velocity. Going on at `qd` until `valid_until`, then braking at the limits' deceleration,
+    /// must end inside the position limits; a joint that is outside already is not blamed for this side once more.
+    /// A command that is not finite or not newer does not become the last one.
     pub fn observe(&mut self, stamp: Stamp, valid_until: Stamp, q: &[f64; J], qd: &[f64; J]) -> bool {
         self.statistics.count += 1;
         let before = self.statistics.violations;
-        let usable = self.judge(stamp, q, qd);
+        let usable = self.judge(stamp, valid_until, q, qd);
         if usable {
             self.last = Some(Received { stamp, valid_until, q: *q, qd: *qd });
         }
@@ -98,15 +102,22 @@ impl<const J: usize> CommandChecker<J> {
         legal
     }
 
-    fn judge(&mut self, stamp: Stamp, q: &[f64; J], qd: &[f64; J]) -> bool {
+    fn judge(&mut self, stamp: Stamp, valid_until: Stamp, q: &[f64; J], qd: &[f64; J]) -> bool {
         let seen = &mut self.statistics;
         let counts = &mut seen.violations;
         if !q.iter().chain(qd).all(|x| x.is_finite()) {
             counts.not_finite += 1;
             return false;
         }
-        let mut broken = [false; 4];
-        let [position, velocity, acceleration, continuity] = &mut broken;
+        let mut broken = [false; 5];
+        let [position, velocity, acceleration, continuity, viability] = &mut broken;
+        let gliding_s = valid_until.seconds_since(stamp).max(0.0);
+        let ends = self.limits.position().iter().zip(self.limits.deceleration());
+        for ((q, v), ([lower, upper], decel)) in q.iter().zip(qd).zip(ends) {
+            let to_rest = v.abs() * (gliding_s + v.abs() / decel / 2.0);
+            let room = if *v > 0.0 { upper - q } else { q - lower };
+            *viability |= room >= -POSITION_RAD && to_rest * (1.0 - RELATIVE) > room + POSITION_RAD;
+        }
         for (q, [lower, upper]) in q.iter().zip(self.limits.position()) {
             *position |= *q < lower - POSITION_RAD || *q > upper + POSITION_RAD;
         }
@@ -140,11 +151,12 @@ impl<const J: usize> CommandChecker<J> {
                 newer = false;
             }
         }
-        let [position, velocity, acceleration, continuity] = broken;
+        let [position, velocity, acceleration, continuity, viability] = broken;
         counts.position += u64::from(position);
         counts.velocity += u64::from(velocity);
         counts.acceleration += u64::from(acceleration);
         counts.continuity += u64::from(continuity);
+        counts.viability += u64::from(viability);
         newer
     }
 }
