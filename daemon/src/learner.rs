@@ -149,8 +149,6 @@ fn guarded(links: &LearnerLinks, work: impl FnOnce()) {
 }
 
 fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: &LearnerLinks) {
-    // The newest set is always that of the learner itself.
-    let mut due = false;
     while !links.quit.load(Ordering::Acquire) {
         while let Ok(order) = links.orders.try_recv() {
             enabled = order.enabled;
@@ -172,13 +170,13 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
             for promotion in lesson.promotions() {
                 links.tell(LearnerEvent::Promoted(*promotion));
             }
-            if lesson.hand_over && due {
+            if lesson.hand_over && rings.weights.announce() {
                 links.board.overtaken.fetch_add(1, Ordering::Relaxed);
             }
-            due |= lesson.hand_over;
         }
         links.board.show(learner.counters());
-        due = due && rings.weights.push(*learner.weights()).is_err();
+        // The newest set is always that of the learner itself.
+        rings.weights.put(|| *learner.weights());
         if learned < BATCH {
             std::thread::sleep(PAUSE);
         }
@@ -191,9 +189,10 @@ mod tests {
 
     use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
-    use foretrace_control::predict::{ModelSettings, Models, Networks};
+    use foretrace_control::predict::{ModelSettings, Models, Networks, OnlineWeights};
 
     use super::*;
+    use crate::rt::handover::{Mailbox, handover};
 
     const STEP_NS: u64 = 10_000_000;
 
@@ -224,6 +223,13 @@ mod tests {
         LearnStep { index, x, motion: Motion::Continues, contact: true, ..LearnStep::default() }
     }
 
+    fn take(mailbox: &mut Mailbox<OnlineWeights>) -> Option<OnlineWeights> {
+        let waiting = mailbox.look()?;
+        let newest = waiting.newest().copied();
+        waiting.give_back();
+        newest
+    }
+
     fn until(mut claim: impl FnMut() -> bool) {
         for _ in 0..2000 {
             if claim() {
@@ -237,7 +243,7 @@ mod tests {
     #[test]
     fn better_weights_reach_the_mailbox_and_the_board() {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
-        let (weights, mut mailbox) = rtrb::RingBuffer::new(4);
+        let (weights, mut mailbox) = handover(4);
         let (links, bench) = links();
         let learner = Learner::new(LearnerSettings::preset(STEP_NS, 0), &models()).unwrap();
         let thread = spawn(learner, true, LearnerRings { learn, weights }, links).unwrap();
@@ -249,11 +255,11 @@ mod tests {
             assert!(index < 1_000_000, "nothing was promoted");
             std::thread::sleep(Duration::from_millis(1));
         }
-        until(|| mailbox.slots() > 0);
+        until(|| mailbox.look().is_some());
         // Sets that only carry new bands are among them.
         let mut promoted = false;
         until(|| {
-            while let Ok(received) = mailbox.pop() {
+            while let Some(received) = take(&mut mailbox) {
                 assert!(received.version > 0 && received.validate().is_ok());
                 promoted |= received.dybm.version > 0;
             }
@@ -271,7 +277,7 @@ mod tests {
     #[test]
     fn a_learner_that_is_switched_off_learns_nothing() {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
-        let (weights, mailbox) = rtrb::RingBuffer::new(4);
+        let (weights, mut mailbox) = handover(4);
         let (links, bench) = links();
         let settings = LearnerSettings::preset(STEP_NS, 0);
         let learner = Learner::new(settings, &models()).unwrap();
@@ -281,7 +287,7 @@ mod tests {
         }
         until(|| steps.slots() == 512);
         assert_eq!(bench.board.view().updates, 0);
-        assert_eq!(mailbox.slots(), 0);
+        assert!(mailbox.look().is_none());
         bench.orders.send(LearnerOrder { enabled: true, settings }).unwrap();
         let mut index = 500;
         until(|| bench.orders.is_empty());
@@ -299,7 +305,7 @@ mod tests {
     #[test]
     fn what_nobody_takes_is_counted_and_the_newest_set_waits() {
         let (mut steps, learn) = rtrb::RingBuffer::new(512);
-        let (weights, mut mailbox) = rtrb::RingBuffer::new(1);
+        let (weights, mut mailbox) = handover(1);
         let (mut links, bench) = links();
         let (full, _kept) = channel::bounded(1);
         full.send(LearnerEvent::Rules(Ok(()))).unwrap();
@@ -314,11 +320,11 @@ mod tests {
             assert!(index < 1_000_000, "nothing was lost");
             std::thread::sleep(Duration::from_millis(1));
         }
-        until(|| mailbox.slots() > 0);
-        let old = mailbox.pop().unwrap();
+        until(|| mailbox.look().is_some());
+        let old = take(&mut mailbox).unwrap();
         // What waited meanwhile is the newest set, not the one after.
-        until(|| mailbox.slots() > 0);
-        assert!(mailbox.pop().unwrap().version > old.version);
+        until(|| mailbox.look().is_some());
+        assert!(take(&mut mailbox).unwrap().version > old.version);
         bench.quit.store(true, Ordering::Release);
         thread.join().unwrap();
     }

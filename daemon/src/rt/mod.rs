@@ -6,6 +6,7 @@ pub mod os;
 pub mod clock;
 pub mod cyclic;
 pub mod evidence;
+pub mod handover;
 pub mod tick;
 pub mod thread;
 pub mod rehearsal;

@@ -4,7 +4,6 @@
 //! fit into a ring is dropped and counted. The budget is decided before the step, from the clock, and recorded, so that
 //! the step can be replayed. Absent on purpose: every decision about motion, which is the follower's.
 
-use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use foretrace_control::follower::{
@@ -17,6 +16,7 @@ use foretrace_control::units::Stamp;
 use super::clock::Clock;
 use super::cyclic::Wake;
 use super::evidence::{Answered, Asked, Evidence, LapClock, LoopTally};
+use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
 use crate::alloc_count::allocations;
 use crate::ports::{Echo, Inbox, JOINTS, Outgoing, Ports};
@@ -39,7 +39,7 @@ pub struct TickRings {
     asked: Consumer<Asked>,
     answered: Producer<Answered>,
     learn: Producer<LearnStep>,
-    weights: Consumer<OnlineWeights>,
+    weights: Mailbox<OnlineWeights>,
 }
 
 /// The ipc thread's ends.
@@ -59,7 +59,7 @@ pub struct LearnerRings {
     /// Closed grid steps.
     pub learn: Consumer<LearnStep>,
     /// Promoted weights to the loop.
-    pub weights: Producer<OnlineWeights>,
+    pub weights: Outbox<OnlineWeights>,
 }
 
 /// All rings between the loop and the other threads.
@@ -69,7 +69,7 @@ pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
     let (asked_in, asked) = RingBuffer::new(REQUESTS);
     let (answered, answered_out) = RingBuffer::new(REQUESTS);
     let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
-    let (weights_in, weights) = RingBuffer::new(WEIGHTS);
+    let (weights_in, weights) = handover(WEIGHTS);
     (
         TickRings { evidence, asked, answered, learn, weights },
         IpcRings { evidence: evidence_out, asked: asked_in, answered: answered_out },
@@ -145,8 +145,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
 
         let budget = self.budget(received, wake);
         // The weights are read where they lie in the ring: they are too large to be copied more than once.
-        let waiting = waiting_weights(&mut self.rings.weights);
-        let weights = waiting.as_ref().and_then(newest);
+        let waiting = self.rings.weights.look();
+        let weights = waiting.as_ref().and_then(Waiting::newest);
         let input = StepInput {
             now: wake.release,
             pen: self.inbox.pen(),
@@ -158,8 +158,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let output = self.follower.step(&input, budget, &mut laps);
         let exchanged = weights.is_some_and(|weights| weights.version == output.weights_version);
         if let Some(waiting) = waiting {
-            self.tally.weights_overtaken += waiting.len().saturating_sub(1) as u64;
-            waiting.commit_all();
+            self.tally.weights_overtaken += waiting.give_back();
         }
 
         let before_send = allocations();
@@ -266,21 +265,6 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             }
         }
     }
-}
-
-/// The sets of weights that wait, if any do.
-fn waiting_weights(ring: &mut Consumer<OnlineWeights>) -> Option<ReadChunk<'_, OnlineWeights>> {
-    let waiting = ring.slots();
-    if waiting == 0 {
-        return None;
-    }
-    ring.read_chunk(waiting).ok()
-}
-
-/// The newest of them.
-fn newest<'a>(waiting: &'a ReadChunk<'_, OnlineWeights>) -> Option<&'a OnlineWeights> {
-    let (older, newer) = waiting.as_slices();
-    newer.last().or_else(|| older.last())
 }
 
 #[cfg(test)]

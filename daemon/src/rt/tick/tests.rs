@@ -190,7 +190,8 @@ fn of_several_weights_the_newest_is_used() {
     // Long enough for the ring to wrap around.
     for round in 0..5 {
         for version in before + 1..=before + 3 {
-            bench.learner.weights.push(OnlineWeights { version, ..weights }).unwrap();
+            bench.learner.weights.announce();
+            assert!(bench.learner.weights.put(|| OnlineWeights { version, ..weights }));
         }
         before += 3;
         let last = bench.run(0);
@@ -219,7 +220,8 @@ fn corrupted_weights_are_refused_and_counted() {
         sets[3].ours.ar.coefficients[0][0][0] = value;
         sets[4].bands.factors[0][3] = value as f32;
         for poison in sets {
-            bench.learner.weights.push(poison).unwrap();
+            bench.learner.weights.announce();
+            assert!(bench.learner.weights.put(|| poison));
             refused += 1;
             let last = bench.run(0);
             assert_eq!((last.tally.weights_refused, last.weights_since), (refused, None));

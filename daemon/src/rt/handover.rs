@@ -1,0 +1,75 @@
+//! Handing whole sets of weights from the learner to the loop: the newest that there is, read where it lies.
+//!
+//! Contract: neither side waits. Each set that is announced is one day the newest that the loop finds, or counted once as
+//! overtaken, on the side where a newer one overtook it; what the loop reads does not change under it. This file names nothing but
+//! the ring, so that `tests/loom` can run it, and the ring, through every order in which two threads may meet.
+
+use rtrb::chunks::ReadChunk;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+/// Both ends of a hand-over in which `capacity` sets may wait.
+#[must_use]
+pub fn handover<T>(capacity: usize) -> (Outbox<T>, Mailbox<T>) {
+    let (ring_in, ring) = RingBuffer::new(capacity);
+    (Outbox { ring: ring_in, due: false }, Mailbox { ring })
+}
+
+/// The learner's end.
+#[derive(Debug)]
+pub struct Outbox<T> {
+    ring: Producer<T>,
+    due: bool,
+}
+
+impl<T> Outbox<T> {
+    /// There is a newer set; true when it overtakes one for which there was no room yet.
+    pub const fn announce(&mut self) -> bool {
+        std::mem::replace(&mut self.due, true)
+    }
+
+    /// Puts the newest set if one was announced and there is room; `newest` is called only then. True when it was put.
+    pub fn put(&mut self, newest: impl FnOnce() -> T) -> bool {
+        if !self.due || self.ring.slots() == 0 {
+            return false;
+        }
+        self.due = self.ring.push(newest()).is_err();
+        !self.due
+    }
+}
+
+/// The loop's end.
+#[derive(Debug)]
+pub struct Mailbox<T> {
+    ring: Consumer<T>,
+}
+
+impl<T> Mailbox<T> {
+    /// The sets that wait, if any do; their places are taken until they are given back.
+    pub fn look(&mut self) -> Option<Waiting<'_, T>> {
+        let waiting = self.ring.slots();
+        if waiting == 0 {
+            return None;
+        }
+        self.ring.read_chunk(waiting).ok().map(Waiting)
+    }
+}
+
+/// Sets in their places.
+#[derive(Debug)]
+pub struct Waiting<'a, T>(ReadChunk<'a, T>);
+
+impl<T> Waiting<'_, T> {
+    /// The newest of them.
+    #[must_use]
+    pub fn newest(&self) -> Option<&T> {
+        let (older, newer) = self.0.as_slices();
+        newer.last().or_else(|| older.last())
+    }
+
+    /// Gives the places back; returns how many sets the newest overtook.
+    pub fn give_back(self) -> u64 {
+        let overtaken = self.0.len().saturating_sub(1) as u64;
+        self.0.commit_all();
+        overtaken
+    }
+}
