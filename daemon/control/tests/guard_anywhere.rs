@@ -5,7 +5,7 @@ mod limited;
 
 use limited::*;
 
-use foretrace_control::guard::{Commanded, Guard, StopProfile};
+use foretrace_control::guard::{Commanded, Guard, Reasons, StopProfile};
 use foretrace_control::ik::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
@@ -90,6 +90,8 @@ fn absurd_states_have_finite_answers() {
                 let q = std::array::from_fn(|_| numbers[rng.random_range(0..numbers.len())]);
                 last = guard.clamp(&last, &q, stamp).command;
                 assert!(last.motion().is_finite(), "{motion:?} {last:?}");
+                let back = guard.clamp(&last, &q, Stamp(last.stamp().0 - 1));
+                assert_eq!((back.command, back.reasons), (last, Reasons::STAMP));
             }
         }
     }
