@@ -8,7 +8,8 @@
 extern crate alloc;
 
 #[cfg(loom)]
-#[allow(warnings, clippy::all)]
+// Not our text: its style is its author's.
+#[allow(warnings, clippy::all, clippy::multiple_unsafe_ops_per_block, clippy::undocumented_unsafe_blocks)]
 mod rtrb {
     include!(concat!(env!("OUT_DIR"), "/rtrb.rs"));
 }
