@@ -12,6 +12,7 @@ mod urdf;
 pub mod limit;
 pub mod task;
 pub mod reach;
+pub mod clearance;
 
 use nalgebra::{SVector, Vector3};
 use thiserror::Error;
