@@ -5,6 +5,8 @@
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
+use super::clearance::bodies::Bodies;
+use super::clearance::{Capsule, distance::Segment};
 use super::sincos::sin_cos;
 use super::urdf::{self, ChainError};
 
@@ -15,6 +17,7 @@ pub struct Chain<const J: usize> {
     tip_rotation: Matrix3<f64>,
     tip_translation: Vector3<f64>,
     limits: ChainLimits<J>,
+    bodies: Bodies,
     base: String,
     tip: String,
 }
@@ -77,12 +80,13 @@ impl<const J: usize> Chain<J> {
             velocity: [0.0; J],
             effort: [0.0; J],
         };
+        let mut bodies = found.bodies;
         // Carries the turn that made the previous joint's axis z, undone before the next link.
         let mut turned = Matrix3::identity();
         let rows = limits.names.iter_mut().zip(&mut limits.position);
         let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort);
-        for ((link, (((name, position), velocity), effort)), s) in
-            links.iter_mut().zip(rows).zip(found.segments)
+        for (index, ((link, (((name, position), velocity), effort)), s)) in
+            links.iter_mut().zip(rows).zip(found.segments).enumerate()
         {
             let turn = rotation_from_z_to(&s.axis);
             *link = Link {
@@ -90,6 +94,10 @@ impl<const J: usize> Chain<J> {
                 translation: turned.transpose() * s.translation,
             };
             turned = turn;
+            for body in bodies.capsules.iter_mut().filter(|body| body.link == index + 1) {
+                let Segment { from, to } = body.segment;
+                body.segment = Segment { from: turn.tr_mul(&from), to: turn.tr_mul(&to) };
+            }
             (*name, *position, *velocity, *effort) = (s.name, s.position, s.velocity, s.effort);
         }
         if count != J {
@@ -101,6 +109,7 @@ impl<const J: usize> Chain<J> {
             tip_rotation: turned.transpose() * found.tip_rotation,
             tip_translation: turned.transpose() * found.tip_translation,
             limits,
+            bodies,
             base: found.base,
             tip: found.tip,
         })
@@ -116,6 +125,51 @@ impl<const J: usize> Chain<J> {
     #[must_use]
     pub fn ends(&self) -> (&str, &str) {
         (&self.base, &self.tip)
+    }
+
+    /// What the links are made of, base first: each in the frame of its joint, whose z is the joint's axis (see
+    /// [`Self::frames`]).
+    #[must_use]
+    pub fn capsules(&self) -> &[Capsule] {
+        &self.bodies.capsules
+    }
+
+    /// Links whose collision geometry is nothing but meshes, for which there are no capsules.
+    #[must_use]
+    pub fn mesh_links(&self) -> &[String] {
+        &self.bodies.meshes
+    }
+
+    /// Where the joints' frames are at joint positions `q` [rad]: rotation to the base frame and origin [m].
+    #[must_use]
+    pub fn frames(&self, q: &[f64; J]) -> [(Matrix3<f64>, Vector3<f64>); J] {
+        let (sines, cosines) = sin_cos(q);
+        let mut frames = [(Matrix3::identity(), Vector3::zeros()); J];
+        let (mut rotation, mut position) = (Matrix3::identity(), Vector3::zeros());
+        for ((frame, link), (s, c)) in frames.iter_mut().zip(&self.links).zip(sines.iter().zip(&cosines)) {
+            position += rotation * link.translation;
+            let fixed = rotation * link.rotation;
+            let (x, y) = (fixed.column(0), fixed.column(1));
+            rotation =
+                Matrix3::from_columns(&[x * *c + y * *s, y * *c - x * *s, fixed.column(2).into_owned()]);
+            *frame = (rotation, position);
+        }
+        frames
+    }
+
+    /// Farthest that a point of the arm, tip and capsules included, can be from each joint's axis [m].
+    #[must_use]
+    pub fn reach(&self) -> [f64; J] {
+        let mut reach = [0.0; J];
+        // Backwards: what is beyond this joint, seen from its origin.
+        let mut beyond: f64 = self.tip_translation.norm();
+        for (index, (reach, link)) in reach.iter_mut().zip(&self.links).enumerate().rev() {
+            let own = self.bodies.capsules.iter().filter(|body| body.link == index + 1);
+            let own = own.map(|body| body.segment.from.norm().max(body.segment.to.norm()) + body.radius);
+            *reach = own.fold(beyond, f64::max);
+            beyond = *reach + link.translation.norm();
+        }
+        reach
     }
 
     /// Pose and Jacobian at joint positions `q` [rad] in one pass.

@@ -287,6 +287,15 @@ pub fn braking<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: 
     slower
 }
 
+/// `qd` [rad/s] after braking toward zero for `elapsed` seconds, all joints in proportion, the one that needs longest at its
+/// `deceleration` [rad/s²].
+#[must_use]
+pub fn braking_straight<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: f64) -> [f64; J] {
+    let needed = qd.iter().zip(deceleration).map(|(v, a)| v.abs() / a).fold(0.0, f64::max);
+    let left = if needed > elapsed { 1.0 - elapsed / needed } else { 0.0 };
+    qd.map(|v| v * left)
+}
+
 /// Largest acceleration that can still fade out at `jerk` before the velocity has grown by `room` [rad/s²].
 fn easing_rate(room: f64, h: f64, jerk: f64) -> f64 {
     let b = jerk * h;

@@ -1,10 +1,13 @@
-//! Inverse kinematics: from what the tool should do to joint velocities the arm may have, as one box QP per tick.
+//! Inverse kinematics: from what the tool should do to joint velocities the arm may have, as one QP per tick.
 //!
 //!   min over q̇ in the box:  ‖J(q) q̇ − v*‖²_W + λ‖q̇‖² + posture        v* = velocity + K·pose error
 //!
+//! Where the arm comes near a plane, a box or itself, rows of [`clearance`] are added; a tick whose answer keeps them all is
+//! solved as if there were none.
+//!
 //! Contract: no allocation, no panic; the answer is finite and inside [`limit::velocity_box`] whatever the input. All
 //! kinematics belong to the joint positions last *commanded*, never to measured ones. Singularities are met by damping that
-//! grows smoothly; there is no stop and no jump. Absent: planning, collision, several solution branches.
+//! grows smoothly; there is no stop and no jump. Absent: planning, ways around obstacles, several solution branches.
 
 pub mod chain;
 mod sincos;
@@ -18,15 +21,17 @@ use nalgebra::{SVector, Vector3};
 use thiserror::Error;
 
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
+pub use clearance::{Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Obstacle};
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
 pub use task::{IkSettings, ToolTarget};
 pub use urdf::ChainError;
 
 use crate::qp::QpStatus;
-use crate::qp::box_qp::{self, ActiveBounds};
+use crate::qp::box_qp::{self, ActiveBounds, BoxSolution};
 use crate::qp::cholesky::Cholesky;
 use crate::qp::clarabel::{ClarabelBox, ClarabelProfile};
+use crate::qp::row_qp::{self, ROW_TOLERANCE};
 
 /// One IK step: joint velocities and how they came about.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +63,8 @@ pub struct IkReport {
     pub damping: f64,
     /// Distance to the nearest singularity [m], see [`task::singularity`].
     pub singularity: f64,
+    /// What keeping clear of planes, boxes and itself did.
+    pub clearance: ClearanceReport,
 }
 
 /// Who produced the joint velocities.
@@ -68,7 +75,7 @@ pub enum IkSource {
     Optimum,
     /// Damped least squares clamped into the box, because the QP gave no usable answer.
     Clamped,
-    /// Braking, because the input was not finite.
+    /// Braking, because the input was not finite or no usable answer keeps the arm clear.
     Brake,
 }
 
@@ -96,13 +103,14 @@ pub struct Ik<const J: usize> {
     limits: JointLimits<J>,
     settings: IkSettings<J>,
     clarabel: Option<Box<ClarabelBox<J>>>,
+    clearance: Option<Box<Clearance<J>>>,
 }
 
 impl<const J: usize> Ik<J> {
     /// An IK that keeps `limits` and weighs by `settings`, solved exactly.
     #[must_use]
     pub const fn new(limits: JointLimits<J>, settings: IkSettings<J>) -> Self {
-        Self { limits, settings, clarabel: None }
+        Self { limits, settings, clarabel: None, clearance: None }
     }
 
     /// The same IK with another solver.
@@ -116,6 +124,13 @@ impl<const J: usize> Ik<J> {
             }
         };
         Ok(self)
+    }
+
+    /// The same IK keeping clear of planes, boxes and itself. Rows are always solved exactly.
+    #[must_use]
+    pub fn keeping_clear(mut self, clearance: Clearance<J>) -> Self {
+        self.clearance = Some(Box::new(clearance));
+        self
     }
 
     /// Limits kept.
@@ -148,25 +163,65 @@ impl<const J: usize> Ik<J> {
             None => box_qp::solve(&task.h, &task.g, &lower, &upper),
             Some(clarabel) => clarabel.solve(&task.h, &task.g, &lower, &upper),
         };
-        let (source, qd) = if solved.status.usable() {
-            (IkSource::Optimum, allowed.nearest(&solved.x.into()))
+        let mut answer = Answer::of(&solved);
+        if !answer.status.usable() {
+            (answer.source, answer.qd) = fallback(&task, motion, &allowed, &self.limits, elapsed);
         } else {
-            fallback(&task, motion, &allowed, &self.limits, elapsed)
-        };
+            answer.qd = allowed.nearest(&answer.qd);
+        }
+        let rows = self.clearance.as_mut().map(|kept| kept.rows(kinematics, motion, &allowed, elapsed));
+        let rows = rows.unwrap_or_default();
+        let mut clearance = ClearanceReport { rows: rows.len() as u32, held: 0, yielded: 0 };
+        if !rows.kept_by(&answer.qd, ROW_TOLERANCE) {
+            let kept = row_qp::solve(&task.h, &task.g, &lower, &upper, &rows);
+            clearance.held = kept.held.count_ones();
+            clearance.yielded = kept.yielded.count_ones();
+            answer = Answer {
+                source: IkSource::Optimum,
+                qd: allowed.nearest(&kept.x.into()),
+                status: kept.status,
+                iterations: answer.iterations + kept.iterations,
+                active: kept.active,
+                kkt_residual: kept.kkt_residual,
+            };
+            if !kept.status.usable() {
+                let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
+                (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
+            }
+        }
+        let qd = answer.qd;
         let missed = task.wanted - task.rows * SVector::from(qd);
         let length = self.settings.orientation_m;
         let report = IkReport {
-            source,
-            status: solved.status,
-            iterations: solved.iterations,
-            active: solved.active,
-            kkt_residual: solved.kkt_residual,
+            source: answer.source,
+            status: answer.status,
+            iterations: answer.iterations,
+            active: answer.active,
+            kkt_residual: answer.kkt_residual,
             velocity_error: missed.fixed_rows::<3>(0).into_owned(),
             tilt_error: missed.fixed_rows::<2>(3).norm() / length,
             damping: task.damping,
             singularity: task.singularity,
+            clearance,
         };
         IkStep { qd, report }
+    }
+}
+
+/// Joint velocities and how they were found.
+struct Answer<const J: usize> {
+    source: IkSource,
+    qd: [f64; J],
+    status: QpStatus,
+    iterations: u32,
+    active: ActiveBounds,
+    kkt_residual: f64,
+}
+
+impl<const J: usize> Answer<J> {
+    fn of(solved: &BoxSolution<J>) -> Self {
+        let BoxSolution { x, status, iterations, active, kkt_residual } = *solved;
+        Self { source: IkSource::Optimum, qd: x.into(), status, iterations, active, kkt_residual }
     }
 }
 

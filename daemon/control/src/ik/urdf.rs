@@ -1,11 +1,14 @@
 //! From a URDF text to the joints of one serial chain, base to tip. Start-up only: allocates, returns errors.
 //!
 //! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses everything that the
-//! control law could not follow, naming the joint or link. Geometry, inertia and transmissions are ignored.
+//! control law could not follow, naming the joint or link. Collision geometry becomes capsules
+//! ([`super::clearance`]); inertia, visuals and transmissions are ignored.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 use urdf_rs::{Joint, JointType, Robot};
+
+use super::clearance::bodies::{Bodies, bodies};
 
 /// Why a robot description cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -102,6 +105,14 @@ pub enum ChainError {
         /// Joint name.
         joint: String,
     },
+    /// A shape of the collision geometry has no size or no place.
+    #[error(
+        "link `{link}`: a shape of its collision geometry has a size that is not positive, or a number that is not finite"
+    )]
+    Shape {
+        /// Link name.
+        link: String,
+    },
     /// The limit element is missing, empty or not a number.
     #[error(
         "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, finite and lower < upper"
@@ -144,6 +155,7 @@ pub(super) struct Segments {
     pub(super) tip_translation: Vector3<f64>,
     pub(super) base: String,
     pub(super) tip: String,
+    pub(super) bodies: Bodies,
 }
 
 /// Reads the chain from `base` (default: the only root) to `tip` (default: the only leaf).
@@ -160,6 +172,7 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
     };
     let tip = path.last().map_or_else(|| base.clone(), |j| j.child.link.clone());
 
+    let bodies = bodies(&robot, &base, &path)?;
     let mut segments = Vec::new();
     let (mut rotation, mut translation) = (Matrix3::identity(), Vector3::zeros());
     for joint in path {
@@ -171,7 +184,7 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
             (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
         }
     }
-    Ok(Segments { segments, tip_rotation: rotation, tip_translation: translation, base, tip })
+    Ok(Segments { segments, tip_rotation: rotation, tip_translation: translation, base, tip, bodies })
 }
 
 fn known_link(robot: &Robot, name: &str) -> Result<String, ChainError> {
@@ -235,7 +248,7 @@ fn names<'a>(all: impl Iterator<Item = &'a String>) -> String {
     all.map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
 }
 
-fn origin(joint: &Joint) -> Result<(Matrix3<f64>, Vector3<f64>), ChainError> {
+pub(super) fn origin(joint: &Joint) -> Result<(Matrix3<f64>, Vector3<f64>), ChainError> {
     let [x, y, z] = joint.origin.xyz.0;
     let [roll, pitch, yaw] = joint.origin.rpy.0;
     if ![x, y, z, roll, pitch, yaw].iter().all(|v| v.is_finite()) {
