@@ -138,6 +138,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         chain: robot.chain.clone(),
         limits: robot.limits,
         ik: ik(s, robot),
+        clearance: robot.clearance.clone(),
         ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
         dead_time_ns: ns(s.timing.dead_time_ms),
         following: following(s),

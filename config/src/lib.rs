@@ -18,6 +18,7 @@ pub mod presets;
 pub mod models;
 mod layers;
 mod check;
+mod clearance;
 mod robot;
 mod predictor;
 mod follower;

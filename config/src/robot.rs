@@ -3,10 +3,11 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
-use foretrace_control::ik::{Chain, JointLimits, ToolTarget, solve_pose};
+use foretrace_control::ik::{Chain, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;
+use crate::clearance::clearance;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 
@@ -22,6 +23,8 @@ pub struct Robot {
     pub limits: JointLimits<JOINTS>,
     /// Posture near the middle of the writing plane, in rad.
     pub home: [f64; JOINTS],
+    /// What it keeps away from.
+    pub clearance: Option<ClearanceSettings>,
 }
 
 impl PlaneSection {
@@ -54,11 +57,12 @@ pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robo
             );
         }
     }
+    let clearance = clearance(settings, &chain, &limits, &home, report);
     // Reach is only worth judging from a legal home in a legal plane.
     if report.problems.len() == before {
         reach(&settings.plane, &chain, &limits, &home, report);
     }
-    (report.problems.len() == before).then_some(Robot { chain, limits, home })
+    (report.problems.len() == before).then_some(Robot { chain, limits, home, clearance })
 }
 
 fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS>> {

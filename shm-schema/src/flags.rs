@@ -116,6 +116,8 @@ wire_flags! {
         ALLOCATED = 28 => "allocated",
         /// The IK had no usable solution; it clamped or braked.
         IK_FAILED = 29 => "ik failed",
+        /// Keeping clear of a plane, a box or the arm itself held the motion back.
+        CLEARANCE = 30 => "held clear",
     }
 }
 

@@ -10,8 +10,10 @@ mod plane;
 mod foresight;
 mod plan;
 mod arm;
+mod clearance;
 
 pub use arm::{Arming, Ik, RobotSection, Timing};
+pub use clearance::ClearanceSection;
 pub use foresight::{
     ArRlsSection, DybmSection, EsnSection, Learner, Optimiser, OursSection, Predictor, PredictorChoice,
     ScaleSection, TraceChoice, TrustMode, TrustSection,
@@ -47,6 +49,8 @@ section! {
         ik @ "ik": Ik;
         /// The arm.
         robot @ "robot": RobotSection;
+        /// What not to touch.
+        clearance @ "clearance": ClearanceSection;
         /// Delays.
         timing @ "timing": Timing;
         /// When to stop, when to start.

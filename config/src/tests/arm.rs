@@ -159,3 +159,35 @@ fn a_changed_urdf_file_needs_a_restart() {
     assert_eq!(refused.len(), 1);
     assert!(refused[0].to_string().contains("robot.urdf"), "{}", refused[0]);
 }
+
+#[test]
+fn a_table_under_the_arm_and_a_box_beside_it_are_kept_away_from() {
+    let written = "[clearance]\nplanes_m = [[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]\nboxes_m = [[[0.0, 0.8, 0.2], [0.2, 0.2, 0.4], [0.0, 0.0, 0.3]]]\n";
+    let config = over_ur5(written).unwrap();
+    let clearance = config.robot().clearance.clone().unwrap();
+    assert_eq!((clearance.obstacles.len(), clearance.itself, clearance.margin_m), (2, true, 0.01));
+    let preset = Config::preset("ur5e").unwrap();
+    assert!(preset.robot().clearance.as_ref().unwrap().obstacles.is_empty());
+    let none = over_ur5("[clearance]\nitself = false\n").unwrap();
+    assert_eq!(none.robot().clearance, None);
+}
+
+#[test]
+fn a_home_that_is_not_clear_names_the_link_and_by_how_much() {
+    let before = over_ur5("[clearance]\nplanes_m = [[[0.47, 0.0, 0.0], [-1.0, 0.0, 0.0]]]\n").unwrap_err();
+    let text = before.to_string();
+    assert!(text.contains("key `clearance.planes_m`") && text.contains("plane number 0"), "{text}");
+    assert!(text.contains("link `wrist_") && text.contains("less than clearance.margin_m"), "{text}");
+}
+
+#[test]
+fn a_plane_without_direction_and_an_arm_without_shape_are_refused() {
+    let text =
+        over_ur5("[clearance]\nplanes_m = [[[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]]\n").unwrap_err().to_string();
+    assert!(text.contains("key `clearance.planes_m`") && text.contains("length 2.0000"), "{text}");
+    let bare = presets::robot("ur5").unwrap().replace("collision>", "visual>");
+    let plane = "[clearance]\nplanes_m = [[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]\n";
+    let text = with_urdf(&bare, plane).unwrap_err();
+    assert!(text.contains("key `clearance.planes_m`") && text.contains("collision geometry"), "{text}");
+    assert!(with_urdf(&bare, "").is_ok(), "without planes or boxes a bare description still does");
+}

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::plane::Plane;
-use crate::ik::{BackendError, Chain, IkBackend, IkSettings, JointLimits};
+use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
 use crate::lag::Following;
 use crate::mpc::{MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
@@ -66,6 +66,8 @@ pub struct FollowerSettings<const J: usize> {
     pub ik: IkSettings<J>,
     /// Solver of the inverse kinematics.
     pub ik_backend: IkBackend,
+    /// What the arm keeps away from; `None`: nothing, not even itself.
+    pub clearance: Option<ClearanceSettings>,
     /// Time from command to arm motion, τ, at start [ns]. What of it is the arm's servo (`mpc.servo_s`) the plan reckons with;
     /// the rest is pure delay.
     pub dead_time_ns: u64,
@@ -141,6 +143,9 @@ pub enum FollowerError {
     /// The inverse kinematics.
     #[error(transparent)]
     Ik(#[from] BackendError),
+    /// What to keep away from.
+    #[error(transparent)]
+    Clearance(#[from] ClearanceError),
     /// The predictor.
     #[error(transparent)]
     Preview(#[from] PreviewError),

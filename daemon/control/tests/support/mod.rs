@@ -85,6 +85,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         limits,
         ik: IkSettings::for_period(period_s, HOME),
         ik_backend: IkBackend::Exact,
+        clearance: None,
         dead_time_ns: 0,
         following: Following::Fixed,
         response_ns: 0,

@@ -326,6 +326,7 @@ fn health(evidence: &Evidence) -> u32 {
         | of(Health::IK_FAILED, wire::IK_CAP)
         | of(Health::IK_LIMITED, wire::IK_CLIPPED)
         | of(Health::GUARD_ALTERED, wire::GUARD_CLIPPED)
+        | of(Health::CLEARANCE, wire::CLEARANCE)
         | of(Health::RESYNCHRONISED, wire::RESYNCHRONISED)
         | of(Health::SHED, wire::SHED)
         | of(Health::JOINTS_STALE, wire::JOINT_STATE_STALE)

@@ -12,7 +12,7 @@ use super::io::{Health, JointCommand, Rung, Stage, StageClock};
 use super::plane::Plane;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile};
-use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
+use crate::ik::{Chain, Clearance, Ik, IkReport, IkSource, Kinematics, ToolTarget};
 use crate::mpc::{AxisReport, Mpc, Plan, Start};
 use crate::pen::PenReading;
 use crate::servo::Servo;
@@ -102,6 +102,14 @@ struct Reports {
     ik: IkReport,
 }
 
+fn inverse_kinematics<const J: usize>(settings: &FollowerSettings<J>) -> Result<Ik<J>, FollowerError> {
+    let ik = Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?;
+    let Some(wanted) = &settings.clearance else { return Ok(ik) };
+    let period_s = settings.period_ns as f64 * 1e-9;
+    let clearance = Clearance::new(&settings.chain, &settings.limits, period_s, wanted)?;
+    Ok(ik.keeping_clear(clearance))
+}
+
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let safety = &settings.safety;
@@ -117,7 +125,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             plane: settings.plane,
             chain: settings.chain.clone(),
             mpc: Mpc::new(&settings.mpc)?,
-            ik: Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?,
+            ik: inverse_kinematics(settings)?,
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
             held: None,
@@ -308,6 +316,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.reports.ik = step.report;
         if step.report.source != IkSource::Optimum {
             health.set(Health::IK_FAILED);
+        }
+        if step.report.clearance.held | step.report.clearance.yielded != 0 {
+            health.set(Health::CLEARANCE);
         }
         if !(step.report.velocity_error.norm() <= IK_TOLERANCE_MPS) {
             health.set(Health::IK_LIMITED);
