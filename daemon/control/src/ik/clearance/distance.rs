@@ -191,5 +191,5 @@ fn across(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
 }
 
 fn unit(share: f64) -> f64 {
-    share.max(0.0).min(1.0)
+    share.clamp(0.0, 1.0)
 }
