@@ -55,6 +55,7 @@ pub(crate) fn clearance(
         obstacles: obstacle.copied().into_iter().collect(),
         margin_m: section.margin_m,
     };
+    let at_home = chain.forward(home);
     let parts = wanted.obstacles.iter().map(|one| alone(false, Some(one)));
     let parts = parts.chain(section.itself.then(|| alone(true, None)));
     let whole = Clearance::new(chain, limits, period_s, &wanted);
@@ -69,7 +70,8 @@ pub(crate) fn clearance(
         return None;
     }
     for (i, part) in parts.enumerate() {
-        let nearest = Clearance::new(chain, limits, period_s, &part).ok().and_then(|kept| kept.nearest(home));
+        let nearest =
+            Clearance::new(chain, limits, period_s, &part).ok().and_then(|kept| kept.nearest(&at_home));
         let Some(nearest) = nearest.filter(|nearest| nearest.distance_m < section.margin_m) else { continue };
         let (key, what) = match &nearest.other {
             Some(other) => ("clearance.itself", format!("link `{other}`")),

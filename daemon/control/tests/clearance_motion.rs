@@ -53,7 +53,7 @@ fn random_motion_into_everything_never_comes_nearer_than_stated() {
         );
         let judge = Clearance::new(&chain, &limits(&chain, 40.0), TICK_S, &everything).unwrap();
         let mut arm = arm(&chain, home, &everything);
-        let start = judge.nearest(&home).unwrap();
+        let start = judge.nearest(&chain.forward(&home)).unwrap();
         assert!(start.distance_m > MARGIN_M, "{start:?}");
         let mut target = ToolTarget::at_rest(arm.tool().0, -Vector3::z(), None);
         for tick in 0..100_000 {
@@ -70,7 +70,7 @@ fn random_motion_into_everything_never_comes_nearer_than_stated() {
             held += u32::from(report.clearance.held > 0);
             yielded += u32::from(report.clearance.yielded > 0);
             braked += u32::from(report.source == IkSource::Brake);
-            let nearest = judge.nearest(arm.last.q()).unwrap();
+            let nearest = judge.nearest(&chain.forward(arm.last.q())).unwrap();
             smallest = smallest.min(nearest.distance_m);
             assert!(nearest.distance_m > MARGIN_M - STATED_M, "{tick}: {nearest:?} {report:?}");
         }

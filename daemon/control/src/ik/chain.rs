@@ -51,7 +51,9 @@ pub struct Kinematics<const J: usize> {
     pub position: Vector3<f64>,
     /// Geometric Jacobian in the base frame, 6 x J: rows 0-2 tool origin [m/rad], rows 3-5 rotation [rad/rad].
     pub jacobian: SMatrix<f64, 6, J>,
-    /// A point on each joint's axis in the base frame [m], 3 x J.
+    /// Each joint's frame → base frame, its z the joint's axis.
+    pub frames: [Matrix3<f64>; J],
+    /// The frames' origins in the base frame [m], 3 x J: a point on each joint's axis.
     pub origins: SMatrix<f64, 3, J>,
 }
 
@@ -128,7 +130,7 @@ impl<const J: usize> Chain<J> {
     }
 
     /// What the links are made of, base first: each in the frame of its joint, whose z is the joint's axis (see
-    /// [`Self::frames`]).
+    /// [`Kinematics::frames`]).
     #[must_use]
     pub fn capsules(&self) -> &[Capsule] {
         &self.bodies.capsules
@@ -140,36 +142,24 @@ impl<const J: usize> Chain<J> {
         &self.bodies.meshes
     }
 
-    /// Where the joints' frames are at joint positions `q` [rad]: rotation to the base frame and origin [m].
-    #[must_use]
-    pub fn frames(&self, q: &[f64; J]) -> [(Matrix3<f64>, Vector3<f64>); J] {
-        let (sines, cosines) = sin_cos(q);
-        let mut frames = [(Matrix3::identity(), Vector3::zeros()); J];
-        let (mut rotation, mut position) = (Matrix3::identity(), Vector3::zeros());
-        for ((frame, link), (s, c)) in frames.iter_mut().zip(&self.links).zip(sines.iter().zip(&cosines)) {
-            position += rotation * link.translation;
-            let fixed = rotation * link.rotation;
-            let (x, y) = (fixed.column(0), fixed.column(1));
-            rotation =
-                Matrix3::from_columns(&[x * *c + y * *s, y * *c - x * *s, fixed.column(2).into_owned()]);
-            *frame = (rotation, position);
+    /// Farthest that a point of a capsule's axis can be from the axis of each joint that moves it [m]; 0 for the others.
+    pub(in crate::ik) fn levers(&self, capsule: &Capsule) -> [f64; J] {
+        let mut levers = [0.0; J];
+        let Segment { from, to } = capsule.segment;
+        // Seen from the origin of the joint at hand; across its axis only for the capsule's own.
+        let mut beyond = from.norm().max(to.norm());
+        let own = from.xy().norm().max(to.xy().norm());
+        let inner = levers.iter_mut().zip(&self.links).enumerate().take(capsule.link).rev();
+        for (index, (lever, link)) in inner {
+            *lever = if index + 1 == capsule.link { own } else { beyond };
+            beyond += link.translation.norm();
         }
-        frames
+        levers
     }
 
-    /// Farthest that a point of the arm, tip and capsules included, can be from each joint's axis [m].
-    #[must_use]
-    pub fn reach(&self) -> [f64; J] {
-        let mut reach = [0.0; J];
-        // Backwards: what is beyond this joint, seen from its origin.
-        let mut beyond: f64 = self.tip_translation.norm();
-        for (index, (reach, link)) in reach.iter_mut().zip(&self.links).enumerate().rev() {
-            let own = self.bodies.capsules.iter().filter(|body| body.link == index + 1);
-            let own = own.map(|body| body.segment.from.norm().max(body.segment.to.norm()) + body.radius);
-            *reach = own.fold(beyond, f64::max);
-            beyond = *reach + link.translation.norm();
-        }
-        reach
+    /// Where the joint after `link` turns, in the frame of `link` [m].
+    pub(in crate::ik) fn next_origin(&self, link: usize) -> Vector3<f64> {
+        self.links.get(link).map_or_else(Vector3::zeros, |next| next.translation)
     }
 
     /// Pose and Jacobian at joint positions `q` [rad] in one pass.
@@ -180,12 +170,15 @@ impl<const J: usize> Chain<J> {
         let mut position = Vector3::zeros();
         let mut origins = SMatrix::<f64, 3, J>::zeros();
         let mut jacobian = SMatrix::<f64, 6, J>::zeros();
-        for (i, (link, (s, c))) in self.links.iter().zip(sines.iter().zip(&cosines)).enumerate() {
+        let mut frames = [Matrix3::identity(); J];
+        let joints = self.links.iter().zip(sines.iter().zip(&cosines)).zip(&mut frames);
+        for (i, ((link, (s, c)), frame)) in joints.enumerate() {
             position += rotation * link.translation;
             let fixed = rotation * link.rotation;
             let (x, y) = (fixed.column(0), fixed.column(1));
             let (turned_x, turned_y) = (x * *c + y * *s, y * *c - x * *s);
             rotation = Matrix3::from_columns(&[turned_x, turned_y, fixed.column(2).into_owned()]);
+            *frame = rotation;
             origins.set_column(i, &position);
             jacobian.fixed_view_mut::<3, 1>(3, i).copy_from(&fixed.column(2));
         }
@@ -196,11 +189,21 @@ impl<const J: usize> Chain<J> {
             let lever = position - origins.column(i);
             jacobian.fixed_view_mut::<3, 1>(0, i).copy_from(&axis.cross(&lever));
         }
-        Kinematics { rotation, position, jacobian, origins }
+        Kinematics { rotation, position, jacobian, frames, origins }
     }
 }
 
 impl<const J: usize> Kinematics<J> {
+    /// A capsule's axis in the base frame.
+    pub(in crate::ik) fn axis(&self, capsule: &Capsule) -> Segment {
+        let Segment { from, to } = capsule.segment;
+        let last = capsule.link.checked_sub(1);
+        last.and_then(|last| Some((last, self.frames.get(last)?))).map_or(capsule.segment, |(last, frame)| {
+            let origin = self.origins.column(last);
+            Segment { from: frame * from + origin, to: frame * to + origin }
+        })
+    }
+
     /// J(q)·q̇: linear [m/s] (0-2) and angular [rad/s] (3-5) velocity of the tool.
     #[must_use]
     pub fn twist(&self, qd: &[f64; J]) -> Vector6<f64> {

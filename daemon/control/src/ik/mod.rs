@@ -17,11 +17,13 @@ pub mod task;
 pub mod reach;
 pub mod clearance;
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
 
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
-pub use clearance::{Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Obstacle};
+pub use clearance::{
+    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Obstacle,
+};
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
 pub use task::{IkSettings, ToolTarget};
@@ -169,24 +171,26 @@ impl<const J: usize> Ik<J> {
         } else {
             answer.qd = allowed.nearest(&answer.qd);
         }
-        let rows = self.clearance.as_mut().map(|kept| kept.rows(kinematics, motion, &allowed, elapsed));
-        let rows = rows.unwrap_or_default();
-        let mut clearance = ClearanceReport { rows: rows.len() as u32, held: 0, yielded: 0 };
-        if !rows.kept_by(&answer.qd, ROW_TOLERANCE) {
-            let kept = row_qp::solve(&task.h, &task.g, &lower, &upper, &rows);
-            clearance.held = kept.held.count_ones();
-            clearance.yielded = kept.yielded.count_ones();
-            answer = Answer {
-                source: IkSource::Optimum,
-                qd: allowed.nearest(&kept.x.into()),
-                status: kept.status,
-                iterations: answer.iterations + kept.iterations,
-                active: kept.active,
-                kkt_residual: kept.kkt_residual,
-            };
-            if !kept.status.usable() {
-                let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
-                (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
+        let mut clearance = ClearanceReport::default();
+        if let Some(kept) = &mut self.clearance {
+            let rows = kept.rows(kinematics, motion, &allowed, elapsed, Inside::Retreat);
+            clearance.rows = rows.len() as u32;
+            if !rows.kept_by(&answer.qd, ROW_TOLERANCE) {
+                let kept = row_qp::solve(&task.h, &task.g, &lower, &upper, rows);
+                clearance.held = kept.held.count_ones();
+                clearance.yielded = kept.yielded.count_ones();
+                answer = Answer {
+                    source: IkSource::Optimum,
+                    qd: allowed.nearest(&kept.x.into()),
+                    status: kept.status,
+                    iterations: answer.iterations + kept.iterations,
+                    active: kept.active,
+                    kkt_residual: kept.kkt_residual,
+                };
+                if !kept.status.usable() {
+                    let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
+                    (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
+                }
             }
         }
         let qd = answer.qd;
@@ -206,6 +210,47 @@ impl<const J: usize> Ik<J> {
         };
         IkStep { qd, report }
     }
+
+    /// The velocities nearest to `wanted` [rad/s], a step of a stop, that come no nearer to anything than the rows allow.
+    ///
+    /// Joints that brake independently can close a gap that they kept together. Rows of a stop ask for no retreat, so rest
+    /// keeps them all: min ‖q̇ − wanted‖² over box and rows is never farther from rest than `wanted`, where rest is in the box.
+    #[must_use]
+    pub fn stopping(
+        &mut self,
+        kinematics: &Kinematics<J>,
+        motion: &JointMotion<J>,
+        wanted: &[f64; J],
+        elapsed: f64,
+    ) -> StopStep<J> {
+        let mut step = StopStep { qd: *wanted, clearance: ClearanceReport::default() };
+        let Some(kept) = &mut self.clearance else { return step };
+        let allowed = velocity_box(motion, &self.limits, elapsed);
+        let rows = kept.rows(kinematics, motion, &allowed, elapsed, Inside::Stay);
+        step.clearance.rows = rows.len() as u32;
+        if rows.kept_by(wanted, ROW_TOLERANCE) {
+            return step;
+        }
+        let (lower, upper) = (SVector::from(allowed.lower), SVector::from(allowed.upper));
+        let kept = row_qp::solve(&SMatrix::identity(), &-SVector::from(*wanted), &lower, &upper, rows);
+        step.clearance.held = kept.held.count_ones();
+        step.clearance.yielded = kept.yielded.count_ones();
+        step.qd = if kept.status.usable() {
+            allowed.nearest(&kept.x.into())
+        } else {
+            allowed.nearest(&limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed))
+        };
+        step
+    }
+}
+
+/// Joint velocities of a stop, and what keeping clear did to them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StopStep<const J: usize> {
+    /// [rad/s], inside the velocity box if what was asked for is.
+    pub qd: [f64; J],
+    /// `held` and `yielded` are 0 where nothing was changed.
+    pub clearance: ClearanceReport,
 }
 
 /// Joint velocities and how they were found.

@@ -25,7 +25,7 @@ const FEASIBILITY: f64 = 1e-9;
 pub const ROW_TOLERANCE: f64 = 1e-8;
 
 /// Up to 3·J rows c_kᵀx ≥ b_k.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct RowSet<const J: usize> {
     coefficients: [[[f64; J]; J]; BLOCKS],
     lower: Rows<BLOCKS, J>,
@@ -35,6 +35,12 @@ pub struct RowSet<const J: usize> {
 impl<const J: usize> Default for RowSet<J> {
     fn default() -> Self {
         Self { coefficients: [[[0.0; J]; J]; BLOCKS], lower: [[f64::NEG_INFINITY; J]; BLOCKS], count: 0 }
+    }
+}
+
+impl<const J: usize> PartialEq for RowSet<J> {
+    fn eq(&self, other: &Self) -> bool {
+        self.iter().eq(other.iter())
     }
 }
 
@@ -52,6 +58,15 @@ impl<const J: usize> RowSet<J> {
             (*row, *bound) = (*coefficients, lower);
             self.count = self.count.max(slot + 1);
         }
+    }
+
+    /// Takes all rows out.
+    pub fn clear(&mut self) {
+        let rows = self.coefficients.as_flattened_mut().iter_mut().zip(self.lower.as_flattened_mut());
+        for (row, bound) in rows.take(self.count) {
+            (*row, *bound) = ([0.0; J], f64::NEG_INFINITY);
+        }
+        self.count = 0;
     }
 
     /// Number of rows.

@@ -11,8 +11,8 @@
 //! What that leaves out (joints that stop at different times, turning normals, position limits in the way of braking) is what
 //! the margin is for; rows that cannot be kept yield with the least violation.
 //!
-//! Contract: after construction no allocation, bounded work, no panic. A tick whose shapes are all too far away to matter
-//! costs J multiplications: no point of the arm moves farther than Σ reach_j |Δq_j|.
+//! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of its inputs; what
+//! is remembered between ticks ([`watch`]) only saves measuring distances that cannot matter.
 //! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high number of
 //! degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for non-strictly convex polyhedra",
 //! RSS 2008.
@@ -22,8 +22,8 @@ pub mod distance;
 mod motion;
 mod pairs;
 pub mod shape;
+mod watch;
 
-use nalgebra::Vector3;
 use thiserror::Error;
 
 pub use pairs::Nearest;
@@ -32,9 +32,9 @@ pub use shape::{Capsule, MAX_OBSTACLES, Obstacle, ObstacleError};
 use super::chain::{Chain, Kinematics};
 use super::limit::{JointLimits, JointMotion, VelocityBox};
 use crate::qp::row_qp::RowSet;
-use distance::{Separation, point_plane, segment_box, segment_segment};
 use motion::Moving;
-use pairs::Placed;
+use pairs::Pair;
+use watch::{Reach, Watch};
 
 /// Most capsules of one arm.
 pub const MAX_CAPSULES: usize = 24;
@@ -95,20 +95,30 @@ pub struct ClearanceReport {
     pub yielded: u32,
 }
 
+/// What rows ask of a gap that is used up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inside {
+    /// Go back to the margin.
+    Retreat,
+    /// Come no nearer: for an arm that is to stop.
+    Stay,
+}
+
 /// Keeps the distances of one arm.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Clearance<const J: usize> {
-    chain: Chain<J>,
-    obstacles: Vec<Obstacle>,
-    pairs: Vec<[usize; 2]>,
+    pairs: Vec<Pair<J>>,
     margin: f64,
     rate: f64,
-    reach: [f64; J],
-    /// Direction of the first joint's axis in the base frame.
-    first_axis: Vector3<f64>,
-    /// Joint positions of the last look, and the smallest distance found there.
-    seen: [f64; J],
-    nearest: f64,
+    watch: Watch<J>,
+    found: Found<J>,
+}
+
+/// Rows of one tick, and how much room each leaves [m/s]: negative, the box can break it by so much.
+#[derive(Debug, Clone)]
+struct Found<const J: usize> {
+    rows: RowSet<J>,
+    room: [f64; 32],
 }
 
 impl<const J: usize> Clearance<J> {
@@ -138,19 +148,16 @@ impl<const J: usize> Clearance<J> {
         let own = longest(limits.velocity(), limits.acceleration());
         let consumer = 0.5 * longest(limits.velocity(), limits.deceleration()) + limits.hold_s();
         let ease = limits.jerk().map_or(0.0, |jerk| longest(limits.acceleration(), jerk));
+        let mut pairs = pairs::with_obstacles(chain, &settings.obstacles);
+        if settings.itself {
+            pairs.extend(pairs::of_itself(chain, limits));
+        }
         Ok(Self {
-            chain: chain.clone(),
-            obstacles: settings.obstacles.clone(),
-            pairs: if settings.itself { pairs::of_itself(chain, limits) } else { Vec::new() },
+            watch: Watch::new(pairs.len()),
+            pairs,
             margin,
             rate: 1.0 / (own.max(consumer) + ease + period_s),
-            reach: chain.reach(),
-            first_axis: chain
-                .frames(&[0.0; J])
-                .first()
-                .map_or_else(Vector3::z, |(r, _)| r.column(2).into_owned()),
-            seen: [0.0; J],
-            nearest: f64::NEG_INFINITY,
+            found: Found { rows: RowSet::default(), room: [0.0; 32] },
         })
     }
 
@@ -166,23 +173,17 @@ impl<const J: usize> Clearance<J> {
         self.rate
     }
 
-    /// Pairs of capsules of the arm itself that are watched, as indices into [`Chain::capsules`].
-    #[must_use]
-    pub fn pairs(&self) -> &[[usize; 2]] {
-        &self.pairs
+    /// Links of the arm itself that are watched against each other, inner one first, once for each pair of their capsules.
+    pub fn links(&self) -> impl Iterator<Item = [usize; 2]> {
+        self.pairs.iter().filter_map(|pair| Some([pair.first.link, pair.other_link()?]))
     }
 
-    /// What is nearest at joint positions `q` [rad]; `None` where nothing is to be kept away. For start-up checks: allocates.
+    /// What is nearest; `None` where nothing is to be kept away. For start-up checks: allocates.
     #[must_use]
-    pub fn nearest(&self, q: &[f64; J]) -> Option<Nearest> {
-        let placed = Placed::new(&self.chain, q);
-        let mut best: Option<Nearest> = None;
-        self.each(&placed, |first, second, found| {
-            if best.as_ref().is_none_or(|best| found.distance < best.distance_m) {
-                best = Some(Nearest::of(self.chain.capsules(), first, second, found.distance));
-            }
-        });
-        best
+    pub fn nearest(&self, kinematics: &Kinematics<J>) -> Option<Nearest> {
+        let measured = self.pairs.iter().map(|pair| (pair, pair.separations(kinematics, |_| {})));
+        let nearest = measured.min_by(|(_, a), (_, b)| a.total_cmp(b));
+        nearest.map(|(pair, distance)| pair.nearest(distance))
     }
 
     /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`; those that no velocity in the box could break
@@ -193,105 +194,60 @@ impl<const J: usize> Clearance<J> {
         motion: &JointMotion<J>,
         allowed: &VelocityBox<J>,
         elapsed: f64,
-    ) -> RowSet<J> {
-        let mut rows = RowSet::default();
-        let extremes = allowed.lower.iter().zip(&allowed.upper).map(|(low, high)| low.abs().max(high.abs()));
-        let fastest: f64 = extremes.zip(&self.reach).map(|(v, reach)| v * reach).sum();
-        let moved = motion.q.iter().zip(&self.seen).zip(&self.reach);
-        let moved: f64 = moved.map(|((q, seen), reach)| (q - seen).abs() * reach).sum();
-        // Self-collision closes with the motion of both sides.
-        let near = self.margin + 2.0 * fastest / self.rate;
-        if self.nearest - 2.0 * moved > near {
-            return rows;
-        }
-        let placed = Placed::new(&self.chain, &motion.q);
-        let moving = Moving::new(kinematics, &motion.qd);
-        let mut slack = [0.0; 32];
-        let mut nearest = f64::INFINITY;
-        self.each(&placed, |first, second, found| {
-            nearest = nearest.min(found.distance);
-            if !(found.distance <= near) {
-                return;
-            }
-            let (mut row, mut bending) = moving.toward(first, &found.point, &found.normal);
-            if let Some(link) = second {
-                let (other, bent) = moving.toward(link, &found.other, &found.normal);
-                row.iter_mut().zip(&other).for_each(|(row, other)| *row -= other);
-                bending -= bent;
-            }
-            let bound =
-                (-self.rate * (found.distance - self.margin)).min(RETREAT_MPS) - 0.5 * elapsed * bending;
-            let ends = allowed.lower.iter().zip(&allowed.upper).zip(&row);
-            let worst: f64 = ends.map(|((low, high), c)| (c * low).min(c * high)).sum();
-            let room = worst - bound;
-            if !(room < 0.0) {
-                return;
-            }
-            let capacity = RowSet::<J>::CAPACITY.min(slack.len());
-            let mut slot = rows.len();
-            if slot >= capacity {
-                // The one with most room gives way.
-                let kept = slack.iter().take(capacity).enumerate();
-                let loosest =
-                    kept.fold(
-                        (0, f64::NEG_INFINITY),
-                        |(at, most), (i, slack)| {
-                            if *slack > most { (i, *slack) } else { (at, most) }
-                        },
-                    );
-                if loosest.1 <= room {
+        inside: Inside,
+    ) -> &RowSet<J> {
+        let Self { pairs, margin, rate, watch, found } = self;
+        found.rows.clear();
+        let back = match inside {
+            Inside::Retreat => RETREAT_MPS,
+            Inside::Stay => 0.0,
+        };
+        let reach = Reach::new(motion, allowed, elapsed, *rate);
+        let mut moving = None;
+        watch.look(pairs, &motion.q, &reach, *margin, |pair, enough| {
+            pair.separations(kinematics, |separation| {
+                let gap = separation.distance - *margin;
+                if !(gap <= enough) {
                     return;
                 }
-                slot = loosest.0;
-            }
-            if let Some(slack) = slack.get_mut(slot) {
-                *slack = room;
-                rows.put(slot, &row, bound);
-            }
-        });
-        (self.seen, self.nearest) = (motion.q, nearest);
-        rows
-    }
-
-    /// Calls `found` with every separation: link of the first capsule, link of the second (`None`: an obstacle).
-    fn each(&self, placed: &Placed, mut found: impl FnMut(usize, Option<usize>, Separation)) {
-        for (capsule, axis) in self.chain.capsules().iter().zip(&placed.axes) {
-            // The base cannot be moved away from anything.
-            if capsule.link == 0 {
-                continue;
-            }
-            let mut tell = |separation: Separation| {
-                found(capsule.link, None, separation.less(capsule.radius));
-            };
-            for obstacle in &self.obstacles {
-                match obstacle {
-                    // The first link turns in parallel to a table that the arm stands on: no joint changes that gap.
-                    Obstacle::HalfSpace(plane)
-                        if capsule.link == 1 && plane.normal.dot(&self.first_axis).abs() > 1.0 - 1e-6 => {}
-                    // Both ends: a capsule that lies along a plane can neither approach nor tilt into it.
-                    Obstacle::HalfSpace(plane) => {
-                        tell(point_plane(&axis.from, plane));
-                        if axis.from != axis.to {
-                            tell(point_plane(&axis.to, plane));
-                        }
-                    }
-                    Obstacle::Cuboid(cuboid) => {
-                        tell(segment_box(axis, cuboid));
-                        for end in [axis.from, axis.to] {
-                            tell(segment_box(&distance::Segment { from: end, to: end }, cuboid));
-                        }
-                    }
+                let moving = moving.get_or_insert_with(|| Moving::new(kinematics, &motion.qd));
+                let (mut row, mut bending) =
+                    moving.toward(pair.first.link, &separation.point, &separation.normal);
+                if let Some(link) = pair.other_link() {
+                    let (other, bent) = moving.toward(link, &separation.other, &separation.normal);
+                    row.iter_mut().zip(&other).for_each(|(row, other)| *row -= other);
+                    bending -= bent;
                 }
-            }
+                let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
+                found.offer(&row, bound, allowed);
+            })
+        });
+        &found.rows
+    }
+}
+
+impl<const J: usize> Found<J> {
+    /// Takes in a row that some velocity in the box breaks; where there is no room, the one with most room gives way.
+    fn offer(&mut self, row: &[f64; J], bound: f64, allowed: &VelocityBox<J>) {
+        let ends = allowed.lower.iter().zip(&allowed.upper).zip(row);
+        let worst: f64 = ends.map(|((low, high), c)| (c * low).min(c * high)).sum();
+        let room = worst - bound;
+        if !(room < 0.0) {
+            return;
         }
-        let capsules = self.chain.capsules();
-        for [a, b] in &self.pairs {
-            if let (Some(first), Some(second), Some(on_first), Some(on_second)) =
-                (capsules.get(*a), capsules.get(*b), placed.axes.get(*a), placed.axes.get(*b))
-            {
-                let separation = segment_segment(on_first, on_second).less(first.radius + second.radius);
-                found(first.link, Some(second.link), separation);
+        let capacity = RowSet::<J>::CAPACITY.min(self.room.len());
+        let mut slot = self.rows.len();
+        if slot >= capacity {
+            let kept = self.room.iter().copied().take(capacity).enumerate();
+            let loosest = kept.fold((0, f64::NEG_INFINITY), |a, b| if b.1 > a.1 { b } else { a });
+            if loosest.1 <= room {
+                return;
             }
+            slot = loosest.0;
+        }
+        if let Some(slack) = self.room.get_mut(slot) {
+            *slack = room;
+            self.rows.put(slot, row, bound);
         }
     }
 }
