@@ -329,7 +329,15 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the commanded state.
     fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
         let Some(held) = &mut self.held else { return 0 };
-        let qd = qd.unwrap_or_else(|| self.stop.next(&held.command, reach));
+        let qd = qd.unwrap_or_else(|| {
+            let wanted = self.stop.next(&held.command, reach);
+            let motion = held.command.motion();
+            let step = self.ik.stopping(&held.kinematics, motion, &wanted, self.period_s);
+            if step.clearance.held | step.clearance.yielded != 0 {
+                health.set(Health::CLEARANCE);
+            }
+            step.qd
+        });
         let mut q = *held.command.q();
         for (q, qd) in q.iter_mut().zip(&qd) {
             *q += qd * self.period_s;
