@@ -22,7 +22,7 @@ use thiserror::Error;
 
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use clearance::{
-    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Obstacle,
+    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Fence, Inside, Obstacle,
 };
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
@@ -176,6 +176,7 @@ impl<const J: usize> Ik<J> {
             let rows = kept.rows(kinematics, motion, &allowed, elapsed, Inside::Retreat);
             clearance.rows = rows.len() as u32;
             if !rows.kept_by(&answer.qd, ROW_TOLERANCE) {
+                let rows = kept.rows_fenced(kinematics, motion, &allowed, elapsed);
                 let kept = row_qp::solve(&task.h, &task.g, &lower, &upper, rows);
                 clearance.held = kept.held.count_ones();
                 clearance.yielded = kept.yielded.count_ones();

@@ -4,6 +4,7 @@
 //! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
 
 mod charge;
+mod outside;
 
 use nalgebra::Vector3;
 
@@ -12,8 +13,8 @@ use super::io::{Health, JointCommand, Rung, Stage, StageClock};
 use super::plane::Plane;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile};
-use crate::ik::{Chain, Clearance, Ik, IkReport, IkSource, Kinematics, ToolTarget};
-use crate::mpc::{AxisReport, Mpc, Plan, Start};
+use crate::ik::{Chain, Clearance, Fence, Ik, IkReport, IkSource, Kinematics, ToolTarget};
+use crate::mpc::{AxisReport, Mpc, Plan};
 use crate::pen::PenReading;
 use crate::servo::Servo;
 use crate::units::{AxisState, Stamp, Trust};
@@ -107,7 +108,12 @@ fn inverse_kinematics<const J: usize>(settings: &FollowerSettings<J>) -> Result<
     let Some(wanted) = &settings.clearance else { return Ok(ik) };
     let period_s = settings.period_ns as f64 * 1e-9;
     let clearance = Clearance::new(&settings.chain, &settings.limits, period_s, wanted)?;
-    Ok(ik.keeping_clear(clearance))
+    // Well inside of where the arm may be armed: keeping clear must not lead it to where it could not be armed again.
+    let margin = 0.5 * settings.safety.arm_workspace_margin;
+    let inside =
+        settings.mpc.axes.map(|axis| axis.position_m).map(|[low, high]| [low - margin, high + margin]);
+    let axes = settings.plane.rotation.into_inner();
+    Ok(ik.keeping_clear(clearance.fenced(Fence { origin: settings.plane.origin, axes, inside })))
 }
 
 impl<const N: usize, const J: usize> Mover<N, J> {
@@ -277,10 +283,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         health: &mut Health,
     ) -> (Option<[AxisState; 3]>, Rung) {
         if !budget.shed {
-            let iterations = budget.max_iterations;
-            let from = Start { command: self.tool, arm: self.arm };
-            let report =
-                self.mpc.plan_behind(&from, conservative, references, trust, iterations, &mut self.plan);
+            let report = self.planned(conservative, references, trust, budget.max_iterations);
             self.reports.axes = report.axes;
             if report.usable()
                 && let Some(next) = self.plan.state_at(self.period_s)

@@ -22,10 +22,12 @@ pub mod distance;
 mod motion;
 mod pairs;
 pub mod shape;
+mod fence;
 mod watch;
 
 use thiserror::Error;
 
+pub use fence::Fence;
 pub use pairs::Nearest;
 pub use shape::{Capsule, MAX_OBSTACLES, Obstacle, ObstacleError};
 
@@ -112,6 +114,7 @@ pub struct Clearance<const J: usize> {
     rate: f64,
     watch: Watch<J>,
     found: Found<J>,
+    fence: Option<Fence>,
 }
 
 /// Rows of one tick, and how much room each leaves [m/s]: negative, the box can break it by so much.
@@ -158,6 +161,7 @@ impl<const J: usize> Clearance<J> {
             margin,
             rate: 1.0 / (own.max(consumer) + ease + period_s),
             found: Found { rows: RowSet::default(), room: [0.0; 32] },
+            fence: None,
         })
     }
 
@@ -196,7 +200,7 @@ impl<const J: usize> Clearance<J> {
         elapsed: f64,
         inside: Inside,
     ) -> &RowSet<J> {
-        let Self { pairs, margin, rate, watch, found } = self;
+        let Self { pairs, margin, rate, watch, found, .. } = self;
         found.rows.clear();
         let back = match inside {
             Inside::Retreat => RETREAT_MPS,
