@@ -6,7 +6,7 @@ section! {
     /// What the arm keeps away from, in the robot's base frame: its shape is the URDF's collision geometry (spheres,
     /// cylinders, boxes; not meshes). It slides along or stops; it does not look for ways around.
     pub struct ClearanceSection {
-        /// Distance kept. Up to half of it may be used up by what the velocity rows leave out.
+        /// Distance kept by commands. It has to cover the arm's lag behind them, and how well shapes are known.
         margin_m: f64 = Between(0.002, 0.2), Default("0.01"), AtStart, "0.01; 0.03 where shapes are uncertain";
         /// The arm keeps away from itself.
         itself: bool = Flag, Default("true"), AtStart, "true";

@@ -17,9 +17,9 @@ use support::{Bench, HOME, PERIOD_NS, settings};
 
 const MARGIN_M: f64 = 0.01;
 /// How much of the margin commands may use up, whatever happens.
-const STATED_M: f64 = 5e-3;
-/// How much of it a consumer may use up that brakes every joint by itself after the last command: more than there is.
-const CONSUMER_M: f64 = 0.06;
+const STATED_M: f64 = 1e-3;
+/// How much of it a consumer may use up that hears nothing any more and brakes every joint by itself.
+const CONSUMER_M: f64 = 5e-3;
 const SEEDS: u64 = 2;
 
 fn keeping(itself: bool, obstacles: Vec<Obstacle>) -> ClearanceSettings {

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 
 const MARGIN_M: f64 = 0.01;
 /// How much of the margin what first order leaves out may use up.
-const STATED_M: f64 = 5e-3;
+const STATED_M: f64 = 1e-3;
 
 fn settings(itself: bool, obstacles: Vec<Obstacle>) -> ClearanceSettings {
     ClearanceSettings { margin_m: MARGIN_M, itself, obstacles }

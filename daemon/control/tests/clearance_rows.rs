@@ -89,7 +89,7 @@ fn rows_are_the_gradients_of_distances() {
     let chain = chain(UR5);
     let mut itself = clearance(&chain, &settings());
     let mut checked = [0; 3];
-    for round in 0..1_500 {
+    for round in 0..4_500 {
         let mut q: [f64; 6] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
         let mut around = |size: f64| std::array::from_fn(|_| rng.random_range(-size..size));
         let normal: Vector3<f64> = Vector3::from(around(1.0)).normalize();

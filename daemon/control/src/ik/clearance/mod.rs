@@ -7,9 +7,16 @@
 //! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which the IK itself stops
 //! the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j. Joints that slow down in proportion change
 //! every closing speed by the factor 1 − h/T, the gaps by 1 − ξh at most: to first order braking keeps all rows at once,
-//! whatever the pairs, and the QP always has an answer. A consumer covers v_n(hold + T_b/2) ≤ d − margin until it stands.
-//! What that leaves out (joints that stop at different times, turning normals, position limits in the way of braking) is what
-//! the margin is for; rows that cannot be kept yield with the least violation.
+//! whatever the pairs, and the QP always has an answer.
+//!
+//! A consumer that hears nothing any more brakes every joint by itself, so joints that kept a gap together may close it. A
+//! second row looks at where that ends, q_s = q + q̇(h + hold) + q̇|q̇|/(2a_b), with distance d_s and gradient nᵀJ_s there:
+//!
+//!   nᵀJ_s (h + hold + |q̇|/a_b)(q̇' − q̇) ≥ min(d, margin) − d_s
+//!
+//! Going on as that consumer would keeps q_s, so these rows too leave an answer. What both leave out (the way to q_s, turning
+//! normals within a tick, position limits in the way of braking) is what the margin is for; rows that cannot be kept yield
+//! with the least violation.
 //!
 //! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of its inputs; what
 //! is remembered between ticks ([`watch`]) only saves measuring distances that cannot matter.
@@ -34,7 +41,7 @@ pub use shape::{Capsule, MAX_OBSTACLES, Obstacle, ObstacleError};
 use super::chain::{Chain, Kinematics};
 use super::limit::{JointLimits, JointMotion, VelocityBox};
 use crate::qp::row_qp::RowSet;
-use motion::Moving;
+use motion::{Moving, Silence};
 use pairs::Pair;
 use watch::{Reach, Watch};
 
@@ -109,6 +116,8 @@ pub enum Inside {
 /// Keeps the distances of one arm.
 #[derive(Debug, Clone)]
 pub struct Clearance<const J: usize> {
+    chain: Chain<J>,
+    limits: JointLimits<J>,
     pairs: Vec<Pair<J>>,
     margin: f64,
     rate: f64,
@@ -156,6 +165,8 @@ impl<const J: usize> Clearance<J> {
             pairs.extend(pairs::of_itself(chain, limits));
         }
         Ok(Self {
+            chain: chain.clone(),
+            limits: *limits,
             watch: Watch::new(pairs.len()),
             pairs,
             margin,
@@ -200,31 +211,37 @@ impl<const J: usize> Clearance<J> {
         elapsed: f64,
         inside: Inside,
     ) -> &RowSet<J> {
-        let Self { pairs, margin, rate, watch, found, .. } = self;
+        let Self { chain, limits, pairs, margin, rate, watch, found, .. } = self;
         found.rows.clear();
         let back = match inside {
             Inside::Retreat => RETREAT_MPS,
             Inside::Stay => 0.0,
         };
         let reach = Reach::new(motion, allowed, elapsed, *rate);
-        let mut moving = None;
+        let (mut moving, mut silent) = (None, None);
         watch.look(pairs, &motion.q, &reach, *margin, |pair, enough| {
-            pair.separations(kinematics, |separation| {
+            let distance = pair.separations(kinematics, |separation| {
                 let gap = separation.distance - *margin;
                 if !(gap <= enough) {
                     return;
                 }
                 let moving = moving.get_or_insert_with(|| Moving::new(kinematics, &motion.qd));
-                let (mut row, mut bending) =
-                    moving.toward(pair.first.link, &separation.point, &separation.normal);
-                if let Some(link) = pair.other_link() {
-                    let (other, bent) = moving.toward(link, &separation.other, &separation.normal);
-                    row.iter_mut().zip(&other).for_each(|(row, other)| *row -= other);
-                    bending -= bent;
-                }
+                let (row, bending) = moving.apart(pair, &separation);
                 let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
                 found.offer(&row, bound, allowed);
-            })
+            });
+            if distance - *margin <= enough {
+                let silent = silent.get_or_insert_with(|| Silence::after(chain, limits, motion, elapsed));
+                let resting = Moving::new(&silent.kinematics, &[0.0; J]);
+                let least = margin.min(distance);
+                pair.separations(&silent.kinematics, |separation| {
+                    let (mut row, _) = resting.apart(pair, &separation);
+                    row.iter_mut().zip(&silent.gain).for_each(|(c, gain)| *c *= gain * *rate);
+                    let now: f64 = row.iter().zip(&motion.qd).map(|(c, v)| c * v).sum();
+                    found.offer(&row, now - *rate * (separation.distance - least), allowed);
+                });
+            }
+            distance
         });
         &found.rows
     }

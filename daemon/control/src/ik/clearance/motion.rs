@@ -1,8 +1,11 @@
-//! How points of the links answer to the joints.
+//! How points of the links answer to the joints, and where a consumer comes to rest.
 
 use nalgebra::Vector3;
 
-use crate::ik::chain::Kinematics;
+use super::distance::Separation;
+use super::pairs::Pair;
+use crate::ik::chain::{Chain, Kinematics};
+use crate::ik::limit::{JointLimits, JointMotion};
 
 /// The links' motion while no joint accelerates.
 pub(super) struct Moving<'a, const J: usize> {
@@ -29,6 +32,17 @@ impl<'a, const J: usize> Moving<'a, J> {
         Self { kinematics, links }
     }
 
+    /// The same for the two sides of a pair against each other: nᵀJ [m/rad], and nᵀJ̇q̇ [m/s²].
+    pub(super) fn apart(&self, pair: &Pair<J>, separation: &Separation) -> ([f64; J], f64) {
+        let (mut row, mut bending) = self.toward(pair.first.link, &separation.point, &separation.normal);
+        if let Some(link) = pair.other_link() {
+            let (other, bent) = self.toward(link, &separation.other, &separation.normal);
+            row.iter_mut().zip(&other).for_each(|(row, other)| *row -= other);
+            bending -= bent;
+        }
+        (row, bending)
+    }
+
     /// nᵀJ of a `point` on `link` [m/rad], and nᵀJ̇q̇ [m/s²].
     pub(super) fn toward(&self, link: usize, point: &Vector3<f64>, normal: &Vector3<f64>) -> ([f64; J], f64) {
         let mut row = [0.0; J];
@@ -43,5 +57,30 @@ impl<'a, const J: usize> Moving<'a, J> {
             (acceleration + alpha.cross(&arm) + omega.cross(&omega.cross(&arm))).dot(normal)
         });
         (row, bending)
+    }
+}
+
+/// Where a consumer comes to rest that hears nothing after the next command, if that goes on as the last.
+pub(super) struct Silence<const J: usize> {
+    pub(super) kinematics: Kinematics<J>,
+    /// How much farther it comes per change of the next velocity, per joint [s].
+    pub(super) gain: [f64; J],
+}
+
+impl<const J: usize> Silence<J> {
+    /// q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking by itself, and h + hold + |q̇|/a_b.
+    pub(super) fn after(
+        chain: &Chain<J>,
+        limits: &JointLimits<J>,
+        motion: &JointMotion<J>,
+        elapsed: f64,
+    ) -> Self {
+        let (mut q, mut gain) = (motion.q, [elapsed + limits.hold_s(); J]);
+        let joints = q.iter_mut().zip(&mut gain).zip(motion.qd.iter().zip(limits.deceleration()));
+        for ((q, gain), (qd, decel)) in joints {
+            *q += qd * (*gain + 0.5 * qd.abs() / decel);
+            *gain += qd.abs() / decel;
+        }
+        Self { kinematics: chain.forward(&q), gain }
     }
 }
