@@ -19,7 +19,7 @@
 //! with the least violation.
 //!
 //! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of its inputs; what
-//! is remembered between ticks ([`watch`]) only saves measuring distances that cannot matter.
+//! is remembered between ticks (`watch`) only saves measuring distances that cannot matter.
 //! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high number of
 //! degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for non-strictly convex polyhedra",
 //! RSS 2008.
@@ -219,6 +219,7 @@ impl<const J: usize> Clearance<J> {
         };
         let reach = Reach::new(motion, allowed, elapsed, *rate);
         let (mut moving, mut silent) = (None, None);
+        let glide = Silence::farthest(limits, motion, allowed, elapsed);
         watch.look(pairs, &motion.q, &reach, *margin, |pair, enough| {
             let distance = pair.separations(kinematics, |separation| {
                 let gap = separation.distance - *margin;
@@ -230,7 +231,9 @@ impl<const J: usize> Clearance<J> {
                 let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
                 found.offer(&row, bound, allowed);
             });
-            if distance - *margin <= enough {
+            // No silent consumer gets that far.
+            let farthest: f64 = pair.levers.iter().zip(&glide).map(|(lever, angle)| lever * angle).sum();
+            if distance - *margin <= farthest {
                 let silent = silent.get_or_insert_with(|| Silence::after(chain, limits, motion, elapsed));
                 let resting = Moving::new(&silent.kinematics, &[0.0; J]);
                 let least = margin.min(distance);

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::distance::Separation;
 use super::pairs::Pair;
 use crate::ik::chain::{Chain, Kinematics};
-use crate::ik::limit::{JointLimits, JointMotion};
+use crate::ik::limit::{JointLimits, JointMotion, VelocityBox};
 
 /// The links' motion while no joint accelerates.
 pub(super) struct Moving<'a, const J: usize> {
@@ -82,5 +82,21 @@ impl<const J: usize> Silence<J> {
             *gain += qd.abs() / decel;
         }
         Self { kinematics: chain.forward(&q), gain }
+    }
+
+    /// Farthest that each joint can be turned until then, by any next velocity in the box [rad].
+    pub(super) fn farthest(
+        limits: &JointLimits<J>,
+        motion: &JointMotion<J>,
+        allowed: &VelocityBox<J>,
+        elapsed: f64,
+    ) -> [f64; J] {
+        let mut angle = motion.qd.map(f64::abs);
+        let fastest = allowed.lower.iter().zip(&allowed.upper).map(|(low, high)| low.abs().max(high.abs()));
+        for ((angle, fastest), decel) in angle.iter_mut().zip(fastest).zip(limits.deceleration()) {
+            let speed = angle.max(fastest);
+            *angle = speed * (elapsed + limits.hold_s() + 0.5 * speed / decel);
+        }
+        angle
     }
 }
