@@ -6,6 +6,7 @@ mod support;
 use std::collections::BTreeSet;
 
 use foretrace_control::follower::{Budget, Health, Mode, Request, Rung, StepInput, StepOutput};
+use foretrace_control::guard::stop::stop_jerk;
 use foretrace_control::predict::PredictorKind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -129,6 +130,40 @@ fn stop_is_left_while_moving_and_hold_from_rest() {
     assert_eq!((output.mode, output.rung), (Mode::Following, Rung::FreshPlan));
     writer.rms(250);
     assert!(writer.rms(500) < 1.05 * usual);
+}
+
+#[test]
+fn stop_changes_acceleration_gradually_without_a_jerk_limit_in_the_settings() {
+    let period_s = PERIOD_NS as f64 * 1e-9;
+    // From several moments of the writing: in the midst of speeding up, of slowing down, of turning.
+    for more in (0..300).step_by(7) {
+        let mut writer = Writer::writing();
+        let mut before: Option<[f64; 6]> = None;
+        let mut qdd = [0.0; 6];
+        let limits = settings(PredictorKind::ConstantVelocity).limits;
+        assert_eq!(limits.jerk(), None);
+        let jerk = stop_jerk(&limits);
+        let mut moved = 0.0_f64;
+        for tick in 0..more + 200 {
+            let request = (tick == more).then_some(Request::Stop);
+            let qd = writer.write(request, Budget::default()).command.unwrap().qd;
+            if let Some(before) = before {
+                for joint in 0..6 {
+                    let now = (qd[joint] - before[joint]) / period_s;
+                    let change = (now - qdd[joint]).abs();
+                    // The first difference of three has no acceleration before it.
+                    if tick >= more && tick > 1 {
+                        moved = moved.max(qd[joint].abs());
+                        let most = jerk[joint] * period_s;
+                        assert!(change <= most * (1.0 + 1e-6) + 1e-6, "tick {tick}, joint {joint}: {change}");
+                    }
+                    qdd[joint] = now;
+                }
+            }
+            before = Some(qd);
+        }
+        assert!(before == Some([0.0; 6]) && (moved > 0.01 || more < 2), "{more}: {moved}");
+    }
 }
 
 #[test]

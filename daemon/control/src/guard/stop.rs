@@ -7,17 +7,28 @@ use super::Commanded;
 use crate::ik::limit::{JointLimits, velocity_box};
 use crate::units::Stamp;
 
+/// From full acceleration to full braking where the limits say nothing about jerk [s]: ten ticks at 500 Hz. An arm that speeds up
+/// goes on doing so for two thirds of it; a longer ramp would cost more way than it saves shaking.
+pub const EASE_S: f64 = 0.02;
+
 /// Brings an arm to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopProfile<const J: usize> {
     limits: JointLimits<J>,
+    jerk: [f64; J],
 }
 
 impl<const J: usize> StopProfile<J> {
-    /// A stop at the consumer's deceleration and, where the limits have one, inside the jerk limit.
+    /// A stop at the consumer's deceleration and inside the jerk limit; where the limits have none, inside [`stop_jerk`].
     #[must_use]
-    pub const fn new(limits: JointLimits<J>) -> Self {
-        Self { limits }
+    pub fn new(limits: JointLimits<J>) -> Self {
+        Self { limits, jerk: stop_jerk(&limits) }
+    }
+
+    /// Jerk limits of the stop, per joint [rad/s³].
+    #[must_use]
+    pub const fn jerk(&self) -> &[f64; J] {
+        &self.jerk
     }
 
     /// Joint velocities [rad/s] from `last` to `stamp`; repeated, they end at exactly zero and stay there.
@@ -30,9 +41,8 @@ impl<const J: usize> StopProfile<J> {
         if h <= 0.0 {
             return qd;
         }
-        let jerks = self.limits.jerk().copied().unwrap_or([f64::INFINITY; J]);
         for ((v, a), (decel, jerk)) in
-            qd.iter_mut().zip(last.qdd()).zip(self.limits.deceleration().iter().zip(&jerks))
+            qd.iter_mut().zip(last.qdd()).zip(self.limits.deceleration().iter().zip(&self.jerk))
         {
             *v = slowed(*v, *a, h, *decel, *jerk);
         }
@@ -51,6 +61,18 @@ impl<const J: usize> StopProfile<J> {
     pub fn is_done(last: &Commanded<J>) -> bool {
         last.qd().iter().chain(last.qdd()).all(|v| *v == 0.0)
     }
+}
+
+/// The jerk limits, or where there are none (acceleration + deceleration)/[`EASE_S`], per joint [rad/s³].
+#[must_use]
+pub fn stop_jerk<const J: usize>(limits: &JointLimits<J>) -> [f64; J] {
+    limits.jerk().copied().unwrap_or_else(|| {
+        let mut jerk = *limits.acceleration();
+        for (jerk, decel) in jerk.iter_mut().zip(limits.deceleration()) {
+            *jerk = (*jerk + decel) / EASE_S;
+        }
+        jerk
+    })
 }
 
 /// The next velocity of one joint on its way to rest.

@@ -5,7 +5,7 @@
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≥ −ξ (d − margin),     ξ = 1 / (max(T_a, T_b/2 + hold) + T_j + h).
 //!
 //! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which the IK itself stops
-//! the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j. Joints that slow down in proportion change
+//! the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with the jerk of a stop. Joints that slow down in proportion change
 //! every closing speed by the factor 1 − h/T, the gaps by 1 − ξh at most: to first order braking keeps all rows at once,
 //! whatever the pairs, and the QP always has an answer.
 //!
@@ -40,6 +40,7 @@ pub use shape::{Capsule, MAX_OBSTACLES, Obstacle, ObstacleError};
 
 use super::chain::{Chain, Kinematics};
 use super::limit::{JointLimits, JointMotion, VelocityBox};
+use crate::guard::stop::stop_jerk;
 use crate::qp::row_qp::RowSet;
 use motion::{Moving, Silence};
 use pairs::Pair;
@@ -159,7 +160,7 @@ impl<const J: usize> Clearance<J> {
         let longest = |v: &[f64; J], a: &[f64; J]| v.iter().zip(a).map(|(v, a)| v / a).fold(0.0, f64::max);
         let own = longest(limits.velocity(), limits.acceleration());
         let consumer = 0.5 * longest(limits.velocity(), limits.deceleration()) + limits.hold_s();
-        let ease = limits.jerk().map_or(0.0, |jerk| longest(limits.acceleration(), jerk));
+        let ease = longest(limits.acceleration(), &stop_jerk(limits));
         let mut pairs = pairs::with_obstacles(chain, &settings.obstacles);
         if settings.itself {
             pairs.extend(pairs::of_itself(chain, limits));
