@@ -3,6 +3,7 @@
 //! Contract: nothing is judged here but the syntax. Every value, also inside an array, keeps its source, its
 //! line and its text, so that whoever judges it later can point at it. No panic on any input.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
@@ -94,25 +95,27 @@ const SYNTAX_ERRORS: usize = 8;
 pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
     let (root, errors) = DeTable::parse_recoverable(text);
-    let mut told: Vec<usize> = Vec::new();
+    let mut told: BTreeSet<usize> = BTreeSet::new();
+    let mut next = None;
     for error in &errors {
         let line = error.span().map_or(0, |span| lines.line(span.start));
         // The parser repeats itself at every level of nesting, and where a bracket is missing on every line that follows.
-        if told.contains(&line) {
+        if !told.insert(line) {
             continue;
         }
-        told.push(line);
         if told.len() <= SYNTAX_ERRORS {
             let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
             problems.push(Problem::Syntax { place: at_line(place, line), what });
+        } else {
+            next = next.or(Some(line));
         }
     }
-    if let Some(line) = told.get(SYNTAX_ERRORS) {
+    if let Some(line) = next {
         let what = format!(
             "from here on {} more lines cannot be read, probably because of those above",
             told.len() - SYNTAX_ERRORS
         );
-        problems.push(Problem::Syntax { place: at_line(place, *line), what });
+        problems.push(Problem::Syntax { place: at_line(place, line), what });
     }
     // A broken line leaves half-read values behind: judging them would bury the cause under its consequences.
     if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }

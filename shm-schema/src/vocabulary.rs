@@ -137,7 +137,7 @@ wire_enum! {
         Unproven = 15 => "no evidence yet",
         /// The pen left the bands of recent previews far more often than they promise.
         Surprised = 16 => "pen outside the bands",
-        /// Too many recent ticks had no plan at all.
+        /// Too many recent ticks had to stop instead of following a plan.
         SolverUnhealthy = 17 => "plans in trouble",
         /// The learner handed over parameters that were refused.
         LearnerUnhealthy = 18 => "learner unhealthy",

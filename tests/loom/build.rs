@@ -9,6 +9,8 @@ use std::{env, fs};
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(loom)");
     println!("cargo::rerun-if-changed=build.rs");
+    // Another ring may be shipped.
+    println!("cargo::rerun-if-changed=../../Cargo.lock");
     if env::var_os("CARGO_CFG_LOOM").is_none() {
         return;
     }

@@ -31,21 +31,25 @@ impl Frozen {
         Some(frozen)
     }
 
-    /// Lets the thread run until it has made `count` system calls; how often each, by number.
+    /// Lets the thread run until it has made `count` system calls; how often each, by number. `None` where the kernel does not
+    /// tell (before 5.3).
     ///
     /// # Panics
     /// The thread ends meanwhile.
     #[must_use]
-    pub fn system_calls(&self, count: usize) -> BTreeMap<libc::c_long, usize> {
+    pub fn system_calls(&self, count: usize) -> Option<BTreeMap<libc::c_long, usize>> {
         let mut calls = BTreeMap::new();
-        let mut seen = 0;
+        let (mut seen, mut signal) = (0, 0);
         while seen < count {
             let none = std::ptr::null_mut::<libc::c_void>();
-            // SAFETY: the thread is stopped and traced by this one; no memory is touched and no signal delivered.
-            assert_eq!(unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.0, none, none) }, 0);
+            // SAFETY: the thread is stopped and traced by this one; no memory is touched, and only its own signal delivered.
+            assert_eq!(unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.0, none, signal) }, 0);
             let stop = self.wait();
             assert!(libc::WIFSTOPPED(stop), "the thread has ended");
+            signal = 0;
             if libc::WSTOPSIG(stop) != libc::SIGTRAP | 0x80 {
+                let of_tracing = stop >> 16 != 0 || libc::WSTOPSIG(stop) == libc::SIGTRAP;
+                signal = if of_tracing { 0 } else { libc::WSTOPSIG(stop) };
                 continue;
             }
             // SAFETY: plain numbers, for which zero is a value.
@@ -53,7 +57,9 @@ impl Frozen {
             let size = std::mem::size_of_val(&info);
             // SAFETY: at most `size` bytes are written to `info`.
             let written = unsafe { libc::ptrace(libc::PTRACE_GET_SYSCALL_INFO, self.0, size, &raw mut info) };
-            assert!(written > 0, "the kernel does not tell system calls");
+            if written <= 0 {
+                return None;
+            }
             if info.op == libc::PTRACE_SYSCALL_INFO_ENTRY {
                 // SAFETY: `op` says that the entry is what was written.
                 let number = unsafe { info.u.entry.nr };
@@ -61,7 +67,7 @@ impl Frozen {
                 seen += 1;
             }
         }
-        calls
+        Some(calls)
     }
 
     /// Until the thread stops.

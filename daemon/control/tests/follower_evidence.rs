@@ -199,6 +199,15 @@ fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away(
         trust = tick(Budget::default(), None);
     }
     assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
+
+    // A learner that never speaks again is not held against what is in force for ever.
+    weights.version = 7;
+    weights.dybm.version = 7;
+    assert_eq!(tick(Budget::default(), Some(&weights)).reason, TrustReason::LearnerUnhealthy);
+    for _ in 0..2600 {
+        trust = tick(Budget::default(), None);
+    }
+    assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
 }
 
 /// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.

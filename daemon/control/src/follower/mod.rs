@@ -29,6 +29,7 @@ use watch::Watch;
 use crate::lag::{Aim, DeadTime, LagEstimator};
 use crate::learn::LearnStep;
 use crate::pen::{PenOrigin, PenReading, PenTracker};
+use crate::predict::bands::BAND_LEADS;
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
 use crate::trust::{Evidence, TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
@@ -47,8 +48,8 @@ pub struct Follower<const N: usize, const J: usize> {
     trust_request: TrustRequest,
     /// Share of the recent ticks that wanted a plan and had none.
     unplanned: f64,
-    /// What the learner handed over last was refused.
-    weights_refused: bool,
+    /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has judged the set in force.
+    learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
     mover: Mover<N, J>,
@@ -57,6 +58,9 @@ pub struct Follower<const N: usize, const J: usize> {
 /// Leads whose evidence decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
 /// anew in every tick.
 const LEADS_JUDGED: usize = 2;
+
+/// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of the evidence.
+const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
 
 /// Ticks over which the share of those without a plan forgets.
 const SOLVER_TICKS: f64 = 50.0;
@@ -90,7 +94,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
             unplanned: 0.0,
-            weights_refused: false,
+            learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
             mover,
@@ -157,9 +161,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         clock.lap(Stage::Pen);
 
         if let Some(weights) = input.weights {
-            self.weights_refused = self.previewer.set_weights(weights).is_err();
-            if self.weights_refused {
+            self.learner_doubt_ns = 0;
+            if self.previewer.set_weights(weights).is_err() {
                 health.set(Health::WEIGHTS_REFUSED);
+                self.learner_doubt_ns = LEARNER_DOUBT_NS;
             }
         }
         let trust = self.believe(pen_age, news.jumped);
@@ -244,6 +249,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 let joints = self.watch.may_arm(now, self.mover.at_rest())?;
                 self.mover.seed(now, &joints.q)?;
                 self.watch.arm(now);
+                self.learner_doubt_ns = 0;
             }
             Request::Disarm => self.watch.disarm(),
             Request::Stop => self.watch.latch(StopReason::Requested),
@@ -324,23 +330,25 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
                 unplanned: self.unplanned,
-                weights_refused: self.weights_refused,
+                weights_refused: self.learner_doubt_ns > 0,
                 record: self.evidence.record(nearest, nearest + LEADS_JUDGED - 1),
             },
             self.settings.period_ns,
         );
+        self.learner_doubt_ns = self.learner_doubt_ns.saturating_sub(self.settings.period_ns);
         let mut switched = false;
         if report.alpha.alpha() <= 0.0
             && let Some(kind) = self.pending_predictor.take()
         {
             switched = self.previewer.choose(kind).is_ok();
+            self.learner_doubt_ns = 0;
         }
         Believed { report, switched }
     }
 
-    /// The nearest lead that a plan looks at [steps].
+    /// The nearest lead that a plan looks at, as far as there are bands [steps].
     fn nearest_lead(&self) -> usize {
-        (self.ahead_ns() / self.settings.pen.step_ns) as usize + 1
+        ((self.ahead_ns() / self.settings.pen.step_ns) as usize + 1).min(BAND_LEADS)
     }
 
     /// How far ahead references lie: the dead time, without the servo that the plan reckons with, and the plan's response.

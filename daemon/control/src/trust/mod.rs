@@ -124,9 +124,9 @@ pub struct TrustInputs {
     pub preview_finite: bool,
     /// Another predictor waits for α = 0 to take over.
     pub switching: bool,
-    /// Share of the recent ticks that wanted a plan and had neither a fresh one nor one that was still good, [0, 1].
+    /// Share of the recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no joints for it.
     pub unplanned: f64,
-    /// The parameters that the learner handed over last were refused.
+    /// Parameters of the learner were refused lately, and none were accepted since.
     pub weights_refused: bool,
     /// What past previews were worth.
     pub record: Record,
@@ -152,7 +152,7 @@ pub enum TrustReason {
     Manual,
     /// The value that an operator froze.
     Frozen,
-    /// Too many recent ticks had no plan at all: what begins again begins gently.
+    /// Too many recent ticks had nothing to follow, no plan or no joints for it: what begins again begins gently.
     SolverUnhealthy,
     /// The learner handed over parameters that were none: it may have learned from the same steps what the predictor remembers.
     LearnerUnhealthy,
@@ -171,7 +171,7 @@ pub enum TrustReason {
 }
 
 impl TrustReason {
-    /// Every reason, in the order of their numbers on the wire.
+    /// Every reason, in the order in which they are judged.
     pub const ALL: [Self; 16] = [
         Self::Disarmed,
         Self::Stale,
