@@ -143,10 +143,18 @@ impl World {
         daemon
     }
 
-    /// Starts a simulated arm and waits until the daemon can be armed, then arms it.
+    /// Starts a simulated arm and waits until the daemon can be armed, then arms it. When it ends, every command that it got
+    /// must have been legal.
     #[must_use]
     pub fn armed_arm(&self, other: u32, options: &[&str]) -> Process {
-        let mut arm = self.start(other, &[&["arm", "sim"], options].concat());
+        let wanted = options.iter().skip_while(|word| **word != "--json").nth(1).map(PathBuf::from);
+        let report = wanted.unwrap_or_else(|| self.file(&format!("armed-{other}.json")));
+        let file = report.display().to_string();
+        let mut words = [&["arm", "sim"], options].concat();
+        if !options.contains(&"--json") {
+            words.extend(["--json", &file]);
+        }
+        let mut arm = self.start(other, &words).reporting_to(report);
         self.arm(other, &mut arm);
         arm
     }

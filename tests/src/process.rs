@@ -1,7 +1,7 @@
 //! Processes of a test, and waiting for them: never without end.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output};
 use std::time::{Duration, Instant};
 
@@ -15,11 +15,19 @@ const PATIENCE: Duration = Duration::from_secs(60);
 pub struct Process {
     child: Child,
     words: String,
+    /// Where an arm reports the commands that it got.
+    report: Option<PathBuf>,
 }
 
 impl Process {
     pub(crate) const fn new(child: Child, words: String) -> Self {
-        Self { child, words }
+        Self { child, words, report: None }
+    }
+
+    /// The same, an arm that reports to `file`: no command that it got may have broken a rule.
+    pub(crate) fn reporting_to(mut self, file: PathBuf) -> Self {
+        self.report = Some(file);
+        self
     }
 
     /// Number of the process.
@@ -45,12 +53,15 @@ impl Process {
     /// Asks it to end as Ctrl-C does and waits.
     ///
     /// # Panics
-    /// It does not end, or badly.
-    pub fn end(self) -> Output {
-        let words = self.words.clone();
+    /// It does not end, or badly; an arm of [`crate::World::armed_arm`] got a command that broke a rule.
+    pub fn end(mut self) -> Output {
+        let (words, report) = (self.words.clone(), self.report.take());
         self.signal("-INT");
         let output = self.output();
         assert!(output.status.success(), "`foretrace {words}`: {}", told(&output));
+        if let Some(report) = report.map(|file| json(&file)) {
+            assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
+        }
         output
     }
 

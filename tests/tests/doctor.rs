@@ -211,6 +211,6 @@ fn nothing_of_a_living_daemon_is_removed_when_a_peer_of_it_died() {
     assert!(check(&report, "leftovers")["ok"] == true, "{report}");
     daemon.expect_alive();
     // The services are whole: another arm can attach.
-    let _arm = world.armed_arm(0, &[]);
+    world.armed_arm(0, &[]).end();
     daemon.end();
 }

@@ -120,7 +120,7 @@ fn an_allowed_user_s_pen_moves_the_loop_through_the_gateway_and_others_are_turne
     // Without root the only user at hand is the own one; the way through the gateway is the same.
     let sender = stranger.as_ref().map_or(world.user(), |_| STRANGER);
     let daemon = world.daemon(0);
-    let _arm = world.armed_arm(0, &[]);
+    let arm = world.armed_arm(0, &[]);
     let path = world.file("pen.socket");
     let socket = path.display().to_string();
     let uid = sender.to_string();
@@ -158,6 +158,7 @@ fn an_allowed_user_s_pen_moves_the_loop_through_the_gateway_and_others_are_turne
     assert_eq!(tally["samples"]["refused"], serde_json::json!({}), "{tally}");
     assert_eq!(tally["turned_away"]["another client is connected"], 1, "{tally}");
     assert_eq!(tally["turned_away"]["user not allowed"].as_u64().unwrap_or(0), turned_away, "{tally}");
+    arm.end();
     daemon.end();
 }
 

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT]]]`
 //!
-//! FOLDER: a set such as `../shared/data/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
+//! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
 //! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17 and 37 ms
 //! after a sample, of: standing still; the shipped predictor's preview; a Kalman filter tuned for that lead; the preview with
 //! what `trust::Evidence` makes of it. Points of a preview are joined by straight lines.
