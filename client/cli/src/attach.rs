@@ -53,6 +53,8 @@ pub(crate) fn unattached(error: ServiceError) -> Failure {
 pub(crate) struct Lookout {
     next: Instant,
     away: bool,
+    /// Handles could not be made anew yet.
+    again: bool,
 }
 
 /// What changed since the last look.
@@ -70,7 +72,12 @@ pub(crate) enum News {
 
 impl Lookout {
     pub(crate) fn new() -> Self {
-        Self { next: Instant::now() + LOOK_EVERY, away: false }
+        Self { next: Instant::now() + LOOK_EVERY, away: false, again: false }
+    }
+
+    /// The new handles could not be made: the next look says so once more.
+    pub(crate) fn again(&mut self) {
+        self.again = true;
     }
 
     /// Looks, at most four times per second; re-attaches where that is needed and possible.
@@ -81,8 +88,8 @@ impl Lookout {
         }
         self.next = now + LOOK_EVERY;
         match foretrace.reattach_if_needed() {
-            Ok(Attachment::Renewed) => {
-                self.away = false;
+            Ok(found) if found == Attachment::Renewed || self.again => {
+                (self.away, self.again) = (false, false);
                 News::Renewed
             }
             Ok(found) => {

@@ -163,7 +163,10 @@ impl Simulation {
                     self.ports = None;
                     match Ports::open(&self.foretrace) {
                         Ok(ports) => self.ports = Some(ports),
-                        Err(failure) => note!("{failure}"),
+                        Err(failure) => {
+                            note!("{failure}");
+                            lookout.again();
+                        }
                     }
                     note!("arm: a new daemon is there");
                 }

@@ -130,7 +130,10 @@ fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
             pen.feed = None;
             match foretrace.pen_feed() {
                 Ok(feed) => pen.feed = Some(feed),
-                Err(error) => note!("{}", unattached(error)),
+                Err(error) => {
+                    note!("{}", unattached(error));
+                    lookout.again();
+                }
             }
             note!("gateway: a new daemon is there");
         }

@@ -71,7 +71,10 @@ impl Way {
                 *feed = None;
                 match foretrace.pen_feed() {
                     Ok(new) => *feed = Some(new),
-                    Err(error) => note!("{}", unattached(error)),
+                    Err(error) => {
+                        note!("{}", unattached(error));
+                        lookout.again();
+                    }
                 }
                 note!("play: a new daemon is there");
             }
