@@ -69,14 +69,10 @@ pub fn solve<const J: usize>(
         active: ActiveBounds::default(),
         kkt_residual: f64::NAN,
     };
-    let finite = g.iter().chain(h.as_flattened()).all(|entry| entry.is_finite());
-    if !finite || lower.iter().chain(&upper).any(|bound| bound.is_nan()) {
-        return failed(QpStatus::NotFinite);
-    }
-    if lower.iter().zip(&upper).any(|(lower, upper)| lower > upper) {
-        return failed(QpStatus::Infeasible);
-    }
-    let Some(factor) = Cholesky::new(h) else { return failed(QpStatus::NotConvex) };
+    let factor = match factored(h, &g, &lower, &upper) {
+        Ok(factor) => factor,
+        Err(status) => return failed(status),
+    };
 
     let mut x = factor.solve(&g.map(|entry| -entry));
     let mut active = ActiveBounds::default();
@@ -162,7 +158,27 @@ impl<const J: usize> Gram<1, J> for Inverse<'_, J> {
     }
 }
 
-fn clamped<const J: usize>(x: &[f64; J], lower: &[f64; J], upper: &[f64; J]) -> [f64; J] {
+/// The factor of `h`, if the problem over the box has a minimiser that can be found.
+///
+/// *Errors*: `NotFinite`, `Infeasible`, `NotConvex`.
+pub(super) fn factored<const J: usize>(
+    h: &Square<J>,
+    g: &[f64; J],
+    lower: &[f64; J],
+    upper: &[f64; J],
+) -> Result<Cholesky<J>, QpStatus> {
+    let finite = g.iter().chain(h.as_flattened()).all(|entry| entry.is_finite());
+    if !finite || lower.iter().chain(upper).any(|bound| bound.is_nan()) {
+        return Err(QpStatus::NotFinite);
+    }
+    if lower.iter().zip(upper).any(|(lower, upper)| lower > upper) {
+        return Err(QpStatus::Infeasible);
+    }
+    Cholesky::new(h).ok_or(QpStatus::NotConvex)
+}
+
+/// `x` moved into the box.
+pub(super) fn clamped<const J: usize>(x: &[f64; J], lower: &[f64; J], upper: &[f64; J]) -> [f64; J] {
     let mut inside = *x;
     for ((x, lower), upper) in inside.iter_mut().zip(lower).zip(upper) {
         *x = x.max(*lower).min(*upper);
@@ -171,7 +187,7 @@ fn clamped<const J: usize>(x: &[f64; J], lower: &[f64; J], upper: &[f64; J]) -> 
 }
 
 /// `x` with the active coordinates exactly on their bounds and the others inside.
-fn pinned<const J: usize>(
+pub(super) fn pinned<const J: usize>(
     x: &[f64; J],
     lower: &[f64; J],
     upper: &[f64; J],

@@ -7,7 +7,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::box_qp::ActiveBounds;
+use super::box_qp::{ActiveBounds, clamped, factored, pinned};
 use super::cholesky::{Cholesky, Square};
 use super::dual::{Bounds, DualActiveSet, Gram, Rows, Termination};
 use super::{KKT_TOLERANCE, QpStatus};
@@ -139,15 +139,13 @@ pub fn solve<const J: usize>(
         yielded: 0,
         kkt_residual: f64::NAN,
     };
-    let of_rows = rows.iter().flat_map(|(c, lower)| c.iter().copied().chain([lower]));
-    let finite = g.iter().chain(h.as_flattened()).copied().chain(of_rows).all(f64::is_finite);
-    if !finite || lower.iter().chain(&upper).any(|bound| bound.is_nan()) {
+    if !rows.iter().all(|(c, lower)| c.iter().all(|entry| entry.is_finite()) && lower.is_finite()) {
         return failed(QpStatus::NotFinite);
     }
-    if lower.iter().zip(&upper).any(|(lower, upper)| lower > upper) {
-        return failed(QpStatus::Infeasible);
-    }
-    let Some(factor) = Cholesky::new(h) else { return failed(QpStatus::NotConvex) };
+    let factor = match factored(h, &g, &lower, &upper) {
+        Ok(factor) => factor,
+        Err(status) => return failed(status),
+    };
 
     let start = factor.solve(&g.map(|entry| -entry));
     let [r0, r1, r2] = rows.coefficients.map(|block| block.map(|c| dot(&c, &start)));
@@ -250,16 +248,9 @@ impl<const J: usize> Problem<'_, J> {
     #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]
     fn refined(&self, found: &[f64; J], state: &State) -> Option<([f64; J], Rows<BLOCKS, J>)> {
         let free = |i: usize| (state.active.lower | state.active.upper) >> i & 1 == 0;
-        let mut x = *found;
+        let x = pinned(found, self.lower, self.upper, state.active);
         let mut right = [0.0; J];
         let mut reduced = [[0.0; J]; J];
-        for i in 0..J {
-            if state.active.upper >> i & 1 == 1 {
-                x[i] = self.upper[i];
-            } else if state.active.lower >> i & 1 == 1 {
-                x[i] = self.lower[i];
-            }
-        }
         for i in 0..J {
             if !free(i) {
                 reduced[i][i] = 1.0;
@@ -373,12 +364,4 @@ impl<const J: usize> Problem<'_, J> {
 
 fn dot<const J: usize>(a: &[f64; J], b: &[f64; J]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn clamped<const J: usize>(x: &[f64; J], lower: &[f64; J], upper: &[f64; J]) -> [f64; J] {
-    let mut inside = *x;
-    for ((x, lower), upper) in inside.iter_mut().zip(lower).zip(upper) {
-        *x = x.max(*lower).min(*upper);
-    }
-    inside
 }
