@@ -18,26 +18,32 @@ pub mod memory;
 pub mod options;
 pub mod error;
 pub mod supervisor;
+mod log;
 
 pub use error::DaemonError;
+pub use log::LogGuard;
 pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
 pub use supervisor::{ExitReport, run};
 
 #[cfg(test)]
 mod testing;
 
-/// Sends the daemon's log to stderr; `filter` as in `RUST_LOG`, for example `info` or `foretraced=debug`.
+/// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for example `info` or
+/// `foretraced=debug`. No thread of the daemon waits for whoever reads it.
 ///
 /// # Errors
-/// The filter cannot be read, or a log is set up already.
-pub fn log_to_stderr(filter: &str) -> Result<(), String> {
+/// The filter cannot be read, a log is set up already, or the system starts no thread.
+pub fn log_to_stderr(filter: &str) -> Result<LogGuard, String> {
     let filter = tracing_subscriber::EnvFilter::try_new(filter)
         .map_err(|error| format!("--log {filter}: {error}; try error, warn, info, debug"))?;
+    let (messages, guard) =
+        log::Messages::to(std::io::stderr()).map_err(|error| format!("starting the log: {error}"))?;
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(messages)
         .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
         .with_target(false)
         .try_init()
-        .map_err(|error| error.to_string())
+        .map_err(|error| error.to_string())?;
+    Ok(guard)
 }

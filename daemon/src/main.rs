@@ -23,7 +23,7 @@ struct Args {
 fn main() -> ExitCode {
     let args = Args::parse();
     let outcome = foretraced::log_to_stderr(&args.log)
-        .and_then(|()| foretraced::run(&args.daemon.options()).map_err(|error| error.to_string()));
+        .and_then(|_log| foretraced::run(&args.daemon.options()).map_err(|error| error.to_string()));
     match outcome {
         Ok(_) => ExitCode::SUCCESS,
         Err(text) => {

@@ -29,7 +29,7 @@ pub(crate) struct DaemonArgs {
 }
 
 pub(crate) fn run(args: &DaemonArgs) -> Result<(), Failure> {
-    foretraced::log_to_stderr(&args.log).map_err(|error| Failure::bad_input(error, ""))?;
+    let _log = foretraced::log_to_stderr(&args.log).map_err(|error| Failure::bad_input(error, ""))?;
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate;
     let rights = if args.no_rights { Rights::Leave } else { Rights::Ask };

@@ -93,3 +93,24 @@ fn more_operators_than_the_middleware_remembers() {
     let report = scene.end();
     assert_eq!((&report["begins"], &report["streams"]), (&1.into(), &1.into()), "{report}");
 }
+
+/// The daemon's messages go into a pipe of 64 KiB that this test holds and does not empty.
+#[test]
+fn nobody_reads_the_messages() {
+    let world = World::new(PROGRAM);
+    let file = world.file("settings.toml");
+    std::fs::write(&file, "preset = \"ur5\"\n").expect("own folder");
+    let scene = Scene::following_with(world, &["--config", &file.display().to_string()]);
+    // Each refusal quotes all of this.
+    let wrong: String = (0..8).map(|key| format!("{}{key} = 1\n", "long-winded-".repeat(30))).collect();
+    std::fs::write(&file, wrong).expect("own folder");
+    for _ in 0..60 {
+        assert_refused(&scene.world.run(0, &["request", "reload"]), 4, &["long-winded"]);
+    }
+    let since = monotonic_now_ns();
+    say_times("messages that nobody reads", vec![scene.follows_again(since)]);
+    assert_eq!(scene.world.status(0)["mode"], "following");
+    let (report, said) = scene.end_and_listen();
+    assert_eq!(report["begins"], 1, "{report}");
+    assert!(said > 128 << 10, "the pipe was never full: {said} bytes");
+}

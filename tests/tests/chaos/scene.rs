@@ -212,7 +212,12 @@ impl Scene {
 
     /// Ends everything in order and judges: no command broke a rule, none is unaccounted for, nothing is left behind.
     /// Returns the recorder's report.
-    pub(crate) fn end(mut self) -> Value {
+    pub(crate) fn end(self) -> Value {
+        self.end_and_listen().0
+    }
+
+    /// The same; returns also the number of bytes that the daemon had said and nobody had read.
+    pub(crate) fn end_and_listen(mut self) -> (Value, usize) {
         if let Some(player) = self.player.take() {
             player.end();
         }
@@ -247,11 +252,9 @@ impl Scene {
         }
         // A recorder that the machine kept asleep for half a second missed some, and says so.
         assert!(count("missed") * 20 <= count("seen"), "{report}");
-        if let Some(daemon) = self.daemon.take() {
-            daemon.end();
-        }
+        let said = self.daemon.take().map_or(0, |daemon| daemon.end().stderr.len());
         assert_nothing_left(&self.world);
-        report
+        (report, said)
     }
 }
 

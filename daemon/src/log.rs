@@ -1,0 +1,169 @@
+//! Messages for people: written by a thread of their own, so that nobody waits for whoever reads them.
+//!
+//! Contract: a terminal that is stopped, a pager, or a pipe that nobody empties holds up this thread only. Up to [`WAITING`] messages wait;
+//! further ones are lost, and how many is the next thing that is written.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
+use tracing_subscriber::fmt::MakeWriter;
+
+/// Messages that may wait: some seconds of a daemon that has much to say.
+const WAITING: usize = 1024;
+/// How long an ending program waits for its last messages to be taken.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+enum Item {
+    Line(Vec<u8>),
+    /// Answered when everything before it has been written.
+    Mark(Sender<()>),
+}
+
+/// The way to the writer; clones write to the same.
+#[derive(Debug, Clone)]
+pub(crate) struct Messages {
+    items: Sender<Item>,
+    lost: Arc<AtomicU64>,
+}
+
+/// Waits, when dropped, until what was said before has been written, but not for ever.
+#[derive(Debug)]
+#[must_use = "the last messages of a program are lost without it"]
+pub struct LogGuard(Messages);
+
+impl Messages {
+    /// A thread that writes to `out`.
+    ///
+    /// *Errors*: the system starts no thread.
+    pub(crate) fn to(out: impl Write + Send + 'static) -> io::Result<(Self, LogGuard)> {
+        let (sender, items) = bounded(WAITING);
+        let messages = Self { items: sender, lost: Arc::default() };
+        let lost = messages.lost.clone();
+        std::thread::Builder::new()
+            .name("foretrace-log".into())
+            .stack_size(128 * 1024)
+            .spawn(move || write_all(&items, &lost, out))?;
+        Ok((messages.clone(), LogGuard(messages)))
+    }
+}
+
+fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
+    for item in items {
+        let missing = lost.swap(0, Ordering::Relaxed);
+        // Who cannot be written to cannot be told.
+        if missing > 0 {
+            let _ = writeln!(out, "{missing} messages lost: nobody took them");
+        }
+        match item {
+            Item::Line(line) => drop(out.write_all(&line)),
+            Item::Mark(done) => {
+                let _ = out.flush();
+                let _ = done.try_send(());
+            }
+        }
+    }
+}
+
+impl Write for Messages {
+    /// Takes a whole message; the subscriber writes each in one go.
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) =
+            self.items.try_send(Item::Line(line.to_vec()))
+        {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'a> MakeWriter<'a> for Messages {
+    type Writer = Self;
+
+    fn make_writer(&'a self) -> Self {
+        self.clone()
+    }
+}
+
+impl Drop for LogGuard {
+    fn drop(&mut self) {
+        let (done, written) = bounded(1);
+        if self.0.items.send_timeout(Item::Mark(done), PATIENCE).is_ok() {
+            let _ = written.recv_timeout(PATIENCE);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+    use std::time::Instant;
+
+    use super::*;
+
+    /// Takes nothing while `stopped` is locked.
+    #[derive(Clone, Default)]
+    struct Reader {
+        stopped: Arc<Mutex<()>>,
+        read: Arc<Mutex<Vec<u8>>>,
+    }
+
+    impl Write for Reader {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let _gate = self.stopped.lock().unwrap();
+            self.read.lock().unwrap().write(bytes)
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn nobody_waits_for_a_reader_that_does_not_read_and_what_is_lost_is_told() {
+        let reader = Reader::default();
+        let (mut messages, guard) = Messages::to(reader.clone()).unwrap();
+        let gate = reader.stopped.lock().unwrap();
+        let said = WAITING + 500;
+        for number in 0..said {
+            messages.write_all(format!("message {number}\n").as_bytes()).unwrap();
+        }
+        let since = Instant::now();
+        drop(guard);
+        assert!(since.elapsed() < Duration::from_secs(20), "waited for a reader that never comes");
+        drop(gate);
+        let (_, last) = (messages.write(b"later\n").unwrap(), LogGuard(messages));
+        drop(last);
+        let text = String::from_utf8(reader.read.lock().unwrap().clone()).unwrap();
+        let mut kept = text.lines().filter(|line| line.starts_with("message "));
+        assert_eq!(kept.next(), Some("message 0"));
+        let written = 1 + kept.count();
+        let lost: usize = text
+            .lines()
+            .filter_map(|line| line.strip_suffix(" messages lost: nobody took them")?.parse::<usize>().ok())
+            .sum();
+        assert!(written >= WAITING, "{written}");
+        // The very last ones may still be on their way when this ends.
+        assert!(
+            written + lost + usize::from(text.contains("later")) >= said,
+            "{written} written, {lost} lost"
+        );
+    }
+
+    #[test]
+    fn guard_waits_for_the_last_message() {
+        let reader = Reader::default();
+        let (mut messages, guard) = Messages::to(reader.clone()).unwrap();
+        for number in 0..200 {
+            messages.write_all(format!("{number}\n").as_bytes()).unwrap();
+        }
+        drop(guard);
+        let text = String::from_utf8(reader.read.lock().unwrap().clone()).unwrap();
+        assert!(text.ends_with("199\n") && text.lines().count() == 200, "{text}");
+    }
+}
