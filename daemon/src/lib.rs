@@ -26,6 +26,11 @@ pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
 pub use supervisor::{ExitReport, run};
 
 #[cfg(test)]
+extern crate self as foretraced;
+#[cfg(test)]
+#[path = "../tests/support/mod.rs"]
+mod support;
+#[cfg(test)]
 mod testing;
 
 /// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for example `info` or

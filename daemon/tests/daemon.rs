@@ -5,8 +5,8 @@ mod support;
 use std::process::{Command, Stdio};
 
 use foretrace_shm::{
-    ControlOp, ControlStatus, FaultReason, GhostState, HeaderBounds, Mode, PredictorId, Purge, Services,
-    Session, monotonic_now_ns,
+    ControlOp, ControlStatus, Enable, FaultReason, GhostState, HeaderBounds, Mode, PredictorId, Purge,
+    Services, Session, monotonic_now_ns,
 };
 use foretraced::{DaemonError, Source};
 use support::{Operator, Place, Running, arm, pen, turn, until};
@@ -142,6 +142,39 @@ fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_
     assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
     // Everything but the first command after arming is compared with the one before.
     assert_eq!(log.begun.load(std::sync::atomic::Ordering::Relaxed), 1);
+    daemon.end().unwrap();
+}
+
+#[test]
+fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_are_counted() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source().with("safety.enable_required", true));
+    let mut operator = Operator::attach(&place);
+    let session = Session::open(&place.instance(), "dead-man").unwrap();
+    let services = Services::open(&session).unwrap();
+    let mut dead_man = services.enable.publisher().unwrap();
+    let mut beat = || dead_man.publish(monotonic_now_ns(), Enable::default()).map(|_| ()).unwrap();
+    let (_arm, log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::NotEnabled);
+    until("it is armed under a dead-man", || {
+        beat();
+        operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(())
+    });
+    let held = operator.status_when("it follows for as long as the dead-man beats", |status| {
+        beat();
+        status.mode == u32::from(Mode::Following) && status.trust > 0.5
+    });
+    assert_eq!((held.counters.enable_dropped, held.counters.enable_rejected), (0, 0));
+    // Far more between two ticks than shared memory keeps.
+    (0..2000).for_each(|_| beat());
+    let stopped = operator.status_when("silence stops it", |status| status.mode == u32::from(Mode::Stopped));
+    assert_eq!(stopped.fault, u32::from(FaultReason::DeadMan));
+    let status = operator.status_when("losses are counted", |status| status.counters.enable_dropped > 0);
+    assert!(status.counters.enable_dropped < 2000, "{}", status.counters.enable_dropped);
+    assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
     daemon.end().unwrap();
 }
 

@@ -32,6 +32,8 @@ wire! {
         pub pen_outliers: u64,
         /// Gaps in the pen's device stamps.
         pub pen_gaps: u64,
+        /// Ticks that left pen samples for the next one, because one takes only so many.
+        pub pen_deferred_ticks: u64,
         /// Pen samples refused, by reason.
         pub pen_rejected: Rejections,
         /// Joint states accepted.
@@ -44,6 +46,8 @@ wire! {
         pub joint_state_rejected: Rejections,
         /// Dead-man messages refused, all reasons.
         pub enable_rejected: u64,
+        /// Dead-man messages missing in the sender's sequence.
+        pub enable_dropped: u64,
         /// Receives that failed in the middleware.
         pub receive_failures: u64,
         /// Tick records lost because the ring to the ipc thread was full.

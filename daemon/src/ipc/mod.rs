@@ -75,6 +75,9 @@ pub enum IpcOrder {
         /// Their hash.
         hash: u64,
     },
+    /// Fail as no message can make it fail.
+    #[cfg(test)]
+    Panic,
 }
 
 /// What the thread needs besides its ports.
@@ -224,6 +227,8 @@ impl Ipc {
                 self.settings_revision += 1;
                 self.settings.settings_hash = hash;
             }
+            #[cfg(test)]
+            IpcOrder::Panic => panic!("as the test wants it"),
         }
     }
 

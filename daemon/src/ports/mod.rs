@@ -121,6 +121,8 @@ pub struct PortTally {
     pub joints_rejected: [u64; REJECT_REASONS],
     /// Dead-man messages refused.
     pub enable_rejected: u64,
+    /// Dead-man messages missing in the sender's sequence.
+    pub enable_dropped: u64,
     /// Receives that failed in the middleware.
     pub receive_failures: u64,
     /// Commands sent.

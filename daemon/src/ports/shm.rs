@@ -79,6 +79,7 @@ impl Ports for ShmPorts {
         tally.joints_dropped = self.joints.dropped();
         tally.joints_rejected = self.joints.rejections().by_reason;
         tally.enable_rejected = self.enable.rejections().total();
+        tally.enable_dropped = self.enable.dropped();
         tally.receive_failures = self.pen.failures() + self.joints.failures() + self.enable.failures();
     }
 

@@ -2,16 +2,16 @@
 #![allow(dead_code, unreachable_pub)]
 
 use std::fs::File;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{
-    ControlOp, ControlRequest, ControlResponse, HeaderBounds, Instance, JointState, PenSample, SafetyMode,
-    Services, Session, Status, monotonic_now_ns, pen_flags,
+    ControlOp, ControlRequest, ControlResponse, HeaderBounds, Instance, JointCommand, JointState, PenSample,
+    SafetyMode, Services, Session, Status, monotonic_now_ns, pen_flags,
 };
 use foretraced::{DaemonError, ExitReport, Options, Rights, Source, StopHandle};
 
@@ -145,6 +145,8 @@ pub struct ArmLog {
     pub illegal: AtomicU64,
     /// Streams that began.
     pub begun: AtomicU64,
+    /// The newest command.
+    pub last: Mutex<Option<JointCommand>>,
 }
 
 /// A peer in a thread of its own, ended on drop.
@@ -201,6 +203,7 @@ pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
                     seen.illegal.fetch_add(1, Ordering::Relaxed);
                 }
                 seen.commands.fetch_add(1, Ordering::Relaxed);
+                *seen.last.lock().unwrap() = Some(command);
                 state.echo(&command, now);
                 state.q = command.q;
                 state.qd = command.qd;

@@ -47,14 +47,15 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         ));
     }
     line(format_args!(
-        "\npen         newest {} old   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of order",
+        "\npen         newest {} old   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of order   {} ticks left some",
         milliseconds(status.pen_age_ns),
         counts.pen_received,
         counts.pen_dropped,
         counts.pen_rejected.total(),
         counts.pen_outliers,
         counts.pen_gaps,
-        counts.pen_out_of_order
+        counts.pen_out_of_order,
+        counts.pen_deferred_ticks
     ));
     line(format_args!(
         "arm         newest {} old   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, {} failed",
@@ -65,6 +66,10 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.joint_state_stale,
         counts.commands_sent,
         counts.commands_failed
+    ));
+    line(format_args!(
+        "dead man    {} messages dropped   {} rejected",
+        counts.enable_dropped, counts.enable_rejected
     ));
     line(format_args!("chain       {}", chain::text(status)));
     line(format_args!("ghost       {}", Comparison::of(status).now()));
@@ -161,7 +166,9 @@ pub(crate) fn json(status: &Status) -> Value {
             "outliers": counts.pen_outliers,
             "gaps": counts.pen_gaps,
             "out_of_order": counts.pen_out_of_order,
+            "deferred_ticks": counts.pen_deferred_ticks,
         },
+        "dead_man": { "dropped": counts.enable_dropped, "rejected": counts.enable_rejected },
         "arm": {
             "age_ms": age_ms(status.joint_state_age_ns),
             "states": counts.joint_state_received,
@@ -197,6 +204,8 @@ pub(crate) fn json(status: &Status) -> Value {
             "learner_ring": counts.learner_ring_dropped,
             "weights_overtaken": counts.weights_overtaken,
             "learner_events": counts.learner_events_lost,
+            "telemetry_failed": counts.telemetry_failed,
+            "receives_failed": counts.receive_failures,
         },
         "page_faults": { "minor": counts.page_faults_minor, "major": counts.page_faults_major },
     })

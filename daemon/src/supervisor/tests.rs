@@ -1,0 +1,46 @@
+//! What no message and no other process can do to the daemon: a fault of its own.
+
+use std::sync::atomic::Ordering;
+
+use foretrace_shm::{ControlOp, Mode};
+
+use super::*;
+use crate::support::{Operator, Place, arm, pen, rights, turn, until};
+
+#[test]
+fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_given() {
+    let _turn = turn();
+    let place = Place::new();
+    let options = Options { rights: rights(), signals: false, ..Options::new(place.source()) };
+    let instance = place.instance();
+    let lock = instance.lock().unwrap();
+    let (mut lock, _session, services) = open_services(&instance, lock).unwrap();
+    let config = options.source.load().unwrap();
+    let mut daemon = Daemon::start(&options, config, &instance, &services).unwrap();
+    lock.announce().unwrap();
+
+    let mut operator = Operator::attach(&place);
+    let (_arm, log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    let moving = || {
+        let last = (*log.last.lock().unwrap())?;
+        (last.mode == u32::from(Mode::Following) && last.qd.iter().any(|qd| qd.abs() > 0.02)).then_some(())
+    };
+    until("the arm moves", moving);
+
+    daemon.ipc_orders.send(IpcOrder::Panic).unwrap();
+    let mut manager = Manager::of_environment();
+    let outcome = daemon.watch(&options, &instance, &mut manager);
+    let error = daemon.end(outcome, &options.stop, &mut manager).unwrap_err();
+    assert!(matches!(error, DaemonError::ThreadDied { name: "ipc", .. }), "{error}");
+    assert!(error.to_string().contains("as the test wants it"), "{error}");
+
+    // Not left to brake by itself: commands led it to a stand, and the loop let go.
+    until("the arm is led to a stand", || {
+        let last = (*log.last.lock().unwrap())?;
+        (last.mode == u32::from(Mode::Idle) && last.qd == [0.0; foretrace_shm::JOINTS]).then_some(())
+    });
+    assert_eq!((log.illegal.load(Ordering::Relaxed), log.begun.load(Ordering::Relaxed)), (0, 1));
+}
