@@ -2,7 +2,8 @@
 //!
 //! Contract: one test at a time on this machine (file lock), each with its own root, number and names in /dev/shm. All
 //! processes are killed and everything is removed when the [`World`] goes. Started as root, the processes run as `nobody`
-//! where that user can run the program at all. Nothing here asks for real-time rights unless FORETRACE_RT_TESTS=1.
+//! where that user can run the program at all; with FORETRACE_TESTS_AS_ROOT=1 they stay root. Real-time rights are asked for
+//! with FORETRACE_RT_TESTS=1 only, and by tests that say so.
 
 pub mod forger;
 pub mod frozen;
@@ -47,6 +48,19 @@ impl World {
     /// No folder can be made below /tmp.
     #[must_use]
     pub fn new(program: &str) -> Self {
+        Self::made(program, is_set("FORETRACE_TESTS_AS_ROOT"))
+    }
+
+    /// The same with processes that keep the user of this one, root or not.
+    ///
+    /// # Panics
+    /// As above.
+    #[must_use]
+    pub fn with_rights_kept(program: &str) -> Self {
+        Self::made(program, true)
+    }
+
+    fn made(program: &str, keeps_rights: bool) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let user = own_user();
         let lock = std::env::temp_dir().join(format!("foretrace-tests-{user}.lock"));
@@ -57,7 +71,8 @@ impl World {
         std::fs::create_dir(&folder).expect("a folder below /tmp");
         std::fs::set_permissions(&folder, Permissions::from_mode(0o700)).expect("own folder");
         let program = PathBuf::from(program);
-        let user = (user == 0 && runs_as(&program, NOBODY)).then_some(NOBODY);
+        let drops = user == 0 && !keeps_rights && runs_as(&program, NOBODY);
+        let user = drops.then_some(NOBODY);
         if let Some(user) = user {
             chown(&folder, Some(user), Some(user)).expect("root may give folders away");
         }
@@ -131,8 +146,8 @@ impl World {
     /// The same with further options.
     #[must_use]
     pub fn daemon_with(&self, other: u32, options: &[&str]) -> Process {
-        let rights = std::env::var_os("FORETRACE_RT_TESTS").is_some_and(|value| value == "1");
-        let words: &[&str] = if rights { &["daemon"] } else { &["daemon", "--no-rights"] };
+        let words: &[&str] =
+            if is_set("FORETRACE_RT_TESTS") { &["daemon"] } else { &["daemon", "--no-rights"] };
         let mut daemon = self.start(other, &[words, options].concat());
         until("the daemon comes up", || {
             daemon.expect_alive();
@@ -264,6 +279,10 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
     }
     let _ = writeln!(std::io::stderr(), "skipped: {} is not there (set FORETRACE_SHARED)", folder.display());
     None
+}
+
+fn is_set(variable: &str) -> bool {
+    std::env::var_os(variable).is_some_and(|value| value == "1")
 }
 
 fn own_user() -> u32 {

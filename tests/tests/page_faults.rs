@@ -1,0 +1,47 @@
+//! Once an arm is armed and everybody has connected, the real-time thread takes no page fault: all its memory is there and locked.
+
+use std::time::Duration;
+
+use foretrace_tests::{World, until};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
+
+/// Ticks that are looked at: 8 s, at rest and writing, letters and travel.
+const TICKS: u64 = 4000;
+
+#[test]
+fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
+    let world = World::with_rights_kept(PROGRAM);
+    // The mildest rights that come with locked memory, so that other tests are not in its way.
+    let mild = ["daemon", "--set", "loop.priority=1", "--set", "loop.spin_us=0"];
+    let mut daemon = world.start(0, &mild);
+    until("the daemon comes up", || {
+        daemon.expect_alive();
+        world.run(0, &["status"]).status.success().then_some(())
+    });
+    let missing = world.status(0)["missing_rights"].to_string();
+    if missing.contains("memory") {
+        eprintln!("skipped: this user may not lock memory ({missing})");
+        return;
+    }
+    let arm = world.armed_arm(0, &[]);
+    let player = world.start(0, &["play", "glyphs:hello", "--loop"]);
+    world.wait_for_mode(0, "following");
+    // Until the last of them has connected and been warmed up to, and the count was read since.
+    std::thread::sleep(Duration::from_secs(1));
+    let before = world.status(0);
+    let ticks = |status: &serde_json::Value| status["loop"]["ticks"].as_u64().expect("a count");
+    let after = until("some seconds of writing", || {
+        let status = world.status(0);
+        (ticks(&status) >= ticks(&before) + TICKS).then_some(status)
+    });
+    assert_eq!(after["mode"], "following", "{after}");
+    assert_eq!(
+        after["page_faults"], before["page_faults"],
+        "minor and major, before and after {TICKS} ticks"
+    );
+    println!("page faults of the real-time thread since its first tick: {}", after["page_faults"]);
+    for process in [player, arm, daemon] {
+        process.end();
+    }
+}
