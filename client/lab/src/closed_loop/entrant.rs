@@ -12,6 +12,8 @@ pub enum Entrant {
     Law(LawEntrant),
     /// No control law of ours: what people use today.
     Today(WayKind),
+    /// The same, where the arm has limits with commands inside them.
+    Legal(WayKind),
 }
 
 /// A name that nobody has.
@@ -30,7 +32,7 @@ impl Entrant {
     /// The daemon as it is shipped.
     pub const OURS: Self = Self::Law(LawEntrant::Ours);
 
-    /// All, in the order of the table: the law, today's ways, and who knows the future.
+    /// Who takes part if nobody is named, in the order of the table: the law, today's ways, and who knows the future.
     pub fn all() -> impl Iterator<Item = Self> {
         let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::Oracle;
         let law = LawEntrant::ALL.into_iter();
@@ -45,6 +47,10 @@ impl Entrant {
             Self::Law(LawEntrant::Hold) => "hold",
             Self::Law(LawEntrant::Ours) => "ours",
             Self::Today(kind) => kind.name(),
+            Self::Legal(WayKind::ServojGello) => "servoj-gello-legal",
+            Self::Legal(WayKind::ServojRos) => "servoj-ros-legal",
+            Self::Legal(WayKind::Otg) => "otg-legal",
+            Self::Legal(WayKind::Kalman) => "kalman-legal",
             Self::Law(LawEntrant::Believed(PredictorKind::Hold)) => "hold-trust1",
             Self::Law(LawEntrant::Believed(PredictorKind::ConstantVelocity)) => "constant-velocity",
             Self::Law(LawEntrant::Believed(PredictorKind::Dybm)) => "dybm-online",
@@ -61,9 +67,9 @@ impl Entrant {
     /// # Errors
     /// A name that nobody has.
     pub fn named(name: &str) -> Result<Self, UnknownEntrant> {
-        Self::all().find(|entrant| entrant.name() == name).ok_or_else(|| UnknownEntrant {
-            name: name.to_owned(),
-            known: Self::all().map(Self::name).collect(),
-        })
+        let known = || Self::all().chain(WayKind::ALL.map(Self::Legal));
+        known()
+            .find(|entrant| entrant.name() == name)
+            .ok_or_else(|| UnknownEntrant { name: name.to_owned(), known: known().map(Self::name).collect() })
     }
 }

@@ -172,14 +172,16 @@ impl Benchmark<'_> {
         let arm = job.arm.kind(self.config);
         let (kind, trust) = match job.entrant {
             Entrant::Law(law) => (law.predictor(), law.trust()),
-            Entrant::Today(kind) => {
+            Entrant::Today(kind) | Entrant::Legal(kind) => {
                 let law = settings_for(self.config, arm, PredictorKind::Hold);
                 let settings = match job.tuning {
                     Tuning::Way(settings) => **settings,
                     _ => way_settings(self.config, job.arm, kind),
                 };
                 let desk = WayDesk::new(self.config, &law, job.arm, kind, &settings);
-                return Ok(Box::new(desk.map_err(|error| wrong(&error))?));
+                let desk = desk.map_err(|error| wrong(&error))?;
+                let legal = matches!(job.entrant, Entrant::Legal(_));
+                return Ok(Box::new(if legal { desk.kept_legal() } else { desk }));
             }
         };
         let mut settings = settings_for(self.config, arm, kind);

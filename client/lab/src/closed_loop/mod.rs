@@ -10,6 +10,7 @@
 mod arm;
 mod entrant;
 mod job;
+mod legal;
 mod pareto;
 mod score;
 mod sequences;

@@ -104,7 +104,7 @@ impl Benchmark<'_> {
     }
 
     fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
-        let Entrant::Today(kind) = entrant else {
+        let (Entrant::Today(kind) | Entrant::Legal(kind)) = entrant else {
             let shipped = (Tuning::Default, "default".to_owned());
             let gains = |factor: f64| (Tuning::Gains(factor), format!("gains x {factor}"));
             if arm.limited() {

@@ -3,7 +3,8 @@
 //! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their stamp). The tool
 //! keeps the height and the orientation that it has at home; joints are found by damped least squares, without limits of
 //! ours, since that is how it is done today: what an arm cannot do, its own clamps hold back. Before an arm without a
-//! servo, ways that smooth in the servo get one in software. Absent: lift, workspace, guard.
+//! servo, ways that smooth in the servo get one in software. Told to be legal, its joints are kept inside velocity and
+//! acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
 
 use foretrace_config::Config;
 use foretrace_control::follower::{FollowerSettings, JointCommand, Plane, Request};
@@ -14,6 +15,7 @@ use foretrace_control::units::Stamp;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::BenchArm;
+use super::legal::Legal;
 use crate::arm::JOINTS;
 use crate::experiments::{
     AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
@@ -63,6 +65,7 @@ pub(super) struct WayDesk {
     qd: [f64; JOINTS],
     /// `None` in front of an arm without any.
     limits: Option<JointLimits<JOINTS>>,
+    legal: Option<Legal>,
     /// Commanded tool [m] and its velocity [m/s].
     tool: Option<([f64; 2], [f64; 2])>,
 }
@@ -94,8 +97,16 @@ impl WayDesk {
             q: home,
             qd: [0.0; JOINTS],
             limits: arm.limited().then_some(law.limits),
+            legal: None,
             tool: None,
         })
+    }
+
+    /// With commands inside the limits, where there are any.
+    pub(super) fn kept_legal(mut self) -> Self {
+        let period_s = self.period_ns as f64 * 1e-9;
+        self.legal = self.limits.map(|limits| Legal::new(limits, period_s));
+        self
     }
 
     /// One period with the pen samples `due`.
@@ -105,6 +116,9 @@ impl WayDesk {
         let before = self.q;
         if let Some(target) = target {
             self.q = self.reach.joints(before, target);
+            if let Some(legal) = &mut self.legal {
+                self.q = legal.command(&before, &self.qd, &self.q);
+            }
         }
         let mut qd = self.q;
         for (qd, before) in qd.iter_mut().zip(before) {
