@@ -174,6 +174,8 @@ impl ControlClient {
             std::thread::sleep(POLL);
         };
         loop {
+            // Looked at before the answer is: a server that has answered lets go at once.
+            let connected = pending.is_connected();
             match pending.receive() {
                 Ok(Some(response)) => {
                     let response = *response;
@@ -181,7 +183,7 @@ impl ControlClient {
                         return response.validate().map(|()| response).map_err(AskError::BadAnswer);
                     }
                 }
-                Ok(None) if !pending.is_connected() => return Err(AskError::NoServer),
+                Ok(None) if !connected => return Err(AskError::NoServer),
                 Ok(None) if Instant::now() >= deadline => return Err(AskError::Timeout(timeout)),
                 Ok(None) => std::thread::sleep(POLL),
                 Err(_) => return Err(AskError::Middleware),
