@@ -277,8 +277,13 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    let _ = writeln!(std::io::stderr(), "skipped: {} is not there (set FORETRACE_SHARED)", folder.display());
+    skipped(&format!("{} is not there (set FORETRACE_SHARED)", folder.display()));
     None
+}
+
+/// Says that a test, or a part of it, was left out, past the test runner's capture: a skipped test must be seen.
+pub fn skipped(why: &str) {
+    let _ = writeln!(std::io::stderr(), "skipped: {why}");
 }
 
 fn is_set(variable: &str) -> bool {

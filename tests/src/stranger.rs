@@ -1,8 +1,6 @@
 //! Another user beside the one that a world's processes run as, to try what strangers may do.
 
-use std::io::Write as _;
-
-use crate::{Process, World, runs_as};
+use crate::{Process, World, runs_as, skipped};
 
 /// A user that owns nothing, neither the daemon's nor root.
 pub const STRANGER: u32 = 65533;
@@ -24,10 +22,7 @@ impl World {
     #[must_use]
     pub fn stranger(&self) -> Option<Stranger<'_>> {
         if self.user.is_none() || !runs_as(&self.program, STRANGER) {
-            let _ = writeln!(
-                std::io::stderr(),
-                "skipped: only root can try what another user may do (and the program must be open to all)"
-            );
+            skipped("only root can try what another user may do (and the program must be open to all)");
             return None;
         }
         Some(Stranger(self))

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use foretrace_tests::{World, until};
+use foretrace_tests::{World, skipped, until};
 use serde_json::Value;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
@@ -26,7 +26,7 @@ fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
     });
     let missing = world.status(0)["missing_rights"].to_string();
     if missing.contains("memory") {
-        eprintln!("skipped: this user may not lock memory ({missing})");
+        skipped(&format!("this user may not lock memory ({missing})"));
         return;
     }
     let arm = world.armed_arm(0, &[]);

@@ -3,8 +3,8 @@
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use foretrace_tests::World;
 use foretrace_tests::frozen::Frozen;
+use foretrace_tests::{World, skipped};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
 
@@ -31,7 +31,7 @@ fn real_time_thread_asks_the_kernel_for_nothing_but_sleep_and_its_page_faults() 
     let sent = || world.status(0)["arm"]["commands_sent"].as_u64().expect("a count");
     let before = sent();
     let Some(thread) = Frozen::thread_of(daemon.pid(), "foretrace-rt") else {
-        eprintln!("skipped: this system does not let a process trace its child");
+        skipped("this system does not let a process trace its child");
         return;
     };
     // A thread that made no calls at all would be waited for without end.
@@ -39,7 +39,7 @@ fn real_time_thread_asks_the_kernel_for_nothing_but_sleep_and_its_page_faults() 
     let calls = thread.system_calls(1500);
     drop((thread, guard));
     let Some(mut calls) = calls else {
-        eprintln!("skipped: this kernel does not tell system calls");
+        skipped("this kernel does not tell system calls");
         return;
     };
     let commands = sent() - before;

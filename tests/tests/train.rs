@@ -1,11 +1,10 @@
 //! Training from the command line: killed anywhere, it leaves no broken file and continues to the same bytes.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::Command;
 
-use foretrace_tests::{World, assert_refused, told, until};
+use foretrace_tests::{World, assert_refused, skipped, told, until};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
 
@@ -109,8 +108,7 @@ fn pytorch_computes_the_same_training() {
     let output = Command::new(&python).arg(script).args(["--rounds", "1", "--foretrace", PROGRAM]).output();
     let code = output.as_ref().ok().and_then(|output| output.status.code());
     if code.is_none_or(|code| code == 77) {
-        // Past the capture of the test runner: a skipped test must be seen.
-        let _ = writeln!(std::io::stderr(), "skipped: no PyTorch in {python} (set FORETRACE_PYTHON)");
+        skipped(&format!("no PyTorch in {python} (set FORETRACE_PYTHON)"));
         return;
     }
     let output = output.unwrap();

@@ -1,6 +1,6 @@
 //! What people get wrong is answered in one sentence, with the right exit code.
 
-use foretrace_tests::{World, assert_refused, told};
+use foretrace_tests::{World, assert_refused, skipped, told};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
 
@@ -123,7 +123,7 @@ fn arming_without_an_arm_is_refused_with_the_reason() {
 fn daemon_without_rights_runs_on_and_says_what_is_missing() {
     let world = World::new(PROGRAM);
     if !world.is_unprivileged() {
-        eprintln!("skipped: the program cannot be run as an unprivileged user here");
+        skipped("the program cannot be run as an unprivileged user here");
         return;
     }
     // Asks for rights it cannot have; does not spin, because two cores would starve.
