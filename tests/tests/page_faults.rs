@@ -7,10 +7,8 @@ use serde_json::Value;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
 
-/// Ticks of a window: 2 s, letters and travel.
-const TICKS: u64 = 1000;
-/// Windows that are looked at. The kernel may move even a locked page (compaction) and have it faulted in: once, not each time.
-const WINDOWS: usize = 4;
+/// Ticks that are looked at: 8 s, letters and travel.
+const TICKS: u64 = 4000;
 
 #[test]
 fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
@@ -34,20 +32,18 @@ fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
     world.wait_for_mode(0, "following");
     // Until the last of them has connected and been warmed up to, and the count was read since.
     std::thread::sleep(Duration::from_secs(1));
-    let mut windows = vec![world.status(0)];
+    let before = world.status(0);
     let ticks = |status: &Value| status["loop"]["ticks"].as_u64().expect("a count");
-    while windows.len() <= WINDOWS {
-        let wanted = windows.last().map_or(0, ticks) + TICKS;
-        windows.push(until("seconds of writing", || {
-            let status = world.status(0);
-            (ticks(&status) >= wanted).then_some(status)
-        }));
-    }
-    let faults: Vec<&Value> = windows.iter().map(|status| &status["page_faults"]).collect();
-    println!("page faults of the real-time thread since its first tick: {faults:?}");
-    assert!(windows.iter().all(|status| status["mode"] == "following"), "{windows:?}");
-    let without = faults.windows(2).filter(|pair| pair[0] == pair[1]).count();
-    assert!(without + 1 >= WINDOWS, "{faults:?}");
+    let after = until("some seconds of writing", || {
+        let status = world.status(0);
+        (ticks(&status) >= ticks(&before) + TICKS).then_some(status)
+    });
+    println!("page faults of the real-time thread since its first tick: {}", after["page_faults"]);
+    assert_eq!(after["mode"], "following", "{after}");
+    assert_eq!(
+        after["page_faults"], before["page_faults"],
+        "in {TICKS} ticks; a kernel that moves locked pages can do this as well (vm.compact_unevictable_allowed)"
+    );
     for process in [player, arm, daemon] {
         process.end();
     }
