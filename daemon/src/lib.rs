@@ -25,6 +25,7 @@ pub use log::LogGuard;
 pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
 pub use supervisor::{ExitReport, run};
 
+// The helpers of the tests outside call this crate by its name.
 #[cfg(test)]
 extern crate self as foretraced;
 #[cfg(test)]
