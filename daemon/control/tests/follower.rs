@@ -5,6 +5,7 @@ mod support;
 use foretrace_control::follower::{
     Budget, EnableReading, Health, Mode, Refusal, Request, Rung, StepInput, StepOutput, StopReason,
 };
+use foretrace_control::ik::JointLimits;
 use foretrace_control::predict::{Oracle, PredictorKind};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};
@@ -247,6 +248,42 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
             bench.tick(&[]);
         }
     }
+}
+
+/// Where joints cannot do what is planned, the next plan must begin with the velocity that they have by then, which is half a
+/// step's acceleration from the mean velocity that their positions tell.
+#[test]
+fn a_plan_begins_with_the_velocity_that_limited_joints_have() {
+    let mut slow = settings(PredictorKind::Hold);
+    let tau = std::f64::consts::TAU;
+    slow.limits = JointLimits::new([[-tau, tau]; 6], [3.0; 6], [18.0; 6]).unwrap();
+    let mut bench = Bench::armed(slow);
+    let period_s = PERIOD_NS as f64 * 1e-9;
+    let mut ticks = Vec::new();
+    for tick in 0..1000u32 {
+        // Two places 4.5 cm apart that are jumped to in turn.
+        let at = if tick < 500 { [0.0, 0.0] } else { [0.04, 0.02].map(|x| x * f64::from(tick / 60 % 2)) };
+        let output = bench.tick(&[bench.pen(at)]);
+        let [x, y, _] = output.setpoint.map(|axis| axis.velocity);
+        ticks.push((output.tool, [x, y], output.health.has(Health::IK_LIMITED)));
+    }
+    let (mut off, mut half_step, mut count) = (0.0, 0.0, 0);
+    for around in ticks.windows(3).skip(500).filter(|around| around[1].2) {
+        let [(before, ..), (here, begins, _), (after, ..)] = around else { unreachable!() };
+        for axis in 0..2 {
+            let [came, goes] =
+                [here[axis] - before[axis], after[axis] - here[axis]].map(|way| way / period_s);
+            off += (begins[axis] - 0.5 * (came + goes)).powi(2);
+            half_step += (0.5 * (goes - came)).powi(2);
+        }
+        count += 1;
+    }
+    println!(
+        "{count} limited steps; velocity off by {:.3} of half a step's acceleration",
+        (off / half_step).sqrt()
+    );
+    assert!(count > 50, "only {count} steps were limited");
+    assert!(off < 0.3 * 0.3 * half_step, "off by {} of {}", off.sqrt(), half_step.sqrt());
 }
 
 #[test]

@@ -153,7 +153,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.mpc.feedback_lag_s(middle)
     }
 
-    /// One period of motion: x₀ ← (FK, Jq̇, Jq̈ + J̇q̇) of what is really published, so that nothing winds up.
+    /// One period of motion. Where the joints did not do what was planned, x₀ comes from what is really published, so that
+    /// nothing winds up.
     pub(super) fn advance(
         &mut self,
         wanted: Option<&Motion<N>>,
@@ -198,9 +199,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
         match next {
             Some(next) if follows_plan && !limited => self.tool = next,
-            _ => {
+            planned => {
                 health.set(Health::RESYNCHRONISED);
-                self.resynchronise();
+                match planned.filter(|_| follows_plan) {
+                    Some(planned) => self.fall_behind(&planned),
+                    None => self.resynchronise(),
+                }
             }
         }
         if !follows_plan {
@@ -367,6 +371,21 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let to = self.commanded_tool();
         for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
             *axis = servo.follow(axis, *from, *to, self.period_s);
+        }
+    }
+
+    /// Takes the tool state from joints that were limited on their way to what was `planned`.
+    ///
+    /// Commands tell the mean velocity of the step that ended and the acceleration at its beginning. Taken for those at its
+    /// end, half of the acceleration would be lost in every limited step. At its end the acceleration is the planned one,
+    /// moved by half of what was wrong at the beginning: the whole of it would swing, and none of it would wind up.
+    fn fall_behind(&mut self, planned: &[AxisState; 3]) {
+        let assumed = self.tool;
+        self.resynchronise();
+        for ((axis, planned), assumed) in self.tool.iter_mut().zip(planned).zip(&assumed) {
+            let wrong = axis.acceleration - assumed.acceleration;
+            axis.acceleration = planned.acceleration + 0.5 * wrong;
+            axis.velocity += 0.5 * self.period_s * axis.acceleration;
         }
     }
 
