@@ -44,7 +44,7 @@ impl Settings {
     #[must_use]
     pub fn plan_step_s(&self) -> f64 {
         let period_ms = self.period_ns() as f64 * 1e-6;
-        let usual_ms = (0.5 * f64::from(self.pen.step_ms)).max(period_ms);
+        let usual_ms = (0.25 * f64::from(self.pen.step_ms)).max(period_ms);
         self.mpc.step_ms.unwrap_or(usual_ms) * 1e-3
     }
 
@@ -246,6 +246,7 @@ fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
     IkSettings {
         gain_hz: s.ik.gain_hz.unwrap_or(0.5 * f64::from(s.control_loop.rate_hz)),
         orientation_m: s.ik.orientation_length_m,
+        normal_weight: s.ik.normal_weight,
         spin_weight: s.ik.spin_weight,
         damping_floor_m2: s.ik.damping_floor_m2,
         damping_peak_m2: s.ik.damping_peak_m2,

@@ -14,6 +14,9 @@ section! {
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// A turn of the tool counts like a displacement at this distance from its tip.
         orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
+        /// Weight of position errors along the plane's normal, relative to those in the plane: where joints cannot do
+        /// both, the tool leaves the line rather than the paper.
+        normal_weight: f64 = Between(1.0, 100.0), Default("10.0"), AtStart, "10; 1 treats all directions alike";
         /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.
         spin_weight: f64 = Between(0.0, 1.0), Default("0.1"), AtStart, "0.1";
         /// Damping far from singularities.

@@ -19,9 +19,9 @@ section! {
     /// Gains and effort are plain numbers for errors in mm, mm per step, mm per step^2 and mm per step^3.
     pub struct Mpc {
         /// Steps of the plan; the horizon lasts horizon * mpc.step_ms.
-        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20 with a step of 5 ms: as far as the paper's 10 of 10 ms";
+        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20: with steps of 2.5 ms time enough to brake from 1 m/s";
         /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers new
-        /// samples sooner. Not set: half of pen.step_ms, or the period where that is longer.
+        /// samples sooner. Not set: a quarter of pen.step_ms, or the period where that is longer.
         step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
         /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a new sample.
         /// More follows sooner and overshoots more.
@@ -53,7 +53,7 @@ section! {
         /// Weight of the position error.
         position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0 for feedback, 0.7 for feedforward; up to 3 for an arm much faster than the hand";
         /// Weight of the velocity error.
-        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "3.5 for feedback, 0.1 for feedforward";
+        velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "7.0 for feedback, 2.5 for feedforward";
         /// Weight of the acceleration error.
         acceleration: f64 = Between(0.0, 1000.0), Required, AtStart, "0: acceleration is left to mpc.effort";
         /// Factor on all three from one step to the next: below 1, later steps count less.
@@ -93,9 +93,9 @@ section! {
         /// Largest speed (kept unless the state makes that impossible).
         velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "1.0: letters of 3 cm at natural speed; 0.25 near people";
         /// Largest acceleration (kept unless the state makes that impossible).
-        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "15.0 for a UR5 near its home; 5.0 near people";
+        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "18.0 for a UR5 near its home; 5.0 near people";
         /// Largest jerk (always kept).
         jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
-            "4000: the acceleration reverses in 8 ms; 400 near people";
+            "8000: the acceleration reverses in 4.5 ms; 400 near people";
     }
 }

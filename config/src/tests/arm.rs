@@ -54,7 +54,7 @@ fn unreachable_workspace_names_the_corner_and_what_to_do() {
 #[test]
 fn plane_far_away_names_the_middle_and_where_the_tool_is() {
     let text = over_ur5("[plane]\norigin_m = [2.0, 0.0, 0.2]\n").unwrap_err().to_string();
-    assert!(text.contains("key `plane.origin_m`") && text.contains("[2.000, 0.000, 0.220]"), "{text}");
+    assert!(text.contains("key `plane.origin_m`") && text.contains("[2.000, 0.000, 0.210]"), "{text}");
     assert!(text.contains("home puts the tool at [0.4"), "{text}");
 }
 

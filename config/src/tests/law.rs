@@ -28,14 +28,16 @@ fn presets_keep_what_was_measured_in_the_control_law() {
     for name in ["ur5", "ur5e"] {
         let config = Config::preset(name).unwrap();
         let law = config.follower_settings();
-        let learner = LearnerSettings::preset(10_000_000, law.dead_time_ns + law.response_ns);
+        // Twenty plan steps of 2.5 ms are five grid steps.
+        let leads = Leads::of_loop(10_000_000, law.dead_time_ns + law.response_ns, 5);
+        let learner = LearnerSettings { leads, ..LearnerSettings::preset(10_000_000, 0) };
         assert_eq!(config.learner_settings(), learner, "{name}");
         assert_eq!(*law.models.settings(), ModelSettings::preset(10_000_000), "{name}");
         assert_eq!((&law.models, law.weights), (config.models(), law.models.initial_weights()), "{name}");
         let gains = |position, velocity| Gains { position, velocity, acceleration: 0.0, decay: 1.0 };
-        assert_eq!(law.mpc.gains_feedback, [gains(1.0, 3.5); 3], "{name}");
-        assert_eq!(law.mpc.gains_feedforward, [gains(0.7, 0.1); 3], "{name}");
-        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (10.0, 0.005, 0));
+        assert_eq!(law.mpc.gains_feedback, [gains(1.0, 7.0); 3], "{name}");
+        assert_eq!(law.mpc.gains_feedforward, [gains(0.7, 2.5); 3], "{name}");
+        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (10.0, 0.0025, 0));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
         assert_eq!(law.preview, PreviewSettings::default());
@@ -52,7 +54,7 @@ fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
     assert_eq!(law.dead_time_ns, 34_500_000);
     assert_eq!((law.period_ns, law.pen.step_ns), (1_000_000, 10_000_000));
     assert_eq!(law.pen.min_interval_ns, 1_500_000);
-    assert_eq!(law.mpc.step_s, 0.005);
+    assert_eq!(law.mpc.step_s, 0.0025);
     assert_eq!(law.trust.stale_after_ns, 100_000_000);
     assert_eq!(law.safety.latch_after_ns, 200_000_000);
     assert_eq!(law.ik.gain_hz, 500.0);
@@ -81,7 +83,7 @@ fn workspace_and_limits_reach_their_axes() {
         .unwrap()
         .follower_settings();
     let [x, y, z] = law.mpc.axes;
-    assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (4000.0, 300.0, 1000.0));
+    assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (8000.0, 300.0, 400.0));
     assert_eq!((x.velocity_mps, z.velocity_mps), (1.0, 0.25));
     assert_eq!([x.position_m, y.position_m, z.position_m], [[-0.15, 0.15], [-0.1, 0.1], [-0.005, 0.06]]);
 }
@@ -111,7 +113,7 @@ fn the_plane_of_the_law_is_the_plane_of_the_file() {
     let config = Config::preset("ur5e").unwrap();
     let Plane { origin, lift_height, pen_scale, .. } = config.follower_settings().plane;
     assert_eq!([origin.x, origin.y, origin.z], config.settings().plane.origin_m);
-    assert_eq!((lift_height, pen_scale), (0.02, 1.0));
+    assert_eq!((lift_height, pen_scale), (0.01, 1.0));
 }
 
 #[test]
@@ -135,9 +137,9 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
     let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
-    // What the plan reckons with as the arm's servo has not to be foreseen; twenty plan steps of 5 ms are ten grid steps.
+    // What the plan reckons with as the arm's servo has not to be foreseen; twenty plan steps of 2.5 ms are five grid steps.
     let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
-    assert_eq!(inverted, Leads::new(1, 11).unwrap());
+    assert_eq!(inverted, Leads::new(1, 6).unwrap());
 }
 
 #[test]

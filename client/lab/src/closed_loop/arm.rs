@@ -34,6 +34,11 @@ const FREE_CORRECTION: [f64; 2] = [1e3, 1e6];
 /// Shortest step that a plan may have [s], and the part of its effort that is left: least error on UNIPEN train writers.
 const FREE_STEP_S: f64 = 1e-3;
 const FREE_EASE: f64 = 0.1;
+/// Plans on these arms do not follow the preset, so that what is measured on them can be compared over the years: effort and the
+/// gains on velocity, feedback and feedforward, for steps of this length [s].
+const FREE_REFERENCE_S: f64 = 5e-3;
+const FREE_EFFORT: f64 = 10.0;
+const FREE_VELOCITY: [f64; 2] = [3.5, 0.1];
 /// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
 const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
@@ -108,8 +113,8 @@ impl BenchArm {
     }
 
     /// The plan as sharp as this arm lets it be, with `gain` towards the prediction: without limits its steps are so short that
-    /// a jump of the prediction is over within a tick. Who is never led by a prediction has steps of the control period, with
-    /// feedback and effort that cost the same motion as much as they did: Hold stays what it is.
+    /// a jump of the prediction is over within a tick. Who is never led by a prediction has steps of the control period: Hold
+    /// stays what it is.
     pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>, gain: f64) {
         if self.limited() {
             return;
@@ -117,15 +122,16 @@ impl BenchArm {
         let hold = settings.trust_request == TrustRequest::Manual(Trust::NONE);
         let (step_s, ease) =
             if hold { (settings.period_ns as f64 * 1e-9, 1.0) } else { (FREE_STEP_S, FREE_EASE) };
-        let finer = settings.mpc.step_s / step_s;
+        // The same motion costs as much in steps of any length.
+        let finer = FREE_REFERENCE_S / step_s;
+        let [feedback, feedforward] = FREE_VELOCITY;
         settings.mpc.step_s = step_s;
-        settings.mpc.effort *= ease * finer.powi(6);
+        settings.mpc.effort = FREE_EFFORT * ease * finer.powi(6);
         for gains in &mut settings.mpc.gains_feedback {
-            gains.velocity *= finer;
-            gains.acceleration *= finer * finer;
+            gains.velocity = feedback * finer;
         }
         for gains in &mut settings.mpc.gains_feedforward {
-            gains.position = gain;
+            (gains.position, gains.velocity) = (gain, feedforward);
         }
     }
 

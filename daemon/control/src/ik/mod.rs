@@ -203,7 +203,8 @@ impl<const J: usize> Ik<J> {
             iterations: answer.iterations,
             active: answer.active,
             kkt_residual: answer.kkt_residual,
-            velocity_error: missed.fixed_rows::<3>(0).into_owned(),
+            velocity_error: task::stretch(&target.axis, 1.0 / self.settings.normal_weight)
+                * missed.fixed_rows::<3>(0),
             tilt_error: missed.fixed_rows::<2>(3).norm() / length,
             damping: task.damping,
             singularity: task.singularity,

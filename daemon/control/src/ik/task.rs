@@ -36,6 +36,9 @@ pub struct IkSettings<const J: usize> {
     pub gain_hz: f64,
     /// Length that makes a rotation comparable with a displacement [m].
     pub orientation_m: f64,
+    /// Weight of position errors along the wanted tool axis relative to those across it, 1 or more: where joints cannot do
+    /// both, the tip leaves the line rather than the paper.
+    pub normal_weight: f64,
     /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
     pub spin_weight: f64,
     /// Damping far from singularities [m²]; relative velocity error about damping/σ².
@@ -63,6 +66,7 @@ impl<const J: usize> IkSettings<J> {
         Self {
             gain_hz: 0.5 / period_s,
             orientation_m: 0.1,
+            normal_weight: 10.0,
             spin_weight: 0.1,
             damping_floor_m2: 1e-9,
             damping_peak_m2: 1e-3,
@@ -83,7 +87,8 @@ pub struct Task<const J: usize> {
     pub h: SMatrix<f64, J, J>,
     /// g = −Aᵀb − μ·q̇_home, J.
     pub g: SVector<f64, J>,
-    /// A: weighted Jacobian, 6 x J [m/rad]. Rows: linear x, y, z (base); angular x, y, z (tool) times lengths.
+    /// A: weighted Jacobian, 6 x J [m/rad]. Rows: linear x, y, z (base), stretched along the wanted tool axis; angular x, y, z
+    /// (tool) times lengths.
     pub rows: SMatrix<f64, 6, J>,
     /// b: weighted velocities wanted, 6 [m/s].
     pub wanted: Vector6<f64>,
@@ -126,9 +131,14 @@ pub fn assemble<const J: usize>(
     let scale = Matrix3::from_diagonal(&Vector3::new(length, length, length * settings.spin_weight));
     rows.fixed_rows_mut::<3>(3)
         .copy_from(&((scale * tool.transpose()) * kinematics.jacobian.fixed_rows::<3>(3)));
-    let wanted = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
 
     let singularity = singularity(&rows, settings.damping_floor_m2);
+    let stretch = stretch(&target.axis, settings.normal_weight);
+    let across = rows.fixed_rows::<3>(0).into_owned();
+    rows.fixed_rows_mut::<3>(0).copy_from(&(stretch * across));
+    let linear = stretch * linear;
+    let wanted = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+
     let damping = damping(singularity, settings);
     let mut h = rows.tr_mul(&rows);
     let mut g = -rows.tr_mul(&wanted);
@@ -144,6 +154,12 @@ pub fn assemble<const J: usize>(
         }
     }
     Task { h, g, rows, wanted, damping, singularity }
+}
+
+/// Stretches by `factor` along the unit vector `axis`, and leaves what is across it: 1 + (factor − 1) axis axisᵀ.
+#[must_use]
+pub fn stretch(axis: &Vector3<f64>, factor: f64) -> Matrix3<f64> {
+    Matrix3::identity() + axis * axis.transpose() * (factor - 1.0)
 }
 
 /// A distance to singularities that is smooth in q and cheap: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) [m].
