@@ -247,6 +247,7 @@ fn ik(s: &Settings, robot: &Robot) -> IkSettings<JOINTS> {
         gain_hz: s.ik.gain_hz.unwrap_or(0.5 * f64::from(s.control_loop.rate_hz)),
         orientation_m: s.ik.orientation_length_m,
         normal_weight: s.ik.normal_weight,
+        tilt_weight: s.ik.tilt_weight,
         spin_weight: s.ik.spin_weight,
         damping_floor_m2: s.ik.damping_floor_m2,
         damping_peak_m2: s.ik.damping_peak_m2,

@@ -82,20 +82,26 @@ fn what_joints_cannot_do_is_missed_in_the_plane_rather_than_off_it() {
         let mut arm = Arm::new(&chain, UR5_HOME, 20.0);
         let settings = IkSettings { normal_weight: weight, ..*arm.ik.settings() };
         arm.ik = Ik::new(*arm.ik.limits(), settings);
-        let (mut off, mut along_it, mut reported) = (0.0f64, 0.0f64, 0.0f64);
+        let (mut off, mut along_it, mut reported, mut tilt) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
         for tick in 0..500 {
             let t = f64::from(tick) * TICK_S;
             let (before, _) = arm.tool();
             let target = along(path, t);
             let report = arm.tick(&target);
-            let (position, _) = arm.tool();
+            let (position, axis) = arm.tool();
+            tilt = tilt.max(axis.cross(&Vector3::z()).norm());
             let error = position - path(t + TICK_S);
             (off, along_it) = (off.max(error.z.abs()), along_it.max(error.xy().norm()));
             // Of the target's own velocity nothing is taken away but the correction, which is at most its limit.
             let short = (target.velocity - (position - before) / TICK_S - report.velocity_error).norm();
             reported = reported.max(short - settings.correction_mps);
         }
-        println!("weight {weight}: off the plane {:.2} mm, in it {:.2} mm", off * 1e3, along_it * 1e3);
+        println!(
+            "weight {weight}: off the plane {:.2} mm, in it {:.2} mm, tilted {tilt:.3} rad",
+            off * 1e3,
+            along_it * 1e3
+        );
+        assert!(tilt < 0.2, "tilted by {tilt} rad");
         assert!(reported < 1e-3, "velocity error is off by {reported} m/s");
         (off, along_it)
     };
@@ -225,15 +231,16 @@ fn singularity_lies_between_its_bounds() {
     let chain = chain(UR5E);
     let mut rng = Pcg64::seed_from_u64(1);
     // The distance is that of the arm, whatever errors weigh.
-    let settings = IkSettings { normal_weight: 1.0, ..IkSettings::for_period(TICK_S, UR5_HOME) };
+    let settings =
+        IkSettings { normal_weight: 1.0, tilt_weight: 1.0, ..IkSettings::for_period(TICK_S, UR5_HOME) };
     for _ in 0..5_000 {
         let q: [f64; 6] = std::array::from_fn(|_| rng.random_range(-PI..PI));
         let target = ToolTarget::at_rest(Vector3::zeros(), -Vector3::z(), None);
         let task = task::assemble(&chain.forward(&q), &q, &[0.0; 6], &target, &settings, TICK_S);
         let smallest = task.rows.fixed_rows::<5>(0).into_owned().singular_values().min();
         let floor = settings.damping_floor_m2.sqrt();
-        let heavy = IkSettings { normal_weight: 10.0, ..settings };
-        let same = task::assemble(&chain.forward(&q), &q, &[0.0; 6], &target, &heavy, TICK_S);
+        let weighted = IkSettings { normal_weight: 10.0, tilt_weight: 0.2, ..settings };
+        let same = task::assemble(&chain.forward(&q), &q, &[0.0; 6], &target, &weighted, TICK_S);
         assert_eq!(task.singularity, same.singularity);
         assert!(task.singularity <= smallest + floor && task.singularity >= (smallest - floor) / 5f64.sqrt());
     }

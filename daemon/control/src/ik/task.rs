@@ -39,6 +39,9 @@ pub struct IkSettings<const J: usize> {
     /// Weight of position errors along the wanted tool axis relative to those across it, 1 or more: where joints cannot do
     /// both, the tip leaves the line rather than the paper.
     pub normal_weight: f64,
+    /// Weight of rotations relative to displacements of a point `orientation_m` away, up to 1: where joints cannot do both, the
+    /// tool tilts a little and the tip stays on the line.
+    pub tilt_weight: f64,
     /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
     pub spin_weight: f64,
     /// Damping far from singularities [m²]; relative velocity error about damping/σ².
@@ -67,6 +70,7 @@ impl<const J: usize> IkSettings<J> {
             gain_hz: 0.5 / period_s,
             orientation_m: 0.1,
             normal_weight: 10.0,
+            tilt_weight: 0.2,
             spin_weight: 0.1,
             damping_floor_m2: 1e-9,
             damping_peak_m2: 1e-3,
@@ -88,7 +92,7 @@ pub struct Task<const J: usize> {
     /// g = −Aᵀb − μ·q̇_home, J.
     pub g: SVector<f64, J>,
     /// A: weighted Jacobian, 6 x J [m/rad]. Rows: linear x, y, z (base), stretched along the wanted tool axis; angular x, y, z
-    /// (tool) times lengths.
+    /// (tool) times lengths and weights.
     pub rows: SMatrix<f64, 6, J>,
     /// b: weighted velocities wanted, 6 [m/s].
     pub wanted: Vector6<f64>,
@@ -137,6 +141,8 @@ pub fn assemble<const J: usize>(
     let across = rows.fixed_rows::<3>(0).into_owned();
     rows.fixed_rows_mut::<3>(0).copy_from(&(stretch * across));
     let linear = stretch * linear;
+    rows.fixed_rows_mut::<3>(3).scale_mut(settings.tilt_weight);
+    angular *= settings.tilt_weight;
     let wanted = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
 
     let damping = damping(singularity, settings);
