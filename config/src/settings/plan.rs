@@ -19,7 +19,7 @@ section! {
     /// Gains and effort are plain numbers for errors in mm, mm per step, mm per step^2 and mm per step^3.
     pub struct Mpc {
         /// Steps of the plan; the horizon lasts horizon * mpc.step_ms.
-        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20: with steps of 2.5 ms time enough to brake from 1 m/s";
+        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20: with steps of 2.5 ms time enough to brake from 0.8 m/s";
         /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers new
         /// samples sooner. Not set: a quarter of pen.step_ms, or the period where that is longer.
         step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
@@ -91,7 +91,7 @@ section! {
     /// Limits of the tool along one axis of the writing plane. The workspace is `plane.workspace_m`.
     pub struct AxisLimits {
         /// Largest speed (kept unless the state makes that impossible).
-        velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "1.0: letters of 3 cm at natural speed; 0.25 near people";
+        velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.8: letters of 3 cm at natural speed; 0.25 near people";
         /// Largest acceleration (kept unless the state makes that impossible).
         acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "20.0 for a UR5 near its home; 5.0 near people";
         /// Largest jerk (always kept).
