@@ -3,6 +3,7 @@
 use foretrace_config::Config;
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::ik::JointLimits;
+use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
@@ -34,11 +35,12 @@ const FREE_CORRECTION: [f64; 2] = [1e3, 1e6];
 /// Shortest step that a plan may have [s], and the part of its effort that is left: least error on UNIPEN train writers.
 const FREE_STEP_S: f64 = 1e-3;
 const FREE_EASE: f64 = 0.1;
-/// Plans on these arms do not follow the preset, so that what is measured on them can be compared over the years: effort and the
-/// gains on velocity, feedback and feedforward, for steps of this length [s].
+/// Plans on these arms do not follow the settings, so that what is measured on them can be compared over the years: effort and
+/// gains, for steps of this length [s].
 const FREE_REFERENCE_S: f64 = 5e-3;
 const FREE_EFFORT: f64 = 10.0;
-const FREE_VELOCITY: [f64; 2] = [3.5, 0.1];
+const FREE_FEEDBACK: Gains = Gains { position: 1.0, velocity: 3.5, acceleration: 0.0, decay: 1.0 };
+const FREE_FEEDFORWARD: Gains = Gains { position: FREE_GAIN, velocity: 0.1, acceleration: 0.0, decay: 1.0 };
 /// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
 const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
@@ -124,15 +126,11 @@ impl BenchArm {
             if hold { (settings.period_ns as f64 * 1e-9, 1.0) } else { (FREE_STEP_S, FREE_EASE) };
         // The same motion costs as much in steps of any length.
         let finer = FREE_REFERENCE_S / step_s;
-        let [feedback, feedforward] = FREE_VELOCITY;
         settings.mpc.step_s = step_s;
         settings.mpc.effort = FREE_EFFORT * ease * finer.powi(6);
-        for gains in &mut settings.mpc.gains_feedback {
-            gains.velocity = feedback * finer;
-        }
-        for gains in &mut settings.mpc.gains_feedforward {
-            (gains.position, gains.velocity) = (gain, feedforward);
-        }
+        settings.mpc.gains_feedback =
+            [Gains { velocity: FREE_FEEDBACK.velocity * finer, ..FREE_FEEDBACK }; 3];
+        settings.mpc.gains_feedforward = [Gains { position: gain, ..FREE_FEEDFORWARD }; 3];
     }
 
     /// `settings` for this arm: limits on or off, and a pen gate that grows with the letters.
