@@ -16,7 +16,7 @@ use foretrace_lab::writer::text_path;
 
 /// The pen begins here, the loop a second before [ns].
 const BEGIN_NS: u64 = 10_000_000_000;
-/// Of the preset: 20 steps of 5 ms.
+/// Of the preset.
 const HORIZON: usize = 20;
 
 fn config() -> Config {
@@ -149,11 +149,13 @@ fn a_change_of_the_lag_is_found_within_five_seconds() {
 }
 
 #[test]
-fn behind_a_slow_servo_following_the_shift_leaves_less_error_than_its_group_delay() {
+fn behind_a_slow_servo_following_the_shift_costs_who_foresees_badly_less_than_its_group_delay() {
     let arm = ArmSettings::ur5(0.002, 0.1);
     let mse = |kind: PredictorKind, following: Following| {
         let (mut sum, mut count) = (0.0, 0.0);
-        for (text, seed) in TEXTS {
+        for (text, seed) in
+            TEXTS.iter().flat_map(|(text, seed)| [0, 10, 20, 30].map(|more| (*text, seed + more)))
+        {
             let mut settings = config().follower_settings();
             settings.preview.kind = kind;
             settings.dead_time_ns = (arm.group_delay_s() * 1e9) as u64;
@@ -177,11 +179,12 @@ fn behind_a_slow_servo_following_the_shift_leaves_less_error_than_its_group_dela
         }
         sum / count
     };
-    // What predicts well forgives a lead too long, and loses little by the shorter one; what predicts badly does not.
-    for (kind, most) in [(PredictorKind::Ours, 1.05), (PredictorKind::ConstantVelocity, 0.8)] {
+    // Whose prediction goes on straight pays for every millisecond of lead that the arm, a filter, did not need. Whose prediction
+    // turns with the pen hardly minds which of the two it is given.
+    for (kind, legal) in [(PredictorKind::ConstantVelocity, 0.0..0.8), (PredictorKind::Ours, 0.95..1.05)] {
         let fixed = mse(kind, Following::Fixed);
         let follows = mse(kind, Following::Measured { max_ns: 150_000_000, rate: 0.02 });
         println!("{kind:?}: at the group delay {fixed:.3e} m², following the shift {follows:.3e} m²");
-        assert!(follows < most * fixed, "{kind:?}: {follows:e} {fixed:e}");
+        assert!(legal.contains(&(follows / fixed)), "{kind:?}: {follows:e} {fixed:e}");
     }
 }
