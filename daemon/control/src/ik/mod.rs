@@ -196,7 +196,7 @@ impl<const J: usize> Ik<J> {
         }
         let qd = answer.qd;
         let missed = task.wanted - task.rows * SVector::from(qd);
-        let length = self.settings.orientation_m * self.settings.tilt_weight;
+        let length = self.settings.orientation_m * task.tilt_weight;
         let report = IkReport {
             source: answer.source,
             status: answer.status,

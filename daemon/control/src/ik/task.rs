@@ -8,6 +8,9 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 use super::chain::Kinematics;
 
+/// A tool tilted by this much [rad] is turned no farther to keep its tip on the line. Three times what letters tilt it by.
+pub const FULL_TILT_RAD: f64 = 0.15;
+
 /// What the tool is asked for during one step, in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolTarget {
@@ -40,7 +43,7 @@ pub struct IkSettings<const J: usize> {
     /// both, the tip leaves the line rather than the paper.
     pub normal_weight: f64,
     /// Weight of rotations relative to displacements of a point `orientation_m` away, up to 1: where joints cannot do both, the
-    /// tool tilts a little and the tip stays on the line.
+    /// tool tilts a little and the tip stays on the line. Of an upright tool; it grows to 1 at [`FULL_TILT_RAD`].
     pub tilt_weight: f64,
     /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
     pub spin_weight: f64,
@@ -96,6 +99,8 @@ pub struct Task<const J: usize> {
     pub rows: SMatrix<f64, 6, J>,
     /// b: weighted velocities wanted, 6 [m/s].
     pub wanted: Vector6<f64>,
+    /// Weight that rotations have in `rows` and `wanted`.
+    pub tilt_weight: f64,
     /// λ [m²].
     pub damping: f64,
     /// Distance to the nearest singularity [m].
@@ -141,8 +146,9 @@ pub fn assemble<const J: usize>(
     let across = rows.fixed_rows::<3>(0).into_owned();
     rows.fixed_rows_mut::<3>(0).copy_from(&(stretch * across));
     let linear = stretch * linear;
-    rows.fixed_rows_mut::<3>(3).scale_mut(settings.tilt_weight);
-    angular *= settings.tilt_weight;
+    let tilt_weight = tilt_weight(settings.tilt_weight, tool, &target.axis);
+    rows.fixed_rows_mut::<3>(3).scale_mut(tilt_weight);
+    angular *= tilt_weight;
     let wanted = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
 
     let damping = damping(singularity, settings);
@@ -159,7 +165,14 @@ pub fn assemble<const J: usize>(
             *g -= posture * settings.posture_hz * (home - q);
         }
     }
-    Task { h, g, rows, wanted, damping, singularity }
+    Task { h, g, rows, wanted, tilt_weight, damping, singularity }
+}
+
+/// `upright` where the tool's z lies on `axis`, 1 from [`FULL_TILT_RAD`] on, and smooth between.
+fn tilt_weight(upright: f64, tool: &Matrix3<f64>, axis: &Vector3<f64>) -> f64 {
+    let z = tool.column(2);
+    let ratio2 = (z - axis).norm_squared() / (FULL_TILT_RAD * FULL_TILT_RAD);
+    upright + (1.0 - upright) * (ratio2 * ratio2).min(1.0)
 }
 
 /// Stretches by `factor` along the unit vector `axis`, and leaves what is across it: 1 + (factor − 1) axis axisᵀ.
