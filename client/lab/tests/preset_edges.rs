@@ -1,18 +1,34 @@
 //! The shipped plan at the edges of its workspace: 50 ms of foresight must be enough to brake in.
 
 use foretrace_config::Config;
-use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, Rung, StepInput};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
 use foretrace_lab::arm::JOINTS;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 
-/// How far the commanded tool of `preset` got beyond its workspace while the pen went along `path` for `seconds` \[m\], and the
-/// largest number of steps that a plan took.
-fn beyond(preset: &str, seconds: f64, path: impl Fn(f64) -> [f64; 2]) -> ([f64; 3], u32) {
+/// What a preset's arm did while the pen went along a path.
+struct Seen {
+    /// How far the commanded tool got beyond its workspace, x, y, z \[m\].
+    beyond_m: [f64; 3],
+    /// How far it got below the paper \[m\].
+    deepest_m: f64,
+    /// Largest angle between the tool and the plane's normal \[rad\].
+    tilt_rad: f64,
+    /// Most steps that a plan took.
+    steps: u32,
+    /// Share of the ticks with a plan of their own.
+    fresh: f64,
+}
+
+/// Leads the arm of `preset` along `path` for `seconds`.
+fn follow(preset: &str, seconds: f64, path: impl Fn(f64) -> [f64; 2]) -> Seen {
     let config = Config::preset(preset).unwrap();
     let settings = config.follower_settings();
     let (workspace, period_ns) = (config.settings().plane.workspace_m, settings.period_ns);
+    let (down, chain) = (settings.plane.tool_axis(), settings.chain.clone());
     let mut judge = CommandChecker::new(settings.limits);
     let mut follower = Follower::<20, JOINTS>::new(settings).unwrap();
     let mut joints = JointReading {
@@ -21,7 +37,14 @@ fn beyond(preset: &str, seconds: f64, path: impl Fn(f64) -> [f64; 2]) -> ([f64; 
         qd: [0.0; JOINTS],
         motion_allowed: true,
     };
-    let (mut most, mut steps) = ([f64::NEG_INFINITY; 3], 0);
+    let mut seen = Seen {
+        beyond_m: [f64::NEG_INFINITY; 3],
+        deepest_m: f64::NEG_INFINITY,
+        tilt_rad: 0.0,
+        steps: 0,
+        fresh: 0.0,
+    };
+    let (mut ticks, mut fresh) = (0, 0);
     let begin = joints.stamp;
     for tick in 0..(seconds * 1e9) as u64 / period_ns {
         let now = begin + tick * period_ns;
@@ -36,28 +59,64 @@ fn beyond(preset: &str, seconds: f64, path: impl Fn(f64) -> [f64; 2]) -> ([f64; 
         }
         assert!(judge.observe(command.stamp, command.valid_until, &command.q, &command.qd), "tick {tick}");
         (joints.q, joints.qd) = (command.q, command.qd);
-        for ((most, at), [low, high]) in most.iter_mut().zip(output.tool).zip(workspace) {
+        for ((most, at), [low, high]) in seen.beyond_m.iter_mut().zip(output.tool).zip(workspace) {
             *most = most.max(at - high).max(low - at);
         }
-        steps = output.axes.iter().map(|axis| axis.iterations).max().unwrap_or(0).max(steps);
+        let [_, _, height] = output.tool;
+        seen.deepest_m = seen.deepest_m.max(-height);
+        let cosine = chain.forward(&command.q).rotation.column(2).dot(&down);
+        seen.tilt_rad = seen.tilt_rad.max(cosine.clamp(-1.0, 1.0).acos());
+        seen.steps = output.axes.iter().map(|axis| axis.iterations).max().unwrap_or(0).max(seen.steps);
+        (ticks, fresh) = (ticks + 1, fresh + u32::from(output.rung == Rung::FreshPlan));
     }
-    (most, steps)
+    seen.fresh = f64::from(fresh) / f64::from(ticks);
+    seen
+}
+
+/// A pen that leaps to anywhere on and around the paper at random times, up to 0.5 s apart.
+fn leaps(seed: u64) -> impl Fn(f64) -> [f64; 2] {
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut until = 0.0;
+    let stays: Vec<(f64, [f64; 2])> = (0..400)
+        .map(|_| {
+            until += random.random_range(0.01..0.5);
+            (until, [(); 2].map(|()| random.random_range(-0.35..0.35)))
+        })
+        .collect();
+    move |t| stays.iter().find(|(until, _)| t < *until).map_or([0.0; 2], |(_, at)| *at)
 }
 
 #[test]
-fn the_tool_brakes_before_the_edge_of_the_workspace() {
+fn whatever_the_pen_does_every_tick_has_a_plan_that_brakes_before_the_edge() {
+    let corners = |t: f64| [[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]][(t / 0.5) as usize % 4];
+    let circles = |t: f64| [0.2 * (14.0 * t).cos(), 0.2 * (14.0 * t).sin()];
+    let sweeps = |t: f64| [0.25 * (9.0 * t).sin(), 0.09 * (2.0 * t).sin()];
     for preset in ["ur5", "ur5e"] {
-        let corners = |t: f64| [[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]][(t / 0.5) as usize % 4];
-        let circles = |t: f64| [0.2 * (14.0 * t).cos(), 0.2 * (14.0 * t).sin()];
-        let sweeps = |t: f64| [0.25 * (9.0 * t).sin(), 0.09 * (2.0 * t).sin()];
-        let (corners, circles, sweeps) =
-            (beyond(preset, 6.0, corners), beyond(preset, 6.0, circles), beyond(preset, 6.0, sweeps));
-        for (name, ([x, y, z], steps)) in [("corners", corners), ("circles", circles), ("sweeps", sweeps)] {
+        let config = Config::preset(preset).unwrap();
+        let safety = &config.settings().safety;
+        let [_, _, [floor, _]] = config.settings().plane.workspace_m;
+        for (name, most, seen) in [
+            ("corners", 2e-3, follow(preset, 6.0, corners)),
+            ("circles", 1e-3, follow(preset, 6.0, circles)),
+            ("sweeps", 1e-3, follow(preset, 6.0, sweeps)),
+            // Whoever is stopped anywhere on the way may be armed again.
+            ("leaps", safety.arm_workspace_margin_m, follow(preset, 40.0, leaps(2))),
+        ] {
+            let Seen { beyond_m: [x, y, z], deepest_m, tilt_rad, steps, fresh } = seen;
             println!(
-                "{preset}, {name}: x, y, z beyond by {x:.5} {y:.5} {z:.5} m; at most {steps} steps a plan"
+                "{preset}, {name}: x, y, z beyond by {:.2} {:.2} {:.2} mm, {:.2} mm into the paper, tilted by {tilt_rad:.3} rad; at most \
+                 {steps} steps a plan, {fresh:.5} of the ticks with a plan of their own",
+                x * 1e3,
+                y * 1e3,
+                z * 1e3,
+                deepest_m * 1e3
             );
+            // An arm at rest without a plan would stay there for good.
+            assert_eq!(fresh, 1.0, "{preset}, {name}");
             // The box is soft: a plan must never be infeasible.
-            assert!(x.max(y) < 2e-3 && z < 1e-3, "{preset}, {name}: {x} {y} {z}");
+            assert!(x.max(y) < most && z < 0.0, "{preset}, {name}: {x} {y} {z}");
+            assert!(deepest_m < 0.4 * floor.abs(), "{preset}, {name}: {deepest_m}");
+            assert!(tilt_rad < safety.arm_max_tilt_rad, "{preset}, {name}: {tilt_rad} rad");
         }
     }
 }

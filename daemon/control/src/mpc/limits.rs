@@ -6,6 +6,7 @@
 use super::cost::Cost;
 use super::model::{Motion, Scale, rollout};
 use crate::qp::dual::{Bounds, Gram, Rows};
+use crate::units::AxisState;
 
 /// What one axis of the writing plane's frame may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +19,28 @@ pub struct AxisLimits {
     pub velocity_mps: f64,
     /// Lowest and highest position [m].
     pub position_m: [f64; 2],
+}
+
+impl AxisLimits {
+    /// How far `state` still goes in the direction `sign` (±1) when it brakes as hard as jerk and acceleration allow [m].
+    #[must_use]
+    pub fn braking_m(&self, state: &AxisState, sign: f64) -> f64 {
+        let Self { jerk_mps3: jerk, acceleration_mps2: most, .. } = *self;
+        if jerk == f64::INFINITY {
+            return 0.0;
+        }
+        let (velocity, acceleration) = (sign * state.velocity, sign * state.acceleration);
+        let after = |t: f64| t * (velocity + t * (acceleration / 2.0 - jerk * t / 6.0));
+        let braking = most.max(-acceleration);
+        let turned = (acceleration + braking) / jerk;
+        let left = velocity + turned * (acceleration - jerk * turned / 2.0);
+        if left > 0.0 {
+            return after(turned) + left * left / (2.0 * braking);
+        }
+        // It stands before its acceleration has turned, or goes the other way all the time and has no such instant.
+        let stands = (acceleration + (acceleration * acceleration + 2.0 * jerk * velocity).sqrt()) / jerk;
+        after(stands.max(0.0)).max(0.0)
+    }
 }
 
 /// ρ of the exact penalty: what one unit of violation adds to ½J, per step; normalised units.
@@ -47,10 +70,9 @@ impl Default for SoftPenalty {
     }
 }
 
-/// The rows of `limits` with positions relative to zero; `unlimited`: of those on the position only.
+/// The rows of `limits` with positions relative to zero.
 pub(super) fn rows<const N: usize>(
     limits: &AxisLimits,
-    unlimited: bool,
     scale: &Scale,
     penalty: &SoftPenalty,
     cost: &Cost<N>,
@@ -60,8 +82,7 @@ pub(super) fn rows<const N: usize>(
         limits.acceleration_mps2 * scale.acceleration,
         limits.velocity_mps * scale.velocity,
     ];
-    let [jerk, acceleration, velocity] =
-        largest.map(|value| [if unlimited { f64::INFINITY } else { value }; N]);
+    let [jerk, acceleration, velocity] = largest.map(|value| [value; N]);
     let [lowest, highest] = limits.position_m.map(|value| [value * scale.position; N]);
     let lower = [jerk.map(|j| -j), acceleration.map(|a| -a), velocity.map(|v| -v), lowest];
     let upper = [jerk, acceleration, velocity, highest];
@@ -114,5 +135,46 @@ impl<const N: usize> Gram<4, N> for Influence<'_, N> {
             cost.solve(&super::model::adjoint(&force))
         };
         *out = rollout(&[0.0; 3], &jerks);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: AxisLimits =
+        AxisLimits { jerk_mps3: 800.0, acceleration_mps2: 12.0, velocity_mps: 1.0, position_m: [-0.2, 0.2] };
+
+    /// Against braking in steps of a microsecond.
+    #[test]
+    fn braking_takes_as_far_as_full_jerk_and_acceleration_need() {
+        let limits = LIMITS;
+        let (jerk, most, step_s) = (limits.jerk_mps3, limits.acceleration_mps2, 1e-6);
+        for velocity in [-0.3, -0.02, 0.0, 0.05, 0.4, 0.9] {
+            for acceleration in [-1.5 * most, -most, -0.4 * most, 0.0, 0.7 * most, most, 1.5 * most] {
+                for sign in [1.0, -1.0] {
+                    let (mut x, mut v, mut a) = (0.0_f64, velocity, acceleration);
+                    let mut farthest = 0.0_f64;
+                    while v > 0.0 || a > -most {
+                        x += v * step_s;
+                        v += a * step_s;
+                        a = (a - jerk * step_s).max(a.min(-most));
+                        farthest = farthest.max(x);
+                    }
+                    let state = AxisState {
+                        position: 0.1,
+                        velocity: sign * velocity,
+                        acceleration: sign * acceleration,
+                    };
+                    let far = limits.braking_m(&state, sign);
+                    assert!(
+                        (far - farthest).abs() < 2e-6,
+                        "{velocity} {acceleration}: {far} of {farthest} m"
+                    );
+                }
+            }
+        }
+        let off = AxisLimits { jerk_mps3: f64::INFINITY, acceleration_mps2: f64::INFINITY, ..limits };
+        assert_eq!(off.braking_m(&AxisState { position: 0.0, velocity: 1.0, acceleration: 5.0 }, 1.0), 0.0);
     }
 }

@@ -87,7 +87,7 @@ impl<const N: usize> Mpc<N> {
         let axis = |axis: usize, feedback: &Gains, feedforward: &Gains, limits: &AxisLimits| {
             let cost = Cost::new(&condensed, behind, feedback, feedforward, settings.effort)
                 .ok_or(MpcError::Singular { axis })?;
-            let rows = limits::rows(limits, settings.unlimited, &scale, &settings.soft_penalty, &cost);
+            let rows = limits::rows(limits, &scale, &settings.soft_penalty, &cost);
             let clarabel = match settings.backend {
                 Backend::Exact => None,
                 Backend::Clarabel(profile) => {
@@ -99,7 +99,7 @@ impl<const N: usize> Mpc<N> {
             Ok(Axis { cost, rows, shifted: rows, clarabel })
         };
         let ([cx, cy, cz], [fx, fy, fz], [lx, ly, lz]) =
-            (&settings.gains_feedback, &settings.gains_feedforward, &settings.axes);
+            (&settings.gains_feedback, &settings.gains_feedforward, &settings.limits());
         let axes = Box::new([axis(0, cx, fx, lx)?, axis(1, cy, fy, ly)?, axis(2, cz, fz, lz)?]);
         let [x, y, z] = &*axes;
         let same_gains = y.cost.same_gains(&x.cost) && z.cost.same_gains(&x.cost);

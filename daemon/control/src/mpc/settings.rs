@@ -147,6 +147,20 @@ pub enum MpcError {
 }
 
 impl MpcSettings {
+    /// The limits that hold: infinite ones on jerk, acceleration and velocity where those are off.
+    #[must_use]
+    pub fn limits(&self) -> [AxisLimits; 3] {
+        let off = f64::INFINITY;
+        let held = |axis: AxisLimits| {
+            if self.unlimited {
+                AxisLimits { jerk_mps3: off, acceleration_mps2: off, velocity_mps: off, ..axis }
+            } else {
+                axis
+            }
+        };
+        self.axes.map(held)
+    }
+
     /// Check every bound; NaN is outside every range.
     ///
     /// # Errors

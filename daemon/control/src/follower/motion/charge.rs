@@ -6,6 +6,7 @@
 use super::{Held, Mover};
 use crate::follower::io::{Health, Refusal};
 use crate::guard::{Commanded, StopProfile, consumer_state};
+use crate::mpc::AxisLimits;
 use crate::units::{AxisState, Stamp};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
@@ -18,8 +19,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let kinematics = self.chain.forward(q);
         let tool = self.plane.point_from_base(&kinematics.position);
         let margin = self.arm_margin;
-        let within = |(x, [low, high]): (&f64, &[f64; 2])| *x >= low - margin && *x <= high + margin;
-        if !tool.iter().zip(&self.workspace).all(within) {
+        let within = |(x, axis): (&f64, &AxisLimits)| {
+            let [low, high] = axis.position_m;
+            *x >= low - margin && *x <= high + margin
+        };
+        if !tool.iter().zip(&self.limits).all(within) {
             return Err(Refusal::ToolOutsideWorkspace);
         }
         let axis = kinematics.rotation.column(2).dot(&self.plane.tool_axis());

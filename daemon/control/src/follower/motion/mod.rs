@@ -4,7 +4,7 @@
 //! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
 
 mod charge;
-mod outside;
+mod asked;
 
 use nalgebra::Vector3;
 
@@ -14,7 +14,7 @@ use super::plane::Plane;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile};
 use crate::ik::{Chain, Clearance, Fence, Ik, IkReport, IkSource, Kinematics, ToolTarget};
-use crate::mpc::{AxisReport, Mpc, Plan};
+use crate::mpc::{AxisLimits, AxisReport, Mpc, Plan};
 use crate::pen::PenReading;
 use crate::servo::Servo;
 use crate::units::{AxisState, Stamp, Trust};
@@ -62,7 +62,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     valid_ns: u64,
     previous_plan_max_ns: u64,
     approach_distance: f64,
-    workspace: [[f64; 2]; 3],
+    limits: [AxisLimits; 3],
     arm_margin: f64,
     arm_cos_tilt: f64,
     plane: Plane,
@@ -83,7 +83,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
-    /// The tool has not come near the pen yet and stays lifted.
+    /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
     height: f64,
 }
@@ -125,7 +125,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             valid_ns: settings.valid_ns(),
             previous_plan_max_ns: safety.previous_plan_max_ns,
             approach_distance: safety.approach_distance,
-            workspace: settings.mpc.axes.map(|axis| axis.position_m),
+            limits: settings.mpc.limits(),
             arm_margin: safety.arm_workspace_margin,
             arm_cos_tilt: safety.arm_max_tilt.cos(),
             plane: settings.plane,
@@ -149,7 +149,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// See [`Mpc::feedback_lag_s`].
     pub(super) fn feedback_lag_s(&mut self) -> f64 {
-        let middle = self.workspace.map(|[low, high]| 0.5 * (low + high));
+        let middle = self.limits.map(|AxisLimits { position_m: [low, high], .. }| 0.5 * (low + high));
         self.mpc.feedback_lag_s(middle)
     }
 
@@ -247,32 +247,6 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             axes: self.reports.axes,
             ik: self.reports.ik,
             guard_altered: 0,
-        }
-    }
-
-    /// References of the three axes, the conservative states, and the trust that they deserve.
-    fn references(
-        &mut self,
-        pen: &PenReading,
-        holding: bool,
-        preview: &Option<[[AxisState; N]; 2]>,
-        trust: Trust,
-    ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
-        let [x, y] = pen.position;
-        let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
-        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere else.
-        if holding {
-            self.approaching = true;
-        } else {
-            self.approaching &= !((x - tool_x).hypot(y - tool_y) <= self.approach_distance);
-            let down = pen.contact && !self.approaching;
-            self.height = if down { 0.0 } else { self.plane.lift_height };
-        }
-        let conservative = [x, y, self.height].map(AxisState::at_rest);
-        let [hold_x, hold_y, hold_z] = conservative;
-        match preview {
-            Some([xs, ys]) => ([*xs, *ys, [hold_z; N]], conservative, trust),
-            None => ([[hold_x; N], [hold_y; N], [hold_z; N]], conservative, Trust::NONE),
         }
     }
 

@@ -1,0 +1,115 @@
+//! What a plan is asked for: pen and preview as references, also out of reach, and from where the workspace cannot be kept.
+
+use super::Mover;
+use crate::mpc::{AxisLimits, PlanReport, Start};
+use crate::pen::PenReading;
+use crate::units::{AxisState, Trust};
+
+/// So many times as far from the pen as it may be lowered, the tool lifts again.
+const LIFT_AGAIN: f64 = 5.0;
+
+impl<const N: usize, const J: usize> Mover<N, J> {
+    /// References of the three axes, the conservative states, and the trust that they deserve.
+    pub(super) fn references(
+        &mut self,
+        pen: &PenReading,
+        holding: bool,
+        preview: &Option<[[AxisState; N]; 2]>,
+        trust: Trust,
+    ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
+        let [x, y] = pen.position;
+        let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
+        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere else.
+        if holding {
+            self.approaching = true;
+        } else {
+            // Lowered from afar, at full speed, the tip would not be stopped at the paper.
+            let off = (x - tool_x).hypot(y - tool_y) / self.approach_distance;
+            self.approaching = !(off <= 1.0) && (self.approaching || off > LIFT_AGAIN);
+            let down = pen.contact && !self.approaching;
+            self.height = if down { 0.0 } else { self.plane.lift_height };
+        }
+        let conservative = [x, y, self.height].map(AxisState::at_rest);
+        let [hold_x, hold_y, hold_z] = conservative;
+        match preview {
+            Some([xs, ys]) => ([*xs, *ys, [hold_z; N]], conservative, trust),
+            None => ([[hold_x; N], [hold_y; N], [hold_z; N]], conservative, Trust::NONE),
+        }
+    }
+
+    /// A fresh plan for the commanded state.
+    ///
+    /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may need more steps of
+    /// the active set than the tick allows, in this one and, as the arm then stands still, in all that follow. If half of them
+    /// are not enough it is made once more, for a workspace that reaches as far as the tool cannot help going: the way back is
+    /// still what the references ask for.
+    pub(super) fn planned(
+        &mut self,
+        conservative: &[AxisState; 3],
+        references: &[[AxisState; N]; 3],
+        trust: Trust,
+        max_iterations: u32,
+    ) -> PlanReport {
+        let (mut conservative, mut references) = self.within_reach(conservative, references);
+        let mut from = Start { command: self.tool, arm: self.arm };
+        let beyond = self.cannot_help();
+        let inside = beyond.iter().all(|by| *by == 0.0);
+        let first = if inside { max_iterations } else { max_iterations / 2 };
+        let report = self.mpc.plan_behind(&from, &conservative, &references, trust, first, &mut self.plan);
+        if report.usable() || inside {
+            return report;
+        }
+        // A plan depends on where it is only by the workspace: moving everything else moves that the other way.
+        for (axis, by) in beyond.iter().enumerate() {
+            let states = [&mut from.command, &mut from.arm, &mut conservative];
+            let states = states.into_iter().filter_map(|all| all.get_mut(axis));
+            let ahead = references.get_mut(axis).into_iter().flatten();
+            states.chain(ahead).for_each(|state| state.position -= by);
+        }
+        let report =
+            self.mpc.plan_behind(&from, &conservative, &references, trust, max_iterations, &mut self.plan);
+        if report.usable() {
+            self.plan.start.iter_mut().zip(&beyond).for_each(|(axis, by)| axis.position += by);
+        }
+        report
+    }
+
+    /// How far beyond the workspace the tool gets when it brakes as hard as its limits allow [m]; negative on the lower side.
+    fn cannot_help(&self) -> [f64; 3] {
+        let mut beyond = [0.0; 3];
+        for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
+            let [low, high] = limits.position_m;
+            *beyond = (tool.position + limits.braking_m(tool, 1.0) - high).max(0.0)
+                + (tool.position - limits.braking_m(tool, -1.0) - low).min(0.0);
+        }
+        beyond
+    }
+
+    /// The held target and the references, brought into the workspace and to where full speed takes the tool by the end of the
+    /// plan.
+    ///
+    /// What lies farther away asks for the same motion, but for more steps of the active set: pens that jump from corner to
+    /// corner beyond the workspace took up to 337 of them. What is no number stays none.
+    fn within_reach(
+        &self,
+        conservative: &[AxisState; 3],
+        references: &[[AxisState; N]; 3],
+    ) -> ([AxisState; 3], [[AxisState; N]; 3]) {
+        let (mut conservative, mut references) = (*conservative, *references);
+        let plan_s = self.mpc.step_s() * N as f64;
+        let axes = self.limits.iter().zip(&self.tool);
+        for ((held, references), (limits, tool)) in conservative.iter_mut().zip(&mut references).zip(axes) {
+            let AxisLimits { velocity_mps, position_m: [low, high], .. } = *limits;
+            let nearest = low.max(high.min(tool.position) - velocity_mps * plan_s);
+            let farthest = high.min(low.max(tool.position) + velocity_mps * plan_s);
+            for state in references.iter_mut().chain([held]) {
+                if state.position < nearest {
+                    state.position = nearest;
+                } else if state.position > farthest {
+                    state.position = farthest;
+                }
+            }
+        }
+        (conservative, references)
+    }
+}
