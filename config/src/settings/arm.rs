@@ -18,7 +18,7 @@ section! {
         /// both, the tool leaves the line rather than the paper.
         normal_weight: f64 = Between(1.0, 100.0), Default("10.0"), AtStart, "10; 1 treats all directions alike";
         /// Weight of turns of the tool relative to those displacements: where joints cannot do both, the tool tilts a
-        /// little and its tip stays on the line.
+        /// little and its tip stays on the line. Of an upright tool: the weight grows to 1 at 0.15 rad.
         tilt_weight: f64 = Between(0.01, 1.0), Default("0.2"), AtStart, "0.2; 1 keeps the pen upright at any price";
         /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.
         spin_weight: f64 = Between(0.0, 1.0), Default("0.1"), AtStart, "0.1";
