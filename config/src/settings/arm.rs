@@ -112,7 +112,8 @@ section! {
         arm_workspace_margin_m: f64 = Between(0.0, 0.5), Default("0.02"), AtStart, "0.02";
         /// Largest angle between the tool's axis and the plane's normal when arming.
         arm_max_tilt_rad: f64 = Between(0.01, 1.5), Default("0.3"), AtStart, "0.3";
-        /// After arming the tool stays lifted until it is this close to the pen. Five times as far away it lifts again.
+        /// After arming the tool stays lifted until it is this close to the pen. Five times as far away, and
+        /// 50 mm at least, it lifts again.
         approach_distance_m: f64 = Between(0.0005, 0.5), Default("0.01"), AtStart, "0.01";
         /// Silence of the pen after which the arm counts as holding, at rest where the pen was last seen.
         hold_after_ms: f64 = Between(10.0, 10000.0), Default("200.0"), AtStart, "200";

@@ -33,7 +33,7 @@ pub struct SafetySettings {
     pub arm_max_tilt: f64,
     /// Longest use of an earlier plan before the stop begins [ns].
     pub previous_plan_max_ns: u64,
-    /// The tool stays lifted after arming until it is this close to the pen [m].
+    /// The tool stays lifted after arming until it is this close to the pen [m]; five times as far away, and 50 mm, it lifts again.
     pub approach_distance: f64,
 }
 

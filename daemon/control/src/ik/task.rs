@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 use super::chain::Kinematics;
 
-/// A tool tilted by this much [rad] is turned no farther to keep its tip on the line. Three times what letters tilt it by.
+/// Tilt of the tool from which turns weigh fully [rad]: three times what letters tilt it by.
 pub const FULL_TILT_RAD: f64 = 0.15;
 
 /// What the tool is asked for during one step, in the base frame.

@@ -5,8 +5,12 @@ use crate::mpc::{AxisLimits, PlanReport, Start};
 use crate::pen::PenReading;
 use crate::units::{AxisState, Trust};
 
-/// So many times as far from the pen as it may be lowered, the tool lifts again.
-const LIFT_AGAIN: f64 = 5.0;
+/// A tool this far from the pen [m], or so many times as far as it may be lowered from, has lost it and lifts. Commands lead the
+/// pen by the dead time, which is no reason to lift: what is foreseen counts like the pen.
+const LOST_M: f64 = 0.05;
+const LOST: f64 = 5.0;
+/// Beyond the workspace by less than this [m] is inside: rounding.
+const OUTSIDE_M: f64 = 1e-9;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// References of the three axes, the conservative states, and the trust that they deserve.
@@ -24,8 +28,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             self.approaching = true;
         } else {
             // Lowered from afar, at full speed, the tip would not be stopped at the paper.
-            let off = (x - tool_x).hypot(y - tool_y) / self.approach_distance;
-            self.approaching = !(off <= 1.0) && (self.approaching || off > LIFT_AGAIN);
+            let off = |[x, y]: [f64; 2]| (x - tool_x).hypot(y - tool_y);
+            let led = preview.as_ref().filter(|_| trust.alpha() > 0.0);
+            let foreseen = led.and_then(|[xs, ys]| Some([xs.first()?.position, ys.first()?.position]));
+            let lost = off(foreseen.unwrap_or(pen.position)).min(off(pen.position))
+                > LOST_M.max(LOST * self.approach_distance);
+            self.approaching = !(off(pen.position) <= self.approach_distance) && (self.approaching || lost);
             let down = pen.contact && !self.approaching;
             self.height = if down { 0.0 } else { self.plane.lift_height };
         }
@@ -40,9 +48,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// A fresh plan for the commanded state.
     ///
     /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may need more steps of
-    /// the active set than the tick allows, in this one and, as the arm then stands still, in all that follow. If half of them
-    /// are not enough it is made once more, for a workspace that reaches as far as the tool cannot help going: the way back is
-    /// still what the references ask for.
+    /// the active set than there may be, in this tick and, as the arm then stands still, in all that follow. If half of them are not
+    /// enough it is made once more, for a workspace that reaches as far as the tool cannot help going: the way back is still what
+    /// the references ask for. Both together take half as many steps again as one plan may, at most.
     pub(super) fn planned(
         &mut self,
         conservative: &[AxisState; 3],
@@ -53,7 +61,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (mut conservative, mut references) = self.within_reach(conservative, references);
         let mut from = Start { command: self.tool, arm: self.arm };
         let beyond = self.cannot_help();
-        let inside = beyond.iter().all(|by| *by == 0.0);
+        let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);
         let first = if inside { max_iterations } else { max_iterations / 2 };
         let report = self.mpc.plan_behind(&from, &conservative, &references, trust, first, &mut self.plan);
         if report.usable() || inside {
@@ -66,8 +74,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             let ahead = references.get_mut(axis).into_iter().flatten();
             states.chain(ahead).for_each(|state| state.position -= by);
         }
-        let report =
+        let before = report.axes;
+        let mut report =
             self.mpc.plan_behind(&from, &conservative, &references, trust, max_iterations, &mut self.plan);
+        for (axis, before) in report.axes.iter_mut().zip(&before) {
+            axis.iterations += before.iterations;
+        }
         if report.usable() {
             self.plan.start.iter_mut().zip(&beyond).for_each(|(axis, by)| axis.position += by);
         }
@@ -88,8 +100,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// The held target and the references, brought into the workspace and to where full speed takes the tool by the end of the
     /// plan.
     ///
-    /// What lies farther away asks for the same motion, but for more steps of the active set: pens that jump from corner to
-    /// corner beyond the workspace took up to 337 of them. What is no number stays none.
+    /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens that jump from corner to
+    /// corner beyond the workspace took up to 337 of them. Behind a servo what is asked for is where the arm gets to, which may be
+    /// far behind the command. What is no number stays none.
     fn within_reach(
         &self,
         conservative: &[AxisState; 3],
@@ -97,11 +110,15 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> ([AxisState; 3], [[AxisState; N]; 3]) {
         let (mut conservative, mut references) = (*conservative, *references);
         let plan_s = self.mpc.step_s() * N as f64;
-        let axes = self.limits.iter().zip(&self.tool);
-        for ((held, references), (limits, tool)) in conservative.iter_mut().zip(&mut references).zip(axes) {
+        let arm = if self.servo.is_some() { &self.arm } else { &self.tool };
+        let axes = self.limits.iter().zip(self.tool.iter().zip(arm));
+        for ((held, references), (limits, (tool, arm))) in
+            conservative.iter_mut().zip(&mut references).zip(axes)
+        {
             let AxisLimits { velocity_mps, position_m: [low, high], .. } = *limits;
-            let nearest = low.max(high.min(tool.position) - velocity_mps * plan_s);
-            let farthest = high.min(low.max(tool.position) + velocity_mps * plan_s);
+            let (behind, ahead) = (tool.position.min(arm.position), tool.position.max(arm.position));
+            let nearest = low.max(high.min(behind) - velocity_mps * plan_s);
+            let farthest = high.min(low.max(ahead) + velocity_mps * plan_s);
             for state in references.iter_mut().chain([held]) {
                 if state.position < nearest {
                     state.position = nearest;
