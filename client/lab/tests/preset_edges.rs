@@ -23,8 +23,9 @@ struct Seen {
     tilt_rad: f64,
     /// Most steps of the active set in a tick, per axis.
     steps: u32,
-    /// Share of the ticks with a plan of their own.
+    /// Share of the ticks with a plan of their own, and most ticks in a row without.
     fresh: f64,
+    without: u32,
 }
 
 /// Leads the arm of `settings` along `path` for `seconds`; the pen goes down and up every `strokes` ticks.
@@ -51,8 +52,9 @@ fn follow(
         tilt_rad: 0.0,
         steps: 0,
         fresh: 0.0,
+        without: 0,
     };
-    let (mut ticks, mut fresh) = (0, 0);
+    let (mut ticks, mut fresh, mut without) = (0, 0, 0);
     let begin = joints.stamp;
     for tick in 0..(seconds * 1e9) as u64 / period_ns {
         let now = begin + tick * period_ns;
@@ -79,7 +81,10 @@ fn follow(
         let cosine = chain.forward(&command.q).rotation.column(2).dot(&down);
         seen.tilt_rad = seen.tilt_rad.max(cosine.clamp(-1.0, 1.0).acos());
         seen.steps = output.axes.iter().map(|axis| axis.iterations).max().unwrap_or(0).max(seen.steps);
-        (ticks, fresh) = (ticks + 1, fresh + u32::from(output.rung == Rung::FreshPlan));
+        let planned = output.rung == Rung::FreshPlan;
+        (ticks, fresh) = (ticks + 1, fresh + u32::from(planned));
+        without = if planned { 0 } else { without + 1 };
+        seen.without = seen.without.max(without);
     }
     seen.fresh = f64::from(fresh) / f64::from(ticks);
     seen
@@ -98,9 +103,13 @@ fn leaps(half: f64, longest: f64, seed: u64) -> impl Fn(f64) -> [f64; 2] {
     move |t| stays.iter().find(|(until, _)| t < *until).map_or([0.0; 2], |(_, at)| *at)
 }
 
+/// Half a second at each of four places far beyond the corners of the paper.
+fn corners(t: f64) -> [f64; 2] {
+    [[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]][(t / 0.5) as usize % 4]
+}
+
 #[test]
 fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
-    let corners = |t: f64| [[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]][(t / 0.5) as usize % 4];
     let circles = |t: f64| [0.2 * (14.0 * t).cos(), 0.2 * (14.0 * t).sin()];
     let sweeps = |t: f64| [0.25 * (9.0 * t).sin(), 0.09 * (2.0 * t).sin()];
     for preset in ["ur5", "ur5e"] {
@@ -125,11 +134,34 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
                 z * 1e3,
                 deepest_m * 1e3
             );
-            // An arm at rest without a plan would stay there for good.
             assert_eq!(fresh, 1.0, "{preset}, {name}");
+            assert!(steps <= config.settings().mpc.max_iterations * 3 / 2, "{preset}, {name}: {steps}");
             assert!(x.max(y) < beyond && z < 1e-3, "{preset}, {name}: {x} {y} {z}");
             assert!(deepest_m < depth, "{preset}, {name}: {deepest_m}");
             assert!(tilt_rad < safety.arm_max_tilt_rad, "{preset}, {name}: {tilt_rad} rad");
+        }
+    }
+}
+
+/// Less is asked for until there is a plan. An arm at rest without one would be asked for the same, and fail, for ever.
+#[test]
+fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
+    let config = Config::preset("ur5").unwrap();
+    for (steps, effort) in [(3, 10.0), (12, 10.0), (25, 10.0), (100, 1.0), (100, 0.1)] {
+        let mut settings = config.follower_settings();
+        settings.mpc.max_iterations = steps;
+        settings.mpc.effort = effort;
+        let most = settings.safety.previous_plan_max_ns / settings.period_ns;
+        for (name, path) in
+            [("corners", &corners as &dyn Fn(f64) -> [f64; 2]), ("leaps", &leaps(0.35, 0.5, 2))]
+        {
+            let seen = follow(&config, settings.clone(), (20.0, 300), path);
+            println!(
+                "{steps} steps, effort {effort}, {name}: {:.4} with a plan, {} in a row without",
+                seen.fresh, seen.without
+            );
+            assert!(u64::from(seen.without) < most, "{steps} steps, {name}: {} in a row", seen.without);
+            assert!(seen.fresh > 0.8, "{steps} steps, {name}: {}", seen.fresh);
         }
     }
 }

@@ -30,7 +30,8 @@ section! {
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
         effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "10";
-        /// Iterations of the exact solver per axis before the previous plan is used. Where the tool cannot help leaving the workspace,
+        /// Iterations of the exact solver per axis before the previous plan is used, and the next one is asked for
+        /// less. Where the tool cannot help leaving the workspace,
         /// a tick may take half as many again.
         max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
             "100: enough for the presets, whatever the pen does";

@@ -23,6 +23,8 @@ pub struct AxisLimits {
 
 impl AxisLimits {
     /// How far `state` still goes in the direction `sign` (±1) when it brakes as hard as jerk and acceleration allow [m].
+    ///
+    /// A state that already brakes harder than its limit is taken to go on like that.
     #[must_use]
     pub fn braking_m(&self, state: &AxisState, sign: f64) -> f64 {
         let Self { jerk_mps3: jerk, acceleration_mps2: most, .. } = *self;

@@ -1,7 +1,7 @@
 //! What a plan is asked for: pen and preview as references, also out of reach, and from where the workspace cannot be kept.
 
 use super::Mover;
-use crate::mpc::{AxisLimits, PlanReport, Start};
+use crate::mpc::{PlanReport, Start};
 use crate::pen::PenReading;
 use crate::units::{AxisState, Trust};
 
@@ -11,6 +11,10 @@ const LOST_M: f64 = 0.05;
 const LOST: f64 = 5.0;
 /// Beyond the workspace by less than this [m] is inside: rounding.
 const OUTSIDE_M: f64 = 1e-9;
+/// What becomes of the share of the reach in a tick without a plan of its own and in one with, and where it ends.
+const FAILED: f64 = 0.5;
+const PLANNED: f64 = 1.1;
+const LEAST_REACH: f64 = 1e-3;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// References of the three axes, the conservative states, and the trust that they deserve.
@@ -47,11 +51,28 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// A fresh plan for the commanded state.
     ///
+    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick, down to staying. An arm
+    /// at rest therefore never stands there for want of a plan.
+    pub(super) fn planned(
+        &mut self,
+        conservative: &[AxisState; 3],
+        references: &[[AxisState; N]; 3],
+        trust: Trust,
+        max_iterations: u32,
+    ) -> PlanReport {
+        let report = self.within_limits(conservative, references, trust, max_iterations);
+        let change = if report.usable() { PLANNED } else { FAILED };
+        self.reach = (self.reach * change).clamp(LEAST_REACH, 1.0);
+        report
+    }
+
+    /// The plan as far as the workspace and its steps allow.
+    ///
     /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may need more steps of
     /// the active set than there may be, in this tick and, as the arm then stands still, in all that follow. If half of them are not
     /// enough it is made once more, for a workspace that reaches as far as the tool cannot help going: the way back is still what
     /// the references ask for. Both together take half as many steps again as one plan may, at most.
-    pub(super) fn planned(
+    fn within_limits(
         &mut self,
         conservative: &[AxisState; 3],
         references: &[[AxisState; N]; 3],
@@ -102,31 +123,37 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ///
     /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens that jump from corner to
     /// corner beyond the workspace took up to 337 of them. Behind a servo what is asked for is where the arm gets to, which may be
-    /// far behind the command. What is no number stays none.
+    /// far behind the command. After ticks without a plan it is only a share of that. What is no number stays none.
     fn within_reach(
         &self,
         conservative: &[AxisState; 3],
         references: &[[AxisState; N]; 3],
     ) -> ([AxisState; 3], [[AxisState; N]; 3]) {
         let (mut conservative, mut references) = (*conservative, *references);
-        let plan_s = self.mpc.step_s() * N as f64;
+        let plan_s = self.reach * self.mpc.step_s() * N as f64;
         let arm = if self.servo.is_some() { &self.arm } else { &self.tool };
         let axes = self.limits.iter().zip(self.tool.iter().zip(arm));
         for ((held, references), (limits, (tool, arm))) in
             conservative.iter_mut().zip(&mut references).zip(axes)
         {
-            let AxisLimits { velocity_mps, position_m: [low, high], .. } = *limits;
             let (behind, ahead) = (tool.position.min(arm.position), tool.position.max(arm.position));
-            let nearest = low.max(high.min(behind) - velocity_mps * plan_s);
-            let farthest = high.min(low.max(ahead) + velocity_mps * plan_s);
+            let far = limits.velocity_mps * plan_s;
             for state in references.iter_mut().chain([held]) {
-                if state.position < nearest {
-                    state.position = nearest;
-                } else if state.position > farthest {
-                    state.position = farthest;
-                }
+                state.position =
+                    within(within(state.position, limits.position_m), [behind - far, ahead + far]);
             }
         }
         (conservative, references)
+    }
+}
+
+/// The nearest that is not outside of `[low, high]`; what is no number stays none.
+fn within(value: f64, [low, high]: [f64; 2]) -> f64 {
+    if value < low {
+        low
+    } else if value > high {
+        high
+    } else {
+        value
     }
 }

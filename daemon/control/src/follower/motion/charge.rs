@@ -35,6 +35,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
         self.arm = self.tool;
         self.plan_start = None;
+        self.reach = 1.0;
         self.approaching = true;
         self.height = self.plane.lift_height;
         self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });

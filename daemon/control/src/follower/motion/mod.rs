@@ -83,6 +83,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
+    /// Share of its full reach that a plan is asked for.
+    reach: f64,
     /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
     height: f64,
@@ -142,6 +144,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             arm: [AxisState::default(); 3],
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
+            reach: 1.0,
             approaching: true,
             height: settings.plane.lift_height,
         })
