@@ -51,8 +51,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// A fresh plan for the commanded state.
     ///
-    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick, down to staying. An arm
-    /// at rest therefore never stands there for want of a plan.
+    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick, down to staying at rest. An
+    /// arm at rest therefore never stands there for want of a plan.
     pub(super) fn planned(
         &mut self,
         conservative: &[AxisState; 3],
@@ -60,6 +60,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         trust: Trust,
         max_iterations: u32,
     ) -> PlanReport {
+        let (conservative, references) = self.within_reach(conservative, references);
         let report = self.within_limits(conservative, references, trust, max_iterations);
         let change = if report.usable() { PLANNED } else { FAILED };
         self.reach = (self.reach * change).clamp(LEAST_REACH, 1.0);
@@ -74,12 +75,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// the references ask for. Both together take half as many steps again as one plan may, at most.
     fn within_limits(
         &mut self,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
+        mut conservative: [AxisState; 3],
+        mut references: [[AxisState; N]; 3],
         trust: Trust,
         max_iterations: u32,
     ) -> PlanReport {
-        let (mut conservative, mut references) = self.within_reach(conservative, references);
         let mut from = Start { command: self.tool, arm: self.arm };
         let beyond = self.cannot_help();
         let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);
@@ -118,12 +118,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         beyond
     }
 
-    /// The held target and the references, brought into the workspace and to where full speed takes the tool by the end of the
-    /// plan.
+    /// The held target and the references, brought into the workspace, and then to where full speed takes the tool by the end of
+    /// the plan.
     ///
     /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens that jump from corner to
     /// corner beyond the workspace took up to 337 of them. Behind a servo what is asked for is where the arm gets to, which may be
-    /// far behind the command. After ticks without a plan it is only a share of that. What is no number stays none.
+    /// far behind the command. After ticks without a plan it is only a share of that, at that share of the speed. What is no number
+    /// stays none.
     fn within_reach(
         &self,
         conservative: &[AxisState; 3],
@@ -141,6 +142,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             for state in references.iter_mut().chain([held]) {
                 state.position =
                     within(within(state.position, limits.position_m), [behind - far, ahead + far]);
+                state.velocity *= self.reach;
+                state.acceleration *= self.reach;
             }
         }
         (conservative, references)
