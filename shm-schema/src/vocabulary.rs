@@ -141,6 +141,8 @@ wire_enum! {
         SolverUnhealthy = 17 => "plans in trouble",
         /// The learner handed over parameters that were refused.
         LearnerUnhealthy = 18 => "learner unhealthy",
+        /// Believed in part: the arm is too often at its limits, and then hardly better than feedback alone.
+        ArmLimited = 19 => "arm at its limits",
     }
 }
 

@@ -208,6 +208,7 @@ fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
         evidence.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
         let inputs = TrustInputs {
             unplanned: 0.0,
+            overtaxed: None,
             weights_refused: false,
             request: TrustRequest::Auto,
             armed: true,

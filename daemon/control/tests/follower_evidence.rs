@@ -7,7 +7,7 @@ use foretrace_control::learn::Learner;
 use foretrace_control::mpc::{Mpc, Plan};
 use foretrace_control::predict::bands::BAND_LEADS;
 use foretrace_control::predict::{OnlineWeights, Oracle, PredictorKind};
-use foretrace_control::trust::TrustReason;
+use foretrace_control::trust::{TrustReason, TrustRequest};
 use foretrace_control::units::{AxisState, Stamp, Trust};
 use support::lagging::{Arm, Kind};
 use support::{Bench, HOME, PERIOD_NS, STEP_NS, models, preset, settings};
@@ -85,6 +85,67 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
     let (with, without) = (rms(wanted(), true, true), rms(wanted(), false, true));
     println!("{:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
     assert!(with < 3e-4 && without < 3e-4, "{with} m per step, {without} m without");
+}
+
+/// How an arm did whose every axis may accelerate by so much; the curve takes 6.5 m/s².
+struct Hurried {
+    /// RMS distance [m] of a perfect arm from where the pen is the dead time later.
+    rms: f64,
+    /// Trust at the end, and whether it was lowered because of the arm in the last 8 s: not by the way to the pen.
+    alpha: f64,
+    lowered: bool,
+    /// Share of the ticks at a limit of acceleration.
+    at_limit: f64,
+}
+
+fn hurried(trust_request: TrustRequest, acceleration_mps2: f64, exact: bool) -> Hurried {
+    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    wanted.trust_request = trust_request;
+    wanted.dead_time_ns = 30_000_000;
+    for axis in &mut wanted.mpc.axes {
+        axis.acceleration_mps2 = acceleration_mps2;
+    }
+    let mut bench = Bench::armed(wanted);
+    let start = bench.now;
+    if exact {
+        bench.follower.use_oracle(oracle(start, 1300, curve));
+    }
+    let mut seen = Hurried { rms: 0.0, alpha: 0.0, lowered: false, at_limit: 0.0 };
+    let mut count = 0.0;
+    write(&mut bench, start, 6000, curve, |_, output| {
+        let t = output.command.unwrap().stamp.seconds_since(start);
+        let [x, y] = curve(t + 0.03);
+        seen.alpha = output.trust.alpha.alpha();
+        if t > 4.0 {
+            seen.lowered |= output.trust.reason == TrustReason::ArmLimited;
+            seen.rms += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
+            let limited = output.axes.iter().any(|axis| axis.active.acceleration > 0);
+            seen.at_limit += f64::from(u8::from(limited));
+            count += 1.0;
+        }
+    });
+    Hurried { rms: (seen.rms / count).sqrt(), at_limit: seen.at_limit / count, ..seen }
+}
+
+#[test]
+fn trust_comes_down_where_the_arm_is_too_weak_for_what_is_foreseen() {
+    let manual = |alpha| TrustRequest::Manual(Trust::new(alpha));
+    for acceleration_mps2 in [3.0, 4.0, 6.0] {
+        let Hurried { rms, alpha, lowered, .. } = hurried(TrustRequest::Auto, acceleration_mps2, false);
+        let [believed, held] = [1.0, 0.0].map(|alpha| hurried(manual(alpha), acceleration_mps2, false).rms);
+        let shown = [rms, believed, held].map(|rms| rms * 1e3);
+        println!("{acceleration_mps2} m/s²: {shown:.2?} mm at trust {alpha:.2}, 1 and 0");
+        assert!(rms < 0.8 * believed && rms < held && lowered, "{acceleration_mps2} m/s²: {shown:.2?} mm");
+    }
+}
+
+#[test]
+fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
+    let Hurried { rms, alpha, lowered, at_limit } = hurried(TrustRequest::Auto, 5.0, true);
+    assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
+    assert!(alpha == 1.0 && !lowered && rms < 4e-3, "{rms} m at trust {alpha}");
+    let Hurried { alpha, lowered, at_limit, .. } = hurried(TrustRequest::Auto, 20.0, false);
+    assert!(alpha == 1.0 && !lowered && at_limit == 0.0, "{alpha} {at_limit}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ const TICK_NS: u64 = 2_000_000;
 
 const HEALTHY: TrustInputs = TrustInputs {
     unplanned: 0.0,
+    overtaxed: None,
     weights_refused: false,
     request: TrustRequest::Auto,
     armed: true,
@@ -186,6 +187,62 @@ fn health_of_solver_and_learner_counts_unless_an_operator_decides() {
     assert_eq!(trusted().update(&refused, TICK_NS).reason, TrustReason::Manual);
 }
 
+/// α after `seconds` on an arm that is at a limit in the share `used` of its ticks at a trust, why, and the share of the ticks in which it was.
+fn limited(
+    trust: &mut TrustControl,
+    seconds: f64,
+    request: TrustRequest,
+    used: impl Fn(f64) -> f64,
+) -> (f64, TrustReason, f64) {
+    let ticks = (seconds * 1e9) as u64 / TICK_NS;
+    let (mut due, mut at_limits, mut last) = (0.0, 0.0, TrustReason::Auto);
+    for _ in 0..ticks {
+        due += used(trust.alpha().alpha());
+        let at_limit = due >= 1.0;
+        due -= f64::from(u8::from(at_limit));
+        at_limits += f64::from(u8::from(at_limit));
+        last = trust.update(&TrustInputs { overtaxed: Some(at_limit), request, ..HEALTHY }, TICK_NS).reason;
+    }
+    (trust.alpha().alpha(), last, at_limits / ticks as f64)
+}
+
+#[test]
+fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
+    let auto = TrustRequest::Auto;
+    let mut trust = trusted();
+    let (alpha, reason, _) = limited(&mut trust, 4.0, auto, |_| 0.5);
+    assert_eq!((alpha, reason), (1.0, TrustReason::Auto));
+    // A fifth of two of its times, and what is left out because it would be the same.
+    let (alpha, reason, _) = limited(&mut trust, 0.3, auto, |_| 1.0);
+    assert!((alpha - (-0.4_f64).exp()).abs() < 0.07, "{alpha}");
+    assert_eq!(reason, TrustReason::ArmLimited);
+    let (lowest, reason, _) = limited(&mut trust, 4.0, auto, |_| 1.0);
+    assert!((lowest - 0.1).abs() < 0.01 && reason == TrustReason::ArmLimited, "{lowest}");
+    // At rest there is nothing to learn about limits.
+    for _ in 0..2000 {
+        trust.update(&HEALTHY, TICK_NS);
+    }
+    assert_eq!(trust.alpha().alpha(), lowest);
+    let (alpha, reason, _) = limited(&mut trust, 2.0, auto, |_| 0.5);
+    assert_eq!((alpha, reason), (1.0, TrustReason::Auto));
+    limited(&mut trust, 4.0, auto, |alpha| 1.6 * alpha);
+    let (alpha, _, share) = limited(&mut trust, 4.0, auto, |alpha| 1.6 * alpha);
+    assert!((share - 0.8).abs() < 0.02 && (alpha - 0.5).abs() < 0.1, "{share} at {alpha}");
+}
+
+#[test]
+fn limits_of_the_arm_are_no_reason_against_an_operator_and_none_for_a_bad_preview() {
+    let manual = TrustRequest::Manual(Trust::new(0.9));
+    let (alpha, reason, _) = limited(&mut trusted(), 1.0, manual, |_| 1.0);
+    assert!((alpha - 0.9).abs() < 1e-12 && reason == TrustReason::Manual, "{alpha} {reason:?}");
+    let bad = TrustInputs { overtaxed: Some(true), record: Record { preview: 1e3, ..GOOD }, ..HEALTHY };
+    let mut trust = trusted();
+    for _ in 0..500 {
+        let report = trust.update(&bad, TICK_NS);
+        assert_eq!((report.reason, report.target), (TrustReason::WorseThanHold, Trust::NONE));
+    }
+}
+
 #[test]
 fn evidence_that_is_not_a_number_speaks_against_the_preview() {
     for bad in [
@@ -236,20 +293,20 @@ proptest! {
     #[test]
     fn alpha_stays_in_its_range_and_never_moves_faster_than_the_ramp(
         ticks in proptest::collection::vec(
-            (any::<[bool; 4]>(), any::<Option<f64>>(), any::<[f64; 6]>(), 0..20_u32, any::<Option<u64>>(),
+            (any::<[bool; 4]>(), any::<(Option<f64>, Option<bool>)>(), any::<[f64; 6]>(), 0..20_u32, any::<Option<u64>>(),
              0..60_000_000_u64), 1..300)
     ) {
         let settings = TrustSettings::default();
         let mut trust = TrustControl::new(settings).unwrap();
         let mut before = trust.alpha().alpha();
-        for ([armed, jumped, preview_finite, switching], manual, sums, history, age, dt_ns) in ticks {
+        for ([armed, jumped, preview_finite, switching], (manual, overtaxed), sums, history, age, dt_ns) in ticks {
             let [preview, hold, steady, cases, surprise, unplanned] = sums;
             let record = Record { preview, hold, steady, cases, surprise };
             let request = manual.map_or(TrustRequest::Auto, |alpha| TrustRequest::Manual(Trust::new(alpha)));
             let pen_age_ns = age.map(|age| age % 120_000_000);
             let weights_refused = history == 7;
             let inputs = TrustInputs {
-                request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, weights_refused, record,
+                request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, overtaxed, weights_refused, record,
             };
             let report = trust.update(&inputs, dt_ns);
             let alpha = report.alpha.alpha();

@@ -234,6 +234,7 @@ pub const fn trust_reason(reason: TrustReason) -> shm::TrustReason {
         TrustReason::Unproven => shm::TrustReason::Unproven,
         TrustReason::Surprised => shm::TrustReason::Surprised,
         TrustReason::WorseThanHold => shm::TrustReason::WorseThanHold,
+        TrustReason::ArmLimited => shm::TrustReason::ArmLimited,
         TrustReason::WorseThanSteady => shm::TrustReason::WorseThanConstantVelocity,
         TrustReason::Hysteresis => shm::TrustReason::Hysteresis,
         TrustReason::Auto => shm::TrustReason::Evidence,

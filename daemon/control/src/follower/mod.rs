@@ -31,7 +31,7 @@ use crate::learn::LearnStep;
 use crate::pen::{PenOrigin, PenReading, PenTracker};
 use crate::predict::bands::BAND_LEADS;
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
-use crate::trust::{Evidence, TrustControl, TrustInputs, TrustReport, TrustRequest};
+use crate::trust::{Evidence, Outcome, TrustControl, TrustInputs, TrustReport, TrustRequest};
 use crate::units::{Stamp, Trust};
 
 /// The control law of one arm: horizon of `N` steps, `J` joints.
@@ -48,6 +48,9 @@ pub struct Follower<const N: usize, const J: usize> {
     trust_request: TrustRequest,
     /// Share of the recent ticks that wanted a plan and had none.
     unplanned: f64,
+    /// See [`TrustInputs::overtaxed`].
+    overtaxed: Option<bool>,
+    outcome: Box<Outcome>,
     /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has judged the set in force.
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
@@ -94,6 +97,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
             unplanned: 0.0,
+            overtaxed: None,
+            outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s)),
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
@@ -196,6 +201,16 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         let wanted = self.wanted(now, trust.report.alpha);
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
+        let judged = self.trust_request == TrustRequest::Auto && moved.follows && lost_ns == 0;
+        self.overtaxed = if let Some(pen) = self.pen.newest().filter(|_| judged) {
+            let [x, y, _] = moved.tool;
+            let sample = (pen.stamp, self.settings.mpc.inside(pen.position));
+            self.outcome.see(now, [x, y], sample, self.dead_time.ns());
+            moved.at_limit.map(|at_limit| at_limit && self.outcome.is_poor())
+        } else {
+            self.outcome.forget();
+            None
+        };
         if matches!(wanted, Some(Motion::Follow { .. })) {
             let unplanned = f64::from(u8::from(matches!(moved.rung, Rung::Stop | Rung::Hold)));
             self.unplanned += (unplanned - self.unplanned) / SOLVER_TICKS;
@@ -330,6 +345,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
                 unplanned: self.unplanned,
+                overtaxed: self.overtaxed,
                 weights_refused: self.learner_doubt_ns > 0,
                 record: self.evidence.record(nearest, nearest + LEADS_JUDGED - 1),
             },

@@ -161,6 +161,14 @@ impl MpcSettings {
         self.axes.map(held)
     }
 
+    /// The point of the workspace nearest to `[x, y]` [m].
+    #[must_use]
+    pub fn inside(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let nearest = |value: f64, [low, high]: [f64; 2]| value.max(low).min(high);
+        let [along_x, along_y, _] = self.axes.map(|axis| axis.position_m);
+        [nearest(x, along_x), nearest(y, along_y)]
+    }
+
     /// Check every bound; NaN is outside every range.
     ///
     /// # Errors

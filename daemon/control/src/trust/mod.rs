@@ -4,21 +4,26 @@
 //! can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not worth anything, and the
 //! reason is always given. In automatic mode past previews have to have been better than standing still, over the leads
 //! that the plan looks at, by a margin that is wider on the way up than on the way down ([`Evidence`] keeps their record).
+//! What the evidence speaks for is believed as far as the arm has strength to follow it (`headroom`).
 
 mod blend;
 mod evidence;
 mod feedback;
 mod filter;
+mod headroom;
 mod lead;
 mod observer;
+mod outcome;
 mod shot;
 
 pub use evidence::{EVIDENCE_LEADS, Evidence};
 pub use lead::Record;
+pub use outcome::Outcome;
 
 use thiserror::Error;
 
 use crate::units::Trust;
+use headroom::Headroom;
 
 /// How trust may move.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,6 +133,9 @@ pub struct TrustInputs {
     pub unplanned: f64,
     /// Parameters of the learner were refused lately, and none were accepted since.
     pub weights_refused: bool,
+    /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than feedback alone ([`Outcome`]);
+    /// `None` if nothing moved by a plan, or somebody decides who is not the evidence.
+    pub overtaxed: Option<bool>,
     /// What past previews were worth.
     pub record: Record,
 }
@@ -166,13 +174,15 @@ pub enum TrustReason {
     WorseThanSteady,
     /// Past previews are a little better than Hold, but not yet enough to be believed again.
     Hysteresis,
+    /// The evidence speaks for the preview, but the arm is too often at its limits, and then hardly better than feedback alone.
+    ArmLimited,
     /// The evidence speaks for the preview.
     Auto,
 }
 
 impl TrustReason {
     /// Every reason, in the order in which they are judged.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Disarmed,
         Self::Stale,
         Self::PredictorInvalid,
@@ -188,6 +198,7 @@ impl TrustReason {
         Self::WorseThanHold,
         Self::WorseThanSteady,
         Self::Hysteresis,
+        Self::ArmLimited,
         Self::Auto,
     ];
 
@@ -210,6 +221,7 @@ impl TrustReason {
             Self::WorseThanHold => "worse-than-hold",
             Self::WorseThanSteady => "worse-than-constant-velocity",
             Self::Hysteresis => "hysteresis",
+            Self::ArmLimited => "arm-limited",
             Self::Auto => "auto",
         }
     }
@@ -238,6 +250,7 @@ pub struct TrustControl {
     believed: bool,
     surprised: bool,
     unplanned: bool,
+    headroom: Headroom,
 }
 
 impl TrustControl {
@@ -261,6 +274,7 @@ impl TrustControl {
             believed: true,
             surprised: false,
             unplanned: false,
+            headroom: Headroom::new(),
         })
     }
 
@@ -268,6 +282,11 @@ impl TrustControl {
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
         let verdict = self.weigh(&inputs.record);
+        if inputs.armed && !inputs.switching {
+            self.headroom.see(inputs.overtaxed, dt_ns);
+        } else {
+            self.headroom = Headroom::new();
+        }
         // Written so that what is not a number speaks against.
         let [begin, end] = UNPLANNED;
         self.unplanned = !(inputs.unplanned <= if self.unplanned { end } else { begin });
@@ -317,12 +336,18 @@ impl TrustControl {
             TrustRequest::Frozen(_) => TrustReason::Frozen,
             TrustRequest::Auto if self.unplanned => TrustReason::SolverUnhealthy,
             TrustRequest::Auto if inputs.weights_refused => TrustReason::LearnerUnhealthy,
+            TrustRequest::Auto if verdict == TrustReason::Auto && self.headroom.share() < 1.0 => {
+                TrustReason::ArmLimited
+            }
             TrustRequest::Auto => verdict,
         };
         let target = match (reason, inputs.request) {
             (TrustReason::Manual, TrustRequest::Manual(value))
             | (TrustReason::Frozen, TrustRequest::Frozen(value)) => value,
             (TrustReason::Auto, _) => self.settings.auto_ceiling,
+            (TrustReason::ArmLimited, _) => {
+                Trust::new(self.settings.auto_ceiling.alpha() * self.headroom.share())
+            }
             _ => Trust::NONE,
         };
         (reason, target)

@@ -22,6 +22,9 @@ use crate::units::{AxisState, Stamp, Trust};
 /// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.
 const IK_TOLERANCE_MPS: f64 = 1e-3;
 
+/// A tool slower than this along both axes of the plane [m/s] rests, and limits say nothing.
+const MOVING_MPS: f64 = 0.05;
+
 /// What the arm is to do in a tick.
 #[derive(Debug, Clone)]
 pub(super) enum Motion<const N: usize> {
@@ -52,6 +55,10 @@ pub(super) struct Moved<const J: usize> {
     pub(super) axes: [AxisReport; 3],
     pub(super) ik: IkReport,
     pub(super) guard_altered: u32,
+    /// The tool moves by a plan.
+    pub(super) follows: bool,
+    /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in motion.
+    pub(super) at_limit: Option<bool>,
 }
 
 /// The commanded state and everything that changes it.
@@ -197,6 +204,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let from = self.commanded_tool();
         let guard_altered = self.publish(reach, qd, health);
         let limited = health.has(Health::IK_LIMITED | Health::GUARD_ALTERED);
+        let moving = self.tool.iter().take(2).any(|axis| axis.velocity.abs() > MOVING_MPS);
+        // Jerk at its limit is how plans that are in a hurry look, and costs little; the workspace is no weakness of the arm.
+        let hurries = |axis: &AxisReport| axis.active.acceleration > 0 || axis.active.velocity > 0;
+        let at_limit = limited || self.reports.axes.iter().take(2).any(hurries);
         if let Some(servo) = self.servo {
             self.trail(&servo, &from);
         }
@@ -234,6 +245,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             axes: self.reports.axes,
             ik: self.reports.ik,
             guard_altered,
+            follows: follows_plan,
+            at_limit: (rung == Rung::FreshPlan && moving).then_some(at_limit),
         }
     }
 
@@ -250,6 +263,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             axes: self.reports.axes,
             ik: self.reports.ik,
             guard_altered: 0,
+            follows: false,
+            at_limit: None,
         }
     }
 
