@@ -95,7 +95,7 @@ fn rendering_says_where_each_value_comes_from() {
 fn a_later_layer_wins_key_by_key() {
     let config = over_ur5("[mpc.limits.x]\njerk_mps3 = 300\n").unwrap();
     let limits = &config.settings().mpc.limits;
-    assert_eq!((limits.x.jerk_mps3, limits.y.jerk_mps3), (300.0, 8000.0));
+    assert_eq!((limits.x.jerk_mps3, limits.y.jerk_mps3), (300.0, 16000.0));
     assert_eq!(limits.x.velocity_mps, 0.8);
 }
 

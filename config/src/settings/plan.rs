@@ -53,7 +53,7 @@ section! {
     /// prediction (trust 1).
     pub struct Gains {
         /// Weight of the position error.
-        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0 for feedback, 0.7 for feedforward; up to 3 for an arm much faster than the hand";
+        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0; feedforward up to 3 for an arm much faster than the hand";
         /// Weight of the velocity error.
         velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "7.0 for feedback, 2.5 for feedforward";
         /// Weight of the acceleration error.
@@ -95,9 +95,9 @@ section! {
         /// Largest speed (kept unless the state makes that impossible).
         velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.8: letters of 3 cm at natural speed; 0.25 near people";
         /// Largest acceleration (kept unless the state makes that impossible).
-        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "20.0 for a UR5 near its home; 5.0 near people";
+        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "24.0 for a UR5 near its home; 5.0 near people";
         /// Largest jerk (always kept).
         jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
-            "8000: the acceleration reverses in 5 ms; 400 near people";
+            "16000: the acceleration reverses in 3 ms; 400 near people";
     }
 }

@@ -36,7 +36,7 @@ fn presets_keep_what_was_measured_in_the_control_law() {
         assert_eq!((&law.models, law.weights), (config.models(), law.models.initial_weights()), "{name}");
         let gains = |position, velocity| Gains { position, velocity, acceleration: 0.0, decay: 1.0 };
         assert_eq!(law.mpc.gains_feedback, [gains(1.0, 7.0); 3], "{name}");
-        assert_eq!(law.mpc.gains_feedforward, [gains(0.7, 2.5); 3], "{name}");
+        assert_eq!(law.mpc.gains_feedforward, [gains(1.0, 2.5); 3], "{name}");
         assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (10.0, 0.0025, 0));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
@@ -83,7 +83,7 @@ fn workspace_and_limits_reach_their_axes() {
         .unwrap()
         .follower_settings();
     let [x, y, z] = law.mpc.axes;
-    assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (8000.0, 300.0, 400.0));
+    assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (16000.0, 300.0, 400.0));
     assert_eq!((x.velocity_mps, z.velocity_mps), (0.8, 0.25));
     assert_eq!([x.position_m, y.position_m, z.position_m], [[-0.15, 0.15], [-0.1, 0.1], [-0.005, 0.06]]);
 }
