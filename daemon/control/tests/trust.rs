@@ -231,12 +231,31 @@ fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
 }
 
 #[test]
+fn who_arms_and_another_predictor_begin_with_all_the_strength_of_the_arm() {
+    for begins in [TrustInputs { armed: false, ..HEALTHY }, TrustInputs { switching: true, ..HEALTHY }] {
+        let mut trust = trusted();
+        limited(&mut trust, 4.0, TrustRequest::Auto, |_| 1.0);
+        assert_eq!(trust.update(&HEALTHY, TICK_NS).reason, TrustReason::ArmLimited);
+        trust.update(&begins, TICK_NS);
+        let report = trust.update(&HEALTHY, TICK_NS);
+        assert_eq!((report.reason, report.target), (TrustReason::Auto, Trust::FULL));
+    }
+}
+
+#[test]
 fn limits_of_the_arm_are_no_reason_against_an_operator_and_none_for_a_bad_preview() {
     let manual = TrustRequest::Manual(Trust::new(0.9));
-    let (alpha, reason, _) = limited(&mut trusted(), 1.0, manual, |_| 1.0);
-    assert!((alpha - 0.9).abs() < 1e-12 && reason == TrustReason::Manual, "{alpha} {reason:?}");
-    let bad = TrustInputs { overtaxed: Some(true), record: Record { preview: 1e3, ..GOOD }, ..HEALTHY };
     let mut trust = trusted();
+    let (alpha, reason, _) = limited(&mut trust, 1.0, manual, |_| 1.0);
+    assert!((alpha - 0.9).abs() < 1e-12 && reason == TrustReason::Manual, "{alpha} {reason:?}");
+    let auto = TrustInputs { overtaxed: Some(true), ..HEALTHY };
+    assert_eq!(
+        trust.update(&auto, TICK_NS).reason,
+        TrustReason::Auto,
+        "what an operator asked for is learned from"
+    );
+    let bad = TrustInputs { overtaxed: Some(true), record: Record { preview: 1e3, ..GOOD }, ..HEALTHY };
+    trust = trusted();
     for _ in 0..500 {
         let report = trust.update(&bad, TICK_NS);
         assert_eq!((report.reason, report.target), (TrustReason::WorseThanHold, Trust::NONE));

@@ -22,7 +22,7 @@ pub use io::{
 pub use plane::Plane;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings};
 
-use motion::{Motion, Mover};
+use motion::{Motion, Moved, Mover};
 use reference::Preview;
 use watch::Watch;
 
@@ -201,16 +201,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         let wanted = self.wanted(now, trust.report.alpha);
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
-        let judged = self.trust_request == TrustRequest::Auto && moved.follows && lost_ns == 0;
-        self.overtaxed = if let Some(pen) = self.pen.newest().filter(|_| judged) {
-            let [x, y, _] = moved.tool;
-            let sample = (pen.stamp, self.settings.mpc.inside(pen.position));
-            self.outcome.see(now, [x, y], sample, self.dead_time.ns());
-            moved.at_limit.map(|at_limit| at_limit && self.outcome.is_poor())
-        } else {
-            self.outcome.forget();
-            None
-        };
+        self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {
             let unplanned = f64::from(u8::from(matches!(moved.rung, Rung::Stop | Rung::Hold)));
             self.unplanned += (unplanned - self.unplanned) / SOLVER_TICKS;
@@ -360,6 +351,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             self.learner_doubt_ns = 0;
         }
         Believed { report, switched }
+    }
+
+    /// See [`TrustInputs::overtaxed`]. Ticks that were lost leave a gap in which nobody knows where the tool was.
+    fn overtaxed_by(&mut self, moved: &Moved<J>, now: Stamp, lost_ns: u64) -> Option<bool> {
+        let Some(pen) = self.pen.newest().filter(|_| moved.follows && lost_ns == 0) else {
+            self.outcome.forget();
+            return None;
+        };
+        let [x, y, _] = moved.tool;
+        let sample = (pen.stamp, self.settings.mpc.inside(pen.position));
+        self.outcome.see(now, [x, y], sample, self.dead_time.ns());
+        moved.at_limit.map(|at_limit| at_limit && self.outcome.is_poor())
     }
 
     /// The nearest lead that a plan looks at, as far as there are bands [steps].

@@ -5,7 +5,7 @@
 //! its limits as often as it should be, and no more. Where it is much better, limits do no harm.
 
 /// Share of the ticks of motion in which an arm that is well used is overtaxed: at a limit and hardly better than feedback. Train
-/// writers of unipen-tos, unipen-ced and pendigits behind a UR5: from 0.6 to 0.8 errors are level within 4 %; slower servos want
+/// writers of unipen-tos, unipen-ced and pendigits behind a UR5: from 0.6 to 0.8 errors are level within 5 %; slower servos want
 /// more, and what falls behind feedback grows with the share.
 const WELL_USED: f64 = 0.8;
 /// Trust falls by a factor e while the arm is at its limits for this time divided by 1 − [`WELL_USED`] [s]. A digit of a fast hand

@@ -134,7 +134,7 @@ pub struct TrustInputs {
     /// Parameters of the learner were refused lately, and none were accepted since.
     pub weights_refused: bool,
     /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than feedback alone ([`Outcome`]);
-    /// `None` if nothing moved by a plan, or somebody decides who is not the evidence.
+    /// `None` if nothing moved by a plan.
     pub overtaxed: Option<bool>,
     /// What past previews were worth.
     pub record: Record,
@@ -282,10 +282,10 @@ impl TrustControl {
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
         let verdict = self.weigh(&inputs.record);
-        if inputs.armed && !inputs.switching {
-            self.headroom.see(inputs.overtaxed, dt_ns);
-        } else {
+        if !inputs.armed || inputs.switching {
             self.headroom = Headroom::new();
+        } else if inputs.request == TrustRequest::Auto {
+            self.headroom.see(inputs.overtaxed, dt_ns);
         }
         // Written so that what is not a number speaks against.
         let [begin, end] = UNPLANNED;
