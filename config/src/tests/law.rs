@@ -128,6 +128,13 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
     assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));
     assert!(refused(|s| s.learner.follow_steps = 0).unwrap_err().contains("follow_steps"));
     assert!(refused(|s| s.pen.step_ms = 7).unwrap_err().contains("not a multiple"));
+    // Each of them is legal by itself.
+    let soft = |s: &mut Settings| (s.mpc.effort, s.mpc.feedforward.position) = (1000.0, 0.01);
+    assert_eq!(refused(soft), Ok(()));
+    let swings = refused(|s| {
+        (s.mpc.effort, s.mpc.feedforward.position, s.mpc.feedforward.velocity) = (1000.0, 0.01, 0.02);
+    });
+    assert!(swings.unwrap_err().contains("does not settle"));
 }
 
 #[test]

@@ -329,31 +329,3 @@ fn the_same_inputs_give_the_same_commands_bit_for_bit_with_all_of_it() {
     assert!(bits.windows(7).any(|pair| pair[0] != pair[6]), "nothing moved");
     assert_eq!(bits, run());
 }
-
-#[test]
-fn lag_of_feedback_is_that_of_a_tool_behind_a_steady_target() {
-    for (position, velocity, effort) in [(1.0, 0.0, 10.0), (1.0, 2.0, 0.1), (0.3, 0.5, 3.0)] {
-        let mut law = settings(PredictorKind::Hold).mpc;
-        law.effort = effort;
-        for gains in &mut law.gains_feedback {
-            (gains.position, gains.velocity) = (position, velocity);
-        }
-        let middle = law.axes.map(|axis| 0.5 * (axis.position_m[0] + axis.position_m[1]));
-        let mut mpc = Mpc::<10>::new(&law).unwrap();
-        let told = mpc.feedback_lag_s(middle);
-        // Re-planned every step while the target moves.
-        let (speed, step_s) = (1e-3, law.step_s);
-        let mut tool = middle.map(AxisState::at_rest);
-        let mut plan = Plan::resting(step_s);
-        for k in 0..2000 {
-            let mut target = middle.map(AxisState::at_rest);
-            target[0].position += speed * step_s * f64::from(k);
-            let preview = target.map(|state| [state; 10]);
-            assert!(mpc.plan(&tool, &target, &preview, Trust::NONE, 200, &mut plan).usable());
-            tool = plan.state_at(step_s).unwrap();
-        }
-        let behind = middle[0] + speed * step_s * 2000.0 - tool[0].position;
-        let lag = behind / speed;
-        assert!((told / lag - 1.0).abs() < 1e-3, "{position} {velocity} {effort}: {told} s, really {lag} s");
-    }
-}

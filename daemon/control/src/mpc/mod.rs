@@ -21,6 +21,7 @@ mod lanes;
 mod sweeps;
 mod free;
 mod axis;
+mod settle;
 
 pub use cost::Gains;
 pub use limits::{AxisLimits, SoftPenalty};
@@ -50,6 +51,8 @@ pub struct Start {
 /// The planner of three axes over `N` steps.
 pub struct Mpc<const N: usize> {
     step_s: f64,
+    /// Group delay of the servo behind which errors count [s]; 0: none.
+    servo_s: f64,
     scale: Scale,
     max_iterations: u32,
     /// α of the costs; NaN before the first plan.
@@ -106,6 +109,7 @@ impl<const N: usize> Mpc<N> {
         let free = Free::new(axes.each_ref().map(|axis| &axis.rows), same_gains);
         Ok(Self {
             step_s: settings.step_s,
+            servo_s: settings.servo_s,
             scale,
             max_iterations: settings.max_iterations,
             alpha: f64::NAN,
@@ -179,29 +183,6 @@ impl<const N: usize> Mpc<N> {
             plan.jerks = jerks;
         }
         report
-    }
-
-    /// By how much feedback alone lags behind a target that moves steadily [s]: it goes on as it is where what the error asks for
-    /// is what the velocity costs. `at_m`: somewhere inside the workspace [m]. Solves twice; for start-up. NaN if it could not.
-    #[must_use]
-    pub fn feedback_lag_s(&mut self, at_m: [f64; 3]) -> f64 {
-        // Too small for any limit to matter.
-        const OFF_M: f64 = 1e-4;
-        const MOVING_MPS: f64 = 1e-3;
-        let held = at_m.map(AxisState::at_rest);
-        let preview = held.map(|state| [state; N]);
-        let mut plan = Plan::resting(self.step_s);
-        let mut first_jerk = |off_m: f64, velocity: f64| {
-            let mut start = held;
-            let [x, ..] = &mut start;
-            (x.position, x.velocity) = (x.position + off_m, velocity);
-            let report = self.plan(&start, &held, &preview, Trust::NONE, u32::MAX, &mut plan);
-            let [jerks, ..] = plan.jerks;
-            jerks.first().copied().filter(|_| report.usable()).unwrap_or(f64::NAN)
-        };
-        let (by_error, by_velocity) =
-            (first_jerk(OFF_M, 0.0) / OFF_M, first_jerk(0.0, MOVING_MPS) / MOVING_MPS);
-        by_velocity / by_error
     }
 
     /// Blend costs anew if α has changed; `false` when an H cannot be factored.

@@ -138,6 +138,20 @@ pub enum MpcError {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
     },
+    /// The horizon is too short for the gains.
+    #[error(
+        "MPC does not settle: at trust {alpha} a small deviation of axis {axis} is multiplied by {per_s:.1} every second, because a horizon of {horizon_s} s is too short for these gains; raise the gains on position and velocity, lower the effort, or plan farther"
+    )]
+    Swings {
+        /// Axis 0 = x, 1 = y, 2 = z.
+        axis: usize,
+        /// Trust α.
+        alpha: f64,
+        /// Growth per second, 1: it stays.
+        per_s: f64,
+        /// The horizon [s].
+        horizon_s: f64,
+    },
     /// Clarabel refused the problem.
     #[error("Clarabel could not be set up for axis {axis}")]
     Clarabel {

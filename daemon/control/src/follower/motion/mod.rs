@@ -112,6 +112,12 @@ struct Reports {
     ik: IkReport,
 }
 
+fn planner<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> Result<Mpc<N>, FollowerError> {
+    let mut mpc = Mpc::new(&settings.mpc)?;
+    mpc.settles(settings.period_ns as f64 * 1e-9)?;
+    Ok(mpc)
+}
+
 fn inverse_kinematics<const J: usize>(settings: &FollowerSettings<J>) -> Result<Ik<J>, FollowerError> {
     let ik = Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?;
     let Some(wanted) = &settings.clearance else { return Ok(ik) };
@@ -139,7 +145,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             arm_cos_tilt: safety.arm_max_tilt.cos(),
             plane: settings.plane,
             chain: settings.chain.clone(),
-            mpc: Mpc::new(&settings.mpc)?,
+            mpc: planner(settings)?,
             ik: inverse_kinematics(settings)?,
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
@@ -159,8 +165,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// See [`Mpc::feedback_lag_s`].
     pub(super) fn feedback_lag_s(&mut self) -> f64 {
-        let middle = self.limits.map(|AxisLimits { position_m: [low, high], .. }| 0.5 * (low + high));
-        self.mpc.feedback_lag_s(middle)
+        self.mpc.feedback_lag_s()
     }
 
     /// One period of motion. Where the joints did not do what was planned, x₀ comes from what is really published, so that
