@@ -4,11 +4,10 @@ mod support;
 
 use foretrace_control::follower::{Budget, FollowerSettings, Health, Request, StepInput, StepOutput};
 use foretrace_control::learn::Learner;
-use foretrace_control::mpc::{Mpc, Plan};
 use foretrace_control::predict::bands::BAND_LEADS;
 use foretrace_control::predict::{OnlineWeights, Oracle, PredictorKind};
 use foretrace_control::trust::{TrustReason, TrustRequest};
-use foretrace_control::units::{AxisState, Stamp, Trust};
+use foretrace_control::units::{Stamp, Trust};
 use support::lagging::{Arm, Kind};
 use support::{Bench, HOME, PERIOD_NS, STEP_NS, models, preset, settings};
 
@@ -146,6 +145,47 @@ fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
     assert!(alpha == 1.0 && !lowered && rms < 4e-3, "{rms} m at trust {alpha}");
     let Hurried { alpha, lowered, at_limit, .. } = hurried(TrustRequest::Auto, 20.0, false);
     assert!(alpha == 1.0 && !lowered && at_limit == 0.0, "{alpha} {at_limit}");
+}
+
+#[test]
+fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
+    // The tool goes along the edge, as far out as it can be.
+    fn beyond(t: f64) -> [f64; 2] {
+        [(0.05 * t).min(0.15), 0.012 * (22.0 * t + 0.4).sin()]
+    }
+    // 40 ms lost now and then: the arm is late by as much, and for as long as that lasts there is little to believe. Of the other
+    // ticks only wrong bookkeeping would make more (5 % and more).
+    for (path, lost_every, most) in [(beyond as fn(f64) -> [f64; 2], u64::MAX, 0.0), (curve, 300, 0.03)] {
+        let mut wanted = settings(PredictorKind::Hold);
+        wanted.dead_time_ns = 30_000_000;
+        for axis in &mut wanted.mpc.axes {
+            axis.acceleration_mps2 = 5.0;
+        }
+        let mut bench = Bench::armed(wanted);
+        let start = bench.now;
+        bench.follower.use_oracle(oracle(start, 2000, path));
+        let (mut limited, mut lowered, mut ticks, mut judged) = (0.0, 0.0, 0, 0.0);
+        while bench.now.seconds_since(start) < 12.0 {
+            ticks += 1;
+            if ticks % lost_every == 0 {
+                bench.now = bench.now + 20 * PERIOD_NS;
+            }
+            let due = ticks % 5 == 0 || ticks % 5 == 3;
+            let samples = [bench.pen(path(bench.now.seconds_since(start)))];
+            let output = bench.tick(if due { &samples } else { &[] });
+            if bench.now.seconds_since(start) > 4.0 {
+                limited += f64::from(u8::from(output.axes.iter().any(|axis| axis.active.acceleration > 0)));
+                lowered += f64::from(u8::from(output.trust.reason == TrustReason::ArmLimited));
+                judged += 1.0;
+            }
+        }
+        println!("at a limit in {:.2}, lowered in {:.2} of the ticks", limited / judged, lowered / judged);
+        assert!(
+            limited > 0.8 * judged,
+            "{limited} of {judged}: an arm that is not at its limits proves nothing"
+        );
+        assert!(lowered <= most * judged, "{lowered} of {judged}");
+    }
 }
 
 #[test]

@@ -353,9 +353,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Believed { report, switched }
     }
 
-    /// See [`TrustInputs::overtaxed`]. Ticks that were lost leave a gap in which nobody knows where the tool was.
+    /// See [`TrustInputs::overtaxed`].
     fn overtaxed_by(&mut self, moved: &Moved<J>, now: Stamp, lost_ns: u64) -> Option<bool> {
-        let Some(pen) = self.pen.newest().filter(|_| moved.follows && lost_ns == 0) else {
+        if lost_ns > 0 {
+            self.outcome.break_off();
+        }
+        let Some(pen) = self.pen.newest().filter(|_| moved.follows) else {
             self.outcome.forget();
             return None;
         };

@@ -49,6 +49,11 @@ impl Outcome {
         (self.known, self.followed, self.held) = (0, 0.0, 0.0);
     }
 
+    /// Time was lost: what was seen before is longer ago than its place tells. What it came to stays.
+    pub fn break_off(&mut self) {
+        self.known = 0;
+    }
+
     /// A tick at `now` put the tool to `tool` [m] for the end of its period; the newest sample lay at `pen` [m] at `stamp`.
     pub fn see(&mut self, now: Stamp, tool: [f64; 2], (stamp, pen): (Stamp, [f64; 2]), dead_time_ns: u64) {
         self.last = (self.last + 1) % TICKS;
