@@ -201,7 +201,7 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
 #[test]
 fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     let config = config();
-    let arms = [BenchArm::Ideal, BenchArm::Slow];
+    let arms = [BenchArm::Ideal, BenchArm::Ur5, BenchArm::Slow];
     let mut benchmark = benchmark(&config, &arms, &["hold", "ours", "servoj-ros", "kalman"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
     let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
@@ -210,7 +210,7 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     assert_eq!(heard, benchmark.pareto_jobs());
     for row in &rows {
         let swept: Vec<_> = points.iter().filter(|p| p.arm == row.arm && p.method == row.predictor).collect();
-        assert!((6..=10).contains(&swept.len()), "{swept:?}");
+        assert!((6..=11).contains(&swept.len()), "{swept:?}");
         let shipped: Vec<_> = swept.iter().filter(|point| point.default).collect();
         assert_eq!(shipped.len(), 1);
         assert_eq!((shipped[0].rms_m, shipped[0].rms_jerk), (row.mse_m2.sqrt(), row.rms_jerk));
@@ -221,6 +221,9 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
         // The jerk of a slow arm is the arm's own.
         if row.arm == "ideal" && ["hold", "ours"].contains(&row.predictor.as_str()) {
             assert!(jerk("gains x 0.05") < 0.7 * jerk("default"), "{swept:#?}");
+        }
+        if row.arm == "ur5" && row.predictor == "ours" {
+            assert!(jerk("trust to 0.1, damping x 2") < 0.5 * jerk("default"), "{swept:#?}");
         }
     }
     let json = serde_json::to_value(&points).unwrap();

@@ -3,7 +3,7 @@
 use foretrace_config::Config;
 
 use super::arm::FREE_GAIN;
-use super::pareto::{Tuning, scale_gains};
+use super::pareto::{Tuning, scale_gains, soften};
 use super::way::{WayDesk, way_settings};
 use super::{BenchArm, Entrant, Hand, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
@@ -189,6 +189,7 @@ impl Benchmark<'_> {
         job.arm.fit(self.config, &mut settings);
         match *job.tuning {
             Tuning::Gains(factor) => scale_gains(&mut settings.mpc, factor),
+            Tuning::Softer(ceiling, damping) => soften(&mut settings, ceiling, damping),
             Tuning::Sharp(gain) => job.arm.sharpen(&mut settings, gain),
             Tuning::Default | Tuning::Way(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }

@@ -1,20 +1,36 @@
 //! Error against jerk: every method swept over its own tuning.
 //!
-//! Contract: the ways along [`today::sweep`](crate::today::sweep); the law along one factor on its gains for position and
-//! velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's square. The
-//! point with the shipped settings is marked. Absent: tuning of predictors and of trust.
+//! Contract: the ways along [`today::sweep`](crate::today::sweep). The law on arms without limits along one factor on its gains
+//! for position and velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's
+//! square; behind limits, where that changes little, along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the
+//! shipped settings is marked. Absent: tuning of predictors.
 
+use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
 use serde::Serialize;
 
 use super::job::Task;
 use super::way::way_settings;
 use super::{BenchArm, BenchError, Benchmark, Entrant, rows};
+use crate::arm::JOINTS;
 use crate::today::{WaySettings, sweep};
 
-/// Factors on the law's gains, smooth to stiff.
-const FACTORS: [f64; 8] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0];
-/// The same without limits, where the plan can be sharper yet: then with the gains towards the prediction up to that of the benchmark.
+/// Behind limits: most trust, and a factor on the damping of feedback, smooth to stiff.
+const SOFTER: [(f64, f64); 9] = [
+    (0.1, 8.0),
+    (0.1, 4.0),
+    (0.1, 2.0),
+    (0.1, 1.4),
+    (0.1, 1.0),
+    (0.3, 1.0),
+    (0.5, 1.0),
+    (0.7, 1.0),
+    (0.9, 1.0),
+];
+const HELD: [(f64, f64); 6] = [(0.0, 8.0), (0.0, 4.0), (0.0, 2.0), (0.0, 1.4), (0.0, 0.5), (0.0, 0.2)];
+/// Without limits: factors on the law's gains, then with the gains towards the prediction up to that of the benchmark.
 const FREE_FACTORS: [f64; 4] = [0.05, 0.2, 0.6, 1.0];
 const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
 /// Feedback alone has no gain towards a prediction.
@@ -27,6 +43,8 @@ pub(super) enum Tuning {
     Default,
     /// The law in the plan's own steps, its gains multiplied.
     Gains(f64),
+    /// The law with at most this trust, the gain of feedback on velocity multiplied.
+    Softer(f64, f64),
     /// As sharp as an arm without limits lets it be, but for the gain towards the prediction.
     Sharp(f64),
     /// A way with these settings.
@@ -56,6 +74,18 @@ pub(super) fn scale_gains(mpc: &mut MpcSettings, factor: f64) {
     for gains in both {
         gains.position *= factor;
         gains.velocity *= factor;
+    }
+}
+
+/// Believes at most `ceiling`, and damps feedback by `damping`.
+pub(super) fn soften(settings: &mut FollowerSettings<JOINTS>, ceiling: f64, damping: f64) {
+    let least = |trust: Trust| Trust::new(trust.alpha().min(ceiling));
+    settings.trust.auto_ceiling = least(settings.trust.auto_ceiling);
+    if let TrustRequest::Manual(trust) = &mut settings.trust_request {
+        *trust = least(*trust);
+    }
+    for gains in settings.mpc.gains_feedback.iter_mut().take(2) {
+        gains.velocity *= damping;
     }
 }
 
@@ -108,8 +138,12 @@ impl Benchmark<'_> {
             let shipped = (Tuning::Default, "default".to_owned());
             let gains = |factor: f64| (Tuning::Gains(factor), format!("gains x {factor}"));
             if arm.limited() {
-                let named = |factor| if factor == 1.0 { shipped.clone() } else { gains(factor) };
-                return FACTORS.map(named).to_vec();
+                let soften = |(ceiling, damping)| {
+                    (Tuning::Softer(ceiling, damping), format!("trust to {ceiling}, damping x {damping}"))
+                };
+                let (trusted, held) = (SOFTER.as_slice(), HELD.as_slice());
+                let softer = if entrant == Entrant::HOLD { held } else { trusted };
+                return softer.iter().copied().map(soften).chain([shipped, gains(2.0)]).collect();
             }
             if entrant == Entrant::HOLD {
                 return HOLD_FACTORS.map(gains).into_iter().chain([shipped]).collect();
