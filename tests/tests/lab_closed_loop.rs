@@ -73,6 +73,34 @@ fn closed_loop_gives_a_table_json_and_pictures() {
 }
 
 #[test]
+fn each_sequence_has_scores_of_its_own_that_add_up_to_the_rows() {
+    let world = World::new(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let arguments =
+        ["lab", "closed-loop", "--data", &set, "--predictors", "hold,ours", "--arms", "ideal,ur5"];
+    let json = result(&world, &[&arguments[..], &["--out", &out, "--json", "-", "--each"]].concat());
+    let each = json["sequences"].as_array().unwrap();
+    assert_eq!(each.len(), 2 * 2 * 4);
+    for row in json["rows"].as_array().unwrap() {
+        let own: Vec<_> = each
+            .iter()
+            .filter(|one| one["predictor"] == row["predictor"] && one["arm"] == row["arm"])
+            .collect();
+        let mean = own.iter().map(|one| one["mse_m2"].as_f64().unwrap()).sum::<f64>() / 4.0;
+        assert!((mean / row["mse_m2"].as_f64().unwrap() - 1.0).abs() < 1e-12, "{mean} {row}");
+        let named =
+            |one: &&Value| format!("{} {} {}", one["file"], one["index"], one["label"]).replace('"', "");
+        let names: Vec<_> = own.iter().map(named).collect();
+        assert_eq!(names, ["w0.dat 0 o", "w0.dat 1 C", "w1.dat 0 o", "w1.dat 1 C"]);
+    }
+    let file = world.file("no/such/folder.json").display().to_string();
+    let refused = world.run_plain(&[&arguments[..], &["--json", &file]].concat());
+    assert_refused(&refused, 5, &["there is no folder", "--json"]);
+    assert!(world.run_plain(&[&arguments[..], &["--each"]].concat()).status.code() == Some(2));
+}
+
+#[test]
 fn pareto_gives_points_json_and_a_picture() {
     let world = World::new(PROGRAM);
     let set = set(&world);

@@ -23,19 +23,20 @@ pub(crate) struct JsonArgs {
 }
 
 impl JsonArgs {
-    /// Sends all words to stderr from now on if stdout belongs to the JSON.
-    pub(crate) fn claim_stdout(&self) {
+    /// Before any work: sends all words to stderr from now on if stdout belongs to the JSON, and refuses a file that cannot be
+    /// written.
+    pub(crate) fn claim(&self) -> Result<(), Failure> {
         if self.is_stdout() {
             WORDS_TO_STDERR.store(true, Ordering::Relaxed);
         }
+        self.check()
     }
 
     fn is_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
-    /// Refuses a file that cannot be written, before work is done for it.
-    pub(crate) fn check(&self) -> Result<(), Failure> {
+    fn check(&self) -> Result<(), Failure> {
         let Some(path) = self.json.as_deref().filter(|_| !self.is_stdout()) else { return Ok(()) };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let why = match (folder.is_dir(), path.is_dir()) {

@@ -61,7 +61,7 @@ struct Report {
 }
 
 pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let mut foretrace = args.instance.attach()?;
     let mut watch = foretrace.pen_watch().map_err(unattached)?;

@@ -61,7 +61,7 @@ enum Trust {
 }
 
 pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let foretrace = args.instance.attach()?;
     let mut requests = foretrace.requests().map_err(unattached)?;
     let wait = Duration::from_secs_f64(args.timeout.clamp(0.01, 3600.0));

@@ -63,7 +63,7 @@ pub(crate) struct SimArgs {
 }
 
 pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
     let robot = config.robot();

@@ -118,7 +118,7 @@ struct Report {
 }
 
 pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     if cfg!(debug_assertions) {
         note!(
             "foretrace: this is a debug build; use `cargo foretrace bench` for numbers that mean something"

@@ -72,7 +72,7 @@ pub(crate) struct LagArgs {
 }
 
 pub(crate) fn run(args: &LagArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
     let foretrace = attach_within(&instance_of(config.settings())?, Duration::ZERO)?;

@@ -85,8 +85,7 @@ struct Report {
 }
 
 pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
-    args.json.check()?;
+    args.json.claim()?;
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate;
     let config = judged(&source)?;

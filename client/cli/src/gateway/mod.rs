@@ -81,7 +81,7 @@ const FRAME_TIME: Duration = Duration::from_secs(1);
 const SILENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let instance = args.instance.instance()?;
     let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;

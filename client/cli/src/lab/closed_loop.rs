@@ -47,6 +47,10 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
 
+    /// Every sequence's own scores in the JSON too, for paired comparisons
+    #[arg(long, requires = "json", conflicts_with = "pareto")]
+    each: bool,
+
     /// A bad file ends the command instead of being left out
     #[arg(long)]
     strict: bool,
@@ -63,7 +67,7 @@ pub(crate) struct ClosedLoopArgs {
 }
 
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let config = args.settings.load()?;
     let entrants = entrants(&args.predictors, args.pareto)?;
     let arms = arms(&args.arms)?;
@@ -92,11 +96,11 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     say!("");
     pictures::distributions(&args.out, &title, &outcomes)?;
     pictures::letters(&args.out, &title, &benchmark, &outcomes)?;
-    args.json.write(&json!({
-        "set": set.title,
-        "lifts": args.lifts,
-        "rows": rows,
-    }))
+    let mut result = json!({ "set": set.title, "lifts": args.lifts, "rows": rows });
+    if args.each {
+        result["sequences"] = json!(benchmark.each(&outcomes).collect::<Vec<_>>());
+    }
+    args.json.write(&result)
 }
 
 fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Result<(), Failure> {

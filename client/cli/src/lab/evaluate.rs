@@ -39,7 +39,7 @@ pub(crate) struct EvaluateArgs {
 }
 
 pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let models = match &args.models {
         Some(names) => table::models(names)?,
         None => Model::all().into_iter().filter(|m| !(args.cold && m.needs_training())).collect(),

@@ -117,7 +117,7 @@ struct Session {
 
 impl Session {
     fn prepare(args: &LabArgs) -> Result<Self, Failure> {
-        args.json.claim_stdout();
+        args.json.claim()?;
         let config = args.settings.load()?;
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")

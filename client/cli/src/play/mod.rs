@@ -89,7 +89,7 @@ struct Report {
 }
 
 pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
     let source = source::load(&args.sources, &args.path, config.settings())?;

@@ -35,7 +35,7 @@ pub(crate) struct StatusArgs {
 }
 
 pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     let foretrace = args.instance.attach()?;
     let mut reader = foretrace.status().map_err(unattached)?;
     if args.watch {

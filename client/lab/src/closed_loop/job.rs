@@ -5,7 +5,7 @@ use foretrace_config::Config;
 use super::arm::FREE_GAIN;
 use super::pareto::{Tuning, scale_gains, soften};
 use super::way::{WayDesk, way_settings};
-use super::{BenchArm, Entrant, Hand, Row, Score, rows};
+use super::{BenchArm, Each, Entrant, Hand, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
@@ -138,6 +138,28 @@ impl Benchmark<'_> {
         let job = Job { entrant, tuning: &Tuning::Default, arm, hand };
         self.write(&job, index + 1, |_, run| last = Some(run))?;
         Ok(last)
+    }
+
+    /// Every score of `outcomes`, those of this benchmark, with the sequence that it belongs to.
+    pub fn each<'a>(&'a self, outcomes: &'a [Outcome]) -> impl Iterator<Item = Each<'a>> {
+        let of = |outcome: &'a Outcome| {
+            let hands = self.arms.iter().find(|(arm, _)| *arm == outcome.arm).map(|(_, hands)| hands);
+            let sequences = hands.into_iter().flatten().flat_map(|hand| {
+                hand.sequences.iter().enumerate().map(move |(index, sequence)| (hand, index, sequence))
+            });
+            sequences.zip(&outcome.scores).filter_map(|((hand, index, sequence), score)| {
+                let (predictor, arm) = (outcome.entrant.name(), outcome.arm.name());
+                (*score).map(|score| Each {
+                    predictor,
+                    arm,
+                    file: &hand.file,
+                    index,
+                    label: &sequence.label,
+                    score,
+                })
+            })
+        };
+        outcomes.iter().flat_map(of)
     }
 
     fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<Score>>, BenchError> {

@@ -20,5 +20,5 @@ pub use arm::BenchArm;
 pub use entrant::{Entrant, UnknownEntrant};
 pub use job::{BenchError, Benchmark, Outcome};
 pub use pareto::ParetoPoint;
-pub use score::{Row, Score, rows};
+pub use score::{Each, Row, Score, rows};
 pub use sequences::{Hand, LEAP_S, Sequence, hands};

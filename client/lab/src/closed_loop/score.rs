@@ -12,7 +12,7 @@ const WORSE_SHARE: f64 = 0.02;
 const WORSE_M: f64 = 2e-4;
 
 /// How one sequence was written.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
     /// Mean squared 2-D error, hover included, leaps left out [m²].
     pub mse_m2: f64,
@@ -70,6 +70,24 @@ impl Score {
     pub fn rms_beyond(&self, hold: &Self) -> f64 {
         self.mse_m2.sqrt() - hold.mse_m2.sqrt()
     }
+}
+
+/// How one entrant wrote one sequence in front of one arm: for paired comparisons.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Each<'a> {
+    /// Who.
+    pub predictor: &'static str,
+    /// In front of what.
+    pub arm: &'static str,
+    /// The file.
+    pub file: &'a str,
+    /// Place in the file from 0, of what was written.
+    pub index: usize,
+    /// Label of the sequence.
+    pub label: &'a str,
+    /// How.
+    #[serde(flatten)]
+    pub score: Score,
 }
 
 /// One entrant in front of one arm, over all sequences.

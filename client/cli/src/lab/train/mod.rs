@@ -27,7 +27,7 @@ use options::Choice;
 pub(crate) use options::TrainArgs;
 
 pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
-    args.json.claim_stdout();
+    args.json.claim()?;
     if args.bench {
         return bench::run(args);
     }
