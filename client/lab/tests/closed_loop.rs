@@ -210,7 +210,7 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     assert_eq!(heard, benchmark.pareto_jobs());
     for row in &rows {
         let swept: Vec<_> = points.iter().filter(|p| p.arm == row.arm && p.method == row.predictor).collect();
-        assert!((6..=11).contains(&swept.len()), "{swept:?}");
+        assert!((6..=12).contains(&swept.len()), "{swept:?}");
         let shipped: Vec<_> = swept.iter().filter(|point| point.default).collect();
         assert_eq!(shipped.len(), 1);
         assert_eq!((shipped[0].rms_m, shipped[0].rms_jerk), (row.mse_m2.sqrt(), row.rms_jerk));

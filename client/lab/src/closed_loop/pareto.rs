@@ -31,7 +31,7 @@ const SOFTER: [(f64, f64); 9] = [
 ];
 const HELD: [(f64, f64); 6] = [(0.0, 8.0), (0.0, 4.0), (0.0, 2.0), (0.0, 1.4), (0.0, 0.5), (0.0, 0.2)];
 /// Without limits: factors on the law's gains, then with the gains towards the prediction up to that of the benchmark.
-const FREE_FACTORS: [f64; 4] = [0.05, 0.2, 0.6, 1.0];
+const FREE_FACTORS: [f64; 6] = [0.01, 0.02, 0.05, 0.2, 0.6, 1.0];
 const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
 /// Feedback alone has no gain towards a prediction.
 const HOLD_FACTORS: [f64; 7] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0];
