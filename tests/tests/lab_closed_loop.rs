@@ -79,7 +79,13 @@ fn each_sequence_has_scores_of_its_own_that_add_up_to_the_rows() {
     let out = world.file("report").display().to_string();
     let arguments =
         ["lab", "closed-loop", "--data", &set, "--predictors", "hold,ours", "--arms", "ideal,ur5"];
-    let json = result(&world, &[&arguments[..], &["--out", &out, "--json", "-", "--each"]].concat());
+    // The folder of the file is the one that the pictures will make.
+    let file = world.file("report/all.json");
+    let written = world.run_plain(
+        &[&arguments[..], &["--out", &out, "--json", &file.display().to_string(), "--each"]].concat(),
+    );
+    assert!(written.status.success(), "{}", told(&written));
+    let json: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
     let each = json["sequences"].as_array().unwrap();
     assert_eq!(each.len(), 2 * 2 * 4);
     for row in json["rows"].as_array().unwrap() {

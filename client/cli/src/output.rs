@@ -23,23 +23,34 @@ pub(crate) struct JsonArgs {
 }
 
 impl JsonArgs {
-    /// Before any work: sends all words to stderr from now on if stdout belongs to the JSON, and refuses a file that cannot be
-    /// written.
+    /// Before any work: sends all words to stderr from now on if stdout belongs to the JSON, and refuses a file whose
+    /// folder does not exist.
     pub(crate) fn claim(&self) -> Result<(), Failure> {
+        self.claim_with(None)
+    }
+
+    /// The same, where the work makes the folder `made` in which the file may lie.
+    pub(crate) fn claim_beside(&self, made: &Path) -> Result<(), Failure> {
+        self.claim_with(Some(made))
+    }
+
+    fn claim_with(&self, made: Option<&Path>) -> Result<(), Failure> {
         if self.is_stdout() {
             WORDS_TO_STDERR.store(true, Ordering::Relaxed);
         }
-        self.check()
+        self.check(made)
     }
 
     fn is_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
-    fn check(&self) -> Result<(), Failure> {
+    fn check(&self, made: Option<&Path>) -> Result<(), Failure> {
         let Some(path) = self.json.as_deref().filter(|_| !self.is_stdout()) else { return Ok(()) };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let why = match (folder.is_dir(), path.is_dir()) {
+        let same = |made: &Path| std::path::absolute(made).ok() == std::path::absolute(folder).ok();
+        let there = folder.is_dir() || made.is_some_and(same);
+        let why = match (there, path.is_dir()) {
             (true, false) => return Ok(()),
             (true, true) => "it is a folder".to_owned(),
             (false, _) => format!("there is no folder {}", folder.display()),

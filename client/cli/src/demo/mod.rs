@@ -83,7 +83,7 @@ pub(crate) struct DemoArgs {
 }
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
-    args.json.claim()?;
+    args.json.claim_beside(&args.out)?;
     // A folder that cannot be written is better known before the run than after it.
     folder::prepare(&args.out)?;
     let interrupt = Interrupt::listen()?;

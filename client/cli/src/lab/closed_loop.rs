@@ -67,7 +67,7 @@ pub(crate) struct ClosedLoopArgs {
 }
 
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
-    args.json.claim()?;
+    args.json.claim_beside(&args.out)?;
     let config = args.settings.load()?;
     let entrants = entrants(&args.predictors, args.pareto)?;
     let arms = arms(&args.arms)?;

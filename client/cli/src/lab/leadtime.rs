@@ -48,7 +48,7 @@ pub(crate) struct LeadtimeArgs {
 }
 
 pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
-    args.json.claim()?;
+    args.json.claim_beside(&args.out)?;
     let entrants = entrants(args.models.as_deref())?;
     let exports = args.export_targets.as_deref();
     let mut sets = Vec::new();

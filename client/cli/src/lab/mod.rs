@@ -117,7 +117,7 @@ struct Session {
 
 impl Session {
     fn prepare(args: &LabArgs) -> Result<Self, Failure> {
-        args.json.claim()?;
+        args.json.claim_beside(&args.out)?;
         let config = args.settings.load()?;
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")

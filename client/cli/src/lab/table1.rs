@@ -61,7 +61,7 @@ pub(crate) struct Table1Args {
 }
 
 pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
-    args.json.claim()?;
+    args.json.claim_beside(&args.out)?;
     let names = names(args);
     let shipped: Vec<&str> =
         names.iter().map(String::as_str).filter(|name| anew(args, name).is_none()).collect();

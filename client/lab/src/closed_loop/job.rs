@@ -162,6 +162,13 @@ impl Benchmark<'_> {
         outcomes.iter().flat_map(of)
     }
 
+    /// The settings of `task` are none that the law refuses.
+    pub(super) fn stands(&self, task: &Task) -> bool {
+        let hand = self.arms.get(task.arm).and_then(|(arm, hands)| Some((*arm, hands.first()?)));
+        let job = |(arm, hand)| Job { entrant: task.entrant, tuning: &task.tuning, arm, hand };
+        hand.map(job).is_none_or(|job| self.desk(&job).is_ok())
+    }
+
     fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<Score>>, BenchError> {
         let mut scores = Vec::with_capacity(job.hand.sequences.len());
         self.write(job, usize::MAX, |sequence, run| scores.push(Score::of(sequence, &run)))?;

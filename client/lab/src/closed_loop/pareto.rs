@@ -3,7 +3,7 @@
 //! Contract: the ways along [`today::sweep`](crate::today::sweep). The law on arms without limits along one factor on its gains
 //! for position and velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's
 //! square; behind limits, where that changes little, along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the
-//! shipped settings is marked. Absent: tuning of predictors.
+//! shipped settings is marked; others that the law refuses, as a swinging one, are left out. Absent: tuning of predictors.
 
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
@@ -125,9 +125,9 @@ impl Benchmark<'_> {
         for (index, (arm, _)) in self.arms.iter().enumerate() {
             for entrant in &self.entrants {
                 let tuned = self.tunings(*arm, *entrant).into_iter();
-                points.extend(
-                    tuned.map(|(tuning, label)| (Task { arm: index, entrant: *entrant, tuning }, label)),
-                );
+                let tasks =
+                    tuned.map(|(tuning, label)| (Task { arm: index, entrant: *entrant, tuning }, label));
+                points.extend(tasks.filter(|(task, _)| task.tuning == Tuning::Default || self.stands(task)));
             }
         }
         points

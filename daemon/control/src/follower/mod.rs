@@ -98,7 +98,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust_request: settings.trust_request,
             unplanned: 0.0,
             overtaxed: None,
-            outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s)),
+            // The tool is the command's, which a plan that reckons with its servo has ahead of the arm.
+            outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s)),
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),

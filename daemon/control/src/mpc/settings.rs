@@ -138,9 +138,9 @@ pub enum MpcError {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
     },
-    /// The horizon is too short for the gains.
+    /// The plan looks too little ahead for its gains.
     #[error(
-        "MPC does not settle: at trust {alpha} a small deviation of axis {axis} is multiplied by {per_s:.1} every second, because a horizon of {horizon_s} s is too short for these gains; raise the gains on position and velocity, lower the effort, or plan farther"
+        "MPC does not settle: at trust {alpha} a small deviation of axis {axis} becomes {per_s:.1e} times as large every second; raise the gains on velocity, or look farther ahead: more steps, longer ones, decay nearer to 1, less effort"
     )]
     Swings {
         /// Axis 0 = x, 1 = y, 2 = z.
@@ -149,8 +149,6 @@ pub enum MpcError {
         alpha: f64,
         /// Growth per second, 1: it stays.
         per_s: f64,
-        /// The horizon [s].
-        horizon_s: f64,
     },
     /// Clarabel refused the problem.
     #[error("Clarabel could not be set up for axis {axis}")]

@@ -3,7 +3,7 @@
 //! Contract: no limit counts here, whatever the settings; both answers come from the gains that the usual tick uses.
 //! Source of the criterion: a linear map x ↦ Mx dies away exactly if all eigenvalues of M lie inside the unit circle.
 
-use nalgebra::{SMatrix, Schur};
+use nalgebra::{SMatrix, SVector, Schur};
 
 use super::{Mpc, MpcError, Plan};
 use crate::servo::Servo;
@@ -13,48 +13,48 @@ use crate::units::{AxisState, Trust};
 const STATES: usize = 5;
 /// Size of a deviation in every quantity [mm, steps].
 const OFF: f64 = 1.0;
-/// Trusts at which a plan has to settle: either cost alone, and half of both.
-const TRUSTS: [f64; 3] = [0.0, 0.5, 1.0];
+/// Trusts at which a plan has to settle: a blend of two costs that settle need not.
+const TRUSTS: [f64; 10] = [0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0];
+
+/// What becomes of a deviation within one period; normalised units.
+type Map = SMatrix<f64, STATES, STATES>;
 
 impl<const N: usize> Mpc<N> {
-    /// By how much feedback alone lags behind a target that moves steadily [s]: it goes on as it is where what the error asks for
-    /// is what the velocity costs. NaN where a cost cannot be inverted.
+    /// By how much feedback alone, planned anew every `period_s` [s], has the arm behind a target that moves steadily [s]: in the
+    /// state that comes back to itself while the target goes on. NaN where there is none.
     #[must_use]
-    pub fn feedback_lag_s(&mut self) -> f64 {
-        if !self.set_trust(Trust::NONE) {
-            return f64::NAN;
-        }
-        let [by_error, by_velocity, ..] = self.unit_deviations().map(|off| {
-            let [jerks, ..] = self.homing(off, off).jerks;
-            jerks.first().copied().unwrap_or(f64::NAN)
-        });
-        self.step_s * by_velocity / by_error
+    pub fn feedback_lag_s(&mut self, period_s: f64) -> f64 {
+        let Some([map, ..]) = self.maps(Trust::NONE, period_s) else { return f64::NAN };
+        // The target moves by one unit a period.
+        let moved = SVector::from([1.0, 0.0, 0.0, if self.servo_s > 0.0 { 1.0 } else { 0.0 }, 0.0]);
+        let steady = (map - Map::identity()).lu().solve(&moved);
+        let behind = if self.servo_s > 0.0 { 3 } else { 0 };
+        steady.and_then(|state| state.get(behind).copied()).map_or(f64::NAN, |offset| -offset * period_s)
     }
 
-    /// The plan settles: a deviation from a target at rest dies away where every tick of `period_s` [s] plans anew, at trust
-    /// 0, ½ and 1, on every axis. With a horizon that is short for its gains it does not: the plan never sees that it will
-    /// swing back.
+    /// The plan settles: a deviation from a target at rest dies away where every tick of `period_s` [s] plans anew, on every
+    /// axis, at each of ten trusts. Looking too little ahead it does not: the plan never sees that it will swing back.
     ///
     /// # Errors
-    /// [`MpcError::Swings`] where a deviation stays or grows.
+    /// [`MpcError::Swings`] where a deviation stays or grows; a cost that cannot be inverted.
     pub fn settles(&mut self, period_s: f64) -> Result<(), MpcError> {
         for alpha in TRUSTS {
-            let growth = self.growth(Trust::new(alpha), period_s);
-            if let Some(axis) = growth.iter().position(|growth| !(*growth < 1.0)) {
-                let per_s = growth.get(axis).map_or(f64::NAN, |growth| growth.powf(1.0 / period_s));
-                return Err(MpcError::Swings { axis, alpha, per_s, horizon_s: self.step_s * N as f64 });
+            let maps = self.maps(Trust::new(alpha), period_s).ok_or(MpcError::Singular { axis: 0 })?;
+            for (axis, growth) in maps.map(growth).into_iter().enumerate() {
+                if !(growth < 1.0) {
+                    return Err(MpcError::Swings { axis, alpha, per_s: growth.powf(1.0 / period_s) });
+                }
             }
         }
         Ok(())
     }
 
-    /// By what a deviation is multiplied in each period in the long run, per axis: the largest eigenvalue's magnitude. NaN where
-    /// there is none.
-    fn growth(&mut self, trust: Trust, period_s: f64) -> [f64; 3] {
-        let mut maps = [SMatrix::<f64, STATES, STATES>::zeros(); 3];
+    /// Per axis; `None` where a cost cannot be inverted or the period is longer than the horizon.
+    fn maps(&mut self, trust: Trust, period_s: f64) -> Option<[Map; 3]> {
         if !self.set_trust(trust) {
-            return [f64::NAN; 3];
+            return None;
         }
+        let mut maps = [Map::zeros(); 3];
         let servo = Servo::new((self.servo_s * 1e9).round() as u64);
         let still = AxisState::at_rest(0.0);
         let [position, velocity, acceleration] = self.unit_deviations();
@@ -68,7 +68,7 @@ impl<const N: usize> Mpc<N> {
         ];
         for (column, (command, arm)) in begins.into_iter().enumerate() {
             let seen = if servo.is_some() { arm } else { command };
-            let Some(next) = self.homing(command, seen).state_at(period_s) else { return [f64::NAN; 3] };
+            let next = self.homing(command, seen).state_at(period_s)?;
             for (map, command_next) in maps.iter_mut().zip(next) {
                 let arm_next = servo.map_or(still, |servo| {
                     servo.follow(&arm, command.position, command_next.position, period_s)
@@ -78,13 +78,7 @@ impl<const N: usize> Mpc<N> {
                 map.set_column(column, &([p, v, a, y, w].map(|value| value / OFF).into()));
             }
         }
-        maps.map(|map| {
-            let finite = map.iter().all(|value| value.is_finite());
-            let schur = finite.then(|| Schur::try_new(map, f64::EPSILON, 10_000)).flatten();
-            schur.map_or(f64::NAN, |schur| {
-                schur.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max)
-            })
-        })
+        Some(maps)
     }
 
     /// The plan without limits from `command` and `arm`, the same on all axes, to a target at rest at 0.
@@ -105,4 +99,14 @@ impl<const N: usize> Mpc<N> {
             AxisState { acceleration: OFF / self.scale.acceleration, ..still },
         ]
     }
+}
+
+/// By what a deviation is multiplied in each period in the long run: the largest eigenvalue's magnitude. NaN where there is none.
+fn growth(map: Map) -> f64 {
+    let finite = map.iter().all(|value| value.is_finite());
+    let schur = finite.then(|| Schur::try_new(map, f64::EPSILON, 10_000)).flatten();
+    let larger = |most: f64, value: f64| if value > most || value.is_nan() { value } else { most };
+    schur.map_or(f64::NAN, |schur| {
+        schur.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, larger)
+    })
 }

@@ -165,7 +165,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// See [`Mpc::feedback_lag_s`].
     pub(super) fn feedback_lag_s(&mut self) -> f64 {
-        self.mpc.feedback_lag_s()
+        self.mpc.feedback_lag_s(self.period_s)
     }
 
     /// One period of motion. Where the joints did not do what was planned, x₀ comes from what is really published, so that
