@@ -95,8 +95,8 @@ fn behind_servo(arm: &AxisState, from: f64, to: f64, servo_s: f64, period_s: f64
     arm
 }
 
-/// By what a small deviation of `axis` is multiplied per second at `trust`, planned anew every `period_s`; the mean over 40 s, after 40 s in which
-/// what dies away sooner does.
+/// By what a small deviation of `axis` is multiplied per second at `trust`, planned anew every `period_s`; the mean over 40 s,
+/// after 40 s in which what dies away sooner does.
 fn followed(law: &MpcSettings, axis: usize, trust: Trust, period_s: f64) -> f64 {
     let held = middle(law).map(AxisState::at_rest);
     let preview = held.map(|state| [state; N]);

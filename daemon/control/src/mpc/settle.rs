@@ -11,8 +11,6 @@ use crate::units::{AxisState, Trust};
 
 /// Position, velocity and acceleration of the command, position and velocity of the arm.
 const STATES: usize = 5;
-/// Size of a deviation in every quantity [mm, steps].
-const OFF: f64 = 1.0;
 /// Trusts at which a plan has to settle: a blend of two costs that settle need not.
 const TRUSTS: [f64; 10] = [0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0];
 
@@ -75,7 +73,7 @@ impl<const N: usize> Mpc<N> {
                 });
                 let [p, v, a] = self.scale.normalised(&command_next, 0.0);
                 let [y, w, _] = self.scale.normalised(&arm_next, 0.0);
-                map.set_column(column, &([p, v, a, y, w].map(|value| value / OFF).into()));
+                map.set_column(column, &[p, v, a, y, w].into());
             }
         }
         Some(maps)
@@ -90,13 +88,13 @@ impl<const N: usize> Mpc<N> {
         Plan { step_s: self.step_s, start: [command; 3], jerks }
     }
 
-    /// One unit off in position, in velocity, in acceleration.
+    /// One unit (mm, steps) off in position, in velocity, in acceleration.
     fn unit_deviations(&self) -> [AxisState; 3] {
         let still = AxisState::at_rest(0.0);
         [
-            AxisState { position: OFF / self.scale.position, ..still },
-            AxisState { velocity: OFF / self.scale.velocity, ..still },
-            AxisState { acceleration: OFF / self.scale.acceleration, ..still },
+            AxisState { position: 1.0 / self.scale.position, ..still },
+            AxisState { velocity: 1.0 / self.scale.velocity, ..still },
+            AxisState { acceleration: 1.0 / self.scale.acceleration, ..still },
         ]
     }
 }
