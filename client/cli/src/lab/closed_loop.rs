@@ -104,6 +104,9 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
 }
 
 fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Result<(), Failure> {
+    for refused in benchmark.pareto_refused() {
+        note!("lab: left out: {refused}");
+    }
     let progress = Progress::of(benchmark.pareto_jobs());
     let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);

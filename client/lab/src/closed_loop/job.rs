@@ -162,11 +162,11 @@ impl Benchmark<'_> {
         outcomes.iter().flat_map(of)
     }
 
-    /// The settings of `task` are none that the law refuses.
-    pub(super) fn stands(&self, task: &Task) -> bool {
-        let hand = self.arms.get(task.arm).and_then(|(arm, hands)| Some((*arm, hands.first()?)));
-        let job = |(arm, hand)| Job { entrant: task.entrant, tuning: &task.tuning, arm, hand };
-        hand.map(job).is_none_or(|job| self.desk(&job).is_ok())
+    /// Why the law refuses the settings of `task`, if it does.
+    pub(super) fn refusal(&self, task: &Task) -> Option<BenchError> {
+        let (arm, hands) = self.arms.get(task.arm)?;
+        let job = Job { entrant: task.entrant, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
+        self.desk(&job).err()
     }
 
     fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<Score>>, BenchError> {
