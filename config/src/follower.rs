@@ -8,7 +8,9 @@ use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Pla
 use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::lag::Following;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
-use foretrace_control::mpc::{AxisLimits, Backend, ClarabelProfile, Gains, MpcSettings, SoftPenalty};
+use foretrace_control::mpc::{
+    AxisLimits, Backend, ClarabelProfile, Gains, MpcError, MpcSettings, SoftPenalty,
+};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
@@ -96,11 +98,21 @@ pub(crate) fn judge(settings: &Settings, robot: &Robot, models: &Models) -> Resu
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Refused {
     /// The loop.
-    #[error("the loop: {0}")]
+    #[error("the loop: {0}{keys}", keys = keys(.0))]
     Follower(#[from] FollowerError),
     /// The learner.
     #[error("the learner: {0}")]
     Learner(#[from] LearnError),
+}
+
+/// The keys behind a refusal that no single key is to blame for.
+const fn keys(error: &FollowerError) -> &'static str {
+    match error {
+        FollowerError::Mpc(MpcError::Swings { .. }) => {
+            " (mpc.feedback.velocity and mpc.feedforward.velocity; mpc.horizon, mpc.step_ms, mpc.feedback.decay, mpc.feedforward.decay, mpc.effort)"
+        }
+        _ => "",
+    }
 }
 
 fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSettings<JOINTS> {

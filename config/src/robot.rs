@@ -10,6 +10,7 @@ use crate::check::Report;
 use crate::clearance::clearance;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
+use crate::written::Place;
 
 /// Joints that the wire carries.
 pub const JOINTS: usize = 6;
@@ -17,7 +18,7 @@ pub const JOINTS: usize = 6;
 /// An arm that the settings describe completely.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
-    /// Kinematics from the base link to the tip link.
+    /// Kinematics from the base link to the tip of the tool.
     pub chain: Chain<JOINTS>,
     /// Limits of URDF and settings together, with the braking of a consumer without commands.
     pub limits: JointLimits<JOINTS>,
@@ -43,6 +44,7 @@ pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robo
     let before = report.problems.len();
     let section = &settings.robot;
     let chain = chain(section, report)?;
+    tool_of_another(section, report);
     let hold_s =
         f64::from(settings.control_loop.valid_periods) / f64::from(settings.control_loop.rate_hz.max(1));
     let limits = limits(section, &chain, hold_s, report);
@@ -65,6 +67,27 @@ pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robo
     (report.problems.len() == before).then_some(Robot { chain, limits, home, clearance })
 }
 
+/// A preset's tool belongs to the preset's arm: under a description or a tip link of one's own it would be a pen too many.
+fn tool_of_another(section: &RobotSection, report: &mut Report<'_>) {
+    let preset = |key: &str| {
+        report.found.get(key).is_none_or(|node| matches!(node.place, Place::Preset { .. } | Place::Default))
+    };
+    let own = if presets::robot(&section.urdf).is_none() && !preset("robot.urdf") {
+        "robot.urdf"
+    } else if !preset("robot.tip_link") {
+        "robot.tip_link"
+    } else {
+        return;
+    };
+    if section.tool_m != [0.0; 3] && preset("robot.tool_m") {
+        report.conflict(
+            own,
+            format!("comes with the preset's robot.tool_m = {:?}, the pen of another arm", section.tool_m),
+            "write where your pen's tip is, seen from robot.tip_link: robot.tool_m = [0.0, 0.0, 0.0] if that link is the tip",
+        );
+    }
+}
+
 fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS>> {
     let text = match presets::robot(&section.urdf) {
         Some(text) => text.to_owned(),
@@ -84,7 +107,7 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
         },
     };
     match Chain::from_urdf(&text, section.base_link.as_deref(), section.tip_link.as_deref()) {
-        Ok(chain) => Some(chain),
+        Ok(chain) => Some(chain.with_tool(section.tool_m.into())),
         Err(error) => {
             report.conflict(
                 "robot.urdf",

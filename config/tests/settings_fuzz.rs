@@ -219,5 +219,9 @@ fn reaches(what: &str, [accepted, moved]: [u32; 2]) {
 }
 
 fn load(folder: &Path) -> Result<Config, foretrace_config::ConfigError> {
-    Config::parse("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n", "fuzz.toml", folder)
+    Config::parse(
+        "preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\ntool_m = [0.0, 0.0, 0.15]\n",
+        "fuzz.toml",
+        folder,
+    )
 }

@@ -122,9 +122,9 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
             ("corners", 2e-3, 1e-3, led((6.0, 300), &corners)),
             ("circles", 1e-3, 1e-3, led((6.0, 300), &circles)),
             ("sweeps", 1e-3, 1e-3, led((6.0, 300), &sweeps)),
-            // The box is soft; within this margin the arm may be armed.
-            ("leaps", safety.arm_workspace_margin_m, 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
-            ("short leaps", 1e-3, 6e-3, led((40.0, 40), &leaps(0.025, 0.2, 1))),
+            // The box is soft.
+            ("leaps", 6e-3, 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
+            ("short leaps", 1e-3, 3e-3, led((40.0, 40), &leaps(0.025, 0.2, 1))),
         ] {
             let Seen { beyond_m: [x, y, z], deepest_m, tilt_rad, steps, fresh, .. } = seen;
             println!(

@@ -47,8 +47,12 @@ section! {
         urdf: String = Text, Required, AtStart, "\"ur5\"";
         /// Link that is the base frame. Not set: the only root of the URDF.
         base_link: Option<String> = Text, Optional, AtStart, "\"base_link\" for a UR";
-        /// Link whose origin is the tool's tip; its z axis is the pen. Not set: the only leaf of the URDF.
+        /// Link that carries the tool; its z axis is the pen. Not set: the only leaf of the URDF.
         tip_link: Option<String> = Text, Optional, AtStart, "\"tool0\" for a UR";
+        /// Where the pen's tip is, seen from `tip_link`. It has to be right: the tool may tilt (`ik.tilt_weight`), and it
+        /// tilts about this point.
+        tool_m: [f64; 3] = Between(-0.5, 0.5), Default("[0.0, 0.0, 0.0]"), AtStart,
+            "[0.0, 0.0, length] for a pen of that length below the flange";
         /// Posture from which the plane is reached without passing a singularity.
         home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart,
             "the posture with the tool above the middle of the paper";

@@ -6,12 +6,15 @@ use nalgebra::Vector3;
 use super::over_ur5;
 use crate::{Config, presets};
 
+/// The preset's pen, said again for a description of one's own.
+const TOOL: &str = "tool_m = [0.0, 0.0, 0.15]\n";
+
 /// The UR5 preset with a URDF of its own next to the settings file.
 fn with_urdf(urdf: &str, more: &str) -> Result<Config, String> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("arm.urdf"), urdf).unwrap();
     let path = folder.path().join("table.toml");
-    std::fs::write(&path, format!("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n{more}")).unwrap();
+    std::fs::write(&path, format!("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n{TOOL}{more}")).unwrap();
     Config::load(&path).map_err(|error| error.to_string())
 }
 
@@ -151,7 +154,7 @@ fn wrong_urdfs_say_what_is_wrong_with_them() {
 fn a_changed_urdf_file_needs_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let (urdf, path) = (folder.path().join("arm.urdf"), folder.path().join("table.toml"));
-    std::fs::write(&path, "preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n").unwrap();
+    std::fs::write(&path, format!("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\n{TOOL}")).unwrap();
     std::fs::write(&urdf, presets::robot("ur5").unwrap()).unwrap();
     let before = Config::load(&path).unwrap();
     std::fs::write(&urdf, presets::robot("ur5").unwrap().replace("0.0823", "0.0833")).unwrap();
@@ -190,4 +193,41 @@ fn a_plane_without_direction_and_an_arm_without_shape_are_refused() {
     let text = with_urdf(&bare, plane).unwrap_err();
     assert!(text.contains("key `clearance.planes_m`") && text.contains("collision geometry"), "{text}");
     assert!(with_urdf(&bare, "").is_ok(), "without planes or boxes a bare description still does");
+}
+
+#[test]
+fn a_tool_moves_the_tip_along_the_pen_and_has_to_leave_the_plane_in_reach() {
+    let config =
+        over_ur5("[robot]\ntool_m = [0.0, 0.0, 0.05]\n[plane]\norigin_m = [0.4485, 0.1092, 0.1493]\n")
+            .unwrap();
+    let preset = Config::preset("ur5").unwrap();
+    let (short, long) = (config.robot(), preset.robot());
+    let [a, b] = [short, long].map(|robot| robot.chain.forward(&robot.home));
+    let along = a.position - b.position;
+    assert!((along + b.rotation.column(2) * 0.1).norm() < 1e-12, "{along}");
+    assert_eq!(a.rotation, b.rotation);
+    let text = over_ur5("[robot]\ntool_m = [0.0, 0.0, 0.6]\n").unwrap_err().to_string();
+    assert!(text.contains("`robot.tool_m[2]` = 0.6") && text.contains("-0.5 to 0.5"), "{text}");
+}
+
+#[test]
+fn an_arm_of_ones_own_does_not_inherit_the_presets_pen() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("arm.urdf"), presets::robot("ur5").unwrap()).unwrap();
+    let path = folder.path().join("table.toml");
+    let load = |robot: &str| {
+        std::fs::write(&path, format!("preset = \"ur5\"\n[robot]\n{robot}")).unwrap();
+        Config::load(&path).map(|_| ()).map_err(|error| error.to_string())
+    };
+    for (robot, key) in [("urdf = \"arm.urdf\"\n", "urdf"), ("tip_link = \"tool0\"\n", "tip_link")] {
+        let text = load(robot).unwrap_err();
+        assert!(text.contains(&format!("table.toml:3: key `robot.{key}`")), "{text}");
+        assert!(
+            text.contains("the preset's robot.tool_m = [0.0, 0.0, 0.15]")
+                && text.contains("if that link is the tip"),
+            "{text}"
+        );
+        assert_eq!(load(&format!("{robot}{TOOL}")), Ok(()));
+    }
+    assert_eq!(load("urdf = \"ur5\"\n"), Ok(()), "an embedded arm has the same flange");
 }

@@ -93,6 +93,26 @@ fn limits_and_names_are_those_of_the_description() {
     }
 }
 
+/// A tool given as an offset is the same arm as a description with a fixed joint to the pen's tip, on a tip link that is
+/// turned as well: pose, Jacobian and its rate.
+#[test]
+fn a_tool_is_a_fixed_joint_below_the_tip() {
+    let joint = r#"<link name="tool0"/><link name="holder"/>
+        <joint name="a" type="fixed"><parent link="tool0"/><child link="holder"/><origin xyz="0.01 0 0.02" rpy="0.3 -0.2 0.5"/></joint>
+        <link name="pen"/>
+        <joint name="b" type="fixed"><parent link="holder"/><child link="pen"/><origin xyz="0.03 -0.02 0.15" rpy="0 0 0"/></joint>"#;
+    let text = UR5.replace("<link name=\"tool0\"/>", joint);
+    let described = Chain::<6>::from_urdf(&text, None, Some("pen")).unwrap();
+    let bare = Chain::<6>::from_urdf(&text, None, Some("holder")).unwrap();
+    let offset = bare.clone().with_tool(Vector3::new(0.03, -0.02, 0.15));
+    let (q, qd) = ([0.3, -1.2, 1.9, -2.0, -1.4, 0.6], [0.5, -1.0, 0.8, 2.0, -1.5, 0.7]);
+    let (a, b) = (described.forward(&q), offset.forward(&q));
+    assert!((a.position - b.position).norm() < 1e-14 && (a.rotation - b.rotation).norm() < 1e-14);
+    assert!((a.jacobian - b.jacobian).norm() < 1e-14);
+    assert!((a.jacobian_dot_qd(&qd) - b.jacobian_dot_qd(&qd)).norm() < 1e-13);
+    assert!((bare.forward(&q).position - b.position).norm() > 0.15);
+}
+
 /// The same cases on every run.
 fn cases(cases: u32) -> ProptestConfig {
     ProptestConfig {

@@ -117,6 +117,13 @@ impl<const J: usize> Chain<J> {
         })
     }
 
+    /// The same arm with its tip moved by `offset` [m], in the tip link's frame: a pen below the flange. The tip's axes stay.
+    #[must_use]
+    pub fn with_tool(mut self, offset: Vector3<f64>) -> Self {
+        self.tip_translation += self.tip_rotation * offset;
+        self
+    }
+
     /// Names and limits of the joints as the URDF states them.
     #[must_use]
     pub const fn limits(&self) -> &ChainLimits<J> {
