@@ -40,7 +40,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut commands = foretrace.commands(1)?;
     let mut states = foretrace.joint_states()?;
     // Where the preset `ur5` expects the arm: above the paper, tool down.
-    let mut drive = Drive { q: [PI, -1.5, 2.1, -2.1708, -FRAC_PI_2, 0.0], qd: [0.0; JOINTS] };
+    let mut drive = Drive { q: [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0], qd: [0.0; JOINTS] };
     println!("reporting to daemon {}; it moves once the daemon is armed", foretrace.daemon().pid);
 
     let mut next = Instant::now();

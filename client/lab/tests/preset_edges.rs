@@ -121,9 +121,9 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
         for (name, beyond, depth, seen) in [
             ("corners", 2e-3, 1e-3, led((6.0, 300), &corners)),
             ("circles", 1e-3, 1e-3, led((6.0, 300), &circles)),
-            ("sweeps", 1e-3, 1e-3, led((6.0, 300), &sweeps)),
+            ("sweeps", 1e-3, 1.5e-3, led((6.0, 300), &sweeps)),
             // The box is soft.
-            ("leaps", 6e-3, 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
+            ("leaps", 2e-3, 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
             ("short leaps", 1e-3, 3e-3, led((40.0, 40), &leaps(0.025, 0.2, 1))),
         ] {
             let Seen { beyond_m: [x, y, z], deepest_m, tilt_rad, steps, fresh, .. } = seen;
@@ -159,8 +159,8 @@ fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
             ("corners", auto, most, &corners as &dyn Fn(f64) -> [f64; 2]),
             ("leaps", auto, most, &leaps(0.35, 0.5, 2)),
             ("circles", auto, most, &circles),
-            ("corners, believed", full, most, &corners),
             // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins anew.
+            ("corners, believed", full, 2 * most, &corners),
             ("leaps, believed", full, 2 * most, &leaps(0.35, 0.5, 2)),
             ("circles, believed", full, most, &circles),
         ] {

@@ -58,7 +58,7 @@ fn unreachable_workspace_names_the_corner_and_what_to_do() {
 fn plane_far_away_names_the_middle_and_where_the_tool_is() {
     let text = over_ur5("[plane]\norigin_m = [2.0, 0.0, 0.2]\n").unwrap_err().to_string();
     assert!(text.contains("key `plane.origin_m`") && text.contains("[2.000, 0.000, 0.210]"), "{text}");
-    assert!(text.contains("home puts the tool at [0.4"), "{text}");
+    assert!(text.contains("home puts the tool at [0.553"), "{text}");
 }
 
 #[test]
@@ -198,7 +198,7 @@ fn a_plane_without_direction_and_an_arm_without_shape_are_refused() {
 #[test]
 fn a_tool_moves_the_tip_along_the_pen_and_has_to_leave_the_plane_in_reach() {
     let config =
-        over_ur5("[robot]\ntool_m = [0.0, 0.0, 0.05]\n[plane]\norigin_m = [0.4485, 0.1092, 0.1493]\n")
+        over_ur5("[robot]\ntool_m = [0.0, 0.0, 0.05]\n[plane]\norigin_m = [0.5526, 0.1092, 0.1683]\n")
             .unwrap();
     let preset = Config::preset("ur5").unwrap();
     let (short, long) = (config.robot(), preset.robot());

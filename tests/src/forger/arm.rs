@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::{Forge, bad_states, pace};
 
 /// Near `robot.home_rad` of the preset `ur5`.
-const HOME: [f64; foretrace_shm::JOINTS] = [PI, -1.5, 2.1, -2.1708, -FRAC_PI_2, 0.0];
+const HOME: [f64; foretrace_shm::JOINTS] = [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0];
 const CYCLE_NS: u64 = 8_000_000;
 
 /// Is where it was told to be; in the last half of `time` every state makes no sense.
