@@ -118,13 +118,13 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
         let safety = &config.settings().safety;
         let led =
             |times, path: &dyn Fn(f64) -> [f64; 2]| follow(&config, config.follower_settings(), times, path);
-        for (name, beyond, depth, seen) in [
-            ("corners", 2e-3, 1e-3, led((6.0, 300), &corners)),
-            ("circles", 1e-3, 1e-3, led((6.0, 300), &circles)),
-            ("sweeps", 1e-3, 1.5e-3, led((6.0, 300), &sweeps)),
+        for (name, beyond, seen) in [
+            ("corners", 2e-3, led((6.0, 300), &corners)),
+            ("circles", 1e-3, led((6.0, 300), &circles)),
+            ("sweeps", 1e-3, led((6.0, 300), &sweeps)),
             // The box is soft.
-            ("leaps", 2e-3, 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
-            ("short leaps", 1e-3, 3e-3, led((40.0, 40), &leaps(0.025, 0.2, 1))),
+            ("leaps", 2e-3, led((40.0, 300), &leaps(0.35, 0.5, 2))),
+            ("short leaps", 1e-3, led((40.0, 40), &leaps(0.025, 0.2, 1))),
         ] {
             let Seen { beyond_m: [x, y, z], deepest_m, tilt_rad, steps, fresh, .. } = seen;
             println!(
@@ -138,7 +138,7 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
             assert_eq!(fresh, 1.0, "{preset}, {name}");
             assert!(steps <= config.settings().mpc.max_iterations * 3 / 2, "{preset}, {name}: {steps}");
             assert!(x.max(y) < beyond && z < 1e-3, "{preset}, {name}: {x} {y} {z}");
-            assert!(deepest_m < depth, "{preset}, {name}: {deepest_m}");
+            assert!(deepest_m < 1e-3, "{preset}, {name}: {deepest_m}");
             assert!(tilt_rad < safety.arm_max_tilt_rad, "{preset}, {name}: {tilt_rad} rad");
         }
     }
@@ -159,8 +159,8 @@ fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
             ("corners", auto, most, &corners as &dyn Fn(f64) -> [f64; 2]),
             ("leaps", auto, most, &leaps(0.35, 0.5, 2)),
             ("circles", auto, most, &circles),
+            ("corners, believed", full, most, &corners),
             // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins anew.
-            ("corners, believed", full, 2 * most, &corners),
             ("leaps, believed", full, 2 * most, &leaps(0.35, 0.5, 2)),
             ("circles, believed", full, most, &circles),
         ] {

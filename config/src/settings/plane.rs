@@ -21,8 +21,9 @@ section! {
         /// Height of the lifted tool above the plane while the pen is up.
         lift_height_m: f64 = Between(0.001, 0.2), Required, AtStart, "0.01: more takes from the joints what writing needs";
         /// Where the tool may be, [[x_min, x_max], [y_min, y_max], [z_min, z_max]] in the plane's frame.
-        /// Every corner must be within reach of the arm; contact (z = 0) and the lift height lie inside.
+        /// Every corner must be within reach of the arm; contact (z = 0) and the lift height lie inside. A plan
+        /// may press the tip no deeper than z_min into the paper.
         workspace_m: [[f64; 2]; 3] = Between(-3.0, 3.0), Required, AtStart,
-            "[[-0.1, 0.1], [-0.1, 0.1], [-0.002, 0.05]]";
+            "[[-0.1, 0.1], [-0.1, 0.1], [-0.0005, 0.05]]";
     }
 }

@@ -85,7 +85,7 @@ fn workspace_and_limits_reach_their_axes() {
     let [x, y, z] = law.mpc.axes;
     assert_eq!((x.jerk_mps3, y.jerk_mps3, z.jerk_mps3), (16000.0, 300.0, 400.0));
     assert_eq!((x.velocity_mps, z.velocity_mps), (0.8, 0.25));
-    assert_eq!([x.position_m, y.position_m, z.position_m], [[-0.15, 0.15], [-0.1, 0.1], [-0.005, 0.06]]);
+    assert_eq!([x.position_m, y.position_m, z.position_m], [[-0.15, 0.15], [-0.1, 0.1], [-0.0005, 0.06]]);
 }
 
 #[test]
