@@ -13,7 +13,7 @@ use crate::models::shipped;
 use crate::predictor::{NO_NETWORK, remark};
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
-use crate::robot::Robot;
+use crate::robot::{Robot, home};
 use crate::settings::Settings;
 use crate::written::{Place, Raw};
 
@@ -78,10 +78,10 @@ impl Config {
         &self.models
     }
 
-    /// What these settings do without although they are right, one line each, for people.
+    /// What these settings do without, or will be refused for later, although they are right; one line each, for people.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        remark(&self.settings, &self.models).into_iter().collect()
+        remark(&self.settings, &self.models).into_iter().chain(home(&self.settings, &self.robot)).collect()
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.

@@ -187,7 +187,7 @@ fn following(s: &Settings) -> Following {
     Following::Measured { max_ns: ns(max_ms), rate: s.timing.follow_rate }
 }
 
-fn plane(s: &Settings) -> Plane {
+pub(crate) fn plane(s: &Settings) -> Plane {
     Plane {
         origin: Vector3::from(s.plane.origin_m),
         rotation: s.plane.rotation(),

@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;
 use crate::clearance::clearance;
+use crate::follower::plane;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 use crate::written::Place;
@@ -117,6 +118,30 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
             None
         }
     }
+}
+
+/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.
+pub(crate) fn home(settings: &Settings, robot: &Robot) -> Option<String> {
+    let kinematics = robot.chain.forward(&robot.home);
+    let (plane, safety) = (plane(settings), &settings.safety);
+    let tool = plane.point_from_base(&kinematics.position);
+    let margin = safety.arm_workspace_margin_m;
+    let inside = |(x, [low, high]): (&f64, &[f64; 2])| *x >= low - margin && *x <= high + margin;
+    let tilt = kinematics.rotation.column(2).dot(&plane.tool_axis()).clamp(-1.0, 1.0).acos();
+    let why = if !tool.iter().zip(&settings.plane.workspace_m).all(inside) {
+        format!(
+            "[{:.3}, {:.3}, {:.3}] m in the plane's frame, outside of plane.workspace_m by more than safety.arm_workspace_margin_m = {margin}",
+            tool.x, tool.y, tool.z
+        )
+    } else if tilt > safety.arm_max_tilt_rad {
+        format!("tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {}", safety.arm_max_tilt_rad)
+    } else {
+        return None;
+    };
+    Some(format!(
+        "robot.home_rad puts the pen's tip {why}: an arm that stands there, as the simulated one, is not armed; \
+         choose robot.home_rad, robot.tool_m and plane.origin_m together"
+    ))
 }
 
 fn limits(

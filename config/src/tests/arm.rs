@@ -231,3 +231,18 @@ fn an_arm_of_ones_own_does_not_inherit_the_presets_pen() {
     }
     assert_eq!(load("urdf = \"ur5\"\n"), Ok(()), "an embedded arm has the same flange");
 }
+
+#[test]
+fn a_home_where_the_arm_would_not_be_armed_is_told() {
+    let remarks = |text: &str| over_ur5(text).unwrap().remarks();
+    assert_eq!(remarks(""), Vec::<String>::new());
+    let below = remarks("[robot]\ntool_m = [0.0, 0.0, 0.4]\n");
+    assert!(
+        below.len() == 1 && below.iter().all(|r| r.contains("-0.240] m in the plane's frame")),
+        "{below:?}"
+    );
+    let tilted = remarks(
+        "[robot]\ntool_m = [0.0, 0.0, 0.15]\n[safety]\narm_max_tilt_rad = 0.3\n[plane]\nnormal = [0.0, 0.35, 0.93675]\nx_axis = [0.0, -0.93675, 0.35]\n",
+    );
+    assert!(tilted.len() == 1 && tilted.iter().all(|r| r.contains("tilted by 0.358 rad")), "{tilted:?}");
+}
