@@ -155,6 +155,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         dead_time_ns: ns(s.timing.dead_time_ms),
         following: following(s),
         response_ns: ns(s.mpc.response_ms),
+        velocity_lead_ns: ns(s.mpc.velocity_lead_ms),
         safety: SafetySettings {
             valid_periods: s.control_loop.valid_periods,
             latch_after_ns: ns(s.safety.latch_after_ms),

@@ -26,6 +26,9 @@ section! {
         /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a new sample.
         /// More follows sooner and overshoots more.
         response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough for sharp gains";
+        /// The arm is led this much of the predicted velocity ahead of where the pen is predicted. Predictions of hands that
+        /// are hard to foresee come late; this takes the lag out, for more error.
+        velocity_lead_ms: f64 = Between(0.0, 100.0), Default("0.0"), AtStart, "0: least error";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.

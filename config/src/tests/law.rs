@@ -37,7 +37,8 @@ fn presets_keep_what_was_measured_in_the_control_law() {
         let gains = |position, velocity| Gains { position, velocity, acceleration: 0.0, decay: 1.0 };
         assert_eq!(law.mpc.gains_feedback, [gains(1.0, 7.0); 3], "{name}");
         assert_eq!(law.mpc.gains_feedforward, [gains(1.0, 2.5); 3], "{name}");
-        assert_eq!((law.mpc.effort, law.mpc.step_s, law.response_ns), (10.0, 0.0025, 0));
+        assert_eq!((law.mpc.effort, law.mpc.step_s), (10.0, 0.0025));
+        assert_eq!((law.response_ns, law.velocity_lead_ns), (0, 0));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
         assert_eq!(law.preview, PreviewSettings::default());
@@ -48,10 +49,10 @@ fn presets_keep_what_was_measured_in_the_control_law() {
 #[test]
 fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
     let law =
-        over_ur5("[timing]\ndead_time_ms = 34.5\n[loop]\nrate_hz = 1000\n[pen]\nmin_interval_us = 1500\n")
+        over_ur5("[timing]\ndead_time_ms = 34.5\n[loop]\nrate_hz = 1000\n[pen]\nmin_interval_us = 1500\n[mpc]\nvelocity_lead_ms = 12.5\n")
             .unwrap()
             .follower_settings();
-    assert_eq!(law.dead_time_ns, 34_500_000);
+    assert_eq!((law.dead_time_ns, law.velocity_lead_ns), (34_500_000, 12_500_000));
     assert_eq!((law.period_ns, law.pen.step_ns), (1_000_000, 10_000_000));
     assert_eq!(law.pen.min_interval_ns, 1_500_000);
     assert_eq!(law.mpc.step_s, 0.0025);

@@ -343,6 +343,29 @@ fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
     assert!(made_up < 0.4 * shifted, "{made_up} m made up for, {shifted} m shifted");
 }
 
+/// What the predicted velocity takes the pen to in 20 ms, 3.6 mm on this circle, is 0.3 mm off where it is then.
+#[test]
+fn a_velocity_lead_takes_the_arm_ahead_of_the_pen() {
+    let led = FollowerSettings { velocity_lead_ns: 20_000_000, ..settings(PredictorKind::Dybm) };
+    let plane = led.plane;
+    let chain = led.chain.clone();
+    let mut bench = Bench::armed(led);
+    let start = bench.now;
+    bench.follower.use_oracle(oracle(start, 900, slow));
+    write(&mut bench, start, 2000, slow, |_, output| {
+        let command = output.command.unwrap();
+        let tool = plane.point_from_base(&chain.forward(&command.q).position);
+        let t = command.stamp.seconds_since(start);
+        let off = |at: f64| {
+            let [x, y] = slow(at);
+            (tool.x - x).hypot(tool.y - y)
+        };
+        if t > 2.0 {
+            assert!(off(t + 0.020) < 6e-4 && off(t) > 3e-3, "{t} s: {} m, {} m", off(t + 0.020), off(t));
+        }
+    });
+}
+
 #[test]
 fn the_same_inputs_give_the_same_commands_bit_for_bit_with_all_of_it() {
     let run = || {

@@ -91,7 +91,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             watch: Watch::new(settings.safety),
             pen: PenTracker::new(settings.pen)?,
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
-            preview: Preview::new(step_ns, steps),
+            preview: Preview::new(step_ns, steps).leading(settings.velocity_lead_ns),
             pending_predictor: None,
             evidence: Box::new(evidence.beside_feedback(feedback_lag_s)),
             trust: TrustControl::new(settings.trust)?,

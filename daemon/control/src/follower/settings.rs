@@ -77,6 +77,8 @@ pub struct FollowerSettings<const J: usize> {
     pub safety: SafetySettings,
     /// How much farther ahead than the dead time references lie [ns]: what the plan itself needs to answer.
     pub response_ns: u64,
+    /// This much of the predicted velocity is added to the references [ns]: takes out the lag that badly foreseen hands leave.
+    pub velocity_lead_ns: u64,
 }
 
 /// Why a follower could not be built.

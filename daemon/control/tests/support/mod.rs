@@ -89,6 +89,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         dead_time_ns: 0,
         following: Following::Fixed,
         response_ns: 0,
+        velocity_lead_ns: 0,
         safety: SafetySettings {
             valid_periods: 5,
             latch_after_ns: 200_000_000,
