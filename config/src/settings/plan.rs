@@ -98,7 +98,7 @@ section! {
         /// Largest speed (kept unless the state makes that impossible).
         velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.8: letters of 3 cm at natural speed; 0.25 near people";
         /// Largest acceleration (kept unless the state makes that impossible).
-        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "24.0 for a UR5 near its home; 5.0 near people";
+        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "36.0 for a UR5 near its home with a pen, 24.0 without one; 5.0 near people";
         /// Largest jerk (always kept).
         jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
             "16000: the acceleration reverses in 3 ms; 400 near people";
