@@ -95,6 +95,7 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
     let mut settings = settings(kind);
     settings.dead_time_ns = rng.random_range(0..80_000_000);
     settings.mpc.servo_s = servo_ns as f64 * 1e-9;
+    settings.velocity_lead_ns = [0, 100_000_000][seed as usize % 2];
     settings.safety.enable_required = rng.random_bool(0.1);
     let mut bench = Bench::new(settings);
     let start = bench.now;
