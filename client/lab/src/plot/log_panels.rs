@@ -73,7 +73,8 @@ pub fn log_panels(
             let x = around(extent(points().map(|point| point.0)));
             if log_y {
                 let y = around(extent(points().map(|point| point.1)));
-                draw(&place, panel, &keys, labels, x, y.log_scale(), &fits)?;
+                let marks = ticks(&y);
+                draw(&place, panel, &keys, labels, x, y.log_scale().with_key_points(marks), &fits)?;
             } else {
                 draw(&place, panel, &keys, labels, x, 0.0..100.0, &fits)?;
             }
@@ -86,6 +87,15 @@ pub fn log_panels(
 fn around(range: Option<(f64, f64)>) -> std::ops::Range<f64> {
     let (low, high) = range.unwrap_or((1.0, 10.0));
     0.85 * low..1.18 * high
+}
+
+/// Where a logarithmic axis is labelled: 1, 2 and 5 times powers of ten; over many decades some of the powers.
+fn ticks(range: &std::ops::Range<f64>) -> Vec<f64> {
+    let [low, high] = [range.start.log10().floor(), range.end.log10().ceil()].map(|decade| decade as i32);
+    let parts: &[f64] = if high - low > 4 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let decades = (low..=high).step_by(1 + (high - low) as usize / 8);
+    let all = decades.flat_map(|decade| parts.iter().map(move |part| part * 10f64.powi(decade)));
+    all.filter(|tick| range.contains(tick)).collect()
 }
 
 fn draw<Y>(

@@ -70,6 +70,11 @@ fn hostile_data_draws_or_is_refused_but_never_panics() {
         let _ = bar_table(&file, "", "", &[""; 7][..count], &[bars]);
         let named: Vec<Named<'_>> = points[..count].iter().map(|p| Named { name: "", point: *p }).collect();
         let _ = scatter(&file, "", "", ("", ""), &named);
+        let line = LogLine { label: "", points: points[..count].to_vec(), dots: true, marked: Some(count) };
+        let panel = LogPanel { title: "", lines: vec![line] };
+        for log_y in [false, true] {
+            let _ = log_panels(&file, "", "", ("", ""), log_y, std::slice::from_ref(&panel));
+        }
     }
     assert!(matches!(path_overlay(&file, "", "", &[], &[]), Err(PlotError::Empty { .. })));
     assert!(matches!(histograms(&file, "", "", &[]), Err(PlotError::Empty { .. })));
@@ -78,6 +83,23 @@ fn hostile_data_draws_or_is_refused_but_never_panics() {
     assert!(matches!(scatter(&file, "", "", ("", ""), &[]), Err(PlotError::Empty { .. })));
     let nowhere = folder.path().join("no/such/folder.svg");
     assert!(matches!(path_overlay(&nowhere, "", "", &pen(), &[]), Err(PlotError::Writing { .. })));
+}
+
+#[test]
+fn a_logarithmic_axis_of_a_decade_is_labelled_more_than_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("x.svg");
+    let labelled = |points: Vec<(f64, f64)>| {
+        let line = LogLine { label: "a", points, dots: true, marked: None };
+        log_panels(&file, "t", "", ("x", "y"), true, &[LogPanel { title: "p", lines: vec![line] }]).unwrap();
+        let svg = std::fs::read_to_string(&file).unwrap();
+        move |label: &str| svg.lines().any(|line| line.trim() == label)
+    };
+    // x to 3000, so that no label of the one axis is taken for one of the other.
+    let decade = labelled(vec![(1500.0, 2.1), (3000.0, 19.0)]);
+    assert!(["5", "10", "20"].map(decade).iter().all(|there| *there));
+    let many = labelled(vec![(1500.0, 1e-9), (3000.0, 5e3)]);
+    assert!(["1e-8", "1e-6", "100"].map(&many).iter().all(|there| *there) && !many("1e-7") && !many("5"));
 }
 
 #[test]

@@ -71,7 +71,12 @@ pub(super) fn letters(
                 let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
                 let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
                 let mm = rms_mm(if entrant == Entrant::OURS { ours } else { hold });
-                let label = format!("{name} {:?}, {}: {mm:.2} mm", sequence.label, entrant.name());
+                let which = if sequence.label.is_empty() {
+                    name.to_owned()
+                } else {
+                    format!("{name} {:?}", sequence.label)
+                };
+                let label = format!("{which}, {}: {mm:.2} mm", entrant.name());
                 shown.push((label, &sequence.path.samples, tool));
             }
         }
