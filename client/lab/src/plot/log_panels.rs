@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use plotters::coord::combinators::{BindKeyPoints, WithKeyPoints};
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 
@@ -73,8 +74,7 @@ pub fn log_panels(
             let x = around(extent(points().map(|point| point.0)));
             if log_y {
                 let y = around(extent(points().map(|point| point.1)));
-                let marks = ticks(&y);
-                draw(&place, panel, &keys, labels, x, y.log_scale().with_key_points(marks), &fits)?;
+                draw(&place, panel, &keys, labels, x, logarithmic(y), &fits)?;
             } else {
                 draw(&place, panel, &keys, labels, x, 0.0..100.0, &fits)?;
             }
@@ -89,13 +89,18 @@ fn around(range: Option<(f64, f64)>) -> std::ops::Range<f64> {
     0.85 * low..1.18 * high
 }
 
-/// Where a logarithmic axis is labelled: 1, 2 and 5 times powers of ten; over many decades some of the powers.
-fn ticks(range: &std::ops::Range<f64>) -> Vec<f64> {
+/// An axis that is labelled at 1, 2, 3 and 5 times powers of ten; over many decades at some of the powers.
+fn logarithmic(range: std::ops::Range<f64>) -> WithKeyPoints<LogCoord<f64>> {
     let [low, high] = [range.start.log10().floor(), range.end.log10().ceil()].map(|decade| decade as i32);
-    let parts: &[f64] = if high - low > 4 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let parts: &[f64] = match high - low {
+        ..=2 => &[1.0, 2.0, 3.0, 5.0],
+        3..=4 => &[1.0, 2.0, 5.0],
+        _ => &[1.0],
+    };
     let decades = (low..=high).step_by(1 + (high - low) as usize / 8);
     let all = decades.flat_map(|decade| parts.iter().map(move |part| part * 10f64.powi(decade)));
-    all.filter(|tick| range.contains(tick)).collect()
+    let ticks = all.filter(|tick| range.contains(tick)).collect();
+    range.log_scale().with_key_points(ticks)
 }
 
 fn draw<Y>(
@@ -117,7 +122,7 @@ where
         .margin_right(16)
         .x_label_area_size(48)
         .y_label_area_size(70)
-        .build_cartesian_2d(x.log_scale(), y)?;
+        .build_cartesian_2d(logarithmic(x), y)?;
     axes(&mut chart, labels.0, labels.1)?;
     for line in &panel.lines {
         let key = keys.iter().find(|key| key.label == line.label).copied().unwrap_or(Key::solid("", INK));
