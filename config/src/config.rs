@@ -81,7 +81,10 @@ impl Config {
     /// What these settings do without, or will be refused for later, although they are right; one line each, for people.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        remark(&self.settings, &self.models).into_iter().chain(home(&self.settings, &self.robot)).collect()
+        remark(&self.settings, &self.models)
+            .into_iter()
+            .chain(home(&self.follower_settings(), &self.robot.home))
+            .collect()
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.

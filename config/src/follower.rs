@@ -188,7 +188,7 @@ fn following(s: &Settings) -> Following {
     Following::Measured { max_ns: ns(max_ms), rate: s.timing.follow_rate }
 }
 
-pub(crate) fn plane(s: &Settings) -> Plane {
+fn plane(s: &Settings) -> Plane {
     Plane {
         origin: Vector3::from(s.plane.origin_m),
         rotation: s.plane.rotation(),

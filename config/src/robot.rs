@@ -3,12 +3,12 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
+use foretrace_control::follower::{FollowerSettings, Refusal};
 use foretrace_control::ik::{Chain, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;
 use crate::clearance::clearance;
-use crate::follower::plane;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 use crate::written::Place;
@@ -121,22 +121,18 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
 }
 
 /// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.
-pub(crate) fn home(settings: &Settings, robot: &Robot) -> Option<String> {
-    let kinematics = robot.chain.forward(&robot.home);
-    let (plane, safety) = (plane(settings), &settings.safety);
-    let tool = plane.point_from_base(&kinematics.position);
-    let margin = safety.arm_workspace_margin_m;
-    let inside = |(x, [low, high]): (&f64, &[f64; 2])| *x >= low - margin && *x <= high + margin;
-    let tilt = kinematics.rotation.column(2).dot(&plane.tool_axis()).clamp(-1.0, 1.0).acos();
-    let why = if !tool.iter().zip(&settings.plane.workspace_m).all(inside) {
-        format!(
-            "[{:.3}, {:.3}, {:.3}] m in the plane's frame, outside of plane.workspace_m by more than safety.arm_workspace_margin_m = {margin}",
-            tool.x, tool.y, tool.z
-        )
-    } else if tilt > safety.arm_max_tilt_rad {
-        format!("tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {}", safety.arm_max_tilt_rad)
+pub(crate) fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
+    let refusal = law.may_arm_at(home).err()?;
+    let kinematics = law.chain.forward(home);
+    let why = if refusal == Refusal::ToolNotAligned {
+        let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
+        format!("tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {}", law.safety.arm_max_tilt)
     } else {
-        return None;
+        let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
+        let margin = law.safety.arm_workspace_margin;
+        format!(
+            "[{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than safety.arm_workspace_margin_m = {margin}"
+        )
     };
     Some(format!(
         "robot.home_rad puts the pen's tip {why}: an arm that stands there, as the simulated one, is not armed; \

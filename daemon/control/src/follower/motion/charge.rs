@@ -6,30 +6,12 @@
 use super::{Held, Mover};
 use crate::follower::io::{Health, Refusal};
 use crate::guard::{Commanded, StopProfile, consumer_state};
-use crate::mpc::AxisLimits;
 use crate::units::{AxisState, Stamp};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// Takes charge of an arm that stands at `q`.
     pub(in crate::follower) fn seed(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
-        let inside = |(q, [low, high]): (&f64, &[f64; 2])| *q >= *low && *q <= *high;
-        if !q.iter().zip(self.guard.limits().position()).all(inside) {
-            return Err(Refusal::OutsideJointLimits);
-        }
-        let kinematics = self.chain.forward(q);
-        let tool = self.plane.point_from_base(&kinematics.position);
-        let margin = self.arm_margin;
-        let within = |(x, axis): (&f64, &AxisLimits)| {
-            let [low, high] = axis.position_m;
-            *x >= low - margin && *x <= high + margin
-        };
-        if !tool.iter().zip(&self.limits).all(within) {
-            return Err(Refusal::ToolOutsideWorkspace);
-        }
-        let axis = kinematics.rotation.column(2).dot(&self.plane.tool_axis());
-        if !(axis >= self.arm_cos_tilt) {
-            return Err(Refusal::ToolNotAligned);
-        }
+        let (kinematics, tool) = self.arming.place(self.guard.limits(), &self.chain, q)?;
         let start = now.max(self.issued);
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);

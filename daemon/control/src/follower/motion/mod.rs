@@ -3,10 +3,13 @@
 //! Contract: owns the commanded state. Whatever is asked for, the state after `advance` is legal and continuous with the
 //! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
 
+mod arming;
 mod charge;
 mod asked;
 
 use nalgebra::Vector3;
+
+use arming::Arming;
 
 use super::Budget;
 use super::io::{Health, JointCommand, Rung, Stage, StageClock};
@@ -70,8 +73,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     previous_plan_max_ns: u64,
     approach_distance: f64,
     limits: [AxisLimits; 3],
-    arm_margin: f64,
-    arm_cos_tilt: f64,
+    arming: Arming,
     plane: Plane,
     chain: Chain<J>,
     mpc: Mpc<N>,
@@ -141,8 +143,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             previous_plan_max_ns: safety.previous_plan_max_ns,
             approach_distance: safety.approach_distance,
             limits: settings.mpc.limits(),
-            arm_margin: safety.arm_workspace_margin,
-            arm_cos_tilt: safety.arm_max_tilt.cos(),
+            arming: Arming::new(settings),
             plane: settings.plane,
             chain: settings.chain.clone(),
             mpc: planner(settings)?,
