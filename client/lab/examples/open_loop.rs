@@ -3,7 +3,7 @@
 //! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT]]]`
 //!
 //! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
-//! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17 and 37 ms
+//! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17, 35, 37 and 55 ms
 //! after a sample, of: standing still; the shipped predictor's preview; a Kalman filter tuned for that lead; the preview with
 //! what `trust::Evidence` makes of it. Points of a preview are joined by straight lines.
 
@@ -20,7 +20,7 @@ use foretrace_lab::data::{DataSet, Split, median_glyph_height};
 use foretrace_lab::path::{Lift, PathSample};
 use foretrace_lab::today::{Limits, WayKind, WaySettings, build};
 
-const LEADS_S: [f64; 4] = [0.004, 0.007, 0.017, 0.037];
+const LEADS_S: [f64; 6] = [0.004, 0.007, 0.017, 0.035, 0.037, 0.055];
 const PERIOD_S: f64 = 0.002;
 /// Between two sequences [s].
 const REST_S: f64 = 2.0;
