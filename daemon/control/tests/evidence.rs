@@ -209,6 +209,7 @@ fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
         let inputs = TrustInputs {
             unplanned: 0.0,
             overtaxed: None,
+            reaction_ns: 60_000_000,
             weights_refused: false,
             request: TrustRequest::Auto,
             armed: true,

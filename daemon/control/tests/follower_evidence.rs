@@ -9,42 +9,11 @@ use foretrace_control::predict::{OnlineWeights, Oracle, PredictorKind};
 use foretrace_control::trust::{TrustReason, TrustRequest};
 use foretrace_control::units::{Stamp, Trust};
 use support::lagging::{Arm, Kind};
+use support::writing::{curve, oracle, write};
 use support::{Bench, HOME, PERIOD_NS, STEP_NS, models, preset, settings};
-
-/// Writing with turns: accelerations up to 6 m/s².
-fn curve(t: f64) -> [f64; 2] {
-    [0.015 * (14.0 * t).sin(), 0.012 * (22.0 * t + 0.4).sin()]
-}
 
 fn slow(t: f64) -> [f64; 2] {
     [0.02 * (9.0 * t).sin(), 0.02 * (9.0 * t).cos() - 0.02]
-}
-
-/// Runs `ticks` of `path` at 200 Hz, and hands out every tick's output.
-fn write(
-    bench: &mut Bench,
-    start: Stamp,
-    ticks: u64,
-    path: fn(f64) -> [f64; 2],
-    mut seen: impl FnMut(&Bench, &StepOutput<6>),
-) {
-    for tick in 0..ticks {
-        // 200 Hz, half of it between grid points.
-        let due = tick % 5 == 0 || tick % 5 == 3;
-        let samples = [bench.pen(path(bench.now.seconds_since(start)))];
-        let output = bench.tick(if due { &samples } else { &[] });
-        seen(bench, &output);
-    }
-}
-
-fn oracle(start: Stamp, steps: u64, path: fn(f64) -> [f64; 2]) -> Oracle {
-    let first = start.0 / STEP_NS;
-    let at = |index: u64| path(((index * STEP_NS) as f64 - start.0 as f64) * 1e-9);
-    let step = |i: u64| {
-        let ([x0, y0], [x1, y1]) = (at(first + i), at(first + i + 1));
-        [x1 - x0, y1 - y0]
-    };
-    Oracle::new(first + 1, (0..steps).map(step).collect())
 }
 
 /// RMS distance [m] of the tool of a perfect arm from where the pen is the dead time later, after 2 s.
@@ -84,108 +53,6 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
     let (with, without) = (rms(wanted(), true, true), rms(wanted(), false, true));
     println!("{:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
     assert!(with < 3e-4 && without < 3e-4, "{with} m per step, {without} m without");
-}
-
-/// How an arm did whose every axis may accelerate by so much; the curve takes 6.5 m/s².
-struct Hurried {
-    /// RMS distance [m] of a perfect arm from where the pen is the dead time later.
-    rms: f64,
-    /// Trust at the end, and whether it was lowered because of the arm in the last 8 s: not by the way to the pen.
-    alpha: f64,
-    lowered: bool,
-    /// Share of the ticks at a limit of acceleration.
-    at_limit: f64,
-}
-
-fn hurried(trust_request: TrustRequest, acceleration_mps2: f64, exact: bool) -> Hurried {
-    let mut wanted = settings(PredictorKind::ConstantVelocity);
-    wanted.trust_request = trust_request;
-    wanted.dead_time_ns = 30_000_000;
-    for axis in &mut wanted.mpc.axes {
-        axis.acceleration_mps2 = acceleration_mps2;
-    }
-    let mut bench = Bench::armed(wanted);
-    let start = bench.now;
-    if exact {
-        bench.follower.use_oracle(oracle(start, 1300, curve));
-    }
-    let mut seen = Hurried { rms: 0.0, alpha: 0.0, lowered: false, at_limit: 0.0 };
-    let mut count = 0.0;
-    write(&mut bench, start, 6000, curve, |_, output| {
-        let t = output.command.unwrap().stamp.seconds_since(start);
-        let [x, y] = curve(t + 0.03);
-        seen.alpha = output.trust.alpha.alpha();
-        if t > 4.0 {
-            seen.lowered |= output.trust.reason == TrustReason::ArmLimited;
-            seen.rms += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
-            let limited = output.axes.iter().any(|axis| axis.active.acceleration > 0);
-            seen.at_limit += f64::from(u8::from(limited));
-            count += 1.0;
-        }
-    });
-    Hurried { rms: (seen.rms / count).sqrt(), at_limit: seen.at_limit / count, ..seen }
-}
-
-#[test]
-fn trust_comes_down_where_the_arm_is_too_weak_for_what_is_foreseen() {
-    let manual = |alpha| TrustRequest::Manual(Trust::new(alpha));
-    for acceleration_mps2 in [3.0, 4.0, 6.0] {
-        let Hurried { rms, alpha, lowered, .. } = hurried(TrustRequest::Auto, acceleration_mps2, false);
-        let [believed, held] = [1.0, 0.0].map(|alpha| hurried(manual(alpha), acceleration_mps2, false).rms);
-        let shown = [rms, believed, held].map(|rms| rms * 1e3);
-        println!("{acceleration_mps2} m/s²: {shown:.2?} mm at trust {alpha:.2}, 1 and 0");
-        assert!(rms < 0.8 * believed && rms < held && lowered, "{acceleration_mps2} m/s²: {shown:.2?} mm");
-    }
-}
-
-#[test]
-fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
-    let Hurried { rms, alpha, lowered, at_limit } = hurried(TrustRequest::Auto, 5.0, true);
-    assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
-    assert!(alpha == 1.0 && !lowered && rms < 4e-3, "{rms} m at trust {alpha}");
-    let Hurried { alpha, lowered, at_limit, .. } = hurried(TrustRequest::Auto, 20.0, false);
-    assert!(alpha == 1.0 && !lowered && at_limit == 0.0, "{alpha} {at_limit}");
-}
-
-#[test]
-fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
-    // The tool goes along the edge, as far out as it can be.
-    fn beyond(t: f64) -> [f64; 2] {
-        [(0.05 * t).min(0.15), 0.012 * (22.0 * t + 0.4).sin()]
-    }
-    // 40 ms lost now and then: the arm is late by as much, and for as long as that lasts there is little to believe. Of the other
-    // ticks only wrong bookkeeping would make more (5 % and more).
-    for (path, lost_every, most) in [(beyond as fn(f64) -> [f64; 2], u64::MAX, 0.0), (curve, 300, 0.03)] {
-        let mut wanted = settings(PredictorKind::Hold);
-        wanted.dead_time_ns = 30_000_000;
-        for axis in &mut wanted.mpc.axes {
-            axis.acceleration_mps2 = 5.0;
-        }
-        let mut bench = Bench::armed(wanted);
-        let start = bench.now;
-        bench.follower.use_oracle(oracle(start, 2000, path));
-        let (mut limited, mut lowered, mut ticks, mut judged) = (0.0, 0.0, 0, 0.0);
-        while bench.now.seconds_since(start) < 12.0 {
-            ticks += 1;
-            if ticks % lost_every == 0 {
-                bench.now = bench.now + 20 * PERIOD_NS;
-            }
-            let due = ticks % 5 == 0 || ticks % 5 == 3;
-            let samples = [bench.pen(path(bench.now.seconds_since(start)))];
-            let output = bench.tick(if due { &samples } else { &[] });
-            if bench.now.seconds_since(start) > 4.0 {
-                limited += f64::from(u8::from(output.axes.iter().any(|axis| axis.active.acceleration > 0)));
-                lowered += f64::from(u8::from(output.trust.reason == TrustReason::ArmLimited));
-                judged += 1.0;
-            }
-        }
-        println!("at a limit in {:.2}, lowered in {:.2} of the ticks", limited / judged, lowered / judged);
-        assert!(
-            limited > 0.8 * judged,
-            "{limited} of {judged}: an arm that is not at its limits proves nothing"
-        );
-        assert!(lowered <= most * judged, "{lowered} of {judged}");
-    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ const TICK_NS: u64 = 2_000_000;
 const HEALTHY: TrustInputs = TrustInputs {
     unplanned: 0.0,
     overtaxed: None,
+    reaction_ns: 60_000_000,
     weights_refused: false,
     request: TrustRequest::Auto,
     armed: true,
@@ -212,9 +213,9 @@ fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
     let mut trust = trusted();
     let (alpha, reason, _) = limited(&mut trust, 4.0, auto, |_| 0.5);
     assert_eq!((alpha, reason), (1.0, TrustReason::Auto));
-    // A fifth of two of its times, and what is left out because it would be the same.
-    let (alpha, reason, _) = limited(&mut trust, 0.3, auto, |_| 1.0);
-    assert!((alpha - (-0.4_f64).exp()).abs() < 0.07, "{alpha}");
+    // In 7 x 60 ms by e, and what is left out because it would be the same.
+    let (alpha, reason, _) = limited(&mut trust, 0.21, auto, |_| 1.0);
+    assert!((alpha - (-0.5_f64).exp()).abs() < 0.07, "{alpha}");
     assert_eq!(reason, TrustReason::ArmLimited);
     let (lowest, reason, _) = limited(&mut trust, 4.0, auto, |_| 1.0);
     assert!((lowest - 0.1).abs() < 0.01 && reason == TrustReason::ArmLimited, "{lowest}");
@@ -227,7 +228,27 @@ fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
     assert_eq!((alpha, reason), (1.0, TrustReason::Auto));
     limited(&mut trust, 4.0, auto, |alpha| 1.6 * alpha);
     let (alpha, _, share) = limited(&mut trust, 4.0, auto, |alpha| 1.6 * alpha);
-    assert!((share - 0.8).abs() < 0.02 && (alpha - 0.5).abs() < 0.1, "{share} at {alpha}");
+    let well_used = 0.42 / (0.42 + 0.19);
+    assert!((share - well_used).abs() < 0.02 && (alpha - share / 1.6).abs() < 0.1, "{share} at {alpha}");
+}
+
+#[test]
+fn what_takes_long_to_show_is_taken_back_slowly_and_a_preview_that_is_right_not_at_all() {
+    let after = |reaction_ns, preview| {
+        let record = Record { preview, ..GOOD };
+        let at_limit = TrustInputs { overtaxed: Some(true), reaction_ns, record, ..HEALTHY };
+        let mut trust = trusted();
+        for _ in 0..100 {
+            trust.update(&at_limit, TICK_NS);
+        }
+        trust.alpha().alpha()
+    };
+    let [soon, late] = [60_000_000, 120_000_000].map(|reaction_ns| after(reaction_ns, 50.0));
+    assert!(((soon.ln() / late.ln()) - 2.0).abs() < 0.3, "{soon} {late}");
+    assert!(after(0, 50.0) > 0.0 && after(u64::MAX, 50.0) > 0.99);
+    // A tenth of Hold's 100.
+    assert!(after(60_000_000, 10.1) < 0.7);
+    assert_eq!(after(60_000_000, 9.9), 1.0);
 }
 
 #[test]
@@ -326,6 +347,7 @@ proptest! {
             let weights_refused = history == 7;
             let inputs = TrustInputs {
                 request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, overtaxed, weights_refused, record,
+                reaction_ns: dt_ns * 3,
             };
             let report = trust.update(&inputs, dt_ns);
             let alpha = report.alpha.alpha();

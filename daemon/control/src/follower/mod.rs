@@ -338,6 +338,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 switching: self.pending_predictor.is_some(),
                 unplanned: self.unplanned,
                 overtaxed: self.overtaxed,
+                reaction_ns: self.outcome.reaction_ns(self.dead_time.ns()),
                 weights_refused: self.learner_doubt_ns > 0,
                 record: self.evidence.record(nearest, nearest + LEADS_JUDGED - 1),
             },

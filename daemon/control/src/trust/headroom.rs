@@ -4,13 +4,12 @@
 //! be worse than one led by feedback alone. Where it is hardly better (`outcome`), what is asked for is taken back until the arm is at
 //! its limits as often as it should be, and no more. Where it is much better, limits do no harm.
 
-/// Share of the ticks of motion in which an arm that is well used is overtaxed: at a limit and hardly better than feedback. Train
-/// writers of unipen-tos, unipen-ced and pendigits behind a UR5: from 0.6 to 0.8 errors are level within 5 %; slower servos want
-/// more, and what falls behind feedback grows with the share.
-const WELL_USED: f64 = 0.8;
-/// Trust falls by a factor e while the arm is at its limits for this time divided by 1 − [`WELL_USED`] [s]. A digit of a fast hand
-/// takes 0.4 s; from 0.1 to 0.3 s errors are level.
-const TIME_S: f64 = 0.15;
+/// Trust falls by a factor e while the arm is overtaxed for this many times of what a change of trust takes to show: dead time and
+/// feedback's lag. 0.42 s behind a UR5, 0.83 s behind 100 ms. Train writers of unipen-tos, unipen-ced and pendigits: from 0.3 to
+/// 0.5 s errors behind a UR5 are level within 3 %; slower servos want more time, and what falls behind feedback grows with it.
+const FALL: f64 = 7.0;
+/// It rises by a factor e in this time of motion without [s]. A digit of a fast hand takes 0.4 s.
+const RISE_S: f64 = 0.19;
 /// Least share, from which an arm that is overtaxed no more is back within half a second.
 const LEAST: f64 = 0.1;
 /// Shares within this factor count as the same: with each change of the trust a plan factors its costs anew.
@@ -30,11 +29,13 @@ impl Headroom {
         Self { log_share: 0.0, share: 1.0 }
     }
 
-    /// `overtaxed`: see [`super::TrustInputs`].
-    pub(super) fn see(&mut self, overtaxed: Option<bool>, dt_ns: u64) {
+    /// `overtaxed`, `reaction_ns`: see [`super::TrustInputs`].
+    pub(super) fn see(&mut self, overtaxed: Option<bool>, reaction_ns: u64, dt_ns: u64) {
         let Some(overtaxed) = overtaxed else { return };
-        let off = WELL_USED - f64::from(u8::from(overtaxed));
-        self.log_share = (self.log_share + off * dt_ns as f64 * 1e-9 / TIME_S).clamp(LEAST.ln(), 0.0);
+        let dt_s = dt_ns as f64 * 1e-9;
+        let fall_s = (FALL * reaction_ns as f64 * 1e-9).max(RISE_S);
+        let change = if overtaxed { -dt_s / fall_s } else { dt_s / RISE_S };
+        self.log_share = (self.log_share + change).clamp(LEAST.ln(), 0.0);
         let share = self.log_share.exp();
         if share >= 1.0 || share * SAME <= self.share || share >= SAME * self.share {
             self.share = share;

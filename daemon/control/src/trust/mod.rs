@@ -54,6 +54,8 @@ const END_STEADY: f64 = 1.5;
 const BEGIN_STEADY: f64 = 1.2;
 /// ... but for previews that are better than Hold by this factor: Hold is what doubt would put in their place.
 const CLEARLY: f64 = 0.2;
+/// A preview that was better than Hold by this factor is right: what limits leave of it is the best there is.
+const RIGHT: f64 = 0.1;
 /// Belief ends when more than this share of a predictor's recent bands were left by the pen: it does not know what it does not
 /// know, long before its mean error tells...
 const END_SURPRISE: f64 = 0.5;
@@ -136,6 +138,8 @@ pub struct TrustInputs {
     /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than feedback alone ([`Outcome`]);
     /// `None` if nothing moved by a plan.
     pub overtaxed: Option<bool>,
+    /// What a change of trust takes to show in how well the arm follows: dead time and the lag of feedback [ns].
+    pub reaction_ns: u64,
     /// What past previews were worth.
     pub record: Record,
 }
@@ -285,7 +289,8 @@ impl TrustControl {
         if !inputs.armed || inputs.switching {
             self.headroom = Headroom::new();
         } else if inputs.request == TrustRequest::Auto {
-            self.headroom.see(inputs.overtaxed, dt_ns);
+            let right = inputs.record.preview <= RIGHT * inputs.record.hold;
+            self.headroom.see(inputs.overtaxed.map(|is| is && !right), inputs.reaction_ns, dt_ns);
         }
         // Written so that what is not a number speaks against.
         let [begin, end] = UNPLANNED;

@@ -84,6 +84,12 @@ impl Outcome {
         }
     }
 
+    /// What a change in what is asked of the arm takes to show here: dead time and the lag of feedback [ns].
+    #[must_use]
+    pub const fn reaction_ns(&self, dead_time_ns: u64) -> u64 {
+        dead_time_ns.saturating_add(self.lag_ns)
+    }
+
     /// Following was hardly better than feedback alone.
     #[must_use]
     pub fn is_poor(&self) -> bool {
@@ -133,6 +139,28 @@ mod tests {
         assert!(outcome.is_poor());
         outcome.forget();
         assert!(!outcome.is_poor());
+    }
+
+    #[test]
+    fn time_that_was_lost_is_no_error_of_an_arm_that_is_where_it_should_be() {
+        let followed = |tells: bool| {
+            let mut outcome = Outcome::new(PERIOD_NS, LAG_S);
+            let mut now = Stamp(1_000_000_000);
+            for tick in 0..3000_u64 {
+                now = now + PERIOD_NS;
+                if tick % 200 == 199 {
+                    now = now + 20 * PERIOD_NS;
+                    if tells {
+                        outcome.break_off();
+                    }
+                }
+                let at = |ns: f64| pen((now.0 as f64 + ns) * 1e-9);
+                outcome.see(now, at((PERIOD_NS + DEAD_NS) as f64), (now, at(0.0)), DEAD_NS);
+            }
+            outcome.followed / outcome.held
+        };
+        let [told, untold] = [true, false].map(followed);
+        assert!(told < 1e-4 && untold > 10.0 * told, "{told} {untold}");
     }
 
     #[test]

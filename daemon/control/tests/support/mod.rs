@@ -3,6 +3,7 @@
 
 pub mod lagging;
 pub mod strokes;
+pub mod writing;
 
 use std::sync::Arc;
 
