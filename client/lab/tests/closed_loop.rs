@@ -256,6 +256,25 @@ fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_told() {
 }
 
 #[test]
+fn the_lead_of_the_presets_is_for_arms_with_limits_and_for_what_is_not_known() {
+    let with = |lead_ms: Option<&str>| {
+        let draft = Draft::preset("ur5e");
+        let config = lead_ms.map_or(draft.clone(), |ms| draft.set("mpc.velocity_lead_ms", ms)).finish();
+        let config = config.unwrap();
+        let arms = [BenchArm::Ideal, BenchArm::Delay30, BenchArm::Ur5];
+        let mut benchmark = benchmark(&config, &arms, &["constant-velocity", "oracle"]);
+        benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
+        let rows = benchmark.run(|| {}).unwrap();
+        rows.iter().map(|outcome| format!("{:?}", outcome.scores)).collect::<Vec<_>>()
+    };
+    let [preset, none, asked] = [None, Some("0.0"), Some("7.0")].map(with);
+    // Two predictors on each of three arms, the arms outside.
+    let same = |other: &[String]| preset.iter().zip(other).map(|(a, b)| a == b).collect::<Vec<_>>();
+    assert_eq!(same(&none), [true, true, true, true, false, true]);
+    assert_eq!(same(&asked), [false, false, false, false, true, false]);
+}
+
+#[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     let error = Entrant::named("servoj").unwrap_err();
     let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls ours-trust1 ours servoj-gello \

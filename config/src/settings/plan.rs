@@ -27,8 +27,8 @@ section! {
         /// More follows sooner and overshoots more.
         response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough for sharp gains";
         /// The arm is led this much of the predicted velocity ahead of where the pen is predicted. Predictions of hands that
-        /// are hard to foresee come late; this takes the lag out, for more error.
-        velocity_lead_ms: f64 = Between(0.0, 100.0), Default("0.0"), AtStart, "0: least error";
+        /// are hard to foresee come late, and limits make an arm late; this takes the lag out, beyond the preset for more error.
+        velocity_lead_ms: f64 = Between(0.0, 100.0), Default("7.0"), AtStart, "7; 0 for an arm that no limits hold up, or a known future";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.

@@ -38,7 +38,7 @@ fn presets_keep_what_was_measured_in_the_control_law() {
         assert_eq!(law.mpc.gains_feedback, [gains(1.0, 7.0); 3], "{name}");
         assert_eq!(law.mpc.gains_feedforward, [gains(1.0, 2.5); 3], "{name}");
         assert_eq!((law.mpc.effort, law.mpc.step_s), (10.0, 0.0025));
-        assert_eq!((law.response_ns, law.velocity_lead_ns), (0, 0));
+        assert_eq!((law.response_ns, law.velocity_lead_ns), (0, 7_000_000));
         assert_eq!(law.mpc.soft_penalty, SoftPenalty::DEFAULT);
         assert_eq!(law.ik, IkSettings::for_period(0.002, config.robot().home));
         assert_eq!(law.preview, PreviewSettings::default());

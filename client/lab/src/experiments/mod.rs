@@ -16,7 +16,7 @@ pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
 
-use foretrace_config::Config;
+use foretrace_config::{Config, Place};
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::predict::PredictorKind;
@@ -60,6 +60,12 @@ fn settings_of_servo(config: &Config) -> bool {
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
+    // A lead that nobody asked for is for what limits and doubt make late.
+    let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
+    let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::Oracle;
+    if !asked && !late {
+        settings.velocity_lead_ns = 0;
+    }
     settings.mpc.servo_s = 0.0;
     settings.dead_time_ns = match arm {
         ArmKind::Ideal => 0,
