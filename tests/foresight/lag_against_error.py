@@ -6,7 +6,8 @@
 STEPS of 5 ms ahead (default 7). Both are told the last 240 ms of the pen and learn the way to the instant ahead and the velocity
 there. The predicted way plus so many ms of the predicted velocity: lag (the shift of the pen that fits best, median over test
 sequences) and squared error (mean over test sequences, letters 0.1 m high) as a part of what standing still leaves.
-Gaps (.DT) end a piece. Needs numpy and scikit-learn. Exit code: 0, or 77: skipped because one of them is missing.
+Gaps (.DT) end a piece. Needs numpy and scikit-learn. Exit code: 0, or 77: skipped because one of them is missing,
+1: asked for something that cannot be.
 """
 
 import pathlib
@@ -120,8 +121,21 @@ def lag_ms(tool: np.ndarray, pen: np.ndarray, piece: np.ndarray) -> float:
     return STEP_MS * (SHIFTS[best] + off)
 
 
+def asked(words: list[str]) -> tuple[pathlib.Path, int]:
+    """Folder and steps of the command line; ends the program where they cannot be."""
+    if not words or len(words) > 2:
+        sys.exit("usage: lag_against_error.py FOLDER [STEPS]: the folder of unipen-tos, and 1 to 40 steps of 5 ms")
+    folder, steps = pathlib.Path(words[0]), words[1] if len(words) > 1 else "7"
+    if not steps.isdecimal() or not 1 <= int(steps) <= 40:
+        sys.exit(f"STEPS is {steps!r}, legal are whole numbers from 1 to 40")
+    for needed in ("split.tsv", "include/tos/data"):
+        if not (folder / needed).exists():
+            sys.exit(f"{folder / needed} is not there: FOLDER has to be the folder of unipen-tos")
+    return folder, int(steps)
+
+
 def main() -> None:
-    folder, steps = pathlib.Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 7
+    folder, steps = asked(sys.argv[1:])
     parts: dict[str, list[list[np.ndarray]]] = {"train": [], "test": []}
     for line in (folder / "split.tsv").read_text().splitlines()[1:]:
         part, _, file, *_ = line.split("\t")
