@@ -124,18 +124,25 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
 pub(crate) fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
     let refusal = law.may_arm_at(home).err()?;
     let kinematics = law.chain.forward(home);
-    let why = if refusal == Refusal::ToolNotAligned {
-        let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
-        format!("tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {}", law.safety.arm_max_tilt)
-    } else {
-        let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
-        let margin = law.safety.arm_workspace_margin;
-        format!(
-            "[{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than safety.arm_workspace_margin_m = {margin}"
-        )
+    let why = match refusal {
+        Refusal::ToolNotAligned => {
+            let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
+            let most = law.safety.arm_max_tilt;
+            format!("puts the pen's tip tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {most}")
+        }
+        Refusal::ToolOutsideWorkspace => {
+            let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
+            let margin = law.safety.arm_workspace_margin;
+            format!(
+                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than \
+                 safety.arm_workspace_margin_m = {margin}"
+            )
+        }
+        // What else can be wrong with a place is outside of joint limits, which is told where the limits are read.
+        _ => return None,
     };
     Some(format!(
-        "robot.home_rad puts the pen's tip {why}: an arm that stands there, as the simulated one, is not armed; \
+        "robot.home_rad {why}: an arm that stands there, as the simulated one, is not armed; \
          choose robot.home_rad, robot.tool_m and plane.origin_m together"
     ))
 }
