@@ -256,7 +256,7 @@ fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_told() {
 }
 
 #[test]
-fn the_lead_of_the_presets_is_for_arms_with_limits_and_for_what_is_not_known() {
+fn the_lead_of_the_presets_is_for_arms_behind_a_servo_and_for_what_is_not_known() {
     let with = |lead_ms: Option<&str>| {
         let draft = Draft::preset("ur5e");
         let config = lead_ms.map_or(draft.clone(), |ms| draft.set("mpc.velocity_lead_ms", ms)).finish();

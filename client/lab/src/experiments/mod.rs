@@ -60,7 +60,7 @@ fn settings_of_servo(config: &Config) -> bool {
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
-    // A lead that nobody asked for is for what limits and doubt make late.
+    // A lead that nobody asked for is for what a real arm and doubt make late.
     let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
     let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::Oracle;
     if !asked && !late {

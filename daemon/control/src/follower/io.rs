@@ -302,8 +302,8 @@ pub struct StepOutput<const J: usize> {
     pub pen_counters: PenCounters,
     /// Error of the one-step prediction of the newest closed grid step [m]; `None` when no step closed.
     pub predictor_error: Option<f64>,
-    /// The pen is expected within this distance of where the plan's first reference has it, before any velocity lead, in nine of ten cases [m]; `None` while
-    /// too little has been seen, or too far ahead.
+    /// The pen is expected within this distance of where the plan's first reference has it, before any velocity lead, in nine of
+    /// ten cases [m]; `None` while too little has been seen, or too far ahead.
     pub predictor_band: Option<f64>,
     /// Dead time τ that the references looked ahead by [ns].
     pub dead_time_ns: u64,
