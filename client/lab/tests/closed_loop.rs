@@ -199,6 +199,34 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
 }
 
 #[test]
+fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
+    let config = config();
+    let hand = |arm| {
+        let mut hand = hand(arm, &config, &["a", "8", "K", "e", "s"]);
+        let [centre_x, centre_y] = arm.centre_m(&config);
+        for (sequence, turn) in hand.sequences.iter_mut().zip(0_u32..) {
+            let (sin, cos) = (0.7 * f64::from(turn)).sin_cos();
+            // From edge to edge of the paper and back within a sample.
+            for (sample, number) in sequence.path.samples.iter_mut().zip(0..) {
+                let way = if number / 60 % 2 == 0 { -0.2 } else { 0.2 };
+                (sample.x_m, sample.y_m) = (
+                    centre_x + 0.5 * (sample.x_m - centre_x) + way * cos,
+                    centre_y + 0.5 * (sample.y_m - centre_y) + way * sin,
+                );
+            }
+        }
+        hand
+    };
+    let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
+    let entrants = ["ours", "dybm-online", "ours-trust1"].map(|name| Entrant::named(name).unwrap()).to_vec();
+    for row in Outcome::table(&Benchmark { config: &config, arms, entrants }.run(|| {}).unwrap()) {
+        // The leap itself is 0.4 m.
+        println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);
+        assert!(row.max_m < 0.45, "{} {}: {} m", row.arm, row.predictor, row.max_m);
+    }
+}
+
+#[test]
 fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     let config = config();
     let arms = [BenchArm::Ideal, BenchArm::Ur5, BenchArm::Slow];

@@ -41,8 +41,9 @@ const FREE_REFERENCE_S: f64 = 5e-3;
 const FREE_EFFORT: f64 = 10.0;
 const FREE_FEEDBACK: Gains = Gains { position: 1.0, velocity: 3.5, acceleration: 0.0, decay: 1.0 };
 const FREE_FEEDFORWARD: Gains = Gains { position: FREE_GAIN, velocity: 0.1, acceleration: 0.0, decay: 1.0 };
-/// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²].
-const FREE_JOINTS: [f64; 2] = [1e3, 1e6];
+/// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²]. 30 times a UR5's velocity, and no more: the IK is linear over a
+/// period, and an arm that may turn a joint by half a turn in one is thrown by a leap of the pen.
+const FREE_JOINTS: [f64; 2] = [100.0, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm [m].
 const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
 
