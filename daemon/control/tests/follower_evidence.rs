@@ -5,12 +5,12 @@ mod support;
 use foretrace_control::follower::{Budget, FollowerSettings, Health, Request, StepInput, StepOutput};
 use foretrace_control::learn::Learner;
 use foretrace_control::predict::bands::BAND_LEADS;
-use foretrace_control::predict::{OnlineWeights, Oracle, PredictorKind};
-use foretrace_control::trust::{TrustReason, TrustRequest};
-use foretrace_control::units::{Stamp, Trust};
+use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::trust::TrustReason;
+use foretrace_control::units::Trust;
 use support::lagging::{Arm, Kind};
 use support::writing::{curve, oracle, write};
-use support::{Bench, HOME, PERIOD_NS, STEP_NS, models, preset, settings};
+use support::{Bench, HOME, PERIOD_NS, models, preset, settings};
 
 fn slow(t: f64) -> [f64; 2] {
     [0.02 * (9.0 * t).sin(), 0.02 * (9.0 * t).cos() - 0.02]
