@@ -12,17 +12,18 @@ use support::{Bench, PERIOD_NS, settings};
 /// Dead time of the arm [s].
 const DEAD_S: f64 = 0.03;
 
-/// How an arm did whose every axis may accelerate by so much.
+/// How an arm did in the time that was looked at, after the way to the pen.
 struct Hurried {
     /// RMS distance [m] of a perfect arm from where the pen is the dead time later.
     rms: f64,
-    /// Trust at the end, and whether it was lowered because of the arm in the last 8 s: not by the way to the pen.
+    /// Trust at the end, and whether it was lowered because of the arm.
     alpha: f64,
     lowered: bool,
     /// Share of the ticks at a limit of acceleration.
     at_limit: f64,
 }
 
+/// `path` until `seconds[1]`, looked at from `seconds[0]`; `exact`: with a perfect preview.
 fn hurried(
     wanted: &FollowerSettings<6>,
     path: fn(f64) -> [f64; 2],
