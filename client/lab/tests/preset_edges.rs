@@ -158,10 +158,9 @@ fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
         for (name, trust, most, path) in [
             ("corners", auto, most, &corners as &dyn Fn(f64) -> [f64; 2]),
             ("leaps", auto, most, &leaps(0.35, 0.5, 2)),
-            // Few steps do not brake from full speed, or lift the pen there: the last plan grows too old, it stops, and begins anew.
-            // Circles are foreseen so well that they are believed in full.
-            ("circles", auto, 3 * most, &circles),
+            ("circles", auto, most, &circles),
             ("corners, believed", full, most, &corners),
+            // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins anew.
             ("leaps, believed", full, 2 * most, &leaps(0.35, 0.5, 2)),
             ("circles, believed", full, most, &circles),
         ] {
