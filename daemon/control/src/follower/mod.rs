@@ -11,6 +11,7 @@
 mod io;
 mod motion;
 mod plane;
+mod plans;
 mod reference;
 mod settings;
 mod watch;
@@ -23,6 +24,7 @@ pub use plane::Plane;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings};
 
 use motion::{Motion, Moved, Mover};
+use plans::Plans;
 use reference::Preview;
 use watch::Watch;
 
@@ -46,8 +48,7 @@ pub struct Follower<const N: usize, const J: usize> {
     evidence: Box<Evidence>,
     trust: TrustControl,
     trust_request: TrustRequest,
-    /// Share of the recent ticks that wanted a plan and had none.
-    unplanned: f64,
+    plans: Plans,
     /// See [`TrustInputs::overtaxed`].
     overtaxed: Option<bool>,
     outcome: Box<Outcome>,
@@ -64,9 +65,6 @@ const LEADS_JUDGED: usize = 2;
 
 /// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of the evidence.
 const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
-
-/// Ticks over which the share of those without a plan forgets.
-const SOLVER_TICKS: f64 = 50.0;
 
 /// What the pen gave in one tick.
 struct PenNews {
@@ -96,7 +94,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             evidence: Box::new(evidence.beside_feedback(feedback_lag_s)),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
-            unplanned: 0.0,
+            plans: Plans::default(),
             overtaxed: None,
             // The tool is the command's, which a plan that reckons with its servo has ahead of the arm.
             outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s)),
@@ -204,8 +202,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {
-            let unplanned = f64::from(u8::from(matches!(moved.rung, Rung::Stop | Rung::Hold)));
-            self.unplanned += (unplanned - self.unplanned) / SOLVER_TICKS;
+            self.plans.see(moved.rung);
         }
         if moved.at_rest && self.watch.stopped() && self.watch.came_to_rest() {
             self.mover.let_go();
@@ -336,7 +333,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 jumped,
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
-                unplanned: self.unplanned,
+                unplanned: self.plans.stopped,
+                outdated: self.plans.outdated,
                 overtaxed: self.overtaxed,
                 reaction_ns: self.outcome.reaction_ns(self.dead_time.ns()),
                 weights_refused: self.learner_doubt_ns > 0,
