@@ -208,7 +208,7 @@ fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
         evidence.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
         let inputs = TrustInputs {
             unplanned: 0.0,
-            outdated: 0.0,
+            failed: 0.0,
             overtaxed: None,
             reaction_ns: 60_000_000,
             weights_refused: false,

@@ -10,7 +10,7 @@ const TICK_NS: u64 = 2_000_000;
 
 const HEALTHY: TrustInputs = TrustInputs {
     unplanned: 0.0,
-    outdated: 0.0,
+    failed: 0.0,
     overtaxed: None,
     reaction_ns: 60_000_000,
     weights_refused: false,
@@ -235,9 +235,9 @@ fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
 
 #[test]
 fn what_takes_long_to_show_is_taken_back_slowly_and_a_preview_that_is_right_not_at_all() {
-    let after_with = |reaction_ns, preview, outdated| {
+    let after_with = |reaction_ns, preview, failed| {
         let record = Record { preview, ..GOOD };
-        let at_limit = TrustInputs { overtaxed: Some(true), reaction_ns, record, outdated, ..HEALTHY };
+        let at_limit = TrustInputs { overtaxed: Some(true), reaction_ns, record, failed, ..HEALTHY };
         let mut trust = trusted();
         for _ in 0..100 {
             trust.update(&at_limit, TICK_NS);
@@ -252,8 +252,8 @@ fn what_takes_long_to_show_is_taken_back_slowly_and_a_preview_that_is_right_not_
     assert!(after(60_000_000, 10.1) < 0.7);
     assert_eq!(after(60_000_000, 9.9), 1.0);
     assert_eq!(after_with(60_000_000, 9.9, 0.05), 1.0);
-    for outdated in [0.06, f64::NAN] {
-        assert!(after_with(60_000_000, 9.9, outdated) < 0.7, "a solver without steps does not get on");
+    for failed in [0.06, f64::NAN] {
+        assert!(after_with(60_000_000, 9.9, failed) < 0.7, "a solver without steps does not get on");
     }
 }
 
@@ -354,7 +354,7 @@ proptest! {
             let inputs = TrustInputs {
                 request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, overtaxed, weights_refused, record,
                 reaction_ns: dt_ns * 3,
-                outdated: unplanned,
+                failed: unplanned,
             };
             let report = trust.update(&inputs, dt_ns);
             let alpha = report.alpha.alpha();

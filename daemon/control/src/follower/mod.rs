@@ -202,7 +202,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {
-            self.plans.see(moved.rung);
+            self.plans.see(moved.rung, health);
         }
         if moved.at_rest && self.watch.stopped() && self.watch.came_to_rest() {
             self.mover.let_go();
@@ -334,7 +334,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 preview_finite: self.preview.is_finite(),
                 switching: self.pending_predictor.is_some(),
                 unplanned: self.plans.stopped,
-                outdated: self.plans.outdated,
+                failed: self.plans.failed,
                 overtaxed: self.overtaxed,
                 reaction_ns: self.outcome.reaction_ns(self.dead_time.ns()),
                 weights_refused: self.learner_doubt_ns > 0,

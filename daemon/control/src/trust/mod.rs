@@ -56,9 +56,9 @@ const BEGIN_STEADY: f64 = 1.2;
 const CLEARLY: f64 = 0.2;
 /// A preview that was better than Hold by this factor is right: what limits leave of it is the best there is...
 const RIGHT: f64 = 0.1;
-/// ... but where more than this share of the recent ticks had no plan of their own: plans at limits take the solver more steps than
+/// ... but where the plans of more than this share of the recent ticks failed: plans at limits take the solver more steps than
 /// it has.
-const OUTDATED: f64 = 0.05;
+const FAILED: f64 = 0.05;
 /// Belief ends when more than this share of a predictor's recent bands were left by the pen: it does not know what it does not
 /// know, long before its mean error tells...
 const END_SURPRISE: f64 = 0.5;
@@ -136,8 +136,8 @@ pub struct TrustInputs {
     pub switching: bool,
     /// Share of the recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no joints for it.
     pub unplanned: f64,
-    /// Share of the recent ticks that had no plan of their own, [0, 1]: those and the ones that followed the previous plan.
-    pub outdated: f64,
+    /// Share of the recent ticks whose plan failed, [0, 1]: the solver had too few steps, or found nothing.
+    pub failed: f64,
     /// Parameters of the learner were refused lately, and none were accepted since.
     pub weights_refused: bool,
     /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than feedback alone ([`Outcome`]);
@@ -294,7 +294,7 @@ impl TrustControl {
         if !inputs.armed || inputs.switching {
             self.headroom = Headroom::new();
         } else if inputs.request == TrustRequest::Auto {
-            let right = inputs.record.preview <= RIGHT * inputs.record.hold && inputs.outdated <= OUTDATED;
+            let right = inputs.record.preview <= RIGHT * inputs.record.hold && inputs.failed <= FAILED;
             self.headroom.see(inputs.overtaxed.map(|is| is && !right), inputs.reaction_ns, dt_ns);
         }
         // Written so that what is not a number speaks against.
