@@ -107,6 +107,27 @@ fn a_single_glitch_costs_nothing_but_its_own_sample() {
     assert_eq!((with.counters().outliers, with.counters().jumps), (1, 0));
 }
 
+/// The first sample of a jump is refused, so that the second one is twice as long after the last that was not.
+#[test]
+fn a_jump_that_could_be_motion_by_its_second_sample_is_a_jump() {
+    let gate_mps = PenSettings::default().max_speed_mps;
+    for jump_m in [0.021, 0.025, 0.03, 0.035, 0.039] {
+        assert!((1.0..2.0).contains(&(jump_m / (0.005 * gate_mps))));
+        let mut pen = tracker();
+        let there = |i: i32| if i < 21 { 0.0 } else { jump_m };
+        let sample = |i: i32| reading(1000.0 + 5.0 * f64::from(i), 0.001 * f64::from(i) - there(i), there(i));
+        let receipts: Vec<_> = (0..40).map(|i| feed(&mut pen, sample(i))).collect();
+        let refused = receipts.iter().filter(|receipt| **receipt != Receipt::Accepted).count();
+        assert_eq!((refused, pen.counters().outliers, pen.counters().jumps), (1, 1, 1), "{jump_m}");
+        let farthest = drain(&mut pen)
+            .iter()
+            .filter(|step| step.motion == Motion::Continues)
+            .map(|step| step.displacement[0].hypot(step.displacement[1]))
+            .fold(0.0, f64::max);
+        assert!((farthest - 0.002).abs() < 1e-9, "{jump_m}: {farthest} m in a step");
+    }
+}
+
 #[test]
 fn a_real_jump_is_followed_after_one_sample_and_is_not_motion() {
     let mut pen = tracker();

@@ -2,7 +2,7 @@
 //!
 //! Jumps and glitches: a reading that is too far for the jump gate is refused as `Outlier` and remembered as a suspect.
 //! If the next reading is back where the pen was, the suspect was a glitch and nothing else happens. If the next one is
-//! near the suspect, the pen really is there: it is accepted and the steps it closes are `Jump`. So one wild sample
+//! nearer to the suspect, the pen really is there: it is accepted and the steps it closes are `Jump`. So one wild sample
 //! costs nothing, a real jump is followed one sample late, and an ordinary sample is never held back.
 
 use super::queue::StepQueue;
@@ -163,29 +163,17 @@ impl PenTracker {
             self.restart(reading);
             return Receipt::Accepted;
         }
-        if self.reachable(&newest, reading) {
-            self.close_until(&newest, reading, Motion::Continues);
-            return Receipt::Accepted;
+        // With every refused reading a jump looks slower from where the pen was, so the slower of the two ways counts.
+        let speed = speed_mps(&newest, reading, &self.settings);
+        let suspected = self.suspect.map_or(f64::INFINITY, |it| speed_mps(&it, reading, &self.settings));
+        if speed.min(suspected) > self.settings.max_speed_mps {
+            self.suspect = Some(*reading);
+            return Receipt::Rejected(Outlier);
         }
-        match self.suspect {
-            Some(suspect) if self.reachable(&suspect, reading) => {
-                self.counters.jumps += 1;
-                self.close_until(&newest, reading, Motion::Jump);
-                Receipt::Accepted
-            }
-            _ => {
-                self.suspect = Some(*reading);
-                Receipt::Rejected(Outlier)
-            }
-        }
-    }
-
-    /// The jump gate: can a hand be at `to` after `from`?
-    fn reachable(&self, from: &PenReading, to: &PenReading) -> bool {
-        let elapsed_ns = to.stamp.0.saturating_sub(from.stamp.0).max(self.settings.min_interval_ns);
-        let reach = self.settings.max_speed_mps * elapsed_ns as f64 * 1e-9;
-        let [x, y] = difference(to.position, from.position);
-        x.hypot(y) <= reach
+        let motion = if suspected < speed { Motion::Jump } else { Motion::Continues };
+        self.counters.jumps += u64::from(motion == Motion::Jump);
+        self.close_until(&newest, reading, motion);
+        Receipt::Accepted
     }
 
     fn restart(&mut self, reading: &PenReading) {
@@ -233,6 +221,13 @@ impl PenTracker {
         self.counters.overwritten +=
             self.queue.push(GridStep { index, position, displacement, motion, contact });
     }
+}
+
+/// Speed of a pen that is at `to` after `from` [m/s]: what the jump gate judges.
+fn speed_mps(from: &PenReading, to: &PenReading, settings: &PenSettings) -> f64 {
+    let elapsed_ns = to.stamp.0.saturating_sub(from.stamp.0).max(settings.min_interval_ns);
+    let [x, y] = difference(to.position, from.position);
+    x.hypot(y) / (elapsed_ns as f64 * 1e-9)
 }
 
 fn difference(to: [f64; 2], from: [f64; 2]) -> [f64; 2] {
