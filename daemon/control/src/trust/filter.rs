@@ -2,8 +2,9 @@
 //!
 //! Contract: O(1) per sample, no allocation, total. A silence begins anew, and so does a number that is none.
 
-/// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise.
-const FIRST: [f64; 3] = [1.0, 1e3, 1e6];
+/// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise: of a hand, 0.3 m/s
+/// and 10 m/s² for 0.3 mm. With an acceleration that may be anything it would explain the whole way to the second sample.
+const FIRST: [f64; 3] = [1.0, 1e3, 3e4];
 /// A longer silence [s] tells nothing about the velocity any more.
 const FORGET_AFTER_S: f64 = 0.1;
 
@@ -118,6 +119,20 @@ mod tests {
                 "{rate_hz} Hz: {vx} {vy}"
             );
             assert!((ax - 3.0).abs() < 1e-2 && ay.abs() < 1e-2, "{rate_hz} Hz: {ax} {ay}");
+        }
+    }
+
+    #[test]
+    fn two_samples_tell_a_velocity_and_no_acceleration() {
+        for (change, rate_hz) in [(3e3, 60.0), (3e3, 100.0), (3e3, 200.0), (3e4, 200.0)] {
+            let mut filter = Filter::new(change);
+            filter.see(1.0, [0.02, -0.01]);
+            filter.see(1.0 + 1.0 / rate_hz, [0.02 + 0.3 / rate_hz, -0.01]);
+            let [[vx, vy], [ax, ay]] = filter.motion();
+            let ahead_s = 0.05;
+            let way = ahead_s * vx + 0.5 * ahead_s * ahead_s * ax;
+            assert!((way / (0.3 * ahead_s) - 1.0).abs() < 0.25, "{change} at {rate_hz} Hz: {way} m");
+            assert_eq!([vy, ay], [0.0; 2]);
         }
     }
 
