@@ -129,6 +129,25 @@ fn a_jump_that_could_be_motion_by_its_second_sample_is_a_jump() {
 }
 
 #[test]
+fn a_fast_pen_with_one_stamp_too_early_does_not_jump() {
+    for speed_mps in [1.7, 2.0, 3.0, 3.9] {
+        for early_ms in [3.0, 4.0, 4.9] {
+            let mut pen = tracker();
+            let mut refused = 0;
+            for i in 0..40 {
+                let true_ms = 5.0 * f64::from(i);
+                let stamp_ms = 1000.0 + true_ms - if i == 20 { early_ms } else { 0.0 };
+                let sample = reading(stamp_ms, 0.001 * speed_mps * true_ms - 0.4, 0.0);
+                refused += u32::from(feed(&mut pen, sample) != Receipt::Accepted);
+            }
+            // Otherwise nothing was tried.
+            assert_eq!(refused, 1, "{speed_mps} m/s, {early_ms} ms");
+            assert_eq!(pen.counters().jumps, 0, "{speed_mps} m/s, {early_ms} ms");
+        }
+    }
+}
+
+#[test]
 fn a_real_jump_is_followed_after_one_sample_and_is_not_motion() {
     let mut pen = tracker();
     for i in 0..10 {

@@ -163,15 +163,18 @@ impl PenTracker {
             self.restart(reading);
             return Receipt::Accepted;
         }
-        // With every refused reading a jump looks slower from where the pen was, so the slower of the two ways counts.
         let speed = speed_mps(&newest, reading, &self.settings);
         let suspected = self.suspect.map_or(f64::INFINITY, |it| speed_mps(&it, reading, &self.settings));
-        if speed.min(suspected) > self.settings.max_speed_mps {
+        let fastest = self.settings.max_speed_mps;
+        if speed.min(suspected) > fastest {
             self.suspect = Some(*reading);
             return Receipt::Rejected(Outlier);
         }
-        let motion = if suspected < speed { Motion::Jump } else { Motion::Continues };
-        self.counters.jumps += u64::from(motion == Motion::Jump);
+        // With every refused reading a jump looks slower from where the pen was: by now it may pass for motion. A suspect that is
+        // one by its stamp alone lies on the way, and leaves half of it.
+        let jumped = speed > fastest || 2.0 * suspected < speed;
+        let motion = if jumped { Motion::Jump } else { Motion::Continues };
+        self.counters.jumps += u64::from(jumped);
         self.close_until(&newest, reading, motion);
         Receipt::Accepted
     }
