@@ -32,7 +32,7 @@ fn hand(arm: BenchArm, config: &Config, letters: &[&str]) -> Hand {
             Sequence { label: (*label).to_owned(), path, behind_leap }
         })
         .collect();
-    Hand { file: format!("{}.dat", letters.concat()), sequences }
+    Hand { file: format!("{}.dat", letters.concat()), writer: String::new(), sequences }
 }
 
 fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Benchmark<'a> {
@@ -196,6 +196,42 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
     let behind = leap.leap_mse_m2.unwrap();
     assert!(behind > 2.0 * leap.mse_m2, "{behind:e} {:e}", leap.mse_m2);
     assert_eq!(row(Lift::Travel).leap_mse_m2, None);
+}
+
+#[test]
+fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
+    let digit = |place: u32, (writer, turn): (u32, u32)| {
+        let points: String = (0..60_u32)
+            .map(|i| {
+                let angle = 0.1 * f64::from(i) * (1.0 + 0.2 * f64::from(turn) - 0.3 * f64::from(writer));
+                format!("{:.0} {:.0}\n", 90.0 * angle.cos() + f64::from(i), 90.0 * angle.sin())
+            })
+            .collect();
+        format!(
+            ".SEGMENT DIGIT {place} ? \"{turn}\"\n.COMMENT {turn} {writer} 0\n.PEN_DOWN\n{points}.PEN_UP\n"
+        )
+    };
+    let config = config();
+    let scores = |order: [(u32, u32); 6]| {
+        let folder = tempfile::tempdir().unwrap();
+        let text: String = (0..).zip(order).map(|(place, each)| digit(place, each)).collect();
+        std::fs::write(folder.path().join("digits.tes"), text).unwrap();
+        let set = DataSet::load(folder.path(), &Split::All, true).unwrap();
+        let height = median_glyph_height(set.characters()).unwrap();
+        let (placed, left_out) = hands(&set, height, BenchArm::Ur5, &config, Lift::Leap).unwrap();
+        assert_eq!(left_out, 0);
+        let writers: Vec<_> = placed.iter().map(|hand| (hand.writer.clone(), hand.sequences.len())).collect();
+        assert_eq!(writers, [("tes-2".to_owned(), 3), ("tes-1".to_owned(), 3)]);
+        let benchmark =
+            Benchmark { config: &config, arms: vec![(BenchArm::Ur5, placed)], entrants: vec![Entrant::OURS] };
+        let outcomes = benchmark.run(|| {}).unwrap();
+        let each: Vec<_> = benchmark.each(&outcomes).collect();
+        each.iter().map(|each| (each.writer.to_owned(), each.index, each.score.mse_m2)).collect::<Vec<_>>()
+    };
+    let apart = scores([(2, 0), (2, 1), (2, 2), (1, 0), (1, 1), (1, 2)]);
+    assert_eq!(scores([(2, 0), (1, 0), (2, 1), (1, 1), (1, 2), (2, 2)]), apart);
+    // What was written before counts.
+    assert_ne!(scores([(2, 1), (2, 0), (2, 2), (1, 0), (1, 1), (1, 2)])[2], apart[2]);
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long)]
     pareto: bool,
 
-    /// At most this many sequences of each file, in the order of the file
+    /// At most this many sequences of each hand, every writer of every file, in the order of the file
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
 

@@ -15,11 +15,13 @@ use foretrace_control::predict::PredictorKind;
 #[non_exhaustive]
 pub enum BenchError {
     /// A sequence.
-    #[error("{file}, sequence {index} ({label:?}), {entrant} on {arm}: {error}")]
+    #[error("{file}, writer {writer:?}, sequence {index} ({label:?}), {entrant} on {arm}: {error}")]
     Run {
         /// The file.
         file: String,
-        /// Place in the file from 0, of what was written.
+        /// Who wrote.
+        writer: String,
+        /// Place among what they wrote in it, from 0.
         index: usize,
         /// Its label.
         label: String,
@@ -123,7 +125,7 @@ impl Benchmark<'_> {
             .collect()
     }
 
-    /// Writes one sequence again with everything before it in its file, so that learners know what they knew.
+    /// Writes one sequence again with everything that its hand wrote before, so that learners know what they knew.
     ///
     /// # Errors
     /// A sequence that could not be run.
@@ -153,6 +155,7 @@ impl Benchmark<'_> {
                     predictor,
                     arm,
                     file: &hand.file,
+                    writer: &hand.writer,
                     index,
                     label: &sequence.label,
                     score,
@@ -185,6 +188,7 @@ impl Benchmark<'_> {
         for (index, sequence) in job.hand.sequences.iter().enumerate().take(count) {
             let run = desk.write(&sequence.path.samples, WAIT_S, &[]).map_err(|error| BenchError::Run {
                 file: job.hand.file.clone(),
+                writer: job.hand.writer.clone(),
                 index,
                 label: sequence.label.clone(),
                 entrant: job.entrant.name(),

@@ -81,7 +81,9 @@ pub struct Each<'a> {
     pub arm: &'static str,
     /// The file.
     pub file: &'a str,
-    /// Place in the file from 0, of what was written.
+    /// Who wrote.
+    pub writer: &'a str,
+    /// Place among what they wrote in it, from 0.
     pub index: usize,
     /// Label of the sequence.
     pub label: &'a str,

@@ -1,4 +1,4 @@
-//! The sequences of a set, file by file, as stamped paths on the benchmark's paper.
+//! The sequences of a set, hand by hand, as stamped paths on the benchmark's paper.
 
 use foretrace_config::Config;
 
@@ -20,12 +20,14 @@ pub struct Sequence {
     pub behind_leap: Vec<bool>,
 }
 
-/// What one file holds: one hand, in most sets.
+/// What one writer wrote in one file.
 #[derive(Debug, Clone)]
 pub struct Hand {
     /// The file.
     pub file: String,
-    /// Its characters in order.
+    /// Who wrote, as the file names them.
+    pub writer: String,
+    /// Their characters in order.
     pub sequences: Vec<Sequence>,
 }
 
@@ -49,22 +51,30 @@ pub fn hands(
         anchor: Anchor::Middle,
         lift,
     };
-    let (mut hands, mut left_out) = (Vec::new(), 0);
+    let (mut hands, mut left_out) = (Vec::<Hand>::new(), 0);
     for file in &set.files {
         let rate_hz = file.recording.rate_hz;
-        let mut sequences = Vec::new();
+        let before = hands.len();
         for character in &file.recording.segments {
             let ink = Ink { characters: std::slice::from_ref(character), rate_hz, median_height };
             match PenPath::from_ink(ink, &placement) {
                 Ok((path, skipped)) if skipped.is_empty() && path.samples.len() > 1 => {
                     let behind_leap = behind_leap(&path);
-                    sequences.push(Sequence { label: character.label.clone(), path, behind_leap });
+                    let sequence = Sequence { label: character.label.clone(), path, behind_leap };
+                    let same = |hand: &&mut Hand| hand.writer == character.writer;
+                    match hands.iter_mut().skip(before).find(same) {
+                        Some(hand) => hand.sequences.push(sequence),
+                        None => hands.push(Hand {
+                            file: file.file.clone(),
+                            writer: character.writer.clone(),
+                            sequences: vec![sequence],
+                        }),
+                    }
                 }
                 Ok(_) | Err(PathError::Nothing { .. }) => left_out += 1,
                 Err(error) => return Err(error),
             }
         }
-        hands.push(Hand { file: file.file.clone(), sequences });
     }
     Ok((hands, left_out))
 }
