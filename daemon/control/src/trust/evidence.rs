@@ -18,6 +18,7 @@ use super::blend::{Blend, Terms};
 use super::feedback::Feedback;
 use super::lead::{Lead, Record};
 use super::observer::Observers;
+use super::onset::Onset;
 use super::shot::{Look, News, Shot, from};
 use crate::units::Stamp;
 
@@ -53,6 +54,7 @@ pub struct Evidence {
     unit_m: f64,
     step_s: f64,
     feedback: Feedback,
+    onset: Onset,
     /// Share of recent claims that were wrong.
     surprise: f64,
     /// Corrections and shares are used; if not, previews are judged as they are.
@@ -78,6 +80,7 @@ impl Evidence {
             unit_m: 0.0,
             step_s,
             feedback: Feedback::new(0.0),
+            onset: Onset::new(),
             surprise: 0.0,
             per_step,
         }
@@ -96,6 +99,7 @@ impl Evidence {
         self.waiting = 0;
         self.leads = untried_leads();
         self.corrections = fresh(self.clarity);
+        self.onset.forget();
         self.surprise = 0.0;
     }
 
@@ -115,6 +119,7 @@ impl Evidence {
         }
         self.unit_m = unit_m;
         self.feedback.close(position);
+        self.onset.close(position, unit_m);
         for index in 0..self.waiting {
             let at = (self.last + EVIDENCE_LEADS - index) % EVIDENCE_LEADS;
             let Some(shot) = self.shots.get_mut(at) else { break };
@@ -167,6 +172,7 @@ impl Evidence {
             return None;
         }
         let share = self.share(age + 1);
+        self.onset.judged(look.moved, [share * dx, share * dy], [yx, yy], ahead);
         let [hx, hy] = normalised(from(position, look.held));
         let [vx, vy] = normalised(shot.velocity).map(|v| v * ahead);
         let blend = bucket_mut(&mut self.corrections, look.phase, age);
@@ -199,7 +205,11 @@ impl Evidence {
         self.turn = (self.turn + 1) % PHASES;
         let held = self.feedback.tool(base, 0.0);
         let Some(shot) = self.shots.get_mut(self.last) else { return };
-        *shot = Shot { look: Look { newest: base, held, ..Shot::EMPTY.look }, velocity, ..Shot::EMPTY };
+        *shot = Shot {
+            look: Look { newest: base, held, moved: self.onset.moved(), ..Shot::EMPTY.look },
+            velocity,
+            ..Shot::EMPTY
+        };
         let mut last = base;
         let mut given = path.iter();
         for slot in &mut shot.path {
@@ -241,7 +251,8 @@ impl Evidence {
         if shot.look.news.is_some() && last < bucket_of(phase) && wanted {
             shot.earlier = Some(shot.look);
         }
-        shot.look = Look { newest: position, held, phase: phase.clamp(0.0, 1.0), news: self.news };
+        let moved = self.onset.moved();
+        shot.look = Look { newest: position, held, moved, phase: phase.clamp(0.0, 1.0), news: self.news };
     }
 
     /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`:
@@ -257,7 +268,7 @@ impl Evidence {
         let terms = self.news.map(|news| news.terms(left, ahead));
         let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
         let [cx, cy] = self.correction_at(phase, index, terms.as_ref());
-        let ([lx, ly], [x, y], share) = (left, self.newest, self.share(lead));
+        let ([lx, ly], [x, y], share) = (left, self.newest, self.share(lead) * self.begun());
         [x + share * (lx + cx), y + share * (ly + cy)]
     }
 
@@ -269,6 +280,12 @@ impl Evidence {
         }
         let index = lead.saturating_sub(1).min(EVIDENCE_LEADS - 1);
         self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64))
+    }
+
+    /// Part of it that is left now, because the pen has hardly begun to move. Previews are judged without: what is kept back at first
+    /// says nothing about them.
+    fn begun(&self) -> f64 {
+        if self.per_step { self.onset.belief() } else { 1.0 }
     }
 
     /// Sums over the leads `first` to `last` [steps].

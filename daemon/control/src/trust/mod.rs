@@ -13,6 +13,7 @@ mod filter;
 mod headroom;
 mod lead;
 mod observer;
+mod onset;
 mod outcome;
 mod shot;
 

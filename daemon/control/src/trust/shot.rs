@@ -36,6 +36,8 @@ pub(super) struct Look {
     pub(super) newest: [f64; 2],
     /// Where the tool would be then [m] if it had been led by feedback alone.
     pub(super) held: [f64; 2],
+    /// Steps since the pen began to move.
+    pub(super) moved: u32,
     pub(super) phase: f64,
     pub(super) news: Option<News>,
 }
@@ -60,7 +62,7 @@ pub(super) struct Shot {
 impl Shot {
     pub(super) const EMPTY: Self = Self {
         age: 0,
-        look: Look { newest: [0.0; 2], held: [0.0; 2], phase: 0.0, news: None },
+        look: Look { newest: [0.0; 2], held: [0.0; 2], moved: 0, phase: 0.0, news: None },
         earlier: None,
         velocity: [0.0; 2],
         path: [[0.0; 2]; EVIDENCE_LEADS],

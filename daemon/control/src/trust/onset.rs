@@ -1,0 +1,170 @@
+//! Where the pen begins to move: how far its previews are believed there.
+//!
+//! Contract: fixed size, total. The first steps of a stroke say least about the next ones, and an arm that has set off at its limits the
+//! wrong way takes longest to come back: what is lost by waiting a moment is less. How much of that there is in the hand, past
+//! beginnings tell: where they were foreseen well there is nothing to wait for.
+
+/// Shorter steps than this are rest [normalised], and after so many of them motion begins anew.
+const REST: f64 = 1.0;
+const REST_STEPS: u32 = 5;
+/// Share of a preview that is believed at first, and how much more with every step of motion, where beginnings are foreseen badly.
+const FIRST: f64 = 0.3;
+const MORE: f64 = 0.1;
+/// Mean square of the way by which previews of beginnings went too far, relative to that of the real way, from which they count as
+/// foreseen badly: UNIPEN's train writers have 0.2 and more 35 ms ahead, pendigits' 0.05, a clean pen 0.01.
+const BAD: f64 = 0.15;
+/// No farther ahead is looked [steps]: there everybody goes too far.
+const FARTHEST: f64 = 10.0;
+/// Factor by which past beginnings lose weight per judged preview: some ten of them. They begin with as many previews [steps of 10
+/// normalised] as one has, foreseen badly.
+const FORGETTING: f64 = 0.9995;
+const HEAD_START: f64 = 200.0 * 100.0;
+
+/// See the module's description.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Onset {
+    /// Newest grid point [m].
+    at: [f64; 2],
+    /// Steps of rest since the last motion, and of motion since the last rest.
+    still: u32,
+    moved: u32,
+    /// Squares of how far previews of beginnings went too far, and of real ways, both per step ahead [normalised²].
+    beyond: f64,
+    way: f64,
+}
+
+impl Onset {
+    pub(super) const fn new() -> Self {
+        Self { at: [0.0; 2], still: 0, moved: 0, beyond: HEAD_START * BAD, way: HEAD_START }
+    }
+
+    /// Another predictor: what is known about beginnings goes, what the pen does stays.
+    pub(super) fn forget(&mut self) {
+        let Self { beyond, way, .. } = Self::new();
+        (self.beyond, self.way) = (beyond, way);
+    }
+
+    /// A grid point at `position` [m]; `unit_m`: metres per normalised unit.
+    pub(super) fn close(&mut self, position: [f64; 2], unit_m: f64) {
+        let ([x, y], [before_x, before_y]) = (position, self.at);
+        self.at = position;
+        if (x - before_x).hypot(y - before_y) < REST * unit_m {
+            self.still = self.still.saturating_add(1);
+            if self.still >= REST_STEPS {
+                self.moved = 0;
+            }
+        } else {
+            self.still = 0;
+            self.moved = self.moved.saturating_add(1);
+        }
+    }
+
+    /// Steps of motion since the last rest.
+    pub(super) const fn moved(&self) -> u32 {
+        self.moved
+    }
+
+    /// Share of a preview that is believed now, in [[`FIRST`], 1].
+    pub(super) fn belief(&self) -> f64 {
+        let doubt = (1.0 - FIRST - MORE * f64::from(self.moved)).max(0.0);
+        let bad = self.beyond / (BAD * self.way);
+        1.0 - doubt * bad.clamp(0.0, 1.0)
+    }
+
+    /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real` [normalised], `ahead` steps later.
+    pub(super) fn judged(&mut self, moved: u32, predicted: [f64; 2], real: [f64; 2], ahead: f64) {
+        if FIRST + MORE * f64::from(moved) >= 1.0 || ahead > FARTHEST {
+            return;
+        }
+        let ([px, py], [x, y]) = (predicted, real);
+        let long = px.hypot(py).max(REST);
+        let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
+        let scale = 1.0 / (ahead * ahead).max(REST);
+        let beyond = self.beyond * FORGETTING + scale * beyond * beyond;
+        let way = self.way * FORGETTING + scale * (x * x + y * y);
+        if beyond.is_finite() && way.is_finite() && way > 0.0 {
+            (self.beyond, self.way) = (beyond, way);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Previews of beginnings that go `factor` times as far as the pen then does.
+    fn begin(onset: &mut Onset, cases: u32, factor: f64) {
+        for case in 0..cases {
+            let ahead = f64::from(1 + case % 9);
+            let real = [8.0 * ahead, -6.0 * ahead];
+            onset.judged(case % 7, real.map(|way| factor * way), real, ahead);
+        }
+    }
+
+    #[test]
+    fn a_new_hand_is_believed_step_by_step() {
+        let mut onset = Onset::new();
+        for (moved, share) in (1..).zip([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0]) {
+            assert!((onset.belief() - share).abs() < 1e-12, "{moved}: {}", onset.belief());
+            onset.close([f64::from(moved), 0.0], 0.1);
+        }
+        assert_eq!(Onset { moved: u32::MAX, ..onset }.belief(), 1.0);
+    }
+
+    #[test]
+    fn who_does_not_go_too_far_is_believed_at_once_until_they_do() {
+        for factor in [1.0, 0.4] {
+            let mut onset = Onset::new();
+            begin(&mut onset, 6000, factor);
+            assert!(onset.belief() > 0.95, "{factor}: {}", onset.belief());
+            begin(&mut onset, 6000, 1.6);
+            assert!((onset.belief() - FIRST).abs() < 1e-12, "{}", onset.belief());
+            onset.forget();
+            assert_eq!(onset, Onset::new());
+        }
+        // What is foreseen later, or far ahead, says nothing about beginnings.
+        let mut onset = Onset::new();
+        for _ in 0..6000 {
+            onset.judged(7, [10.0, 0.0], [10.0, 0.0], 1.0);
+            onset.judged(0, [110.0, 0.0], [110.0, 0.0], 11.0);
+        }
+        assert_eq!(onset, Onset::new());
+    }
+
+    #[test]
+    fn only_a_rest_begins_anew() {
+        const UNIT_M: f64 = 1e-4;
+        let mut onset = Onset::new();
+        let mut x_m = 0.0;
+        let mut steps = |onset: &mut Onset, count: u32, way: f64| {
+            for _ in 0..count {
+                x_m += way * UNIT_M;
+                onset.close([x_m, 0.0], UNIT_M);
+            }
+        };
+        steps(&mut onset, 12, 10.0);
+        steps(&mut onset, REST_STEPS - 1, 0.5);
+        steps(&mut onset, 1, 10.0);
+        assert_eq!(onset.moved(), 13);
+        steps(&mut onset, REST_STEPS, 0.5);
+        assert_eq!(onset.moved(), 0);
+        steps(&mut onset, 3, 10.0);
+        assert_eq!(onset.moved(), 3);
+    }
+
+    #[test]
+    fn numbers_that_are_none_leave_a_share() {
+        let bad = [f64::NAN, f64::INFINITY, -1e300, 0.0, 1e-300];
+        let mut onset = Onset::new();
+        for a in bad {
+            for b in bad {
+                onset.close([a, b], b);
+                onset.judged(onset.moved() % 7, [a, b], [b, a], a);
+                assert!((FIRST..=1.0).contains(&onset.belief()), "{a} {b}: {onset:?}");
+            }
+        }
+        begin(&mut onset, 200_000, 1.0);
+        onset.moved = 0;
+        assert!(onset.belief() > 0.95, "{onset:?}");
+    }
+}
