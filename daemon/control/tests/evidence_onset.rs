@@ -34,3 +34,19 @@ fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
         }
     }
 }
+
+#[test]
+fn an_arm_away_from_its_limits_is_not_held_back_and_one_that_stands_tells_nothing() {
+    let predicted = [5e-3, -2e-3];
+    let mut evidence = Evidence::new(STEP_S, true);
+    let mut drive = |at_limit, ms: u32| {
+        for _ in 0..ms {
+            evidence.drove(at_limit, 1_000_000);
+        }
+        evidence.believed(0.0, 4, predicted)[0] / predicted[0]
+    };
+    assert!((drive(None, 1000) - 0.3).abs() < 1e-12);
+    assert!(drive(Some(false), 1000) > 0.95);
+    assert!(drive(None, 1000) > 0.95);
+    assert!((drive(Some(true), 1000) - 0.3).abs() < 1e-12);
+}

@@ -201,6 +201,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let wanted = self.wanted(now, trust.report.alpha);
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
+        self.evidence.drove(moved.at_limit, self.settings.period_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {
             self.plans.see(moved.rung, health);
         }

@@ -282,6 +282,13 @@ impl Evidence {
         self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64))
     }
 
+    /// The arm followed a fresh plan in motion for `dt_ns`, at its limits (joints, acceleration or speed) or not; `None`: it did not.
+    pub fn drove(&mut self, at_limit: Option<bool>, dt_ns: u64) {
+        if let Some(at_limit) = at_limit {
+            self.onset.drove(at_limit, dt_ns);
+        }
+    }
+
     /// Part of it that is left now, because the pen has hardly begun to move. Previews are judged without: what is kept back at first
     /// says nothing about them.
     fn begun(&self) -> f64 {

@@ -2,7 +2,7 @@
 //!
 //! Contract: fixed size, total. The first steps of a stroke say least about the next ones, and an arm that has set off at its limits the
 //! wrong way takes longest to come back: what is lost by waiting a moment is less. How much of that there is in the hand, past
-//! beginnings tell: where they were foreseen well there is nothing to wait for.
+//! beginnings tell: where they were foreseen well there is nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
 
 /// Shorter steps than this are rest [normalised], and after so many of them motion begins anew.
 const REST: f64 = 1.0;
@@ -19,6 +19,10 @@ const FARTHEST: f64 = 10.0;
 /// normalised] as one has, foreseen badly.
 const FORGETTING: f64 = 0.9995;
 const HEAD_START: f64 = 200.0 * 100.0;
+/// An arm counts as limited fully that is at its limits in this part of its recent motion, and what was before loses weight by a
+/// factor e in so much of it [s]. A UR5 that writes with UNIPEN's hands is in half of it, with a clean pen in a tenth.
+const LIMITED: f64 = 0.3;
+const MEMORY_S: f64 = 0.2;
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,14 +35,16 @@ pub(super) struct Onset {
     /// Squares of how far previews of beginnings went too far, and of real ways, both per step ahead [normalised²].
     beyond: f64,
     way: f64,
+    /// Part of the arm's recent motion in which it was at its limits.
+    limited: f64,
 }
 
 impl Onset {
     pub(super) const fn new() -> Self {
-        Self { at: [0.0; 2], still: 0, moved: 0, beyond: HEAD_START * BAD, way: HEAD_START }
+        Self { at: [0.0; 2], still: 0, moved: 0, beyond: HEAD_START * BAD, way: HEAD_START, limited: 1.0 }
     }
 
-    /// Another predictor: what is known about beginnings goes, what the pen does stays.
+    /// Another predictor: what is known about beginnings goes, what pen and arm do stays.
     pub(super) fn forget(&mut self) {
         let Self { beyond, way, .. } = Self::new();
         (self.beyond, self.way) = (beyond, way);
@@ -64,11 +70,17 @@ impl Onset {
         self.moved
     }
 
+    /// The arm moved for `dt_ns`, at its limits or not.
+    pub(super) fn drove(&mut self, at_limit: bool, dt_ns: u64) {
+        let part = (dt_ns as f64 * 1e-9 / MEMORY_S).min(1.0);
+        self.limited += part * (f64::from(u8::from(at_limit)) - self.limited);
+    }
+
     /// Share of a preview that is believed now, in [[`FIRST`], 1].
     pub(super) fn belief(&self) -> f64 {
         let doubt = (1.0 - FIRST - MORE * f64::from(self.moved)).max(0.0);
         let bad = self.beyond / (BAD * self.way);
-        1.0 - doubt * bad.clamp(0.0, 1.0)
+        1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / LIMITED).min(1.0)
     }
 
     /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real` [normalised], `ahead` steps later.
@@ -77,9 +89,10 @@ impl Onset {
             return;
         }
         let ([px, py], [x, y]) = (predicted, real);
+        // Of a preview that goes nowhere, and one of less than a step, too little is divided by.
         let long = px.hypot(py).max(REST);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
-        let scale = 1.0 / (ahead * ahead).max(REST);
+        let scale = 1.0 / (ahead * ahead).max(1.0);
         let beyond = self.beyond * FORGETTING + scale * beyond * beyond;
         let way = self.way * FORGETTING + scale * (x * x + y * y);
         if beyond.is_finite() && way.is_finite() && way > 0.0 {
@@ -129,6 +142,31 @@ mod tests {
             onset.judged(0, [110.0, 0.0], [110.0, 0.0], 11.0);
         }
         assert_eq!(onset, Onset::new());
+    }
+
+    #[test]
+    fn an_arm_away_from_its_limits_has_nothing_to_wait_for_until_it_is_at_them() {
+        const DT_NS: u64 = 2_000_000;
+        let mut onset = Onset::new();
+        let drive = |onset: &mut Onset, ticks: u32, every: u32| {
+            for tick in 0..ticks {
+                onset.drove(tick % every == 0, DT_NS);
+            }
+        };
+        drive(&mut onset, 100, u32::MAX);
+        assert!((onset.belief() - FIRST).abs() < 1e-12, "too soon: {}", onset.belief());
+        drive(&mut onset, 400, u32::MAX);
+        assert!(onset.belief() > 0.95, "{}", onset.belief());
+        // What the arm can do is not forgotten with a predictor.
+        let free = onset.belief();
+        onset.forget();
+        assert_eq!(onset.belief(), free);
+        drive(&mut onset, 500, 10);
+        assert!((0.7..0.85).contains(&onset.belief()), "a tenth: {}", onset.belief());
+        drive(&mut onset, 500, 2);
+        assert!((onset.belief() - FIRST).abs() < 1e-12, "half: {}", onset.belief());
+        onset.drove(false, u64::MAX);
+        assert_eq!(onset.belief(), 1.0);
     }
 
     #[test]
