@@ -11,7 +11,7 @@ use std::path::Path;
 
 use foretrace_config::Config;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
-use foretrace_control::pen::{Motion, PenReading, PenTracker};
+use foretrace_control::pen::{Motion, PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
 use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
 use foretrace_control::units::Stamp;
@@ -74,6 +74,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         filters.push(build(WayKind::Kalman, &way)?);
     }
     let mut begin_s = 10.0;
+    let mut heard = Stamp(0);
     for sequence in hand.sequences.iter().take(limit) {
         let samples = &sequence.path.samples;
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
@@ -82,10 +83,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;
             let (stamp, position) = (Stamp((time_s * 1e9).round() as u64), [sample.x_m, sample.y_m]);
-            tracker.ingest(
-                stamp,
-                &PenReading { stamp, position, contact: sample.contact, origin: Default::default() },
-            );
+            let reading = PenReading { stamp, position, contact: sample.contact, origin: Default::default() };
+            let receipt = tracker.ingest(stamp, &reading);
             let mut closed = false;
             while let Some(step) = tracker.next_step() {
                 let learn = previewer.observe(&step);
@@ -98,6 +97,15 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
                 }
                 closed = true;
             }
+            // No arm, no limits: beginnings are believed as an arm that follows would.
+            evidence.drove(Some(false), stamp.since(heard).unsigned_abs());
+            heard = stamp;
+            let shifted = PathSample { t_s: time_s, ..*sample };
+            let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
+            // The first sample of a jump is refused, and the loop goes on as if it had not come.
+            if receipt != Receipt::Accepted {
+                continue;
+            }
             evidence.observe(stamp, position);
             let mut points = [[0.0; 2]; EVIDENCE_LEADS];
             if closed && let Some(report) = previewer.preview(&mut points) {
@@ -108,8 +116,6 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
                 let [[x, y], [dx, dy]] = [report.base_position, velocity];
                 preview = Some((Stamp(report.base_index * step_ns), [x - dx, y - dy], path));
             }
-            let shifted = PathSample { t_s: time_s, ..*sample };
-            let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
             let Some((base, before, path)) = &preview else { continue };
             let phase = stamp.since(*base) as f64 / step_ns as f64;
             if !(0.0..1.5).contains(&phase) {
