@@ -5,7 +5,8 @@
 //! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
 //! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17, 35, 37 and 55 ms
 //! after a sample, of: standing still; the shipped predictor's preview; a Kalman filter tuned for that lead; the preview with
-//! what `trust::Evidence` makes of it. Points of a preview are joined by straight lines.
+//! what `trust::Evidence` makes of it, with no arm at its limits. Points of a preview are joined by straight lines. Samples that
+//! the loop refuses, as the first of a jump, are not scored; the Kalman filter is told of them.
 
 use std::path::Path;
 
