@@ -118,6 +118,17 @@ fn demo_plays_recorded_handwriting_of_both_sets() {
 }
 
 #[test]
+fn refused_demo_makes_no_folder() {
+    let world = World::new(PROGRAM);
+    for refused in [["--set", "mpc.velocity_lead_ms=abc"], ["--pen", "nowhere.csv"], ["--predictor", "luck"]]
+    {
+        let output = world.run(0, &[&["demo", "--out", "report"], refused.as_slice()].concat());
+        assert!(!output.status.success(), "{refused:?}: {}", told(&output));
+        assert!(!world.file("report").exists(), "{refused:?}");
+    }
+}
+
+#[test]
 fn interrupted_demo_ends_its_children_and_leaves_nothing() {
     let world = World::new(PROGRAM);
     let mut demo = world.start(0, &["demo", "--seconds", "60", "--no-rights", "--out", "report"]);

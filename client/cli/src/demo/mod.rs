@@ -84,13 +84,13 @@ pub(crate) struct DemoArgs {
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
-    // A folder that cannot be written is better known before the run than after it.
-    folder::prepare(&args.out)?;
     let interrupt = Interrupt::listen()?;
     let scratch = Scratch::create()?;
     let (source, config) = settings(args, &scratch)?;
     let played = source::load(std::slice::from_ref(&args.pen), &args.path, config.settings())?;
     let turn_s = played.path.closed().duration_s();
+    // A folder that cannot be written is better known before the run than after it, and one that nobody needs is not made.
+    folder::prepare(&args.out)?;
 
     let evidence = performed(args, &source, &config, &scratch, &interrupt)?;
     let scored = figures::scored(&evidence, config.settings())?;
