@@ -9,6 +9,7 @@
 //! the loop refuses, as the first of a jump, are not scored; the Kalman filter is told of them.
 
 use std::path::Path;
+use std::process::ExitCode;
 
 use foretrace_config::Config;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
@@ -35,11 +36,25 @@ type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 #[derive(Default)]
 struct Sums([([f64; 4], f64); LEADS_S.len()]);
 
-fn main() -> Fallible<()> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("open_loop: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Fallible<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(arguments.first().ok_or("usage: open_loop FOLDER [LIMIT [EVERY [SPLIT]]]")?);
-    let number = |at: usize, usual: usize| arguments.get(at).map_or(Ok(usual), |text| text.parse());
-    let (limit, every) = (number(1, 25)?, number(2, 6)?.max(1));
+    let number = |at: usize, name: &str, usual: usize| match arguments.get(at).map(|text| text.parse()) {
+        Some(Ok(number)) if number > 0 => Ok(number),
+        None => Ok(usual),
+        _ => Err(format!("{name} is {:?}, legal are whole numbers from 1 on", arguments[at])),
+    };
+    let (limit, every) = (number(1, "LIMIT", 25)?, number(2, "EVERY", 6)?);
     let split: Split = arguments.get(3).map_or("train", String::as_str).parse()?;
     let config = Config::preset("ur5")?;
     let set = DataSet::load(folder, &split, false)?;
