@@ -34,6 +34,7 @@ pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
     FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode,
     PenSample, Percentiles, PredictorId, PublishError, RejectReason, Rejection, Rejections, RobotMode, Rung,
-    SafetyMode, ServiceError, SolverPath, Stage, Status, TickRecord, Tracking, TrustReason, Validate,
-    command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause, StopDetail, TickRecord, ToolExtent,
+    Tracking, TrustReason, Validate, command_flags, guard_mask, health, host_boot_id, missing_rights,
+    monotonic_now_ns, pen_flags,
 };

@@ -32,6 +32,8 @@ mod arm_lag;
 pub use arm_lag::*;
 mod tick_record;
 pub use tick_record::*;
+mod stop_detail;
+pub use stop_detail::*;
 mod status;
 pub use status::*;
 mod control;

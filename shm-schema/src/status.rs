@@ -6,7 +6,7 @@ use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
     ArmLag, Chain, Counters, FaultReason, GhostState, Header, Mode, PredictorId, Rejection, STAGES, Stage,
-    TrustReason, Validate, missing_rights,
+    StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
 };
 
 wire! {
@@ -55,7 +55,7 @@ impl Tracking {
 
 wire! {
     /// State of the daemon. Spreads are over all ticks since start, after warm-up.
-    "foretrace.StatusV3"
+    "foretrace.StatusV4"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -135,8 +135,14 @@ wire! {
 
         /// Heap allocations per tick after warm-up, ticks with a connection change left out.
         pub allocations_per_tick: f64,
+        /// Evidence behind the newest latched stop.
+        pub stop: StopDetail,
+        /// Where the measured tool has been.
+        pub extent: ToolExtent,
+        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        pub arm_speed_share: f64,
         /// Reserved, zero.
-        pub reserved: [u64; 7],
+        pub reserved: [u64; 2],
     }
 }
 
@@ -151,6 +157,7 @@ impl Validate for Status {
     fn validate(&self) -> Result<(), Rejection> {
         known::<_, Mode>("mode", self.mode)?;
         known::<_, FaultReason>("fault", self.fault)?;
+        known::<_, StopCause>("stop.cause", self.stop.cause)?;
         known::<_, TrustReason>("trust_reason", self.trust_reason)?;
         known::<_, PredictorId>("predictor", self.predictor)?;
         known::<_, GhostState>("ghost_state", self.ghost_state)?;

@@ -10,7 +10,7 @@ use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
     AXES, ArmLag, Counters, FaultReason, GhostState, Header, JOINTS, Mode, PredictorId, Rejection, Rung,
-    STAGES, SolverPath, Stage, TrustReason, Validate, guard_mask, health,
+    STAGES, SolverPath, Stage, StopCause, StopDetail, TrustReason, Validate, guard_mask, health,
 };
 
 wire! {
@@ -46,7 +46,7 @@ impl Chain {
 
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV3"
+    "foretrace.TickRecordV4"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -190,6 +190,10 @@ wire! {
         pub ghost_state: u32,
         /// 1: the pen wrote at that instant.
         pub compared_contact: u32,
+        /// Evidence behind the newest latched stop.
+        pub stop: StopDetail,
+        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        pub arm_speed_share: f64,
     }
 }
 
@@ -215,6 +219,7 @@ impl Validate for TickRecord {
         known::<_, Rung>("rung", self.rung)?;
         known::<_, Mode>("mode", self.mode)?;
         known::<_, FaultReason>("fault", self.fault)?;
+        known::<_, StopCause>("stop.cause", self.stop.cause)?;
         known::<_, PredictorId>("predictor", self.predictor)?;
         known::<_, SolverPath>("ik_path", self.ik_path)?;
         known::<_, GhostState>("ghost_state", self.ghost_state)?;

@@ -251,6 +251,8 @@ wire_enum! {
         ToolOutsideWorkspace = -17 => "tool outside workspace",
         /// The tool axis is too far from the plane's normal.
         ToolNotAligned = -18 => "tool not aligned",
+        /// The arm is not where it was told to be, or moves by itself.
+        NotFollowing = -19 => "arm does not follow",
     }
 }
 
@@ -281,6 +283,8 @@ wire_enum! {
         Internal = 10 => "internal",
         /// An operator asked for it.
         Requested = 11 => "requested",
+        /// The tool left its envelope: paper, workspace, tilt or speed.
+        Envelope = 12 => "tool envelope",
     }
 }
 

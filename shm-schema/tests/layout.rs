@@ -144,7 +144,7 @@ fn layouts_are_pinned() {
         0x6e01a9bec75bd4a7,
     );
     pinned::<TickRecord>(
-        1200,
+        1240,
         8,
         &[
             ("header", 0, 24),
@@ -213,8 +213,10 @@ fn layouts_are_pinned() {
             ("ghost_error_m", 1184, 8),
             ("ghost_state", 1192, 4),
             ("compared_contact", 1196, 4),
+            ("stop", 1200, 32),
+            ("arm_speed_share", 1232, 8),
         ],
-        0x1b74c401c871d55c,
+        0xddc1474dd78dadb3,
     );
     pinned::<Percentiles>(
         16,
@@ -222,8 +224,20 @@ fn layouts_are_pinned() {
         &[("p50_ns", 0, 4), ("p99_ns", 4, 4), ("p99_9_ns", 8, 4), ("max_ns", 12, 4)],
         0x1f3d04f1cb1a7002,
     );
+    pinned::<StopDetail>(
+        32,
+        8,
+        &[("cause", 0, 4), ("joint", 4, 4), ("amount", 8, 8), ("limit", 16, 8), ("at_ns", 24, 8)],
+        0x7b451d9176881284,
+    );
+    pinned::<ToolExtent>(
+        32,
+        8,
+        &[("height_min_m", 0, 8), ("height_max_m", 8, 8), ("outside_max_m", 16, 8), ("tilt_max_rad", 24, 8)],
+        0x10c63dc9a6875811,
+    );
     pinned::<Status>(
-        984,
+        1016,
         8,
         &[
             ("header", 0, 24),
@@ -262,9 +276,12 @@ fn layouts_are_pinned() {
             ("ghost_state", 912, 4),
             ("ghost_cost_ns", 916, 4),
             ("allocations_per_tick", 920, 8),
-            ("reserved", 928, 56),
+            ("stop", 928, 32),
+            ("extent", 960, 32),
+            ("arm_speed_share", 992, 8),
+            ("reserved", 1000, 16),
         ],
-        0x9e9b60e77bc9f55d,
+        0xbd12ededd0b2a7a3,
     );
     pinned::<ControlRequest>(
         32,

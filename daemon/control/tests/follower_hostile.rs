@@ -130,6 +130,7 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
             } else {
                 (restless && rng.random_bool(0.2)).then(|| request(&mut rng))
             },
+            halt: None,
             weights: sabotage.then_some(&weights),
         };
         let budget = Budget {

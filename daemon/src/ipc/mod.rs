@@ -20,7 +20,7 @@ use tracing::{debug, error};
 
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{FaultReason, ServiceError, Status};
+use foretrace_shm::{FaultReason, ServiceError, Status, StopDetail, ToolExtent};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
@@ -296,6 +296,9 @@ impl Ipc {
             learner_refused: learner.refused,
             predictor_rms_m: self.predictor.value(),
             predictor_band_m: -1.0,
+            stop: StopDetail::NONE,
+            extent: ToolExtent::UNKNOWN,
+            arm_speed_share: -1.0,
             // Not a number where nobody counts: a zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()

@@ -106,7 +106,11 @@ impl Narrator {
                 StopReason::None => info!(tick = evidence.tick, "mode {from} -> {to}"),
                 StopReason::Requested => info!(tick = evidence.tick, "mode {from} -> {to}: as requested"),
                 reason => {
-                    let why = convert::fault(reason).label();
+                    let mut why = convert::fault(reason).label().to_owned();
+                    let detail = convert::stop_detail(&output.stop_detail).to_string();
+                    if !detail.is_empty() {
+                        why = format!("{why}: {detail}");
+                    }
                     warn!(tick = evidence.tick, "mode {from} -> {to}: {why}; arm again to go on");
                 }
             }

@@ -8,6 +8,7 @@ mod record;
 pub use record::{IpcTally, chain, counters, ghost_figures, newest_tick, stages, tick_record};
 
 use foretrace_control::follower::{EnableReading, JointReading, Mode, Refusal, Request, Rung, StopReason};
+use foretrace_control::follower::{StopCause, StopDetail};
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustReason;
@@ -156,6 +157,10 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         ),
         Refusal::EnableMissing => (ControlStatus::NotEnabled, "the dead-man switch is required and not held"),
         Refusal::StillStopping => (ControlStatus::WrongMode, "the arm is still being stopped: ask again"),
+        Refusal::NotFollowing => (
+            ControlStatus::NotFollowing,
+            "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm anew",
+        ),
         Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),
         Refusal::BadValue => (ControlStatus::Invalid, "the value is not a number in its legal range"),
         Refusal::PredictorUnavailable => {
@@ -186,6 +191,36 @@ pub const fn fault(reason: StopReason) -> shm::FaultReason {
         StopReason::JointStateLost => shm::FaultReason::JointStateStale,
         StopReason::TimeLost => shm::FaultReason::TimeLost,
         StopReason::ArmSafety => shm::FaultReason::RobotStopped,
+        StopReason::TrackingError => shm::FaultReason::TrackingError,
+        StopReason::Envelope => shm::FaultReason::Envelope,
+        StopReason::Overruns => shm::FaultReason::Overruns,
+    }
+}
+
+/// The evidence behind a latched stop.
+#[must_use]
+pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
+    let cause = match detail.cause {
+        StopCause::None => shm::StopCause::None,
+        StopCause::JointDeviation => shm::StopCause::JointDeviation,
+        StopCause::ToolDeviation => shm::StopCause::ToolDeviation,
+        StopCause::WrongDirection => shm::StopCause::WrongDirection,
+        StopCause::NoMotion => shm::StopCause::NoMotion,
+        StopCause::Runaway => shm::StopCause::Runaway,
+        StopCause::Oscillation => shm::StopCause::Oscillation,
+        StopCause::SlowArm => shm::StopCause::SlowArm,
+        StopCause::Height => shm::StopCause::Height,
+        StopCause::Workspace => shm::StopCause::Workspace,
+        StopCause::Tilt => shm::StopCause::Tilt,
+        StopCause::ToolSpeed => shm::StopCause::ToolSpeed,
+        StopCause::LateTicks => shm::StopCause::LateTicks,
+    };
+    shm::StopDetail {
+        cause: cause.into(),
+        joint: detail.joint.map_or(-1, i32::from),
+        amount: detail.amount,
+        limit: detail.limit,
+        at_ns: detail.at.0,
     }
 }
 

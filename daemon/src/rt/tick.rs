@@ -153,6 +153,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             joints: self.inbox.joints.as_ref(),
             enable: self.inbox.enable,
             request,
+            halt: None,
             weights,
         };
         let output = self.follower.step(&input, budget, &mut laps);

@@ -165,6 +165,7 @@ impl<const N: usize> LoopDesk<N> {
             joints: Some(&joints),
             enable: None,
             request: if self.armed { request } else { Some(Request::Arm) },
+            halt: None,
             weights: promoted.as_deref(),
         };
         let output = self.follower.step(&input, Budget::default(), &mut NoClock);

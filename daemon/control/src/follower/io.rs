@@ -76,6 +76,8 @@ pub enum Refusal {
     StillStopping,
     /// The loop is armed already.
     AlreadyArmed,
+    /// The arm is not where it was told to be, or moves by itself.
+    NotFollowing,
     /// The value is not a number in its legal range.
     BadValue,
     /// The predictor asked for is not available in this loop.
@@ -116,6 +118,59 @@ pub enum StopReason {
     TimeLost,
     /// The arm's safety system stopped it.
     ArmSafety,
+    /// The arm is not where it was told to be.
+    TrackingError,
+    /// The tool could not be kept in its envelope: paper, workspace, tilt, speed.
+    Envelope,
+    /// Too many ticks were late.
+    Overruns,
+}
+
+/// What exactly was seen when a stop latched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StopCause {
+    /// Nothing to add to the reason.
+    #[default]
+    None,
+    /// A measured joint is off every command that it may be answering [rad].
+    JointDeviation,
+    /// The measured tool is off every command that it may be answering [m].
+    ToolDeviation,
+    /// A measured joint moves against its commands [rad].
+    WrongDirection,
+    /// The measured joints stand still while commands move them [rad].
+    NoMotion,
+    /// A measured joint moves though nothing commands it to [rad/s].
+    Runaway,
+    /// The difference between measured and commanded joints swings and grows [rad].
+    Oscillation,
+    /// The arm moves at a part of the speed that is asked for [1].
+    SlowArm,
+    /// The tool is below its lowest or above its highest height over the paper [m].
+    Height,
+    /// The tool is outside the workspace in the plane [m].
+    Workspace,
+    /// The tool is tilted against the plane's normal [rad].
+    Tilt,
+    /// The tool is too fast [m/s].
+    ToolSpeed,
+    /// Too many of the recent ticks were late [1].
+    LateTicks,
+}
+
+/// The evidence behind a latched stop.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StopDetail {
+    /// What was seen; the unit of `amount` and `limit` is its.
+    pub cause: StopCause,
+    /// Joint index from 0, base first; `None`: the tool, or no joint.
+    pub joint: Option<u8>,
+    /// What was seen.
+    pub amount: f64,
+    /// What was allowed.
+    pub limit: f64,
+    /// Release of the tick in which the stop latched; `Stamp(0)`: no stop has latched.
+    pub at: Stamp,
 }
 
 /// Which fallback made the command.
@@ -240,6 +295,9 @@ pub struct StepInput<'a, const J: usize> {
     pub enable: Option<EnableReading>,
     /// At most one request a tick.
     pub request: Option<Request>,
+    /// A stop that the shell demands, latched before anything else is looked at: [`StopReason::Requested`] by a way that needs
+    /// no request, [`StopReason::Overruns`] with its evidence.
+    pub halt: Option<(StopReason, StopDetail)>,
     /// Weights promoted by the learner since the last tick.
     pub weights: Option<&'a OnlineWeights>,
 }
@@ -248,7 +306,7 @@ impl<const J: usize> StepInput<'_, J> {
     /// A tick in which nothing arrived.
     #[must_use]
     pub const fn nothing(now: Stamp) -> Self {
-        Self { now, pen: &[], joints: None, enable: None, request: None, weights: None }
+        Self { now, pen: &[], joints: None, enable: None, request: None, halt: None, weights: None }
     }
 }
 
@@ -278,6 +336,10 @@ pub struct StepOutput<const J: usize> {
     pub mode: Mode,
     /// Why it is stopped, if it is.
     pub stop_reason: StopReason,
+    /// The evidence behind the newest latched stop.
+    pub stop_detail: StopDetail,
+    /// Part of the speed asked for at which the arm moves, in (0, 1]; `None`: not known.
+    pub arm_speed_share: Option<f64>,
     /// Answer to the request, if there was one.
     pub answer: Option<Result<(), Refusal>>,
     /// Which fallback made the command.

@@ -8,6 +8,7 @@
 //! `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t − stamp) moves in
 //! straight pieces from command to command.
 
+mod answer;
 mod io;
 mod motion;
 mod plane;
@@ -18,7 +19,7 @@ mod watch;
 
 pub use io::{
     Budget, EnableReading, Health, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode, NoClock, Refusal,
-    Request, Rung, Stage, StageClock, StepInput, StepOutput, StopReason,
+    Request, Rung, Stage, StageClock, StepInput, StepOutput, StopCause, StopDetail, StopReason,
 };
 pub use plane::Plane;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings};
@@ -146,7 +147,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         let lost_ns = self.mover.catch_up(now, &mut health);
         if lost_ns > self.settings.safety.latch_after_ns {
-            self.watch.latch(StopReason::TimeLost);
+            self.watch.latch(now, StopReason::TimeLost);
+        }
+        if let Some((reason, detail)) = input.halt {
+            self.watch.latch_with(now, reason, detail);
         }
         self.watch.observe(now, input.joints, input.enable, &mut health);
         if let Some(joints) = input.joints.filter(|_| !health.has(Health::JOINTS_REJECTED)) {
@@ -222,6 +226,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             begins,
             mode: self.watch.mode(),
             stop_reason: self.watch.reason(),
+            stop_detail: self.watch.detail(),
+            arm_speed_share: None,
             answer,
             rung: moved.rung,
             health,
@@ -246,34 +252,6 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             learn: news.learn,
             learn_count: news.count,
         }
-    }
-
-    fn answer(&mut self, now: Stamp, request: Request) -> Result<(), Refusal> {
-        match request {
-            Request::Arm => {
-                let joints = self.watch.may_arm(now, self.mover.at_rest())?;
-                self.mover.seed(now, &joints.q)?;
-                self.watch.arm(now);
-                self.learner_doubt_ns = 0;
-            }
-            Request::Disarm => self.watch.disarm(),
-            Request::Stop => self.watch.latch(StopReason::Requested),
-            Request::SetTrust(alpha) => {
-                if !(0.0..=1.0).contains(&alpha) {
-                    return Err(Refusal::BadValue);
-                }
-                self.trust_request = TrustRequest::Manual(Trust::new(alpha));
-            }
-            Request::FreezeTrust => self.trust_request = TrustRequest::Frozen(self.trust.alpha()),
-            Request::TrustAuto => self.trust_request = TrustRequest::Auto,
-            Request::SwitchPredictor(kind) => {
-                if !self.previewer.offers(kind) {
-                    return Err(Refusal::PredictorUnavailable);
-                }
-                self.pending_predictor = Some(kind);
-            }
-        }
-        Ok(())
     }
 
     /// Takes in the pen samples and the grid steps that they close.

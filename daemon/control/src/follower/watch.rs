@@ -2,7 +2,7 @@
 //!
 //! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy arm at rest.
 
-use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StopReason};
+use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StopDetail, StopReason};
 use super::settings::SafetySettings;
 use crate::units::Stamp;
 
@@ -15,6 +15,8 @@ pub(super) struct Watch<const J: usize> {
     settings: SafetySettings,
     mode: Mode,
     reason: StopReason,
+    /// Kept over an arming, so that what stopped the loop last can be read afterwards.
+    detail: StopDetail,
     /// Goes to Idle once at rest.
     letting_go: bool,
     joints: Option<JointReading<J>>,
@@ -29,6 +31,7 @@ impl<const J: usize> Watch<J> {
             settings,
             mode: Mode::Idle,
             reason: StopReason::None,
+            detail: StopDetail::default(),
             letting_go: false,
             joints: None,
             enable: None,
@@ -42,6 +45,10 @@ impl<const J: usize> Watch<J> {
 
     pub(super) fn reason(&self) -> StopReason {
         self.reason
+    }
+
+    pub(super) fn detail(&self) -> StopDetail {
+        self.detail
     }
 
     /// The arm is to move with the pen.
@@ -98,12 +105,11 @@ impl<const J: usize> Watch<J> {
             return;
         }
         if self.joints.as_ref().is_some_and(|joints| !joints.motion_allowed) {
-            self.mode = Mode::Fault;
-            self.reason = StopReason::ArmSafety;
+            self.latch(now, StopReason::ArmSafety);
         } else if stale {
-            self.latch(StopReason::JointStateLost);
+            self.latch(now, StopReason::JointStateLost);
         } else if lost {
-            self.latch(StopReason::EnableLost);
+            self.latch(now, StopReason::EnableLost);
         }
     }
 
@@ -118,16 +124,22 @@ impl<const J: usize> Watch<J> {
     }
 
     /// Stops and stays stopped; the first reason stays.
-    pub(super) fn latch(&mut self, reason: StopReason) {
+    pub(super) fn latch(&mut self, now: Stamp, reason: StopReason) {
+        self.latch_with(now, reason, StopDetail::default());
+    }
+
+    /// The same with the evidence.
+    pub(super) fn latch_with(&mut self, now: Stamp, reason: StopReason, detail: StopDetail) {
         if matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
-            self.mode = Mode::Stopped;
+            self.mode = if reason == StopReason::ArmSafety { Mode::Fault } else { Mode::Stopped };
             self.reason = reason;
+            self.detail = StopDetail { at: now, ..detail };
         }
     }
 
     /// Stops, then lets go of the arm.
-    pub(super) fn disarm(&mut self) {
-        self.latch(StopReason::Requested);
+    pub(super) fn disarm(&mut self, now: Stamp) {
+        self.latch(now, StopReason::Requested);
         self.letting_go = true;
     }
 

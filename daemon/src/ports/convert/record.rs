@@ -10,7 +10,7 @@ use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{SolverPath, Stage};
 
-use super::{fault, flag, mode, predictor, trust_reason};
+use super::{fault, flag, mode, predictor, stop_detail, trust_reason};
 use crate::ipc::chain::Parts;
 use crate::ports::{JOINTS, PortTally};
 use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
@@ -167,6 +167,8 @@ pub fn tick_record(
         ghost_state: ghost_state(ghost.state).into(),
         error_m: UNKNOWN,
         ghost_error_m: UNKNOWN,
+        stop: stop_detail(&output.stop_detail),
+        arm_speed_share: output.arm_speed_share.unwrap_or(UNKNOWN),
         ..Default::default()
     };
     if let Some(compared) = ghost.compared {
@@ -251,6 +253,8 @@ pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, 
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
     status.arm_lag = arm_lag(output);
+    status.stop = stop_detail(&output.stop_detail);
+    status.arm_speed_share = output.arm_speed_share.unwrap_or(UNKNOWN);
     status.learner_version = output.weights_version;
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }
