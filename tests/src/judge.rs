@@ -6,6 +6,8 @@
 use foretrace_shm::{JOINTS, JointCommand, JointState, command_flags, host_boot_id};
 use serde_json::{Value, json};
 
+use crate::tool::Tip;
+
 /// Joint limits of the preset `ur5`: URDF positions [rad], `robot.velocity_radps`, `robot.acceleration_radps2`.
 const POSITION_RAD: [f64; JOINTS] = [TURN, TURN, TURN / 2.0, TURN, TURN, TURN];
 const TURN: f64 = std::f64::consts::TAU;
@@ -38,6 +40,7 @@ pub struct Judge {
     largest_jump_rad: f64,
     largest_velocity: f64,
     largest_acceleration: f64,
+    tip: Tip,
     violations: u64,
     examples: Vec<String>,
 }
@@ -46,6 +49,10 @@ impl Judge {
     /// What the arm says about itself, for the next command that begins.
     pub fn state(&mut self, state: &JointState) {
         self.measured = state.q.iter().all(|q| q.is_finite()).then_some(state.q);
+        // Before the first command nobody led the arm.
+        if let (Some(q), true) = (&self.measured, self.seen > 0) {
+            self.tip.see(q);
+        }
     }
 
     /// Judges the next command as it lies in shared memory.
@@ -180,6 +187,7 @@ impl Judge {
             "streams": self.streams, "begins": self.begins, "last_sequence": self.sequence(),
             "largest_jump_rad": self.largest_jump_rad, "largest_velocity_radps": self.largest_velocity,
             "largest_acceleration_radps2": self.largest_acceleration,
+            "envelope": self.tip.report(),
             "violations": self.violations, "examples": self.examples,
         })
     }

@@ -15,6 +15,7 @@ pub use process::*;
 pub mod recorder;
 mod stranger;
 pub use stranger::*;
+pub mod tool;
 pub mod trespass;
 
 use std::fs::{File, Permissions};

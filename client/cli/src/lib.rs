@@ -21,6 +21,8 @@ mod gateway;
 mod record;
 mod request;
 mod calibrate;
+mod stopped;
+mod extent;
 mod status;
 mod demo;
 mod bench;

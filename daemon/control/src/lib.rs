@@ -29,3 +29,4 @@ pub mod guard;
 pub mod lag;
 pub mod follower;
 pub mod ghost;
+pub mod extent;

@@ -18,12 +18,14 @@ use std::time::Duration;
 use crossbeam::channel::{Receiver, Sender};
 use tracing::{debug, error};
 
+use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::units::{Stamp, Trust};
 use foretrace_shm::{FaultReason, ServiceError, Status, StopDetail, ToolExtent};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
+use crate::ports::JOINTS;
 use crate::ports::convert::{self, IpcTally};
 use crate::ports::shm::IpcPorts;
 use crate::rt::evidence::Evidence;
@@ -87,6 +89,8 @@ pub struct IpcLinks {
     pub rings: IpcRings,
     /// What feedback alone would have done.
     pub ghost: GhostShell,
+    /// Where the measured tool has been since arming.
+    pub extent: ExtentWatch<JOINTS>,
     /// What the learner shows.
     pub board: Arc<LearnerBoard>,
     /// What the learner tells.
@@ -243,6 +247,12 @@ impl Ipc {
             self.predictor.add(error);
         }
         let parts = self.chain.tick(evidence);
+        if evidence.output.begins {
+            self.links.extent.restart();
+        }
+        if let (Some(_), Some((_, q))) = (evidence.output.command, &evidence.measured) {
+            self.links.extent.see(q);
+        }
         let ghost = self.links.ghost.follow(evidence, self.links.rings.evidence.slots());
         if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
             let record = convert::tick_record(evidence, &parts, &ghost, &self.tally());
@@ -297,7 +307,7 @@ impl Ipc {
             predictor_rms_m: self.predictor.value(),
             predictor_band_m: -1.0,
             stop: StopDetail::NONE,
-            extent: ToolExtent::UNKNOWN,
+            extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| convert::extent(&extent)),
             arm_speed_share: -1.0,
             // Not a number where nobody counts: a zero would be a claim.
             allocations_per_tick: f64::NAN,

@@ -5,7 +5,7 @@
 
 mod record;
 
-pub use record::{IpcTally, chain, counters, ghost_figures, newest_tick, stages, tick_record};
+pub use record::{IpcTally, chain, counters, extent, ghost_figures, newest_tick, stages, tick_record};
 
 use foretrace_control::follower::{EnableReading, JointReading, Mode, Refusal, Request, Rung, StopReason};
 use foretrace_control::follower::{StopCause, StopDetail};

@@ -7,6 +7,7 @@ use crossbeam::channel::{self, Receiver, RecvTimeoutError};
 use tracing::{info, warn};
 
 use foretrace_config::Config;
+use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::Follower;
 use foretrace_control::learn::Learner;
 use foretrace_shm::layout::fnv1a;
@@ -94,6 +95,7 @@ impl Daemon {
         let links = IpcLinks {
             rings: ipc_rings,
             ghost,
+            extent: ExtentWatch::new(&config.follower_settings()),
             board,
             learner: learner_tells,
             orders: ipc_ordered,

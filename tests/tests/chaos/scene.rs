@@ -245,6 +245,13 @@ impl Scene {
         std::thread::sleep(Duration::from_millis(100));
         let report = self.recorder.take().expect("a recorder").finish();
         assert_eq!(report["violations"], 0, "{report}");
+        // Whatever died: the arm, as it was measured, stayed over the paper and in the workspace.
+        let envelope = &report["envelope"];
+        if let (Some(low), Some(outside)) =
+            (envelope["height_min_m"].as_f64(), envelope["outside_max_m"].as_f64())
+        {
+            assert!(low >= -0.003 && outside <= 0.003, "{report}");
+        }
         let count = |key: &str| report[key].as_u64().expect("a count");
         if let Some(sent) = sent {
             // A daemon that sent nothing yet has nothing to be compared with.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::intake::Refused;
+use crate::extent::ExtentFigures;
 use crate::output::say;
 
 /// The result; keys are stable.
@@ -10,6 +11,8 @@ use crate::output::say;
 pub(super) struct Report {
     pub(super) commands: CommandReport,
     pub(super) arm: ArmReport,
+    /// Where the tool was, by forward kinematics of the joints; none before the first command.
+    pub(super) envelope: Option<ExtentFigures>,
 }
 
 #[derive(Debug, Serialize)]
@@ -82,7 +85,7 @@ impl DelaySeen {
 
 /// The report for people.
 pub(super) fn summary(report: &Report) {
-    let Report { commands, arm } = report;
+    let Report { commands, arm, envelope } = report;
     say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
     say!(
         "commands    {} received, {} taken, {} refused, {} lost on the way",
@@ -93,6 +96,9 @@ pub(super) fn summary(report: &Report) {
     );
     let delay = &arm.delay_ms;
     say!("delay       {:.1} ms before the servo ({:.1} to {:.1})", delay.mean, delay.min, delay.max);
+    if let Some(envelope) = envelope {
+        say!("tool        {envelope}");
+    }
     say!("violations  {}", commands.limit_violations);
     say!(
         "largest     step {:.6} rad, velocity {:.4} rad/s, acceleration {:.3} rad/s²",

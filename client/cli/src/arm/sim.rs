@@ -12,6 +12,7 @@ use std::time::Duration;
 use foretrace_client::{
     Commands, Foretrace, JointState, JointStates, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
 };
+use foretrace_control::extent::ExtentWatch;
 use foretrace_control::units::Stamp;
 use foretrace_lab::arm::{ArmModel, JOINTS, Joints};
 
@@ -19,6 +20,7 @@ use super::intake::Intake;
 use super::options::LagArgs;
 use super::report::{ArmReport, CommandReport, DelaySeen, Report, ViolationReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::os;
@@ -92,6 +94,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         ports: Some(ports),
         record,
         delay: DelaySeen::default(),
+        extent: ExtentWatch::new(&config.follower_settings()),
         cycles: 0,
         late_cycles: 0,
         daemons: 1,
@@ -128,6 +131,8 @@ struct Simulation {
     ports: Option<Ports>,
     record: Option<Record>,
     delay: DelaySeen,
+    /// Where the tool has been since the first command was taken.
+    extent: ExtentWatch<JOINTS>,
     cycles: u64,
     late_cycles: u64,
     daemons: u64,
@@ -200,6 +205,7 @@ impl Simulation {
         };
         if let Some((command, taken)) = self.intake.newest() {
             state.echo(command, taken.0);
+            self.extent.see(&joints.q);
         }
         if let Some(ports) = &mut self.ports {
             // Without a daemon nobody listens; the lookout takes care of that.
@@ -252,6 +258,7 @@ impl Simulation {
                 lag_at_end_ms: lag_ms_at(self.cycles as f64 * self.cycle_ns as f64 * 1e-9),
                 delay_ms: self.delay.report(),
             },
+            envelope: self.extent.extent().map(ExtentFigures::from),
         }
     }
 }

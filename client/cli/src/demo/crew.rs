@@ -9,7 +9,7 @@ use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, Status
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::children::Child;
-use super::evidence::{Evidence, TickNote};
+use super::evidence::{Evidence, StopNote, TickNote};
 use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -29,6 +29,17 @@ pub(crate) struct Watch {
     telemetry: Telemetry,
     requests: Requests,
     pub(crate) evidence: Evidence,
+    /// When the newest stop that is known latched [ns].
+    stopped_ns: u64,
+}
+
+/// How the time of following ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Followed {
+    /// For as long as was asked for.
+    Whole,
+    /// A stop latched.
+    Stopped,
 }
 
 impl Watch {
@@ -38,14 +49,34 @@ impl Watch {
             telemetry: foretrace.telemetry().map_err(unattached)?,
             requests: foretrace.requests().map_err(unattached)?,
             evidence: Evidence::default(),
+            stopped_ns: 0,
         })
     }
 
     /// Takes in what came since the last look.
     fn read(&mut self) {
-        let ticks = &mut self.evidence.ticks;
-        self.telemetry.drain(|record| ticks.push(TickNote::of(record)));
+        let Self { telemetry, evidence, stopped_ns, .. } = self;
+        let Evidence { ticks, stops, .. } = evidence;
+        telemetry.drain(|record| {
+            ticks.push(TickNote::of(record));
+            if record.stop.at_ns > *stopped_ns {
+                *stopped_ns = record.stop.at_ns;
+                stops.push(StopNote::of(record.fault, &record.stop));
+            }
+        });
         self.evidence.status = self.status.latest().copied().or(self.evidence.status);
+        // The record of the tick may have been lost; the status repeats its stop.
+        if let Some(status) = self.evidence.status.filter(|status| status.stop.at_ns > self.stopped_ns) {
+            self.stopped_ns = status.stop.at_ns;
+            self.evidence.stops.push(StopNote::of(status.fault, &status.stop));
+        }
+    }
+
+    /// From here on nothing of what was before counts.
+    fn begin(&mut self) {
+        self.read();
+        self.evidence.ticks.clear();
+        self.evidence.stops.clear();
     }
 
     /// The last words of the daemon about itself.
@@ -112,15 +143,13 @@ impl Crew {
                 Err(error) => return Err(refused(&error)),
             }
         }
-        watch.read();
-        // What was before is no part of the run.
-        watch.evidence.ticks.clear();
+        watch.begin();
         self.say("armed");
         Ok(())
     }
 
     /// Lets the arm follow for `seconds`.
-    pub(crate) fn follow(&mut self, watch: &mut Watch, seconds: f64) -> Result<(), Failure> {
+    pub(crate) fn follow(&mut self, watch: &mut Watch, seconds: f64) -> Result<Followed, Failure> {
         self.say("the arm follows the pen");
         let mut begin = None;
         let patience = Instant::now() + STARTING;
@@ -130,7 +159,7 @@ impl Crew {
             let now = Instant::now();
             match watch.mode() {
                 Some(Mode::Following) if begin.is_none() => begin = Some(now),
-                Some(Mode::Fault | Mode::Stopped) => return Err(self.stopped(watch)),
+                Some(Mode::Fault | Mode::Stopped) => return Ok(Followed::Stopped),
                 _ => {}
             }
             match begin {
@@ -140,7 +169,7 @@ impl Crew {
                         "see the messages above",
                     ));
                 }
-                Some(begin) if (now - begin).as_secs_f64() >= seconds => return Ok(()),
+                Some(begin) if (now - begin).as_secs_f64() >= seconds => return Ok(Followed::Whole),
                 Some(begin) => {
                     if let Some(bar) = &self.bar {
                         bar.set_position((now - begin).as_millis() as u64);
@@ -154,6 +183,8 @@ impl Crew {
 
     /// Has the arm stopped smoothly and let go of.
     pub(crate) fn let_go(&mut self, watch: &mut Watch) -> Result<(), Failure> {
+        watch.read();
+        let stops = watch.evidence.stops.len();
         watch.requests.disarm(ANSWER).map_err(|error| refused(&error))?;
         let deadline = Instant::now() + STOPPING;
         while watch.mode() != Some(Mode::Idle) {
@@ -164,6 +195,8 @@ impl Crew {
             watch.read();
             std::thread::sleep(STRIDE);
         }
+        // The stop that the demo itself has just asked for is none that anybody wants to hear of.
+        watch.evidence.stops.truncate(stops);
         Ok(())
     }
 
@@ -190,25 +223,6 @@ impl Crew {
     fn check(&mut self) -> Result<(), Failure> {
         self.interrupt.check()?;
         self.children.iter_mut().try_for_each(|(_, child)| child.expect_alive())
-    }
-
-    fn stopped(&mut self, watch: &Watch) -> Failure {
-        let reason = watch
-            .evidence
-            .status
-            .and_then(|status| foretrace_client::FaultReason::try_from(status.fault).ok());
-        let reason = reason.map_or("unknown", foretrace_client::FaultReason::label);
-        let words: String = self
-            .children
-            .iter_mut()
-            .flat_map(|(name, child)| {
-                child.last_words().into_iter().map(move |line| format!("\n  {name}: {line}"))
-            })
-            .collect();
-        Failure::failed(
-            format_args!("the daemon stopped the arm by itself ({reason}){words}"),
-            "a machine that stalls for long is the usual cause: try again, or raise safety.latch_after_ms",
-        )
     }
 
     fn say(&self, words: &str) {

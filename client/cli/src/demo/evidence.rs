@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use foretrace_client::{GhostState, Stage, Status, TickRecord};
-use foretrace_config::Config;
+use foretrace_client::{FaultReason, GhostState, Stage, Status, StopDetail, TickRecord};
+use foretrace_config::{Config, JOINTS};
+use foretrace_control::extent::{Extent, ExtentWatch};
 use foretrace_control::follower::Plane;
 use foretrace_lab::data::load_csv;
 use foretrace_lab::metrics::ToolSample;
@@ -17,6 +18,10 @@ use crate::failure::Failure;
 pub(crate) struct Evidence {
     /// Tick records since arming, thinned to what the report needs.
     pub(crate) ticks: Vec<TickNote>,
+    /// Every stop that latched while the arm followed.
+    pub(crate) stops: Vec<StopNote>,
+    /// Where the measured tool has been.
+    pub(crate) extent: Option<Extent>,
     /// Records that did not arrive here.
     pub(crate) ticks_lost: u64,
     /// The daemon's last words about itself.
@@ -29,6 +34,19 @@ pub(crate) struct Evidence {
     pub(crate) arm: serde_json::Value,
     /// The player's own report.
     pub(crate) player: serde_json::Value,
+}
+
+/// One latched stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct StopNote {
+    pub(crate) fault: FaultReason,
+    pub(crate) detail: StopDetail,
+}
+
+impl StopNote {
+    pub(crate) fn of(fault: u32, detail: &StopDetail) -> Self {
+        Self { fault: FaultReason::try_from(fault).unwrap_or(FaultReason::Internal), detail: *detail }
+    }
 }
 
 /// One tick.
@@ -74,23 +92,30 @@ pub(crate) fn pen(file: &Path, plane: &Plane) -> Result<Vec<PathSample>, Failure
     Ok(placed.collect())
 }
 
-/// The arm's record as positions of its tool in the plane frame.
-pub(crate) fn tool(file: &Path, config: &Config, plane: &Plane) -> Result<Vec<ToolSample>, Failure> {
+/// The arm's record as positions of its tool in the plane frame, and where that tool has been.
+pub(crate) fn tool(
+    file: &Path,
+    config: &Config,
+    plane: &Plane,
+) -> Result<(Vec<ToolSample>, Option<Extent>), Failure> {
     let wrong = |what: &dyn std::fmt::Display| {
         Failure::failed(format_args!("{}: {what}", file.display()), "the arm left no usable record")
     };
     let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
     let chain = &config.robot().chain;
     let mut tool = Vec::new();
+    let mut extent = ExtentWatch::new(&config.follower_settings());
     for (index, line) in text.lines().enumerate().skip(1) {
         let numbers: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
         let numbers = numbers.map_err(|error| wrong(&format_args!("line {}: {error}", index + 1)))?;
         let [t_s, q @ ..] = numbers.as_slice() else { continue };
-        let q = q.try_into().map_err(|_| wrong(&format_args!("line {}: not six joints", index + 1)))?;
-        let at: Vector3<f64> = plane.point_from_base(&chain.forward(q).position);
+        let q: [f64; JOINTS] =
+            q.try_into().map_err(|_| wrong(&format_args!("line {}: not six joints", index + 1)))?;
+        extent.see(&q);
+        let at: Vector3<f64> = plane.point_from_base(&chain.forward(&q).position);
         tool.push(ToolSample { t_s: *t_s, x_m: at.x, y_m: at.y });
     }
-    Ok(tool)
+    Ok((tool, extent.extent()))
 }
 
 /// A child's own report.

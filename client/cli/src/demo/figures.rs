@@ -3,13 +3,14 @@
 //! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the pen as the
 //! loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to the paper.
 
-use foretrace_client::{Mode, Stage, Status, health};
+use foretrace_client::{FaultReason, Mode, Stage, Status, health};
 use foretrace_config::Settings;
 use foretrace_lab::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::evidence::Evidence;
+use super::evidence::{Evidence, StopNote};
+use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::ghost::Comparison;
 use crate::spread::{Quantiles, Spread};
@@ -19,7 +20,10 @@ use crate::spread::{Quantiles, Spread};
 pub(crate) struct Figures {
     #[serde(rename = "loop")]
     pub(crate) control_loop: LoopFigures,
-    pub(crate) tracking: TrackingFigures,
+    /// None where the arm never came near a pen that wrote.
+    pub(crate) tracking: Option<TrackingFigures>,
+    /// Where the tool was, by forward kinematics of the measured joints; none where nothing was measured.
+    pub(crate) envelope: Option<ExtentFigures>,
     /// As the daemon measured it while it ran; `session` is the whole run.
     pub(crate) ghost: GhostFigures,
     pub(crate) commands: Value,
@@ -46,6 +50,39 @@ pub(crate) struct LoopFigures {
     pub(crate) wakeup_us: Quantiles,
     pub(crate) missing_rights: Vec<&'static str>,
     pub(crate) telemetry_lost: u64,
+    /// Every stop that latched while the arm followed.
+    pub(crate) stops: Vec<StopFigures>,
+}
+
+/// One latched stop.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct StopFigures {
+    /// Label of the reason; stable.
+    pub(crate) reason: &'static str,
+    /// After arming [s].
+    pub(crate) at_s: f64,
+    /// The evidence in words; empty where there is none.
+    pub(crate) detail: String,
+}
+
+impl StopFigures {
+    fn of(note: &StopNote, armed_s: f64) -> Self {
+        let fault = if note.fault == FaultReason::None { FaultReason::Requested } else { note.fault };
+        Self {
+            reason: fault.label(),
+            at_s: note.detail.at_ns as f64 * 1e-9 - armed_s,
+            detail: note.detail.to_string(),
+        }
+    }
+
+    /// Reason and evidence.
+    pub(crate) fn words(&self) -> String {
+        if self.detail.is_empty() {
+            self.reason.to_owned()
+        } else {
+            format!("{}: {}", self.reason, self.detail)
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -110,28 +147,32 @@ pub(crate) struct Scored {
     pub(crate) errors: Vec<ErrorSample>,
 }
 
+impl Scored {
+    /// Everything, for pictures of a run that cannot be scored.
+    pub(crate) fn whole(evidence: &Evidence) -> Self {
+        Self { tool: evidence.tool.clone(), errors: error_series(&evidence.pen, &evidence.tool) }
+    }
+}
+
 /// The tool from the first instant at which it had come as near to the pen as the loop wants it before lowering it.
-pub(crate) fn scored(evidence: &Evidence, settings: &Settings) -> Result<Scored, Failure> {
+///
+/// `None`: it never did.
+pub(crate) fn scored(evidence: &Evidence, settings: &Settings) -> Option<Scored> {
     let near = settings.safety.approach_distance_m;
     let following = evidence.ticks.iter().find(|tick| tick.mode == u32::from(Mode::Following));
     let from_s = following.map(|tick| tick.t_s).unwrap_or(f64::INFINITY);
     let errors = error_series(&evidence.pen, &evidence.tool);
     let begin = errors.iter().position(|error| error.t_s >= from_s && error.error_m <= near);
-    let Some(errors) = begin.and_then(|begin| errors.get(begin..)) else {
-        return Err(Failure::failed(
-            "the arm never came near the pen",
-            "see the messages above; give it more --seconds, or look at the settings",
-        ));
-    };
+    let errors = errors.get(begin?..)?;
     let first_s = errors.first().map_or(f64::INFINITY, |error| error.t_s);
     let tool = evidence.tool.iter().filter(|sample| sample.t_s >= first_s).copied().collect();
-    Ok(Scored { tool, errors: errors.to_vec() })
+    Some(Scored { tool, errors: errors.to_vec() })
 }
 
 /// Recomputes everything that people ask about.
 pub(crate) fn figures(
     evidence: &Evidence,
-    scored: &Scored,
+    scored: Option<&Scored>,
     settings: &Settings,
     setting: SettingFigures,
 ) -> Result<Figures, Failure> {
@@ -139,9 +180,8 @@ pub(crate) fn figures(
         Failure::failed("the daemon said nothing about itself", "look at its messages above")
     })?;
     let counts = &status.counters;
-    let score = tracking(&evidence.pen, &scored.tool).ok_or_else(|| {
-        Failure::failed("the pen never touched the paper while the arm followed", "play something with ink")
-    })?;
+    let score = scored.and_then(|scored| tracking(&evidence.pen, &scored.tool));
+    let armed_s = evidence.ticks.first().map_or(0.0, |tick| tick.t_s);
     let spread = |stage: Stage| {
         let mut spread = Spread::new();
         evidence.ticks.iter().for_each(|tick| spread.add_ns(u64::from(tick.stage_ns(stage))));
@@ -170,15 +210,17 @@ pub(crate) fn figures(
             wakeup_us,
             missing_rights: foretrace_client::missing_rights::labels(status.missing_rights).collect(),
             telemetry_lost: evidence.ticks_lost + counts.telemetry_ring_dropped,
+            stops: evidence.stops.iter().map(|stop| StopFigures::of(stop, armed_s)).collect(),
         },
-        tracking: TrackingFigures {
+        tracking: score.map(|score| TrackingFigures {
             mse_m2: score.mse_m2,
             rmse_m: score.rmse_m,
             max_m: score.max_m,
             lag_ms: score.lag_ms,
             mse_at_lag_m2: score.mse_at_lag_m2,
             samples: score.samples,
-        },
+        }),
+        envelope: evidence.extent.map(ExtentFigures::from),
         ghost: ghost(evidence, &status),
         commands: evidence.arm.get("commands").cloned().unwrap_or(Value::Null),
         pen: PenFigures {
@@ -226,7 +268,7 @@ impl Figures {
 
     /// The table for people: what and how much.
     pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
-        let Self { control_loop, tracking, ghost, commands, pen, learner, trust, .. } = self;
+        let Self { control_loop, tracking, envelope, ghost, commands, pen, learner, trust, .. } = self;
         let spread = |q: &Quantiles| {
             format!("p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} µs", q.p50, q.p99, q.p99_9, q.max)
         };
@@ -254,13 +296,19 @@ impl Figures {
             ),
             (
                 "tracking",
-                format!(
-                    "rms {:.2} mm, max {:.2} mm, arm {:.1} ms behind the pen",
-                    tracking.rmse_m * 1e3,
-                    tracking.max_m * 1e3,
-                    tracking.lag_ms
+                tracking.as_ref().map_or_else(
+                    || "not scored: the arm never came near a writing pen".to_owned(),
+                    |score| {
+                        format!(
+                            "rms {:.2} mm, max {:.2} mm, arm {:.1} ms behind the pen",
+                            score.rmse_m * 1e3,
+                            score.max_m * 1e3,
+                            score.lag_ms
+                        )
+                    },
                 ),
             ),
+            ("tool", envelope.as_ref().map_or_else(|| "not measured".to_owned(), ToString::to_string)),
             ("ghost", ghost.comparison.whole()),
             (
                 "commands",
@@ -282,6 +330,9 @@ impl Figures {
             ),
             ("trust", format!("{:.2} on average while following", trust.mean)),
         ];
+        for stop in &control_loop.stops {
+            rows.push(("stopped", format!("after {:.1} s: {}", stop.at_s, stop.words())));
+        }
         if !control_loop.missing_rights.is_empty() {
             rows.push(("rights", format!("missing: {}", control_loop.missing_rights.join(", "))));
         }
@@ -325,12 +376,12 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_never_comes_near_is_a_failure() {
+    fn an_arm_that_never_comes_near_is_not_scored() {
         let config = foretrace_config::Config::preset("ur5").unwrap();
         let mut evidence = run();
         evidence.tool.iter_mut().for_each(|sample| sample.y_m = 0.05);
-        assert!(scored(&evidence, config.settings()).unwrap_err().to_string().contains("never came near"));
+        assert!(scored(&evidence, config.settings()).is_none());
         evidence.ticks.clear();
-        assert!(scored(&evidence, config.settings()).is_err());
+        assert!(scored(&evidence, config.settings()).is_none());
     }
 }

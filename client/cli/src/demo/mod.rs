@@ -9,10 +9,12 @@ mod crew;
 mod evidence;
 mod figures;
 mod folder;
+mod verdict;
 
 use std::path::PathBuf;
 
 use foretrace_config::Config;
+use foretrace_control::extent::ExtentBounds;
 use foretraced::{Base, Source};
 
 use crate::arm::options::StartedArmArgs;
@@ -22,7 +24,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, say};
 use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
-use crew::{Crew, Watch};
+use crew::{Crew, Followed, Watch};
 use evidence::Evidence;
 use figures::SettingFigures;
 use scratch::{Leftovers, Scratch};
@@ -93,7 +95,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     folder::prepare(&args.out)?;
 
     let evidence = performed(args, &source, &config, &scratch, &interrupt)?;
-    let scored = figures::scored(&evidence, config.settings())?;
+    let scored = figures::scored(&evidence, config.settings());
     let setting = SettingFigures {
         pen: args.pen.clone(),
         predictor: config.settings().predictor.kind.word(),
@@ -101,22 +103,16 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
         settings: config.name().to_owned(),
         optimised_build: !cfg!(debug_assertions),
     };
-    let figures = figures::figures(&evidence, &scored, config.settings(), setting)?;
+    let figures = figures::figures(&evidence, scored.as_ref(), config.settings(), setting)?;
     // Printing may end the program: nobody listens any more.
     drop(scratch);
     for (name, value) in figures.rows() {
         say!("{name:<10}{value}");
     }
     args.json.write(&figures)?;
-    folder::write(&args.out, &figures, &evidence, &scored, turn_s)?;
+    folder::write(&args.out, &figures, &evidence, scored.as_ref(), turn_s)?;
     say!("{:<10}{}", "report", args.out.join("report.html").display());
-    match figures.limit_violations() {
-        0 => Ok(()),
-        count => Err(Failure::failed(
-            format_args!("{count} commands broke a limit"),
-            "this is a fault of foretrace: please report it with the report folder",
-        )),
-    }
+    verdict::of(&evidence, &figures, &ExtentBounds::of(&config.follower_settings()))
 }
 
 /// The settings of all processes: as asked for, on a private instance.
@@ -174,10 +170,15 @@ fn performed(
     player.extend(common.iter().cloned());
     player.extend(words(&["--", &args.pen]));
     crew.start("player", &player)?;
-    crew.follow(&mut watch, args.seconds)?;
+    let followed = crew.follow(&mut watch, args.seconds)?;
+    // After a stop it is the evidence that counts: what cannot be let go of in order any more must not cost the report.
+    let let_go = |crew: &mut Crew, watch: &mut Watch| match (followed, crew.let_go(watch)) {
+        (Followed::Whole, Err(failure)) => Err(failure),
+        _ => Ok(()),
+    };
 
     crew.end("player")?;
-    crew.let_go(&mut watch)?;
+    let_go(&mut crew, &mut watch)?;
     crew.end("arm")?;
     let mut evidence = watch.last_words();
     drop(foretrace);
@@ -186,7 +187,7 @@ fn performed(
 
     let plane = config.follower_settings().plane;
     evidence.pen = evidence::pen(&scratch.file("pen.csv"), &plane)?;
-    evidence.tool = evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
+    (evidence.tool, evidence.extent) = evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
     evidence.arm = evidence::report(&scratch.file("arm.json"))?;
     evidence.player = evidence::report(&scratch.file("pen.json"))?;
     Ok(evidence)

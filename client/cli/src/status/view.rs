@@ -2,11 +2,13 @@
 
 use std::fmt::Write as _;
 
-use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, TrustReason, missing_rights};
+use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, StopCause, TrustReason, missing_rights};
 use serde_json::{Map, Value, json};
 
 use super::chain;
+use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
+use crate::stopped;
 
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
 pub(crate) fn text(status: &Status, age_ns: u64) -> String {
@@ -24,6 +26,17 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         seconds(status.uptime_ns),
         milliseconds(age_ns),
     ));
+    if status.stop.at_ns != 0 {
+        let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+        let stopped = matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault));
+        // Of a stop that is over only what was seen is left.
+        if stopped {
+            line(format_args!("stopped     {}", stopped::reason(fault, &status.stop)));
+            line(format_args!("to do       {}", stopped::remedy(fault)));
+        } else if status.stop.cause != 0 {
+            line(format_args!("last stop   {}", status.stop));
+        }
+    }
     line(format_args!(
         "loop        {:.0} Hz set, {:.1} Hz measured   tick {}   {} overruns   {} periods skipped   {} shed",
         status.rate_hz,
@@ -71,6 +84,9 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         "dead man    {} messages dropped   {} rejected",
         counts.enable_dropped, counts.enable_rejected
     ));
+    if let Some(extent) = ExtentFigures::told(&status.extent) {
+        line(format_args!("tool        {extent}{}", slow(status.arm_speed_share)));
+    }
     line(format_args!("chain       {}", chain::text(status)));
     line(format_args!("ghost       {}", Comparison::of(status).now()));
     line(format_args!(
@@ -178,6 +194,17 @@ pub(crate) fn json(status: &Status) -> Value {
             "commands_sent": counts.commands_sent,
             "commands_failed": counts.commands_failed,
         },
+        "stop": {
+            "reason": label::<FaultReason>(status.fault),
+            "cause": label::<StopCause>(status.stop.cause),
+            "joint": (status.stop.joint >= 0).then_some(status.stop.joint),
+            "amount": status.stop.amount,
+            "limit": status.stop.limit,
+            "at_ns": (status.stop.at_ns != 0).then_some(status.stop.at_ns),
+            "detail": status.stop.to_string(),
+        },
+        "envelope": ExtentFigures::told(&status.extent),
+        "arm_speed_share": (status.arm_speed_share >= 0.0).then_some(status.arm_speed_share),
         "chain": chain::json(status),
         "arm_lag": chain::lag_json(status),
         "ghost": Comparison::of(status),
@@ -216,6 +243,15 @@ fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
 }
 
+/// An arm that does not do all that is asked of it.
+fn slow(share: f64) -> String {
+    if (0.0..0.95).contains(&share) {
+        format!("   the arm moves at about {:.0} % of what is asked", share * 100.0)
+    } else {
+        String::new()
+    }
+}
+
 pub(super) fn age_ms(ns: u64) -> Option<f64> {
     (ns != u64::MAX).then_some(ns as f64 * 1e-6)
 }
@@ -234,6 +270,8 @@ fn seconds(ns: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use foretrace_shm::{StopDetail, ToolExtent};
+
     use super::*;
 
     #[test]
@@ -251,6 +289,39 @@ mod tests {
         for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest never old"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
+    }
+
+    #[test]
+    fn stop_is_told_with_evidence_and_remedy_and_later_as_the_last_one() {
+        let stop = StopDetail {
+            cause: StopCause::Height.into(),
+            joint: -1,
+            amount: -0.04,
+            limit: -0.0025,
+            at_ns: 7,
+        };
+        let extent =
+            ToolExtent { height_min_m: -0.04, height_max_m: 0.01, outside_max_m: 0.0, tilt_max_rad: 0.1 };
+        let (mode, fault) = (Mode::Stopped.into(), FaultReason::Envelope.into());
+        let mut status = Status { mode, fault, stop, extent, arm_speed_share: 0.3, ..Status::default() };
+        let page = text(&status, 0);
+        for words in [
+            "stopped     tool envelope: the tool is -40.0 mm",
+            "to do ",
+            "tool        -40.0 to 10.0 mm",
+            "30 % of",
+        ] {
+            assert!(page.contains(words), "{words} missing in\n{page}");
+        }
+        let value = json(&status);
+        assert_eq!(
+            (&value["stop"]["cause"], &value["stop"]["joint"]),
+            (&json!("height over the paper"), &Value::Null)
+        );
+        assert_eq!(value["envelope"]["height_min_m"], -0.04);
+        status.mode = Mode::Following.into();
+        let page = text(&status, 0);
+        assert!(page.contains("last stop   the tool is") && !page.contains("to do"), "{page}");
     }
 
     #[test]

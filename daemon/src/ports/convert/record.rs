@@ -1,5 +1,6 @@
 //! Ticks as others see them: records, counters and the newest tick's part of the status.
 
+use foretrace_control::extent::Extent;
 use foretrace_control::follower::{Health, Mode, Rung, StepOutput};
 use foretrace_control::ghost::{GhostFigures, GhostReport, GhostState, Tracking};
 use foretrace_control::guard::Reasons;
@@ -182,6 +183,18 @@ pub fn tick_record(
         record.set_stage(stage, ns);
     }
     record
+}
+
+/// Where the measured tool has been.
+#[must_use]
+pub const fn extent(extent: &Extent) -> shm::ToolExtent {
+    let [height_min_m, height_max_m] = extent.height_m;
+    shm::ToolExtent {
+        height_min_m,
+        height_max_m,
+        outside_max_m: extent.outside_m,
+        tilt_max_rad: extent.tilt_rad,
+    }
 }
 
 /// How late the arm is, and what the plan makes of it.

@@ -1,0 +1,71 @@
+//! A latched stop in words: what fired, with what evidence, which setting bounds it, and what to do.
+
+use foretrace_client::{FaultReason, StopDetail};
+
+/// What fired and its evidence, one line without an end: `tracking error: joint 3 is 0.213 rad from ...`.
+pub(crate) fn reason(fault: FaultReason, detail: &StopDetail) -> String {
+    let name = match fault {
+        FaultReason::None => FaultReason::Requested.label(),
+        other => other.label(),
+    };
+    let evidence = detail.to_string();
+    if evidence.is_empty() { name.to_owned() } else { format!("{name}: {evidence}") }
+}
+
+/// What to do about it, and the settings that bound it.
+pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
+    match fault {
+        FaultReason::None | FaultReason::Requested => {
+            "somebody asked for it: `foretrace request arm` goes on"
+        }
+        FaultReason::TimeLost => {
+            "the machine stood still for longer than safety.latch_after_ms: find what held it up with `foretrace doctor`, then arm again"
+        }
+        FaultReason::JointStateStale => {
+            "no joint state came for longer than safety.joint_state_timeout_ms: look at the arm's process, then arm again"
+        }
+        FaultReason::RobotStopped => {
+            "the arm's own safety system stopped it: clear that at the arm, then arm again"
+        }
+        FaultReason::TrackingError => {
+            "the arm did not go where it was told (bounds: safety.tracking): look what holds or drives it, then disarm and arm again"
+        }
+        FaultReason::DeadMan => {
+            "the dead-man switch was released or silent for longer than safety.enable_timeout_ms: hold it, then arm again"
+        }
+        FaultReason::Overruns => {
+            "the loop cannot keep its rate on this machine (bounds: safety.overruns): lower loop.rate_hz, use the exact solver, or see `foretrace doctor`"
+        }
+        FaultReason::Envelope => {
+            "the tool could not be kept over the paper and in the workspace (bounds: safety.envelope): look at plane.workspace_m and mpc.limits, then arm again"
+        }
+        FaultReason::CommandNotSent
+        | FaultReason::NotFinite
+        | FaultReason::ForeignPeer
+        | FaultReason::Internal => "see the daemon's messages",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foretrace_client::StopCause;
+
+    use super::*;
+
+    #[test]
+    fn every_reason_has_words_and_a_remedy() {
+        let detail = StopDetail {
+            cause: StopCause::JointDeviation.into(),
+            joint: 3,
+            amount: 0.213,
+            limit: 0.05,
+            at_ns: 1,
+        };
+        for fault in FaultReason::ALL {
+            assert!(!remedy(*fault).is_empty());
+            let (bare, told) = (reason(*fault, &StopDetail::NONE), reason(*fault, &detail));
+            assert!(!bare.contains(':') && told.starts_with(&bare), "{bare} / {told}");
+            assert!(told.contains("joint 3 is 0.213 rad") && told.contains("limit 0.050 rad"), "{told}");
+        }
+    }
+}
