@@ -1,8 +1,8 @@
 //! The hardware interface's end: `Commands` in, `JointStates` out, and what a command asks for at an instant.
 
 use foretrace_shm::{
-    HeaderBounds, JOINTS, JointCommand, JointState, Message, PublishError, Publisher, Rejections,
-    ServiceError, Subscriber, command_flags, monotonic_now_ns,
+    HeaderBounds, JOINTS, JointCommand, JointState, Message, PublishError, Publisher, RejectReason,
+    Rejection, Rejections, ServiceError, Subscriber, Validate, command_flags, monotonic_now_ns,
 };
 
 use crate::Foretrace;
@@ -128,11 +128,30 @@ impl Commands {
     }
 }
 
+/// Why a joint state was not sent.
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum StateError {
+    /// The daemon would refuse it.
+    #[error("the joint state makes no sense: {0}")]
+    Invalid(#[from] Rejection),
+    /// It could not be delivered.
+    #[error("the joint state was not sent: {0}")]
+    NotSent(#[from] PublishError),
+}
+
 impl JointStates {
-    /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled in.
+    /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled in. What the daemon
+    /// would refuse, degrees or NaN for example, is refused here. Returns whether the daemon was connected.
     ///
-    /// *Errors*: [`PublishError`].
-    pub fn publish(&mut self, stamp_ns: u64, state: JointState) -> Result<bool, PublishError> {
+    /// *Errors*: see [`StateError`]; nothing is sent then.
+    pub fn publish(&mut self, stamp_ns: u64, state: JointState) -> Result<bool, StateError> {
+        state.validate()?;
+        let ahead_ns = stamp_ns.saturating_sub(monotonic_now_ns());
+        if ahead_ns > HeaderBounds::DEFAULT.future_ns {
+            let [ahead_s, bound_s] = [ahead_ns, HeaderBounds::DEFAULT.future_ns].map(|ns| ns as f64 * 1e-9);
+            let future = Rejection::new(RejectReason::FromTheFuture, "stamp_ns");
+            return Err(future.because(ahead_s, bound_s).into());
+        }
         Ok(self.publisher.publish(stamp_ns, state)? > 0)
     }
 }

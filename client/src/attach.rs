@@ -84,10 +84,7 @@ impl Foretrace {
     fn try_attach(instance: &Instance) -> Result<Self, ServiceError> {
         let session = Session::open(instance, "foretrace-client")?;
         let services = Services::open(&session)?;
-        let daemon = instance.daemon().ok_or_else(|| ServiceError::NoDaemon {
-            number: instance.number(),
-            root: instance.root().to_path_buf(),
-        })?;
+        let daemon = instance.daemon().ok_or_else(|| ServiceError::no_daemon(instance))?;
         Ok(Self { session, services, daemon })
     }
 }

@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const LINE_LIMIT: u64 = 4096;
 
 /// Why readings cannot go through the gateway.
-#[derive(Debug, thiserror::Error)]
+#[derive(thiserror::Error)]
 pub enum GatewayError {
     /// No connection.
     #[error("{}: {source}: is `foretrace gateway` running, and may this user write to its socket?", path.display())]

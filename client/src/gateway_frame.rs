@@ -40,7 +40,7 @@ const LENGTH_BYTES: usize = 4;
 const BODY_BYTES: usize = FRAME_BYTES - LENGTH_BYTES;
 
 /// Why a frame is none; the sender speaks another language, so nothing after it can be trusted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Another length than version 1 has.
     #[error("a frame of length {0}, expected {BODY_BYTES}")]

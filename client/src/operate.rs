@@ -10,7 +10,7 @@ use foretrace_shm::{
 use crate::Foretrace;
 
 /// Why a request did not succeed.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Clone, PartialEq, thiserror::Error)]
 pub enum RequestError {
     /// The request itself makes no sense and was not sent.
     #[error("{0}")]

@@ -44,7 +44,7 @@ impl PenReading {
 }
 
 /// Why a reading was not sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FeedError {
     /// The daemon would refuse it.
     #[error("the pen reading makes no sense: {0}")]

@@ -3,7 +3,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
 
-use crate::check::{known, within};
+use crate::check::{known, number};
 use crate::layout::wire;
 use crate::{ControlOp, ControlStatus, PredictorId, RejectReason, Rejection, Validate};
 
@@ -101,11 +101,11 @@ impl fmt::Display for ControlResponse {
 impl Validate for ControlRequest {
     fn validate(&self) -> Result<(), Rejection> {
         let op = known::<_, ControlOp>("op", self.op)?;
-        within("value", &[self.value], 1e6)?;
+        number("value", self.value, 1e6)?;
         match op {
             // Compared as it is: a difference would round the smallest negative numbers to legal ones.
             ControlOp::SetTrust if !(0.0..=1.0).contains(&self.value) => {
-                Err(Rejection { reason: RejectReason::OutOfRange, field: "value" })
+                Err(Rejection::new(RejectReason::OutOfRange, "value"))
             }
             ControlOp::SwitchPredictor => known::<_, PredictorId>("param", self.param).map(|_| ()),
             _ => Ok(()),
@@ -116,7 +116,7 @@ impl Validate for ControlRequest {
 impl Validate for ControlResponse {
     fn validate(&self) -> Result<(), Rejection> {
         known::<_, ControlStatus>("status", self.status)?;
-        within("message_len", &[f64::from(self.message_len)], MESSAGE_BYTES as f64)
+        number("message_len", f64::from(self.message_len), MESSAGE_BYTES as f64)
     }
 }
 
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn unknown_operations_and_predictors_are_refused() {
         let unknown = ControlRequest { op: 9, ..request(ControlOp::Query) };
-        assert_eq!(unknown.validate(), Err(Rejection { reason: RejectReason::UnknownEnum, field: "op" }));
+        assert_eq!(unknown.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "op")));
         let unknown = ControlRequest { param: 8, ..request(ControlOp::SwitchPredictor) };
         assert_eq!(unknown.validate().unwrap_err().field, "param");
     }

@@ -47,7 +47,7 @@ pub struct ControlClient {
 }
 
 /// Why a request got no usable answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum AskError {
     /// The daemon is gone.
     #[error("no daemon answers requests: is it running?")]
@@ -111,7 +111,7 @@ impl ControlServer {
         for _ in 0..CONTROL_CLIENTS * CONTROL_OPEN_REQUESTS {
             let open = self.port.receive().ok()??;
             let call = Call { request: *open, open, boot_id: self.boot_id, daemon_id: self.daemon_id };
-            let foreign = Rejection { reason: RejectReason::ForeignBoot, field: "boot_id" };
+            let foreign = Rejection::new(RejectReason::ForeignBoot, "boot_id");
             let checked =
                 if call.request.boot_id == self.boot_id { call.request.validate() } else { Err(foreign) };
             let Err(rejection) = checked else {

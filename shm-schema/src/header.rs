@@ -65,23 +65,29 @@ impl HeaderCheck {
     ///
     /// *Errors*: `ForeignBoot`, `FromTheFuture`, `TooOld`, `Replayed`, `TimeBackwards`.
     pub fn admit(&mut self, header: &Header, now_ns: u64) -> Result<(), Rejection> {
-        let refuse = |reason, field| Err(Rejection { reason, field });
+        let refuse = |reason, field, value, bound| Err(Rejection::new(reason, field).because(value, bound));
+        let seconds = |ns: u64| ns as f64 * 1e-9;
         if header.boot_id != self.boot_id {
-            return refuse(RejectReason::ForeignBoot, "boot_id");
+            return refuse(RejectReason::ForeignBoot, "boot_id", f64::NAN, f64::NAN);
         }
-        if header.stamp_ns.saturating_sub(now_ns) > self.bounds.future_ns {
-            return refuse(RejectReason::FromTheFuture, "stamp_ns");
+        let ahead_ns = header.stamp_ns.saturating_sub(now_ns);
+        if ahead_ns > self.bounds.future_ns {
+            let bound_s = seconds(self.bounds.future_ns);
+            return refuse(RejectReason::FromTheFuture, "stamp_ns", seconds(ahead_ns), bound_s);
         }
-        if header.age_ns(now_ns) > self.bounds.age_ns {
-            return refuse(RejectReason::TooOld, "stamp_ns");
+        let age_ns = header.age_ns(now_ns);
+        if age_ns > self.bounds.age_ns {
+            return refuse(RejectReason::TooOld, "stamp_ns", seconds(age_ns), seconds(self.bounds.age_ns));
         }
         if let Some(last) = self.last {
             let newer = header.sequence > last.sequence;
             if newer && header.stamp_ns < last.stamp_ns {
-                return refuse(RejectReason::TimeBackwards, "stamp_ns");
+                let back_s = seconds(last.stamp_ns - header.stamp_ns);
+                return refuse(RejectReason::TimeBackwards, "stamp_ns", back_s, 0.0);
             }
             if !newer && header.stamp_ns <= last.stamp_ns {
-                return refuse(RejectReason::Replayed, "sequence");
+                let (sequence, seen) = (header.sequence as f64, last.sequence as f64);
+                return refuse(RejectReason::Replayed, "sequence", sequence, seen);
             }
             let lost = if newer {
                 header.sequence - last.sequence - 1

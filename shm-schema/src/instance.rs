@@ -32,7 +32,7 @@ pub struct Instance {
 }
 
 /// Why an instance cannot be used.
-#[derive(Debug, thiserror::Error)]
+#[derive(thiserror::Error)]
 pub enum InstanceError {
     /// The path leaves no room for socket names.
     #[error(
@@ -166,6 +166,20 @@ impl Instance {
     /// The middleware's settings; explicit, because its default look-up reads `./config/iceoryx2.toml`.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// Another user whose instance of the same number has its directory beside this one's; `None` where there is none to be
+    /// seen: directories below `/run/user` show nothing to others.
+    #[must_use]
+    pub fn foreign_owner(&self) -> Option<u32> {
+        let user = crate::effective_user();
+        let end = format!("-{}", self.number);
+        fs::read_dir("/tmp").ok()?.flatten().find_map(|entry| {
+            let name = entry.file_name();
+            let owner = name.to_str()?.strip_prefix("foretrace-")?.strip_suffix(&end)?.parse::<u32>().ok()?;
+            let found = fs::symlink_metadata(entry.path()).ok()?;
+            (owner != user && found.is_dir() && found.uid() == owner).then_some(owner)
+        })
     }
 
     /// Check that the root directory exists and belongs to this user alone.

@@ -82,8 +82,9 @@ wire! {
     }
 }
 
-/// Largest joint position on the wire [rad].
-pub const JOINT_POSITION_LIMIT_RAD: f64 = 100.0;
+/// Largest joint position on the wire [rad]: two turns, one more than any joint of a UR has. An arm that speaks degrees is
+/// found by it wherever a joint stands beyond 12.6 degrees.
+pub const JOINT_POSITION_LIMIT_RAD: f64 = 4.0 * std::f64::consts::PI;
 /// Largest joint velocity on the wire [rad/s].
 pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
 /// Largest effort on the wire [A] or [Nm].
@@ -138,16 +139,16 @@ mod tests {
             assert_eq!(command.validate().unwrap_err().reason, RejectReason::NotFinite);
             let mut state = JointState::default();
             state.qd[joint] = -101.0;
-            assert_eq!(state.validate(), Err(Rejection { reason: RejectReason::OutOfRange, field: "qd" }));
+            assert_eq!(state.validate(), Err(Rejection::new(RejectReason::OutOfRange, "qd")));
         }
     }
 
     #[test]
     fn unknown_modes_and_flags_are_refused() {
         let command = JointCommand { mode: 6, ..Default::default() };
-        assert_eq!(command.validate(), Err(Rejection { reason: RejectReason::UnknownEnum, field: "mode" }));
+        assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
         let command = JointCommand { flags: 8, ..Default::default() };
-        assert_eq!(command.validate(), Err(Rejection { reason: RejectReason::UnknownFlags, field: "flags" }));
+        assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "flags")));
         let state = JointState { safety_mode: 99, ..Default::default() };
         assert_eq!(state.validate().unwrap_err().field, "safety_mode");
         let state = JointState { robot_mode: 10, ..Default::default() };

@@ -12,6 +12,7 @@
 
 pub mod layout;
 pub use layout::Wire;
+mod sentence;
 mod vocabulary;
 pub use vocabulary::*;
 mod robot_mode;
@@ -32,6 +33,8 @@ mod arm_lag;
 pub use arm_lag::*;
 mod tick_record;
 pub use tick_record::*;
+mod refused;
+pub use refused::*;
 mod stop_detail;
 pub use stop_detail::*;
 mod status;

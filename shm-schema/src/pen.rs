@@ -2,9 +2,9 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::{flags, within};
+use crate::check::{flags, number};
 use crate::layout::wire;
-use crate::{Header, RejectReason, Rejection, Validate, pen_flags};
+use crate::{Header, Rejection, Validate, pen_flags};
 
 wire! {
     /// One reading of the pen. Positions are in metres in the device's plane, x right, y away from the writer.
@@ -41,16 +41,13 @@ impl PenSample {
 
 impl Validate for PenSample {
     fn validate(&self) -> Result<(), Rejection> {
-        within("x_m", &[self.x_m], PEN_POSITION_LIMIT_M)?;
-        within("y_m", &[self.y_m], PEN_POSITION_LIMIT_M)?;
-        if !self.pressure.is_finite() {
-            return Err(Rejection { reason: RejectReason::NotFinite, field: "pressure" });
-        }
-        if self.pressure > 1.0 {
-            return Err(Rejection { reason: RejectReason::OutOfRange, field: "pressure" });
-        }
-        within("tilt_x_rad", &[f64::from(self.tilt_x_rad)], std::f64::consts::PI)?;
-        within("tilt_y_rad", &[f64::from(self.tilt_y_rad)], std::f64::consts::PI)?;
+        number("x_m", self.x_m, PEN_POSITION_LIMIT_M)?;
+        number("y_m", self.y_m, PEN_POSITION_LIMIT_M)?;
+        // Any negative number stands for unknown.
+        let unknown = self.pressure < 0.0 && self.pressure.is_finite();
+        number("pressure", if unknown { 0.0 } else { f64::from(self.pressure) }, 1.0)?;
+        number("tilt_x_rad", f64::from(self.tilt_x_rad), std::f64::consts::PI)?;
+        number("tilt_y_rad", f64::from(self.tilt_y_rad), std::f64::consts::PI)?;
         flags("flags", self.flags, pen_flags::ALL)
     }
 }
@@ -58,6 +55,7 @@ impl Validate for PenSample {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::RejectReason;
 
     fn good() -> PenSample {
         PenSample {
@@ -89,7 +87,7 @@ mod tests {
             (PenSample { flags: 1 << 20, ..good() }, RejectReason::UnknownFlags, "flags"),
         ];
         for (sample, reason, field) in cases {
-            assert_eq!(sample.validate(), Err(Rejection { reason, field }));
+            assert_eq!(sample.validate(), Err(Rejection::new(reason, field)));
         }
     }
 }

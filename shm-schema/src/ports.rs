@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Why a message did not go out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PublishError {
     /// No free place in the publisher's segment.
     #[error("no shared memory left for the message")]
@@ -87,6 +87,7 @@ impl<T: Message> Topic<T> {
             buffer,
             check: HeaderCheck::new(host_boot_id(), bounds),
             rejections: Rejections::ZERO,
+            newest_refused: None,
             received: 0,
             failures: 0,
         })
@@ -138,6 +139,7 @@ pub struct Subscriber<T: Message> {
     buffer: usize,
     check: HeaderCheck,
     rejections: Rejections,
+    newest_refused: Option<(Rejection, u64)>,
     received: u64,
     failures: u64,
 }
@@ -163,6 +165,7 @@ impl<T: Message> Subscriber<T> {
             }
             Err(rejection) => {
                 self.rejections.count(rejection);
+                self.newest_refused = Some((rejection, now_ns));
                 Some(Err(rejection))
             }
         }
@@ -210,6 +213,11 @@ impl<T: Message> Subscriber<T> {
     /// Refused messages by reason.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
+    }
+
+    /// The newest refusal, and when it was [ns].
+    pub fn newest_refused(&self) -> Option<(Rejection, u64)> {
+        self.newest_refused
     }
 
     /// Receives that failed in the middleware.

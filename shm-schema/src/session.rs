@@ -11,18 +11,20 @@ use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, NodeName, SignalHandlingMod
 use crate::{Instance, InstanceError, InstanceLock};
 
 /// Why a service could not be created, opened or used.
-#[derive(Debug, thiserror::Error)]
+#[derive(thiserror::Error)]
 pub enum ServiceError {
     /// Nobody to talk to.
     #[error(
-        "no daemon running for instance {number} (looked in {}): start it with `foretrace daemon{}`",
-        root.display(), if *number == 0 { String::new() } else { format!(" --instance {number}") }
+        "no daemon running for instance {number} (looked in {}): {}",
+        root.display(), remedy(*number, *foreign)
     )]
     NoDaemon {
         /// Number of the instance.
         number: u32,
         /// Where it was looked for.
         root: PathBuf,
+        /// Another user who seems to run one under this number.
+        foreign: Option<u32>,
     },
     /// The other side was built from other message definitions.
     #[error(
@@ -115,6 +117,30 @@ pub enum ServiceError {
     },
 }
 
+impl ServiceError {
+    /// Nobody runs `instance`; looks whether another user does.
+    #[must_use]
+    pub fn no_daemon(instance: &Instance) -> Self {
+        Self::NoDaemon {
+            number: instance.number(),
+            root: instance.root().to_path_buf(),
+            foreign: instance.foreign_owner(),
+        }
+    }
+}
+
+/// What to do where no daemon runs.
+fn remedy(number: u32, foreign: Option<u32>) -> String {
+    let option = if number == 0 { String::new() } else { format!(" --instance {number}") };
+    match foreign {
+        None => format!("start it with `foretrace daemon{option}`"),
+        Some(user) => format!(
+            "user {user} seems to run one, whose shared memory is that user's alone: run as that user, send the pen \
+             through that user's `foretrace gateway`, or start your own with `foretrace daemon{option}`"
+        ),
+    }
+}
+
 /// Upper bound of the shared memory that one more peer takes, the daemon's ends of its connections included.
 pub const PEER_MEMORY_LIMIT_BYTES: u64 = 1 << 20;
 
@@ -137,8 +163,7 @@ impl Session {
     ///
     /// *Errors*: `NoDaemon`, `NoSpace`, `Permission`, `Middleware`, `Instance`.
     pub fn open(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
-        let no_daemon =
-            || ServiceError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() };
+        let no_daemon = || ServiceError::no_daemon(instance);
         match instance.check_root() {
             Err(InstanceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
                 return Err(no_daemon());
@@ -178,7 +203,7 @@ impl Session {
     }
 
     pub(crate) fn no_daemon(&self) -> ServiceError {
-        ServiceError::NoDaemon { number: self.instance.number(), root: self.instance.root().to_path_buf() }
+        ServiceError::no_daemon(&self.instance)
     }
 
     pub(crate) fn damaged(&self, service: &'static str) -> ServiceError {

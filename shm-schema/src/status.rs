@@ -5,8 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Mode, PredictorId, Rejection, STAGES, Stage,
-    StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
+    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Mode, PredictorId, Refused, Rejection, STAGES,
+    Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
 };
 
 wire! {
@@ -141,6 +141,14 @@ wire! {
         pub extent: ToolExtent,
         /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
         pub arm_speed_share: f64,
+        /// The newest pen sample that was refused.
+        pub pen_refused: Refused,
+        /// The newest joint state that was refused.
+        pub joints_refused: Refused,
+        /// The newest dead-man message that was refused.
+        pub enable_refused: Refused,
+        /// The newest echo of a command that was not believed.
+        pub echo_refused: Refused,
         /// Reserved, zero.
         pub reserved: [u64; 2],
     }
@@ -174,7 +182,7 @@ mod tests {
     fn unknown_modes_and_rights_are_refused() {
         assert_eq!(Status::default().validate(), Ok(()));
         let status = Status { mode: 77, ..Default::default() };
-        assert_eq!(status.validate(), Err(Rejection { reason: RejectReason::UnknownEnum, field: "mode" }));
+        assert_eq!(status.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
         let status = Status { missing_rights: u32::MAX, ..Default::default() };
         assert_eq!(status.validate().unwrap_err().reason, RejectReason::UnknownFlags);
     }

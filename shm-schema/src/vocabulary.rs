@@ -6,7 +6,7 @@
 use std::fmt;
 
 /// A number on the wire that stands for nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{value} is not a known {kind}")]
 pub struct UnknownValue {
     /// Name of the enumeration.

@@ -236,8 +236,22 @@ fn layouts_are_pinned() {
         &[("height_min_m", 0, 8), ("height_max_m", 8, 8), ("outside_max_m", 16, 8), ("tilt_max_rad", 24, 8)],
         0x10c63dc9a6875811,
     );
+    pinned::<Refused>(
+        40,
+        8,
+        &[
+            ("reason", 0, 4),
+            ("field", 4, 4),
+            ("index", 8, 4),
+            ("reserved", 12, 4),
+            ("value", 16, 8),
+            ("bound", 24, 8),
+            ("at_ns", 32, 8),
+        ],
+        0x3cdab4209f9122a2,
+    );
     pinned::<Status>(
-        1016,
+        1176,
         8,
         &[
             ("header", 0, 24),
@@ -279,9 +293,13 @@ fn layouts_are_pinned() {
             ("stop", 928, 32),
             ("extent", 960, 32),
             ("arm_speed_share", 992, 8),
-            ("reserved", 1000, 16),
+            ("pen_refused", 1000, 40),
+            ("joints_refused", 1040, 40),
+            ("enable_refused", 1080, 40),
+            ("echo_refused", 1120, 40),
+            ("reserved", 1160, 16),
         ],
-        0xbd12ededd0b2a7a3,
+        0x7ee70a944cbc949c,
     );
     pinned::<ControlRequest>(
         32,
@@ -308,11 +326,11 @@ fn layouts_are_pinned() {
 }
 
 #[test]
-fn every_message_fits_a_quarter_of_a_page_but_telemetry() {
-    assert!(size_of::<TickRecord>() <= 2048);
-    for size in
-        [size_of::<PenSample>(), size_of::<JointCommand>(), size_of::<JointState>(), size_of::<Status>()]
-    {
+fn what_ticks_wait_for_fits_a_quarter_of_a_page_and_the_rest_half_of_one() {
+    for size in [size_of::<TickRecord>(), size_of::<Status>()] {
+        assert!(size <= 2048, "{size}");
+    }
+    for size in [size_of::<PenSample>(), size_of::<JointCommand>(), size_of::<JointState>()] {
         assert!(size <= 1024, "{size}");
     }
 }

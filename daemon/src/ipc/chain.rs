@@ -8,8 +8,9 @@ use std::collections::VecDeque;
 use hdrhistogram::Histogram;
 
 use foretrace_control::units::Stamp;
+use foretrace_shm::{RejectReason, Rejection};
 
-use crate::ports::Echo;
+use crate::ports::{Echo, Refused};
 use crate::rt::evidence::Evidence;
 
 /// Commands that an echo may still name: a second at 1 kHz.
@@ -49,6 +50,7 @@ pub struct ChainWatch {
     sent: VecDeque<Sent>,
     echoed: Option<Echo>,
     transport: Option<u64>,
+    refused: Option<Refused>,
     pen: Option<(Stamp, u64)>,
     since: Option<Stamp>,
     /// In the order of the fields of [`Parts`].
@@ -63,6 +65,7 @@ impl ChainWatch {
             sent: VecDeque::with_capacity(KEPT),
             echoed: None,
             transport: None,
+            refused: None,
             pen: None,
             since: None,
             recent: std::array::from_fn(|_| Recent::new()),
@@ -91,7 +94,11 @@ impl ChainWatch {
         let news = evidence.echo != self.echoed;
         if news {
             self.echoed = evidence.echo;
-            self.transport = evidence.echo.and_then(|echo| self.transport_of(&echo));
+            let outcome = evidence.echo.map(|echo| self.transport_of(&echo));
+            self.transport = outcome.and_then(|outcome| outcome.ok().flatten());
+            if let Some(Err(why)) = outcome {
+                self.refused = Some(Refused { why, at: now });
+            }
         }
         let origin = output.pen_origin;
         let pen = output.pen_stamp.map(|stamp| (stamp, origin.sequence));
@@ -127,12 +134,32 @@ impl ChainWatch {
         Parts { pen_reader, pen_transport, pen_age, compute, command_transport }
     }
 
-    /// From publishing to acceptance of the command that `echo` names.
-    fn transport_of(&self, echo: &Echo) -> Option<u64> {
-        let sent = self.sent.iter().rev().find(|sent| sent.tick == echo.tick)?;
-        let same = sent.pen_sequence == echo.pen_sequence && sent.pen_stamp == echo.pen_stamp;
-        let ns = u64::try_from(echo.accepted?.since(sent.published)).ok()?;
-        same.then_some(ns)
+    /// The newest echo that was not believed.
+    #[must_use]
+    pub const fn refused(&self) -> Option<Refused> {
+        self.refused
+    }
+
+    /// From publishing to acceptance of the command that `echo` names; `None` where it does not tell.
+    ///
+    /// # Errors
+    /// Why the echo is not believed.
+    fn transport_of(&self, echo: &Echo) -> Result<Option<u64>, Rejection> {
+        let why = |reason, field, value, bound| Rejection::new(reason, field).because(value, bound);
+        let Some(sent) = self.sent.iter().rev().find(|sent| sent.tick == echo.tick) else {
+            let newest = self.sent.back().map_or(0, |sent| sent.tick);
+            let (tick, newest) = (echo.tick as f64, newest as f64);
+            return Err(why(RejectReason::OutOfRange, "command_tick", tick, newest));
+        };
+        if sent.pen_sequence != echo.pen_sequence || sent.pen_stamp != echo.pen_stamp {
+            let (echoed, sent) = (echo.pen_sequence as f64, sent.pen_sequence as f64);
+            return Err(why(RejectReason::OutOfRange, "pen_sequence", echoed, sent));
+        }
+        let Some(accepted) = echo.accepted else { return Ok(None) };
+        u64::try_from(accepted.since(sent.published)).map(Some).map_err(|_| {
+            let early_s = sent.published.since(accepted) as f64 * 1e-9;
+            why(RejectReason::TimeBackwards, "command_accepted_ns", early_s, 0.0)
+        })
     }
 }
 

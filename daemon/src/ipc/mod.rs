@@ -21,7 +21,7 @@ use tracing::{debug, error};
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{FaultReason, ServiceError, Status, StopDetail, ToolExtent};
+use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
@@ -208,6 +208,7 @@ impl Ipc {
             self.narrator.learner(&event);
         }
         let (mode, trust) = self.mode_and_trust();
+        self.requests.joints_refused(self.newest.as_ref().and_then(|newest| newest.ports.joints_refused));
         self.requests.serve(&mut self.ports.control, &mut self.links.rings, mode, trust);
         if changed || now >= self.next_status {
             self.next_status = now.plus_ns(self.settings.status_period_ns);
@@ -307,6 +308,10 @@ impl Ipc {
             predictor_rms_m: self.predictor.value(),
             predictor_band_m: -1.0,
             stop: StopDetail::NONE,
+            pen_refused: Refused::NONE,
+            joints_refused: Refused::NONE,
+            enable_refused: Refused::NONE,
+            echo_refused: convert::refused::wire(self.chain.refused()),
             extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| convert::extent(&extent)),
             arm_speed_share: -1.0,
             // Not a number where nobody counts: a zero would be a claim.

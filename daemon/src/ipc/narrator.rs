@@ -28,6 +28,7 @@ struct Troubles {
     pen_dropped: u64,
     pen_deferred: u64,
     joints_rejected: u64,
+    enable_rejected: u64,
     joints_dropped: u64,
     evidence_dropped: u64,
     learn_dropped: u64,
@@ -38,16 +39,19 @@ struct Troubles {
 impl Troubles {
     fn of(evidence: &Evidence) -> Self {
         let (tally, ports) = (&evidence.tally, &evidence.ports);
+        let pen = &evidence.output.pen_counters;
+        let by_grid = pen.non_finite + pen.out_of_range + pen.from_future + pen.time_backwards;
         let sum = |counts: &[u64]| counts.iter().fold(0_u64, |sum, n| sum.saturating_add(*n));
         Self {
             overruns: tally.overruns,
             skipped: tally.skipped,
             shed: tally.shed,
             not_sent: ports.commands_failed,
-            pen_rejected: sum(&ports.pen_rejected),
+            pen_rejected: sum(&ports.pen_rejected) + by_grid,
             pen_dropped: ports.pen_dropped,
             pen_deferred: ports.pen_deferred,
             joints_rejected: sum(&ports.joints_rejected),
+            enable_rejected: ports.enable_rejected,
             joints_dropped: ports.joints_dropped,
             evidence_dropped: tally.evidence_dropped,
             learn_dropped: tally.learn_dropped,
@@ -67,6 +71,7 @@ impl Troubles {
             ("pen samples missing", self.pen_dropped, before.pen_dropped),
             ("ticks with more pen samples than one takes", self.pen_deferred, before.pen_deferred),
             ("joint states refused", self.joints_rejected, before.joints_rejected),
+            ("dead-man messages refused", self.enable_rejected, before.enable_rejected),
             ("joint states missing", self.joints_dropped, before.joints_dropped),
             ("tick records lost inside the daemon", self.evidence_dropped, before.evidence_dropped),
             ("grid steps lost on the way to the learner", self.learn_dropped, before.learn_dropped),
@@ -136,7 +141,18 @@ impl Narrator {
             return;
         }
         self.since = None;
-        let lines = now.since(&self.told).join(", ");
+        let mut lines = now.since(&self.told).join(", ");
+        // Who sent what was refused can mend it only if told what was wrong with it.
+        let refusals = [
+            ("pen", convert::refused::pen(evidence), now.pen_rejected > self.told.pen_rejected),
+            ("arm", evidence.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
+            ("dead man", evidence.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
+        ];
+        for (who, refused, more) in refusals {
+            if let Some(refused) = refused.filter(|_| more) {
+                lines = format!("{lines}; {who}: {}", refused.why);
+            }
+        }
         // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its step.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
         warn!(tick = evidence.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");

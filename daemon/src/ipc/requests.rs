@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{self, Receiver, Sender, TryRecvError};
 use tracing::{info, warn};
 
-use foretrace_control::follower::{Mode, Request};
+use foretrace_control::follower::{Mode, Refusal, Request};
 use foretrace_control::units::{Stamp, Trust};
 use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now_ns};
 
+use crate::ports::Refused;
 use crate::ports::convert::{self, Asked as Meaning};
 use crate::rt::evidence::{Answered, Asked};
 use crate::rt::tick::IpcRings;
@@ -52,6 +53,8 @@ pub struct Requests {
     at_supervisor: Vec<(Instant, Call, Receiver<ReloadOutcome>)>,
     answered: u64,
     refused: u64,
+    /// The newest joint state that was refused: it may be why there is none.
+    joints_refused: Option<Refused>,
 }
 
 impl Requests {
@@ -65,7 +68,13 @@ impl Requests {
             at_supervisor: Vec::new(),
             answered: 0,
             refused: 0,
+            joints_refused: None,
         }
+    }
+
+    /// Tells what the newest refused joint state was refused for.
+    pub const fn joints_refused(&mut self, refused: Option<Refused>) {
+        self.joints_refused = refused;
     }
 
     /// Requests answered so far, and how many of them with a refusal.
@@ -148,7 +157,11 @@ impl Requests {
             }
             (Asker::Operator(call), Err(refusal)) => {
                 let (status, text) = convert::refusal(refusal);
-                self.answer(*call, status, answer.mode, answer.trust, text);
+                let text = self.joints_refused.filter(|_| missing_joints(refusal)).map_or_else(
+                    || text.to_owned(),
+                    |refused| format!("the arm's joint states are refused: {}", refused.why),
+                );
+                self.answer(*call, status, answer.mode, answer.trust, &text);
             }
             (Asker::Settings(request), Ok(())) => info!("live setting in force: {request:?}"),
             (Asker::Settings(request), Err(refusal)) => {
@@ -190,4 +203,9 @@ impl Requests {
         // An operator who has gone away needs no answer.
         let _ = call.answer(status, trust.alpha(), convert::mode(mode).into(), text);
     }
+}
+
+/// A refusal that joint states would have prevented, had they been taken.
+const fn missing_joints(refusal: Refusal) -> bool {
+    matches!(refusal, Refusal::NoJointState | Refusal::JointStateStale)
 }

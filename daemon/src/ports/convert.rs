@@ -4,6 +4,7 @@
 //! Messages arrive validated; numbers that the wire has no place for are left out here and nowhere else.
 
 mod record;
+pub mod refused;
 
 pub use record::{IpcTally, chain, counters, extent, ghost_figures, newest_tick, stages, tick_record};
 

@@ -10,6 +10,7 @@ pub mod shm;
 use foretrace_control::follower::{EnableReading, JointCommand, JointReading, Mode, Rung};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
+use foretrace_shm::Rejection;
 
 /// Joints of the arms this daemon moves; the wire carries as many.
 pub const JOINTS: usize = 6;
@@ -102,6 +103,15 @@ pub struct Outgoing {
     pub pen_stamp: Option<Stamp>,
 }
 
+/// The newest refusal of one kind of message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Refused {
+    /// Reason, field, value and bound.
+    pub why: Rejection,
+    /// When.
+    pub at: Stamp,
+}
+
 /// Counts of what came and went since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PortTally {
@@ -123,6 +133,12 @@ pub struct PortTally {
     pub enable_rejected: u64,
     /// Dead-man messages missing in the sender's sequence.
     pub enable_dropped: u64,
+    /// The newest refused pen sample.
+    pub pen_refused: Option<Refused>,
+    /// The newest refused joint state.
+    pub joints_refused: Option<Refused>,
+    /// The newest refused dead-man message.
+    pub enable_refused: Option<Refused>,
     /// Receives that failed in the middleware.
     pub receive_failures: u64,
     /// Commands sent.

@@ -15,7 +15,7 @@ use foretrace_shm::{
     ControlServer, HeaderBounds, Instance, Message, Publisher, ServiceError, Services, Subscriber,
 };
 
-use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, convert};
+use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, Refused, convert};
 
 /// The real-time thread's ports.
 #[derive(Debug)]
@@ -80,6 +80,9 @@ impl Ports for ShmPorts {
         tally.joints_rejected = self.joints.rejections().by_reason;
         tally.enable_rejected = self.enable.rejections().total();
         tally.enable_dropped = self.enable.dropped();
+        tally.pen_refused = refused(&self.pen);
+        tally.joints_refused = refused(&self.joints);
+        tally.enable_refused = refused(&self.enable);
         tally.receive_failures = self.pen.failures() + self.joints.failures() + self.enable.failures();
     }
 
@@ -93,6 +96,10 @@ impl Ports for ShmPorts {
     fn tally(&self) -> &PortTally {
         &self.tally
     }
+}
+
+fn refused<T: Message>(subscriber: &Subscriber<T>) -> Option<Refused> {
+    subscriber.newest_refused().map(|(why, at_ns)| Refused { why, at: Stamp(at_ns) })
 }
 
 /// The ipc thread's ports.

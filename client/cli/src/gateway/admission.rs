@@ -79,16 +79,20 @@ impl Admission {
         }
         sample.validate().map_err(Refusal::Wrong)?;
         let stamp = sample.device_stamp_ns;
-        let wrong = |reason| Err(Refusal::Wrong(Rejection { reason, field: "device_stamp_ns" }));
-        if stamp.saturating_sub(now_ns) > FUTURE_NS {
-            return wrong(RejectReason::FromTheFuture);
+        let wrong = |reason, ns: u64, bound_ns: u64| {
+            let evidence = Rejection::new(reason, "device_stamp_ns");
+            Err(Refusal::Wrong(evidence.because(ns as f64 * 1e-9, bound_ns as f64 * 1e-9)))
+        };
+        let (ahead_ns, age_ns) = (stamp.saturating_sub(now_ns), now_ns.saturating_sub(stamp));
+        if ahead_ns > FUTURE_NS {
+            return wrong(RejectReason::FromTheFuture, ahead_ns, FUTURE_NS);
         }
-        if now_ns.saturating_sub(stamp) > AGE_NS {
-            return wrong(RejectReason::TooOld);
+        if age_ns > AGE_NS {
+            return wrong(RejectReason::TooOld, age_ns, AGE_NS);
         }
         match self.last_ns {
-            Some(last) if stamp == last => return wrong(RejectReason::Replayed),
-            Some(last) if stamp < last => return wrong(RejectReason::TimeBackwards),
+            Some(last) if stamp == last => return wrong(RejectReason::Replayed, 0, 0),
+            Some(last) if stamp < last => return wrong(RejectReason::TimeBackwards, last - stamp, 0),
             _ => {}
         }
         self.last_ns = Some(stamp);

@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, StopCause, TrustReason, missing_rights};
+use foretrace_shm::{
+    FaultReason, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
+};
 use serde_json::{Map, Value, json};
 
 use super::chain;
@@ -84,6 +86,12 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         "dead man    {} messages dropped   {} rejected",
         counts.enable_dropped, counts.enable_rejected
     ));
+    for (who, refused) in refusals(status) {
+        if refused.at_ns != 0 {
+            let ago = status.header.stamp_ns.saturating_sub(refused.at_ns);
+            line(format_args!("refused     {who}: {refused}   ({} ago)", milliseconds(ago)));
+        }
+    }
     if let Some(extent) = ExtentFigures::told(&status.extent) {
         line(format_args!("tool        {extent}{}", slow(status.arm_speed_share)));
     }
@@ -203,6 +211,16 @@ pub(crate) fn json(status: &Status) -> Value {
             "at_ns": (status.stop.at_ns != 0).then_some(status.stop.at_ns),
             "detail": status.stop.to_string(),
         },
+        "refused": refusals(status).map(|(who, refused)| json!({
+            "what": who,
+            "why": refused.rejection().map(|rejection| rejection.to_string()),
+            "reason": refused.rejection().map(|rejection| rejection.reason.label()),
+            "field": refused.rejection().map(|rejection| rejection.field),
+            "index": refused.rejection().and_then(|rejection| rejection.index),
+            "value": refused.rejection().map(|rejection| rejection.value),
+            "bound": refused.rejection().map(|rejection| rejection.bound),
+            "age_ms": age_ms(if refused.at_ns == 0 { u64::MAX } else { status.header.stamp_ns.saturating_sub(refused.at_ns) }),
+        })),
         "envelope": ExtentFigures::told(&status.extent),
         "arm_speed_share": (status.arm_speed_share >= 0.0).then_some(status.arm_speed_share),
         "chain": chain::json(status),
@@ -241,6 +259,16 @@ pub(crate) fn json(status: &Status) -> Value {
 /// The word for a number on the wire.
 fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
+}
+
+/// The newest refusal of each kind of message; also those that never were.
+fn refusals(status: &Status) -> [(&'static str, &Refused); 4] {
+    [
+        ("pen", &status.pen_refused),
+        ("joint state", &status.joints_refused),
+        ("dead man", &status.enable_refused),
+        ("echo", &status.echo_refused),
+    ]
 }
 
 /// An arm that does not do all that is asked of it.

@@ -4,7 +4,7 @@ use crate::ik::IkReport;
 use crate::lag::LagEstimate;
 use crate::learn::LearnStep;
 use crate::mpc::AxisReport;
-use crate::pen::{PenCounters, PenOrigin, PenReading};
+use crate::pen::{PenCounters, PenOrigin, PenReading, PenRefusal};
 use crate::predict::{OnlineWeights, PredictorKind};
 use crate::trust::TrustReport;
 use crate::units::{AxisState, Stamp};
@@ -362,6 +362,8 @@ pub struct StepOutput<const J: usize> {
     pub pen_contact: bool,
     /// Receipts so far.
     pub pen_counters: PenCounters,
+    /// The newest pen sample refused, with the evidence.
+    pub pen_refused: Option<PenRefusal>,
     /// Error of the one-step prediction of the newest closed grid step [m]; `None` when no step closed.
     pub predictor_error: Option<f64>,
     /// The pen is expected within this distance of where the plan's first reference has it, before any velocity lead, in nine of

@@ -239,6 +239,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             pen_position: newest.map_or([0.0; 2], |pen| pen.position),
             pen_contact: newest.is_some_and(|pen| pen.contact),
             pen_counters: self.pen.counters(),
+            pen_refused: self.pen.refused(),
             predictor_error: news.error,
             predictor_band: self.preview.band(now, self.ahead_ns()),
             dead_time_ns: self.dead_time.ns(),

@@ -95,6 +95,21 @@ pub enum PenRejection {
     Outlier,
 }
 
+/// The evidence behind a refusal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PenRefusal {
+    /// Why.
+    pub why: PenRejection,
+    /// Coordinate 0 or 1, where one is to blame.
+    pub axis: Option<u8>,
+    /// The coordinate [m], or how far the stamp lies from where it should [s].
+    pub value: f64,
+    /// The bound that was broken, in the same unit.
+    pub bound: f64,
+    /// The tick that refused it.
+    pub at: Stamp,
+}
+
 /// What became of one reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Receipt {

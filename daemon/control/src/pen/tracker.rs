@@ -6,7 +6,7 @@
 //! costs nothing, a real jump is followed one sample late, and an ordinary sample is never held back.
 
 use super::queue::StepQueue;
-use super::{GridStep, Motion, PenError, PenReading, PenRejection, PenSettings, Receipt};
+use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt};
 use crate::units::Stamp;
 
 /// What happened to all readings so far: `received` = `accepted` + sum of the rejections.
@@ -75,6 +75,7 @@ pub struct PenTracker {
     jumped: bool,
     queue: StepQueue,
     counters: PenCounters,
+    refused: Option<PenRefusal>,
 }
 
 impl PenTracker {
@@ -91,6 +92,7 @@ impl PenTracker {
             jumped: false,
             queue: StepQueue::new(),
             counters: PenCounters::default(),
+            refused: None,
         })
     }
 
@@ -98,7 +100,46 @@ impl PenTracker {
     pub fn ingest(&mut self, now: Stamp, reading: &PenReading) -> Receipt {
         let receipt = self.judge(now, reading);
         self.counters.count(receipt);
+        if let Receipt::Rejected(why) = receipt
+            && let Some(refusal) = self.evidence(now, reading, why)
+        {
+            self.refused = Some(refusal);
+        }
         receipt
+    }
+
+    /// The newest refusal that its sender can mend; glitches and repeated samples are none.
+    #[must_use]
+    pub fn refused(&self) -> Option<PenRefusal> {
+        self.refused
+    }
+
+    fn evidence(&self, now: Stamp, reading: &PenReading, why: PenRejection) -> Option<PenRefusal> {
+        let seconds = |ns: u64| ns as f64 * 1e-9;
+        let limits = self.settings.position_min_m.iter().zip(&self.settings.position_max_m);
+        let mut coordinates = (0_u8..).zip(reading.position.iter().zip(limits));
+        let (axis, value, bound) = match why {
+            PenRejection::Repeat | PenRejection::Outlier => return None,
+            PenRejection::NonFinite => {
+                let (axis, (value, _)) = coordinates.find(|(_, (value, _))| !value.is_finite())?;
+                (Some(axis), *value, f64::NAN)
+            }
+            PenRejection::OutOfRange => {
+                let outside = |value: &f64, (min, max): (&f64, &f64)| !(min <= value && value <= max);
+                let (axis, (value, (min, max))) =
+                    coordinates.find(|(_, (value, limits))| outside(value, *limits))?;
+                (Some(axis), *value, if value < min { *min } else { *max })
+            }
+            PenRejection::FromFuture => {
+                let ahead = seconds(reading.stamp.0.saturating_sub(now.0));
+                (None, ahead, seconds(self.settings.max_future_ns))
+            }
+            PenRejection::TimeBackwards => {
+                let newest = self.newest.map_or(reading.stamp, |newest| newest.stamp);
+                (None, seconds(newest.0.saturating_sub(reading.stamp.0)), 0.0)
+            }
+        };
+        Some(PenRefusal { why, axis, value, bound, at: now })
     }
 
     /// The oldest closed step that was not pulled yet.

@@ -11,7 +11,7 @@ use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{SolverPath, Stage};
 
-use super::{fault, flag, mode, predictor, stop_detail, trust_reason};
+use super::{fault, flag, mode, predictor, refused, stop_detail, trust_reason};
 use crate::ipc::chain::Parts;
 use crate::ports::{JOINTS, PortTally};
 use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
@@ -265,6 +265,9 @@ pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, 
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
+    status.pen_refused = refused::wire(refused::pen(newest));
+    status.joints_refused = refused::wire(newest.ports.joints_refused);
+    status.enable_refused = refused::wire(newest.ports.enable_refused);
     status.arm_lag = arm_lag(output);
     status.stop = stop_detail(&output.stop_detail);
     status.arm_speed_share = output.arm_speed_share.unwrap_or(UNKNOWN);
