@@ -40,9 +40,9 @@ foretrace_shm::debug_is_sentence!(
 
 pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
-    FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState, Mode,
-    PenSample, Percentiles, PredictorId, PublishError, Refused, RejectField, RejectReason, Rejection,
-    Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause, StopDetail,
-    TickRecord, ToolExtent, Tracking, TrustReason, Validate, command_flags, guard_mask, health, host_boot_id,
-    missing_rights, monotonic_now_ns, pen_flags,
+    FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState,
+    LATENCY_BINS, Latency, Mode, PenSample, Percentiles, PredictorId, PublishError, Refused, RejectField,
+    RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
+    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, command_flags,
+    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -37,6 +37,8 @@ mod refused;
 pub use refused::*;
 mod stop_detail;
 pub use stop_detail::*;
+mod latency;
+pub use latency::*;
 mod status;
 pub use status::*;
 mod control;

@@ -5,8 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::check::{flags, known};
 use crate::layout::wire;
 use crate::{
-    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Mode, PredictorId, Refused, Rejection, STAGES,
-    Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
+    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Latency, Mode, PredictorId, Refused, Rejection,
+    STAGES, Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
 };
 
 wire! {
@@ -101,6 +101,10 @@ wire! {
         pub joint_state_age_ns: u64,
         /// Latencies part by part, each the median over about the last second.
         pub chain: Chain,
+        /// From the device stamp of a pen sample to the first command handed over after it was taken in.
+        pub pen_to_command: Latency,
+        /// From a command handed over to the motion that it asks for: to its stamp, and on by the arm's measured lag.
+        pub command_to_motion: Latency,
 
         /// Version of the weights in use.
         pub learner_version: u64,

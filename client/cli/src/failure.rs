@@ -15,6 +15,7 @@ Exit codes:
   4    the daemon refused the request
   5    an input is wrong: settings, recording, reach of the arm
   6    doctor: this machine is unfit for the rate
+  7    status: an alarm's bound was broken
   130  interrupted by Ctrl-C before the result was complete";
 
 /// Why the program ends without a result.
@@ -26,6 +27,7 @@ pub(crate) enum Cause {
     Refused = 4,
     BadInput = 5,
     Unfit = 6,
+    Alarm = 7,
     Interrupted = 130,
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -26,6 +27,14 @@ impl Interrupt {
 
     pub(crate) fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+
+    /// Waits for `pause`, or until the user wants to end.
+    pub(crate) fn wait(&self, pause: Duration) {
+        let end = Instant::now() + pause;
+        while !self.is_set() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(20).min(end - Instant::now().min(end)));
+        }
     }
 
     /// An error if the user wants to end.

@@ -59,6 +59,16 @@ impl JsonArgs {
         Err(Failure::bad_input(what, "give a writable --json FILE"))
     }
 
+    /// Writes `result` as one line of JSON on stdout.
+    pub(crate) fn line<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
+        let mut text = serde_json::to_string(result).map_err(|error| {
+            Failure::failed(format_args!("the result cannot be written as JSON: {error}"), "")
+        })?;
+        text.push('\n');
+        quietly(io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()));
+        Ok(())
+    }
+
     /// Writes `result` where it was asked for, if it was.
     pub(crate) fn write<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
         let Some(path) = &self.json else { return Ok(()) };
@@ -113,7 +123,14 @@ pub(crate) use {note, say};
 /// A closed pipe means that the reader has seen enough.
 fn quietly(written: io::Result<()>) {
     if let Err(error) = written {
-        let code = if error.kind() == io::ErrorKind::BrokenPipe { 0 } else { 1 };
-        std::process::exit(code);
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            std::process::exit(0);
+        }
+        // A full disk or device: said where it can still be heard, for stdout cannot.
+        let _ = writeln!(
+            io::stderr(),
+            "foretrace: stdout cannot be written: {error}; make room there, or write elsewhere"
+        );
+        std::process::exit(1);
     }
 }

@@ -6,6 +6,7 @@
 pub mod allocation;
 pub mod chain;
 pub mod ghost;
+pub mod latency;
 pub mod narrator;
 pub mod requests;
 pub mod statistics;
@@ -34,6 +35,7 @@ use crate::rt::tick::IpcRings;
 use allocation::AllocationJudge;
 use chain::ChainWatch;
 use ghost::GhostShell;
+use latency::Latencies;
 use narrator::Narrator;
 use requests::{ReloadRequest, Requests};
 use statistics::{RateMeter, RunningRms, Spreads};
@@ -142,6 +144,7 @@ struct Ipc {
     judge: AllocationJudge,
     spreads: Spreads,
     chain: ChainWatch,
+    latencies: Latencies,
     rate: RateMeter,
     rate_hz: f64,
     predictor: RunningRms,
@@ -167,6 +170,7 @@ impl Ipc {
             judge: AllocationJudge::new(settings.warm_after_ticks),
             spreads: Spreads::new(),
             chain: ChainWatch::new(),
+            latencies: Latencies::new(),
             rate: RateMeter::default(),
             rate_hz: 0.0,
             // About the last ten seconds at a grid step of 10 ms.
@@ -243,6 +247,7 @@ impl Ipc {
         self.rate_hz = self.rate.measure(evidence);
         if evidence.tick > self.settings.warm_after_ticks {
             self.spreads.add(&evidence.times);
+            self.latencies.tick(evidence);
         }
         if let Some(error) = evidence.output.predictor_error {
             self.predictor.add(error);
@@ -301,6 +306,8 @@ impl Ipc {
             pen_age_ns: u64::MAX,
             joint_state_age_ns: u64::MAX,
             chain: convert::chain(&self.chain.recent()),
+            pen_to_command: self.latencies.pen_to_command(),
+            command_to_motion: self.latencies.command_to_motion(),
             learner_updates: learner.updates,
             learner_promotions: learner.promotions,
             learner_rollbacks: learner.rollbacks,

@@ -1,18 +1,23 @@
 //! `foretrace status`: what the daemon says about itself.
 
-mod view;
+mod alarm;
 mod chain;
+mod screen;
+mod view;
 
 use std::io::IsTerminal;
+use std::path::Path;
 use std::time::Duration;
 
-use foretrace_client::{Foretrace, StatusReader, monotonic_now_ns};
+use foretrace_client::{Foretrace, Status, StatusReader, monotonic_now_ns};
+use serde_json::Value;
 
 use crate::attach::{Lookout, News, unattached};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, say};
 use crate::settings::InstanceArgs;
+use alarm::Alarm;
 
 /// The daemon speaks ten times per second.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -22,10 +27,17 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// Spreads are over all ticks since the daemon started: wakeup is from the planned start of a tick to its real one, step
 /// from there to the command published, the others are its stages.
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace status --watch\n  foretrace status --watch --json - | jq .pen_to_command.p99_us\n  foretrace status --watch --alarm 'pen_to_command.p99_us>5000' --alarm 'loop.overruns>100'"
+)]
 pub(crate) struct StatusArgs {
-    /// Show it anew twice per second until Ctrl-C
-    #[arg(long, conflicts_with = "json")]
+    /// Show it anew until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` a line of JSON per second instead
+    #[arg(long)]
     watch: bool,
+
+    /// End with exit code 7 when a figure of the JSON breaks this bound; may be given several times
+    #[arg(long = "alarm", value_name = "FIGURE>NUMBER", value_parser = alarm::parse)]
+    alarms: Vec<Alarm>,
 
     #[command(flatten)]
     instance: InstanceArgs,
@@ -38,31 +50,62 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let foretrace = args.instance.attach()?;
     let mut reader = foretrace.status().map_err(unattached)?;
+    let known = view::json(&Status::default());
+    for alarm in &args.alarms {
+        alarm.check(&known).map_err(|wrong| Failure::new(Cause::Usage, wrong, ""))?;
+    }
     if args.watch {
-        return watch(foretrace, reader);
+        return watch(args, foretrace, reader);
     }
     let status = reader.next_within(PATIENCE).ok_or_else(|| silent(&foretrace))?;
+    let figures = view::json(&status);
     say!("{}", view::text(&status, status.header.age_ns(monotonic_now_ns())).trim_end());
-    args.json.write(&view::json(&status))
+    args.json.write(&figures)?;
+    judged(&args.alarms, &figures)
 }
 
-fn watch(mut foretrace: Foretrace, mut reader: StatusReader) -> Result<(), Failure> {
+/// Two screens per second, or one line of JSON.
+fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) -> Result<(), Failure> {
+    if args.json.json.as_deref().is_some_and(|file| file != Path::new("-")) {
+        let what = "--watch writes its JSON to stdout only, a line per second";
+        return Err(Failure::new(Cause::Usage, what, "use --json -"));
+    }
+    let streams = args.json.json.is_some();
+    let pause = Duration::from_millis(if streams { 1000 } else { 500 });
     let interrupt = Interrupt::listen()?;
     let clear = if std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
     let mut lookout = Lookout::new();
     while !interrupt.is_set() {
         match reader.next_within(PATIENCE) {
             Some(status) => {
-                say!("{clear}{}", view::text(&status, status.header.age_ns(monotonic_now_ns())));
+                let figures = view::json(&status);
+                if streams {
+                    args.json.line(&figures)?;
+                } else {
+                    say!("{clear}{}", screen::page(&status, status.header.age_ns(monotonic_now_ns())));
+                }
+                judged(&args.alarms, &figures)?;
             }
             None => say!("{clear}no status for {} s: no daemon running, or it is stuck", PATIENCE.as_secs()),
         }
         if lookout.look(&mut foretrace) == News::Renewed {
             reader = foretrace.status().map_err(unattached)?;
         }
-        std::thread::sleep(Duration::from_millis(500));
+        interrupt.wait(pause);
     }
     Ok(())
+}
+
+/// The first bound that is broken ends the program.
+fn judged(alarms: &[Alarm], figures: &Value) -> Result<(), Failure> {
+    let broken = alarms.iter().find_map(|alarm| alarm.broken_by(figures).map(|figure| (alarm, figure)));
+    broken.map_or(Ok(()), |(alarm, figure)| {
+        Err(Failure::new(
+            Cause::Alarm,
+            format_args!("alarm {alarm}: it is {figure}"),
+            "see `foretrace status`",
+        ))
+    })
 }
 
 fn silent(foretrace: &Foretrace) -> Failure {

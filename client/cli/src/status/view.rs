@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use foretrace_shm::{
-    FaultReason, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
+    FaultReason, Latency, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
 };
 use serde_json::{Map, Value, json};
 
@@ -11,6 +11,35 @@ use super::chain;
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
+
+/// The stages of this daemon: trust and preview are one, told as `predict`.
+const SHOWN: [Stage; 9] = [
+    Stage::Wakeup,
+    Stage::Receive,
+    Stage::Pen,
+    Stage::Predict,
+    Stage::Mpc,
+    Stage::Ik,
+    Stage::Guard,
+    Stage::Send,
+    Stage::Step,
+];
+
+/// Percentiles and histogram of a latency; null before it was measured.
+fn latency(latency: &Latency) -> Value {
+    let spread = &latency.percentiles;
+    let us = |ns: u32| (latency.count > 0).then(|| f64::from(ns) / 1e3);
+    let bins = latency.bins.iter().enumerate().map(|(index, count)| {
+        let edge = Latency::edge_us(index);
+        json!({ "below_us": edge.is_finite().then_some(edge), "count": count })
+    });
+    json!({
+        "count": latency.count,
+        "p50_us": us(spread.p50_ns), "p99_us": us(spread.p99_ns),
+        "p99_9_us": us(spread.p99_9_ns), "max_us": us(spread.max_ns),
+        "histogram": bins.collect::<Vec<_>>(),
+    })
+}
 
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
 pub(crate) fn text(status: &Status, age_ns: u64) -> String {
@@ -49,8 +78,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.shed_ticks
     ));
     line(format_args!("\n  µs          p50       p99     p99.9       max"));
-    for stage in Stage::ALL {
-        let spread = status.stage(*stage);
+    for stage in SHOWN {
+        let spread = status.stage(stage);
         let us = |ns: u32| f64::from(ns) / 1e3;
         line(format_args!(
             "  {:<8}{:>9.2} {:>9.2} {:>9.2} {:>9.2}",
@@ -62,8 +91,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         ));
     }
     line(format_args!(
-        "\npen         newest {} old   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of order   {} ticks left some",
-        milliseconds(status.pen_age_ns),
+        "\npen         newest {}   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of order   {} ticks left some",
+        age(status.pen_age_ns),
         counts.pen_received,
         counts.pen_dropped,
         counts.pen_rejected.total(),
@@ -73,8 +102,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.pen_deferred_ticks
     ));
     line(format_args!(
-        "arm         newest {} old   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, {} failed",
-        milliseconds(status.joint_state_age_ns),
+        "arm         newest {}   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, {} failed",
+        age(status.joint_state_age_ns),
         counts.joint_state_received,
         counts.joint_state_dropped,
         counts.joint_state_rejected.total(),
@@ -151,7 +180,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
 /// Everything in the status under stable keys.
 pub(crate) fn json(status: &Status) -> Value {
     let counts = &status.counters;
-    let stages: Map<String, Value> = Stage::ALL
+    let stages: Map<String, Value> = SHOWN
         .iter()
         .map(|stage| {
             let spread = status.stage(*stage);
@@ -224,6 +253,8 @@ pub(crate) fn json(status: &Status) -> Value {
         "envelope": ExtentFigures::told(&status.extent),
         "arm_speed_share": (status.arm_speed_share >= 0.0).then_some(status.arm_speed_share),
         "chain": chain::json(status),
+        "pen_to_command": latency(&status.pen_to_command),
+        "command_to_motion": latency(&status.command_to_motion),
         "arm_lag": chain::lag_json(status),
         "ghost": Comparison::of(status),
         "trust": {
@@ -257,12 +288,12 @@ pub(crate) fn json(status: &Status) -> Value {
 }
 
 /// The word for a number on the wire.
-fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
+pub(super) fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
 }
 
 /// The newest refusal of each kind of message; also those that never were.
-fn refusals(status: &Status) -> [(&'static str, &Refused); 4] {
+pub(super) fn refusals(status: &Status) -> [(&'static str, &Refused); 4] {
     [
         ("pen", &status.pen_refused),
         ("joint state", &status.joints_refused),
@@ -284,7 +315,12 @@ pub(super) fn age_ms(ns: u64) -> Option<f64> {
     (ns != u64::MAX).then_some(ns as f64 * 1e-6)
 }
 
-fn milliseconds(ns: u64) -> String {
+/// How old the newest message is, in words.
+pub(super) fn age(ns: u64) -> String {
+    if ns == u64::MAX { "none yet".to_owned() } else { format!("{} old", milliseconds(ns)) }
+}
+
+pub(super) fn milliseconds(ns: u64) -> String {
     match age_ms(ns) {
         None => "never".to_owned(),
         Some(ms) if ms < 10_000.0 => format!("{ms:.1} ms"),
@@ -292,7 +328,7 @@ fn milliseconds(ns: u64) -> String {
     }
 }
 
-fn seconds(ns: u64) -> String {
+pub(super) fn seconds(ns: u64) -> String {
     format!("{:.1} s", ns as f64 * 1e-9)
 }
 
@@ -314,7 +350,7 @@ mod tests {
         };
         status.stages[Stage::Mpc as usize].p99_ns = 12_340;
         let page = text(&status, 3_000_000);
-        for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest never old"] {
+        for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest none yet"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
     }
@@ -357,6 +393,6 @@ mod tests {
         let status = Status { pen_age_ns: u64::MAX, predictor_rms_m: -1.0, ..Status::default() };
         let value = json(&status);
         assert!(value["pen"]["age_ms"].is_null() && value["predictor"]["rms_m"].is_null());
-        assert_eq!(value["stage_us"].as_object().unwrap().len(), Stage::ALL.len());
+        assert_eq!(value["stage_us"].as_object().unwrap().len(), SHOWN.len());
     }
 }

@@ -1,0 +1,162 @@
+//! The two latencies that people ask for, over all ticks since warm-up: pen to command, and command to motion.
+//!
+//! Contract: fed tick by tick on the ipc thread; no allocation per tick. Medians of the parts are in [`super::chain`].
+
+use hdrhistogram::Histogram;
+
+use foretrace_control::units::Stamp;
+use foretrace_shm::{LATENCY_BINS, Latency, Percentiles};
+
+use crate::rt::evidence::Evidence;
+
+/// Longer times count as this [ns].
+const LONGEST_NS: u64 = 60_000_000_000;
+/// An arm whose lag is known less well than this says nothing about its motion [s].
+const KNOWN_S: f64 = 3e-3;
+
+/// Both latencies.
+#[derive(Debug)]
+pub struct Latencies {
+    pen_to_command: Meter,
+    command_to_motion: Meter,
+    pen: Option<(Stamp, u64)>,
+}
+
+impl Latencies {
+    /// Empty.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { pen_to_command: Meter::new(), command_to_motion: Meter::new(), pen: None }
+    }
+
+    /// Takes note of a tick.
+    ///
+    /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was taken in. Command to
+    /// motion: from there to the command's stamp, and on by the lag that the arm was measured to have.
+    pub fn tick(&mut self, evidence: &Evidence) {
+        let output = &evidence.output;
+        let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
+        let fresh = pen != self.pen;
+        self.pen = pen;
+        let Some(command) = output.command.filter(|_| !evidence.not_sent) else { return };
+        if let Some((stamp, _)) = pen.filter(|_| fresh) {
+            self.pen_to_command.add(evidence.published.since(stamp));
+        }
+        if let Some(lag) = output.lag.filter(|lag| lag.std_s <= KNOWN_S) {
+            self.command_to_motion.add(command.stamp.since(evidence.published) + (lag.lag_s * 1e9) as i64);
+        }
+    }
+
+    /// From the pen's device stamp to the command.
+    #[must_use]
+    pub fn pen_to_command(&self) -> Latency {
+        self.pen_to_command.told()
+    }
+
+    /// From the command to the motion that it asks for.
+    #[must_use]
+    pub fn command_to_motion(&self) -> Latency {
+        self.command_to_motion.told()
+    }
+}
+
+impl Default for Latencies {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// One spread.
+#[derive(Debug)]
+struct Meter {
+    spread: Option<Histogram<u64>>,
+    bins: [u32; LATENCY_BINS],
+}
+
+impl Meter {
+    fn new() -> Self {
+        // The bounds are constants that the crate accepts; without a histogram there are no percentiles, no harm.
+        Self { spread: Histogram::new_with_bounds(1, LONGEST_NS, 2).ok(), bins: [0; LATENCY_BINS] }
+    }
+
+    fn add(&mut self, ns: i64) {
+        let ns = u64::try_from(ns).unwrap_or(0);
+        if let Some(spread) = &mut self.spread {
+            spread.saturating_record(ns.max(1));
+        }
+        if let Some(bin) = self.bins.get_mut(Latency::bin(ns)) {
+            *bin = bin.saturating_add(1);
+        }
+    }
+
+    fn told(&self) -> Latency {
+        let Some(spread) = self.spread.as_ref().filter(|spread| !spread.is_empty()) else {
+            return Latency::default();
+        };
+        let saturated = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
+        let at = |quantile| saturated(spread.value_at_quantile(quantile).min(spread.max()));
+        let percentiles = Percentiles {
+            p50_ns: at(0.5),
+            p99_ns: at(0.99),
+            p99_9_ns: at(0.999),
+            max_ns: saturated(spread.max()),
+        };
+        Latency { count: spread.len(), percentiles, bins: self.bins }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foretrace_control::lag::LagEstimate;
+
+    use super::*;
+    use crate::ipc::tests::commanding;
+
+    const MS: u64 = 1_000_000;
+
+    #[test]
+    fn each_pen_sample_counts_once_and_the_tail_is_seen() {
+        let mut latencies = Latencies::new();
+        for tick in 1..=1000_u64 {
+            let mut evidence = commanding(tick);
+            // One sample in five ticks; each hundredth of them 50 ms old, the others 2 ms.
+            let sample = tick / 5;
+            let age = if sample.is_multiple_of(100) { 50 } else { 2 };
+            evidence.published = evidence.wake.release.plus_ns(100_000_000);
+            evidence.output.pen_origin.sequence = sample;
+            let first = tick.is_multiple_of(5) || tick == 1;
+            evidence.output.pen_stamp = Some(if first {
+                Stamp(evidence.published.0 - age * MS)
+            } else {
+                latencies.pen.expect("a sample before").0
+            });
+            evidence.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 1e-4, shift_s: 0.04 });
+            evidence.output.command.as_mut().unwrap().stamp = evidence.published.plus_ns(MS);
+            latencies.tick(&evidence);
+        }
+        let pen = latencies.pen_to_command();
+        assert_eq!(pen.count, 201);
+        let ms = |ns: u32| f64::from(ns) * 1e-6;
+        assert!(
+            (ms(pen.percentiles.p50_ns) - 2.0).abs() < 0.05
+                && (ms(pen.percentiles.max_ns) - 50.0).abs() < 1.0
+        );
+        assert_eq!(pen.bins.iter().sum::<u32>(), 201);
+        assert_eq!(pen.bins[Latency::bin(50 * MS)], 3);
+        let motion = latencies.command_to_motion();
+        assert!((ms(motion.percentiles.p50_ns) - 41.0).abs() < 0.5 && motion.count == 1000, "{motion:?}");
+    }
+
+    #[test]
+    fn nothing_is_claimed_of_an_arm_that_is_not_known_or_a_command_that_did_not_leave() {
+        let mut latencies = Latencies::new();
+        let mut evidence = commanding(1);
+        evidence.output.pen_stamp = Some(Stamp(1));
+        evidence.not_sent = true;
+        latencies.tick(&evidence);
+        evidence.not_sent = false;
+        evidence.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 0.02, shift_s: 0.04 });
+        latencies.tick(&evidence);
+        assert_eq!((latencies.pen_to_command().count, latencies.command_to_motion().count), (0, 0));
+    }
+}
