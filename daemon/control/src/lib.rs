@@ -27,5 +27,6 @@ pub mod qp;
 pub mod ik;
 pub mod guard;
 pub mod lag;
+pub mod monitor;
 pub mod follower;
 pub mod ghost;

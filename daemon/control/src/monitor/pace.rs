@@ -1,0 +1,147 @@
+//! Arms that move at a part of the speed that is asked for, as behind a speed slider: noticed, and how fast they may be asked to go.
+//!
+//! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is compared with
+//! that of a model which is as late as the arm and damps as much as such an arm can: a critically damped filter with the whole lag
+//! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts; the tool is then asked for no more
+//! than what the arm has shown, and for a little more with every window in which the arm keeps up.
+
+use crate::units::Stamp;
+
+/// Length of a window [ns].
+const WINDOW_NS: i64 = 400_000_000;
+/// An arm that reaches less than this share of the speed of its model is slow,
+pub(super) const SLOW_SHARE: f64 = 0.75;
+/// where the model reaches this speed [rad/s].
+const JUDGED_RADPS: f64 = 0.25;
+/// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
+const KEEPS_UP: f64 = 0.9;
+const MORE: f64 = 1.03;
+/// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
+const LEAST_STEP: f64 = 0.5;
+const LEAST_MPS: f64 = 0.02;
+/// Longer steps of the model count as this [s].
+const LONGEST_STEP_S: f64 = 0.02;
+
+/// Fastest in a window: the model and the arm, joint by joint [rad/s], and the commanded tool [m/s].
+#[derive(Debug, Clone, Copy)]
+struct Peaks<const J: usize> {
+    model: [f64; J],
+    arm: [f64; J],
+    tool_mps: f64,
+}
+
+impl<const J: usize> Peaks<J> {
+    const NONE: Self = Self { model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
+}
+
+/// The model, two windows, and what follows from them.
+#[derive(Debug, Clone)]
+pub(super) struct Pace<const J: usize> {
+    model: Option<(Stamp, [[f64; 2]; J])>,
+    tool: Option<(Stamp, [f64; 3])>,
+    before: Peaks<J>,
+    now: Peaks<J>,
+    window: Option<Stamp>,
+    windows: u32,
+    slow_in_a_row: u32,
+    share: Option<f64>,
+    /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go [m/s].
+    slowed: Option<[f64; 2]>,
+}
+
+impl<const J: usize> Pace<J> {
+    pub(super) const fn new() -> Self {
+        Self {
+            model: None,
+            tool: None,
+            before: Peaks::NONE,
+            now: Peaks::NONE,
+            window: None,
+            windows: 0,
+            slow_in_a_row: 0,
+            share: None,
+            slowed: None,
+        }
+    }
+
+    /// Part of the speed asked for at which the arm moves; `None` until it has moved.
+    pub(super) fn share(&self) -> Option<f64> {
+        self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.share)
+    }
+
+    /// How fast the tool may be asked to go [m/s]; `None`: as fast as its limits allow.
+    pub(super) fn allowed_mps(&self) -> Option<f64> {
+        self.slowed.map(|[_, allowed]| allowed)
+    }
+
+    /// Joints `q` [rad] and tool [m] commanded for `stamp`, to an arm that is `lag_s` late.
+    pub(super) fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3], lag_s: f64) {
+        if let Some((before, from)) = self.tool.replace((stamp, *tool)) {
+            let elapsed_s = stamp.seconds_since(before).max(1e-4);
+            let [x, y, z] =
+                tool.iter().zip(from).map(|(to, from)| to - from).fold([0.0; 3], |[_, y, z], d| [y, z, d]);
+            self.now.tool_mps = self.now.tool_mps.max(x.hypot(y).hypot(z) / elapsed_s);
+        }
+        let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0])));
+        let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
+        *before = stamp;
+        // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
+        let w = 2.0 / lag_s.max(1e-3);
+        let decay = (-w * elapsed_s).exp();
+        for ([position, speed], (target, peak)) in joints.iter_mut().zip(q.iter().zip(&mut self.now.model)) {
+            let e = *position - target;
+            let slope = *speed + w * e;
+            *position = target + (e + slope * elapsed_s) * decay;
+            *speed = (*speed - w * slope * elapsed_s) * decay;
+            *peak = peak.max(speed.abs());
+        }
+    }
+
+    /// The joints were measured to move at `speeds` [rad/s]. Returns the share of an arm that was just found to be slow.
+    pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J]) -> Option<f64> {
+        for (peak, speed) in self.now.arm.iter_mut().zip(speeds) {
+            *peak = peak.max(speed.abs());
+        }
+        let begin = *self.window.get_or_insert(stamp);
+        if stamp.since(begin) < WINDOW_NS {
+            return None;
+        }
+        self.window = Some(stamp);
+        self.windows = self.windows.saturating_add(1);
+        let found = if self.windows >= 2 { self.judge() } else { None };
+        self.before = std::mem::replace(&mut self.now, Peaks::NONE);
+        found
+    }
+
+    fn judge(&mut self) -> Option<f64> {
+        let arm = self.before.arm.iter().zip(&self.now.arm).map(|(before, now)| before.max(*now));
+        let (model, arm) = self.before.model.iter().zip(arm).max_by(|a, b| a.0.total_cmp(b.0))?;
+        if !(*model >= JUDGED_RADPS) {
+            return None;
+        }
+        let share = (arm / model).min(1.0);
+        self.share = Some(share);
+        self.slow_in_a_row = if share < SLOW_SHARE { self.slow_in_a_row + 1 } else { 0 };
+        let tool_mps = self.before.tool_mps;
+        match &mut self.slowed {
+            None if self.slow_in_a_row >= 2 => {
+                self.slow_in_a_row = 0;
+                self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
+                Some(share)
+            }
+            Some([_, allowed]) if self.slow_in_a_row >= 2 => {
+                self.slow_in_a_row = 0;
+                *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
+                None
+            }
+            Some([asked, allowed]) if share >= KEEPS_UP => {
+                *allowed *= MORE;
+                if allowed >= asked {
+                    self.slowed = None;
+                }
+                None
+            }
+            _ => None,
+        }
+    }
+}
