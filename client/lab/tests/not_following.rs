@@ -5,8 +5,10 @@
 
 mod desk;
 
-use desk::{Desk, Pen};
-use foretrace_control::follower::{Mode, Refusal, Request, StopCause, StopReason};
+use desk::{Desk, Pen, Seen};
+use foretrace_config::Config;
+use foretrace_control::follower::{Mode, Refusal, Request, StopCause, StopDetail, StopReason};
+use foretrace_control::monitor::SlowArm;
 use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
 
 /// The arm breaks so long after the pen began [s]: by then the lag is known.
@@ -172,4 +174,43 @@ fn arms_that_obey_are_never_blamed() {
         }
         println!("{lag:<18} at most {:.2} rad/s, {:.1} mm off all commands", worst[0], worst[1] * 1e3);
     }
+}
+
+/// An arm that moves at `share` of its speed from [`AT_S`] on, and a pen that asks for more.
+fn slowed(share: f64, pen: Pen, slow_arm: SlowArm) -> (Desk, Option<(StopReason, StopDetail)>) {
+    let arm =
+        ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(share), at_s: AT_S + 1.0 }), ..late(0.0) };
+    let mut settings = Config::preset("ur5e").unwrap().follower_settings();
+    settings.safety.tracking.slow_arm = slow_arm;
+    let mut desk = Desk::with(arm, settings);
+    assert_eq!(desk.ask(Request::Arm), Ok(()));
+    let stop = desk.write(pen, 12.0);
+    (desk, stop)
+}
+
+#[test]
+fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
+    for (arm_share, speed_mps) in [(0.3, 0.7), (0.2, 0.5), (0.15, 0.5), (0.05, 0.2)] {
+        let pen = Pen { radius_m: 0.06, speed_mps };
+        let (mut desk, stop) = slowed(arm_share, pen, SlowArm::SlowDown);
+        let (share, off_m) = (desk.seen.share.expect("the arm has moved"), desk.seen.off_m);
+        // What is asked for then is what the arm can do: it is where it was told to be.
+        desk.seen = Seen::default();
+        let later = stop.or_else(|| desk.write(pen, 16.0));
+        println!(
+            "{arm_share} of {speed_mps} m/s: share {share:.2}, up to {:.1} mm off, afterwards {:.1} at {:.2} m/s: {later:?}",
+            off_m * 1e3,
+            desk.seen.off_m * 1e3,
+            desk.seen.tool_mps
+        );
+        if std::env::var_os("DBG").is_some() {
+            continue;
+        }
+        assert!(later.is_none() && desk.seen.off_m < 0.02, "{arm_share}: {later:?}");
+        assert!(desk.seen.tool_mps < 0.9 * speed_mps, "{arm_share}: {} m/s", desk.seen.tool_mps);
+    }
+    let (_, stop) = slowed(0.2, PENS[3].1, SlowArm::Stop);
+    let (reason, detail) = stop.expect("a stop");
+    println!("stopped: {detail:?}");
+    assert_eq!((reason, detail.cause), (StopReason::TrackingError, StopCause::SlowArm));
 }

@@ -12,6 +12,7 @@
 //! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than it is held,
 //! until an operator disarms. Absent: what the arm was when nobody commanded it; force.
 
+mod direction;
 mod pace;
 mod path;
 mod recent;
@@ -20,6 +21,7 @@ mod swing;
 
 pub use settings::{SlowArm, TrackingSettings};
 
+use direction::Directions;
 use pace::{Pace, SLOW_SHARE};
 use path::{KEPT_NS, Path};
 use recent::Recent;
@@ -49,6 +51,11 @@ const MOTION_NS: u64 = 250_000_000;
 const STILL_SHARE: f64 = 0.05;
 /// A joint outside its commands by this share of the tolerance, and going, is on its way beyond it.
 const LEAVING: f64 = 0.5;
+/// Swings outside the commands count from this share of the tolerance on, and are blamed from that on.
+const SWINGING: f64 = 0.1;
+const SWUNG: f64 = 0.25;
+/// Travel against commands that is blamed, as a multiple of the motion that has to show.
+const AGAINST: f64 = 2.0;
 /// Speeds are measured over this time at least [ns].
 const SPEED_NS: u64 = 16_000_000;
 
@@ -62,6 +69,7 @@ pub struct Monitor<const J: usize> {
     measured: Path<J>,
     recent: Recent<J>,
     swings: Swings<J>,
+    directions: Directions<J>,
     pace: Pace<J>,
     /// How late the arm is taken to be [s].
     lag_s: f64,
@@ -69,8 +77,8 @@ pub struct Monitor<const J: usize> {
     begun: Stamp,
     /// Blocks of commanded motion since then.
     moved: u32,
-    /// What is wrong, and since when.
-    since: Option<Stamp>,
+    /// Since when something is wrong, and what it was first.
+    since: Option<(Stamp, StopDetail)>,
     /// The block in which standing still was looked for last.
     looked: u64,
     /// A stop was latched here, and nobody has acknowledged it.
@@ -97,6 +105,7 @@ impl<const J: usize> Monitor<J> {
             measured: Path::new(),
             recent: Recent::new(),
             swings: Swings::new(),
+            directions: Directions::new(),
             pace: Pace::new(),
             lag_s: longest_ns as f64 * 1e-9,
             begun: Stamp(0),
@@ -113,6 +122,7 @@ impl<const J: usize> Monitor<J> {
         self.tools.clear();
         self.measured.clear();
         self.swings = Swings::new();
+        self.directions = Directions::new();
         self.pace = Pace::new();
         self.begun = now;
         self.moved = 0;
@@ -159,14 +169,11 @@ impl<const J: usize> Monitor<J> {
         let reach_ns = self.reach_ns(lag);
         let oldest = Stamp(stamp.0.saturating_sub(reach_ns));
         let found = self.outside(oldest, stamp, q, tool);
-        let since = found.map(|_| self.since.unwrap_or(stamp));
-        self.since = since;
-        let lasting = since.is_some_and(|since| {
-            stamp > since && stamp.since(since) >= i64::try_from(self.settings.hold_ns).unwrap_or(i64::MAX)
-        });
+        self.since = self.since.filter(|_| found.is_some());
+        let lasting = self.lasting(stamp, found);
         let still = self.standing(stamp);
         let slow = self.slow(stamp);
-        let wrong = found.filter(|_| lasting).map(|wrong| wrong.detail).or(still).or(slow);
+        let wrong = lasting.or(still).or(slow);
         self.suspect |= wrong.is_some();
         wrong
     }
@@ -215,7 +222,7 @@ impl<const J: usize> Monitor<J> {
         let span = self.commands.span(oldest, newest)?;
         let outside = span.outside(q);
         let speed = self.recent.speed(SPEED_NS);
-        let grown = self.swings.see(stamp, &outside, LEAVING * LEAVING * self.settings.joint_rad);
+        let grown = self.swings.see(stamp, &outside, SWINGING * self.settings.joint_rad);
         let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
         let mut worst: Option<Wrong> = None;
         let mut blame = |cause, joint, amount: f64, limit: f64| {
@@ -233,10 +240,10 @@ impl<const J: usize> Monitor<J> {
             let joint = u8::try_from(index).ok();
             let away = outside.abs();
             if let Some(swing) = grown {
-                blame(StopCause::Oscillation, joint, *swing, LEAVING * LEAVING * joint_rad);
+                blame(StopCause::Oscillation, joint, *swing, SWUNG * joint_rad);
             }
             let leaving = speed * outside.signum();
-            if away > LEAVING * joint_rad && leaving > runaway_radps {
+            if away > LEAVING * joint_rad && away <= joint_rad && leaving > runaway_radps {
                 // How far commands lead the other way, of all that may be answered.
                 let against = if *outside > 0.0 { high - commanded } else { commanded - low };
                 if against > LEAVING * joint_rad {
@@ -260,6 +267,17 @@ impl<const J: usize> Monitor<J> {
         worst
     }
 
+    /// What is wrong, once that has lasted. What it was first stays its cause: who runs away ends up far outside.
+    fn lasting(&mut self, stamp: Stamp, found: Option<Wrong>) -> Option<StopDetail> {
+        let detail = found?.detail;
+        let (since, first) = self.since.get_or_insert((stamp, detail));
+        if first.cause == detail.cause {
+            *first = detail;
+        }
+        let hold_ns = i64::try_from(self.settings.hold_ns).unwrap_or(i64::MAX).max(1);
+        (stamp.since(*since) >= hold_ns).then_some(*first)
+    }
+
     /// An arm that was just found to be slow, where that is a reason to stop.
     fn slow(&mut self, stamp: Stamp) -> Option<StopDetail> {
         let share = self.pace.measured(stamp, &self.recent.speed(SPEED_NS)?)?;
@@ -268,7 +286,7 @@ impl<const J: usize> Monitor<J> {
         (self.settings.slow_arm == SlowArm::Stop).then_some(detail)
     }
 
-    /// A joint that stood while its commands moved it, whatever the lag; looked for once in a block.
+    /// A joint that stood while its commands moved it, whatever the lag, or moved against them; looked for once in a block.
     fn standing(&mut self, stamp: Stamp) -> Option<StopDetail> {
         if self.measured.newest() == self.looked {
             return None;
@@ -278,6 +296,12 @@ impl<const J: usize> Monitor<J> {
         let last_block = self.commands.span(stamp, stamp)?.width();
         if widest(last_block) > MOVING_RAD {
             self.moved = self.moved.saturating_add(1);
+        }
+        let limit = AGAINST * self.settings.still_rad;
+        let complete = self.looked.saturating_sub(1);
+        if let Some((joint, amount)) = self.directions.see(complete, &self.measured, &self.commands, limit) {
+            let (cause, joint) = (StopCause::WrongDirection, u8::try_from(joint).ok());
+            return Some(StopDetail { cause, joint, amount, limit, ..StopDetail::default() });
         }
         let begin = Stamp(stamp.0.saturating_sub(self.longest_ns + MOTION_NS));
         if begin < self.begun {

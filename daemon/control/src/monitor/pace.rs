@@ -8,17 +8,19 @@
 use crate::units::Stamp;
 
 /// Length of a window [ns].
-const WINDOW_NS: i64 = 400_000_000;
+const WINDOW_NS: i64 = 200_000_000;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
 /// where the model reaches this speed [rad/s].
 const JUDGED_RADPS: f64 = 0.25;
 /// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
 const KEEPS_UP: f64 = 0.9;
-const MORE: f64 = 1.03;
+const MORE: f64 = 1.015;
 /// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
-const LEAST_STEP: f64 = 0.5;
+const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
+/// Speeds of the arm are means over about so long, which the model has to be as well [s].
+const LEAST_LAG_S: f64 = 0.016;
 /// Longer steps of the model count as this [s].
 const LONGEST_STEP_S: f64 = 0.02;
 
@@ -44,7 +46,7 @@ pub(super) struct Pace<const J: usize> {
     window: Option<Stamp>,
     windows: u32,
     slow_in_a_row: u32,
-    share: Option<f64>,
+    judged: bool,
     /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go [m/s].
     slowed: Option<[f64; 2]>,
 }
@@ -59,14 +61,14 @@ impl<const J: usize> Pace<J> {
             window: None,
             windows: 0,
             slow_in_a_row: 0,
-            share: None,
+            judged: false,
             slowed: None,
         }
     }
 
-    /// Part of the speed asked for at which the arm moves; `None` until it has moved.
+    /// Part of the speed asked for at which the arm moves, 1 unless it is slow; `None` until it has moved.
     pub(super) fn share(&self) -> Option<f64> {
-        self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.share)
+        self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.judged.then_some(1.0))
     }
 
     /// How fast the tool may be asked to go [m/s]; `None`: as fast as its limits allow.
@@ -86,7 +88,7 @@ impl<const J: usize> Pace<J> {
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
         // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
-        let w = 2.0 / lag_s.max(1e-3);
+        let w = 2.0 / lag_s.max(LEAST_LAG_S);
         let decay = (-w * elapsed_s).exp();
         for ([position, speed], (target, peak)) in joints.iter_mut().zip(q.iter().zip(&mut self.now.model)) {
             let e = *position - target;
@@ -120,7 +122,7 @@ impl<const J: usize> Pace<J> {
             return None;
         }
         let share = (arm / model).min(1.0);
-        self.share = Some(share);
+        self.judged = true;
         self.slow_in_a_row = if share < SLOW_SHARE { self.slow_in_a_row + 1 } else { 0 };
         let tool_mps = self.before.tool_mps;
         match &mut self.slowed {

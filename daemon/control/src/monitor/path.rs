@@ -59,6 +59,8 @@ impl<const K: usize> Span<K> {
 #[derive(Debug, Clone)]
 pub(super) struct Path<const K: usize> {
     blocks: [Span<K>; KEPT],
+    /// The newest sample of each block.
+    ends: [[f64; K]; KEPT],
     last: Option<(Stamp, [f64; K])>,
     /// First and newest block.
     begin: u64,
@@ -70,7 +72,7 @@ pub(super) struct Path<const K: usize> {
 impl<const K: usize> Path<K> {
     pub(super) const fn new() -> Self {
         let known = (1, 0, Span::NOTHING);
-        Self { blocks: [Span::NOTHING; KEPT], last: None, begin: 0, end: 0, known }
+        Self { blocks: [Span::NOTHING; KEPT], ends: [[0.0; K]; KEPT], last: None, begin: 0, end: 0, known }
     }
 
     /// Forgets everything.
@@ -108,6 +110,7 @@ impl<const K: usize> Path<K> {
                     if let Some(span) = self.at(self.end) {
                         *span = line;
                     }
+                    self.end_with(point);
                 }
             }
             None => {
@@ -117,7 +120,28 @@ impl<const K: usize> Path<K> {
                 }
             }
         }
+        self.end_with(point);
         self.last = Some((stamp, *point));
+    }
+
+    fn end_with(&mut self, point: &[f64; K]) {
+        if let Some(end) = self.ends.get_mut(self.end as usize % KEPT) {
+            *end = *point;
+        }
+    }
+
+    /// How far the numbers went in a block that is complete, from the end of the block before; `None` where that is not known.
+    pub(super) fn step(&self, block: u64) -> Option<[f64; K]> {
+        self.last.as_ref()?;
+        let before = block.checked_sub(1).filter(|before| *before >= self.begin)?;
+        if block >= self.end || block + (KEPT as u64) < self.end + 2 {
+            return None;
+        }
+        let mut step = *self.ends.get(block as usize % KEPT)?;
+        for (step, from) in step.iter_mut().zip(self.ends.get(before as usize % KEPT)?) {
+            *step -= from;
+        }
+        Some(step)
     }
 
     /// The span of everything from `from` to `to`, as far as it is known; the nearest block, where that is empty. `None` before
@@ -190,6 +214,16 @@ mod tests {
             fresh.known = (1, 0, Span::NOTHING);
             assert_eq!(fresh.span(ms(t.saturating_sub(200)), ms(t)), Some(seen));
         }
+    }
+
+    #[test]
+    fn steps_are_from_end_to_end_of_complete_blocks() {
+        let path = ramp();
+        for block in 101..199 {
+            let step = path.step(block).unwrap()[0];
+            assert!((0.003..=0.0171).contains(&step), "{block}: {step}");
+        }
+        assert_eq!((path.step(100), path.step(199), path.step(10)), (None, None, None));
     }
 
     #[test]
