@@ -176,10 +176,9 @@ fn arms_that_obey_are_never_blamed() {
     }
 }
 
-/// An arm that moves at `share` of its speed from [`AT_S`] on, and a pen that asks for more.
+/// An arm that moves at `share` of its speed from before the pen begins, and a pen that asks for more.
 fn slowed(share: f64, pen: Pen, slow_arm: SlowArm) -> (Desk, Option<(StopReason, StopDetail)>) {
-    let arm =
-        ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(share), at_s: AT_S + 1.0 }), ..late(0.0) };
+    let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(share), at_s: 0.5 }), ..late(0.0) };
     let mut settings = Config::preset("ur5e").unwrap().follower_settings();
     settings.safety.tracking.slow_arm = slow_arm;
     let mut desk = Desk::with(arm, settings);
@@ -190,7 +189,7 @@ fn slowed(share: f64, pen: Pen, slow_arm: SlowArm) -> (Desk, Option<(StopReason,
 
 #[test]
 fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
-    for (arm_share, speed_mps) in [(0.3, 0.7), (0.2, 0.5), (0.15, 0.5), (0.05, 0.2)] {
+    for (arm_share, speed_mps) in [(0.3, 0.7), (0.15, 0.5), (0.05, 0.2)] {
         let pen = Pen { radius_m: 0.06, speed_mps };
         let (mut desk, stop) = slowed(arm_share, pen, SlowArm::SlowDown);
         let (share, off_m) = (desk.seen.share.expect("the arm has moved"), desk.seen.off_m);
@@ -203,13 +202,17 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
             desk.seen.off_m * 1e3,
             desk.seen.tool_mps
         );
-        if std::env::var_os("DBG").is_some() {
-            continue;
-        }
-        assert!(later.is_none() && desk.seen.off_m < 0.02, "{arm_share}: {later:?}");
+        assert!(share < 0.75, "{arm_share}: {share}");
+        assert!(later.is_none() && desk.seen.off_m < 0.05, "{arm_share}: {later:?}");
         assert!(desk.seen.tool_mps < 0.9 * speed_mps, "{arm_share}: {} m/s", desk.seen.tool_mps);
     }
-    let (_, stop) = slowed(0.2, PENS[3].1, SlowArm::Stop);
+    // A slider at 30 % and a hand that writes.
+    let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(0.3), at_s: 0.5 }), ..late(0.0) };
+    let mut desk = Desk::armed(arm);
+    let stop = desk.write_text("Kx4 Rg8 Sy2", 0);
+    assert!(stop.is_none() && desk.seen.share.is_some_and(|share| share < 0.75), "{stop:?} {:?}", desk.seen);
+
+    let (_, stop) = slowed(0.3, Pen { radius_m: 0.06, speed_mps: 0.7 }, SlowArm::Stop);
     let (reason, detail) = stop.expect("a stop");
     println!("stopped: {detail:?}");
     assert_eq!((reason, detail.cause), (StopReason::TrackingError, StopCause::SlowArm));

@@ -129,6 +129,13 @@ impl Scene {
         scene
     }
 
+    /// Everything but a pen, with further options for the arm.
+    pub(crate) fn armed_with(arm: &[&str]) -> Self {
+        let mut scene = Self::idle_in(World::new(PROGRAM));
+        scene.start_arm_with(arm);
+        scene
+    }
+
     /// Daemon and recorder only.
     pub(crate) fn idle_in(world: impl Into<Rc<World>>) -> Self {
         Self::idle_with(world, &[])
@@ -157,8 +164,13 @@ impl Scene {
 
     /// A new arm, armed.
     pub(crate) fn start_arm(&mut self) {
+        self.start_arm_with(&[]);
+    }
+
+    /// The same with further options.
+    fn start_arm_with(&mut self, options: &[&str]) {
         let report = self.next_arm_report();
-        let arm = self.world.start(0, &["arm", "sim", "--json", &report]);
+        let arm = self.world.start(0, &[&["arm", "sim", "--json", &report], options].concat());
         self.arm = Some(arm);
         self.rearm();
     }

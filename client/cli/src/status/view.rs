@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, TrustReason, missing_rights};
+use foretrace_shm::{FaultReason, Mode, PredictorId, Stage, Status, StopCause, TrustReason, missing_rights};
 use serde_json::{Map, Value, json};
 
 use super::chain;
@@ -24,6 +24,14 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         seconds(status.uptime_ns),
         milliseconds(age_ns),
     ));
+    let stop = status.stop.to_string();
+    if status.fault != 0 && !stop.is_empty() {
+        line(format_args!("            {stop}"));
+    }
+    if (0.0..0.95).contains(&status.arm_speed_share) {
+        let percent = 100.0 * status.arm_speed_share;
+        line(format_args!("            the arm moves at about {percent:.0} % of what is asked"));
+    }
     line(format_args!(
         "loop        {:.0} Hz set, {:.1} Hz measured   tick {}   {} overruns   {} periods skipped   {} shed",
         status.rate_hz,
@@ -180,6 +188,14 @@ pub(crate) fn json(status: &Status) -> Value {
         },
         "chain": chain::json(status),
         "arm_lag": chain::lag_json(status),
+        "arm_speed_share": Some(status.arm_speed_share).filter(|share| *share >= 0.0),
+        "stop": {
+            "cause": label::<StopCause>(status.stop.cause),
+            "joint": Some(status.stop.joint).filter(|joint| *joint >= 0),
+            "amount": status.stop.amount,
+            "limit": status.stop.limit,
+            "text": status.stop.to_string(),
+        },
         "ghost": Comparison::of(status),
         "trust": {
             "value": status.trust,

@@ -56,6 +56,10 @@ const SWINGING: f64 = 0.1;
 const SWUNG: f64 = 0.25;
 /// Travel against commands that is blamed, as a multiple of the motion that has to show.
 const AGAINST: f64 = 2.0;
+/// An arm outside its commands by this share of the tolerances has fallen behind.
+const BEHIND: f64 = 0.1;
+/// A slow arm that is being slowed down for may be so many times as far away.
+const PATIENT: f64 = 3.0;
 /// Speeds are measured over this time at least [ns].
 const SPEED_NS: u64 = 16_000_000;
 
@@ -71,6 +75,8 @@ pub struct Monitor<const J: usize> {
     swings: Swings<J>,
     directions: Directions<J>,
     pace: Pace<J>,
+    /// The newest joint state was outside the commands, if not far.
+    behind: bool,
     /// How late the arm is taken to be [s].
     lag_s: f64,
     /// Joint states from before belong to another life.
@@ -107,6 +113,7 @@ impl<const J: usize> Monitor<J> {
             swings: Swings::new(),
             directions: Directions::new(),
             pace: Pace::new(),
+            behind: false,
             lag_s: longest_ns as f64 * 1e-9,
             begun: Stamp(0),
             moved: 0,
@@ -211,7 +218,8 @@ impl<const J: usize> Monitor<J> {
         let longest_s = self.longest_ns as f64 * 1e-9;
         let known = lag.filter(|lag| self.moved >= LEARNED_BLOCKS && lag.std_s <= GOOD_S);
         let filter_s = known.map_or(longest_s, |lag| lag.lag_s.clamp(0.0, longest_s));
-        self.lag_s = filter_s;
+        self.lag_s =
+            lag.filter(|lag| lag.std_s <= GOOD_S).map_or(longest_s, |lag| lag.lag_s.clamp(0.0, longest_s));
         let spread_ns = (SPREAD * filter_s * 1e9) as u64;
         self.longest_ns.saturating_add(spread_ns).saturating_add(JITTER_NS).min(KEPT_NS)
     }
@@ -221,9 +229,12 @@ impl<const J: usize> Monitor<J> {
         let newest = stamp.plus_ns(AHEAD_NS);
         let span = self.commands.span(oldest, newest)?;
         let outside = span.outside(q);
+        let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
+        self.behind = outside.iter().any(|outside| outside.abs() > BEHIND * joint_rad);
         let speed = self.recent.speed(SPEED_NS);
         let grown = self.swings.see(stamp, &outside, SWINGING * self.settings.joint_rad);
-        let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
+        let patience = if self.pace.patient(stamp) { PATIENT } else { 1.0 };
+        let (far_rad, far_m) = (patience * joint_rad, patience * tool_m);
         let mut worst: Option<Wrong> = None;
         let mut blame = |cause, joint, amount: f64, limit: f64| {
             let severity = amount / limit;
@@ -262,7 +273,9 @@ impl<const J: usize> Monitor<J> {
         }
         if let Some(span) = self.tools.span(oldest, newest) {
             let [x, y, z] = span.outside(tool);
-            blame(StopCause::ToolDeviation, None, x.hypot(y).hypot(z), tool_m);
+            let away = x.hypot(y).hypot(z);
+            self.behind |= away > BEHIND * tool_m;
+            blame(StopCause::ToolDeviation, None, away, far_m);
         }
         worst
     }
@@ -280,7 +293,7 @@ impl<const J: usize> Monitor<J> {
 
     /// An arm that was just found to be slow, where that is a reason to stop.
     fn slow(&mut self, stamp: Stamp) -> Option<StopDetail> {
-        let share = self.pace.measured(stamp, &self.recent.speed(SPEED_NS)?)?;
+        let share = self.pace.measured(stamp, &self.recent.speed(SPEED_NS)?, self.behind)?;
         let (cause, amount) = (StopCause::SlowArm, share);
         let detail = StopDetail { cause, joint: None, amount, limit: SLOW_SHARE, ..StopDetail::default() };
         (self.settings.slow_arm == SlowArm::Stop).then_some(detail)

@@ -8,14 +8,18 @@
 use crate::units::Stamp;
 
 /// Length of a window [ns].
-const WINDOW_NS: i64 = 200_000_000;
+const WINDOW_NS: i64 = 100_000_000;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
+/// and less than this one stands,
+const STANDS: f64 = 0.05;
 /// where the model reaches this speed [rad/s].
 const JUDGED_RADPS: f64 = 0.25;
+/// A slow arm has so long to come back to its commands [ns].
+const PATIENCE_NS: u64 = 1_000_000_000;
 /// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
-const KEEPS_UP: f64 = 0.9;
-const MORE: f64 = 1.015;
+const KEEPS_UP: f64 = 0.95;
+const MORE: f64 = 1.005;
 /// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
 const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
@@ -46,6 +50,10 @@ pub(super) struct Pace<const J: usize> {
     window: Option<Stamp>,
     windows: u32,
     slow_in_a_row: u32,
+    /// It was outside its commands, if not far, in this window.
+    behind: bool,
+    /// A slow arm is given until then to come back to its commands.
+    patient_until: Option<Stamp>,
     judged: bool,
     /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go [m/s].
     slowed: Option<[f64; 2]>,
@@ -61,6 +69,8 @@ impl<const J: usize> Pace<J> {
             window: None,
             windows: 0,
             slow_in_a_row: 0,
+            behind: false,
+            patient_until: None,
             judged: false,
             slowed: None,
         }
@@ -69,6 +79,11 @@ impl<const J: usize> Pace<J> {
     /// Part of the speed asked for at which the arm moves, 1 unless it is slow; `None` until it has moved.
     pub(super) fn share(&self) -> Option<f64> {
         self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.judged.then_some(1.0))
+    }
+
+    /// The arm goes its way, but too slowly: what is asked of it is being made less.
+    pub(super) fn patient(&self, stamp: Stamp) -> bool {
+        self.slowed.is_some() || self.patient_until.is_some_and(|until| stamp < until)
     }
 
     /// How fast the tool may be asked to go [m/s]; `None`: as fast as its limits allow.
@@ -99,8 +114,9 @@ impl<const J: usize> Pace<J> {
         }
     }
 
-    /// The joints were measured to move at `speeds` [rad/s]. Returns the share of an arm that was just found to be slow.
-    pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J]) -> Option<f64> {
+    /// The joints were measured to move at `speeds` [rad/s], `behind` their commands or not. Returns the share of an arm that was just found to be slow.
+    pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J], behind: bool) -> Option<f64> {
+        self.behind |= behind;
         for (peak, speed) in self.now.arm.iter_mut().zip(speeds) {
             *peak = peak.max(speed.abs());
         }
@@ -110,12 +126,12 @@ impl<const J: usize> Pace<J> {
         }
         self.window = Some(stamp);
         self.windows = self.windows.saturating_add(1);
-        let found = if self.windows >= 2 { self.judge() } else { None };
+        let found = if self.windows >= 2 { self.judge(stamp) } else { None };
         self.before = std::mem::replace(&mut self.now, Peaks::NONE);
         found
     }
 
-    fn judge(&mut self) -> Option<f64> {
+    fn judge(&mut self, stamp: Stamp) -> Option<f64> {
         let arm = self.before.arm.iter().zip(&self.now.arm).map(|(before, now)| before.max(*now));
         let (model, arm) = self.before.model.iter().zip(arm).max_by(|a, b| a.0.total_cmp(b.0))?;
         if !(*model >= JUDGED_RADPS) {
@@ -123,7 +139,11 @@ impl<const J: usize> Pace<J> {
         }
         let share = (arm / model).min(1.0);
         self.judged = true;
-        self.slow_in_a_row = if share < SLOW_SHARE { self.slow_in_a_row + 1 } else { 0 };
+        let slow = share < SLOW_SHARE || std::mem::take(&mut self.behind) && share < KEEPS_UP;
+        self.slow_in_a_row = if slow { self.slow_in_a_row + 1 } else { 0 };
+        if slow && share >= STANDS {
+            self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
+        }
         let tool_mps = self.before.tool_mps;
         match &mut self.slowed {
             None if self.slow_in_a_row >= 2 => {
@@ -131,8 +151,8 @@ impl<const J: usize> Pace<J> {
                 self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
                 Some(share)
             }
-            Some([_, allowed]) if self.slow_in_a_row >= 2 => {
-                self.slow_in_a_row = 0;
+            // At its ceiling it falls behind, however near to what is asked that is.
+            Some([_, allowed]) if share < KEEPS_UP => {
                 *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
                 None
             }
