@@ -8,7 +8,11 @@ mod desk;
 use desk::{Desk, Pen, Seen};
 use foretrace_config::Config;
 use foretrace_control::follower::{Mode, Refusal, Request, StopCause, StopDetail, StopReason};
+use foretrace_control::lag::Following;
 use foretrace_control::monitor::SlowArm;
+use foretrace_control::mpc::Gains;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::Trust;
 use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
 
 /// The arm breaks so long after the pen began [s]: by then the lag is known.
@@ -165,12 +169,14 @@ fn arms_that_obey_are_never_blamed() {
             let mut desk = Desk::armed(arm);
             let stop = desk.write(pen, 7.0);
             assert!(stop.is_none() && desk.mode == Mode::Following, "{lag}, {speed}: {stop:?}");
+            assert!(desk.seen.share.is_none_or(|share| share == 1.0), "{lag}, {speed}: {:?}", desk.seen);
             worst = [worst[0].max(desk.seen.joint_radps), worst[1].max(desk.seen.off_m)];
         }
         for (text, seed) in [("Kx4 Rg8 Sy2", 0), ("anticipate", 1)] {
             let mut desk = Desk::armed(arm);
             let stop = desk.write_text(text, seed);
             assert!(stop.is_none(), "{lag}, {text:?}: {stop:?}");
+            assert!(desk.seen.share.is_none_or(|share| share == 1.0), "{lag}, {text:?}: {:?}", desk.seen);
         }
         println!("{lag:<18} at most {:.2} rad/s, {:.1} mm off all commands", worst[0], worst[1] * 1e3);
     }
@@ -206,14 +212,47 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
         assert!(later.is_none() && desk.seen.off_m < 0.05, "{arm_share}: {later:?}");
         assert!(desk.seen.tool_mps < 0.9 * speed_mps, "{arm_share}: {} m/s", desk.seen.tool_mps);
     }
-    // A slider at 30 % and a hand that writes.
+    // A slider at 30 % does not keep this hand from writing.
     let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(0.3), at_s: 0.5 }), ..late(0.0) };
     let mut desk = Desk::armed(arm);
     let stop = desk.write_text("Kx4 Rg8 Sy2", 0);
-    assert!(stop.is_none() && desk.seen.share.is_some_and(|share| share < 0.75), "{stop:?} {:?}", desk.seen);
+    assert!(stop.is_none() && desk.seen.off_m < 0.015, "{stop:?} {:?}", desk.seen);
 
     let (_, stop) = slowed(0.3, Pen { radius_m: 0.06, speed_mps: 0.7 }, SlowArm::Stop);
     let (reason, detail) = stop.expect("a stop");
     println!("stopped: {detail:?}");
     assert_eq!((reason, detail.cause), (StopReason::TrackingError, StopCause::SlowArm));
+}
+
+/// The paper's law, a scalar trust over a plan with steps of 10 ms, asks more of an arm than the preset does.
+#[test]
+fn an_arm_behind_a_slow_servo_is_not_blamed_for_a_plan_in_a_hurry() {
+    let arm = ArmSettings::ur5(0.002, 0.1);
+    for following in [Following::Fixed, Following::Measured { max_ns: 150_000_000, rate: 0.02 }] {
+        for (text, seed) in
+            [("Kx4 Rg8 Sy2", 0), ("ANTICIPATE", 11), ("abcdefghijklm", 22), ("abcdefghijklm", 32)]
+        {
+            let mut settings = Config::preset("ur5e").unwrap().follower_settings();
+            settings.dead_time_ns = (arm.group_delay_s() * 1e9) as u64;
+            settings.following = following;
+            settings.trust_request = TrustRequest::Manual(Trust::FULL);
+            settings.mpc.step_s = 0.01;
+            for axis in settings.mpc.axes.iter_mut().take(2) {
+                (axis.velocity_mps, axis.acceleration_mps2, axis.jerk_mps3) = (1.0, 15.0, 4000.0);
+            }
+            settings.mpc.gains_feedback = [Gains::FEEDBACK; 3];
+            settings.mpc.gains_feedforward = [Gains::FEEDFORWARD; 3];
+            settings.mpc.effort = Gains::EFFORT;
+            let mut desk = Desk::with(arm, settings);
+            assert_eq!(desk.ask(Request::Arm), Ok(()));
+            let stop = desk.write_text(text, seed);
+            println!("{following:?} {text}: {stop:?} {:?}", desk.seen);
+            assert!(stop.is_none(), "{following:?}, {text}, {seed}: {stop:?}");
+            assert!(
+                desk.seen.share.is_none_or(|share| share == 1.0),
+                "{following:?}, {text}: {:?}",
+                desk.seen
+            );
+        }
+    }
 }

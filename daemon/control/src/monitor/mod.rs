@@ -263,13 +263,7 @@ impl<const J: usize> Monitor<J> {
                     blame(StopCause::Runaway, joint, leaving, runaway_radps);
                 }
             }
-            // No number is outside, whatever it compares like.
-            blame(
-                StopCause::JointDeviation,
-                joint,
-                if away.is_nan() { f64::INFINITY } else { away },
-                joint_rad,
-            );
+            blame(StopCause::JointDeviation, joint, away, far_rad);
         }
         if let Some(span) = self.tools.span(oldest, newest) {
             let [x, y, z] = span.outside(tool);

@@ -9,6 +9,8 @@ use crate::units::Stamp;
 
 /// Length of a window [ns].
 const WINDOW_NS: i64 = 100_000_000;
+/// Windows in which the arm may have been as fast as its model is now: a model of an arm of unknown lag is slow itself.
+const REMEMBERED: usize = 6;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
 /// and less than this one stands,
@@ -19,10 +21,14 @@ const JUDGED_RADPS: f64 = 0.25;
 const PATIENCE_NS: u64 = 1_000_000_000;
 /// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
 const KEEPS_UP: f64 = 0.95;
-const MORE: f64 = 1.005;
+const MORE: f64 = 1.01;
+/// Let go at so many times what was asked for when the arm was found slow: that may have been the beginning of more.
+const RELEASED: f64 = 3.0;
 /// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
 const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
+/// Nor for more than this part of it, while the arm is behind.
+const BEHIND_STEP: f64 = 0.95;
 /// Speeds of the arm are means over about so long, which the model has to be as well [s].
 const LEAST_LAG_S: f64 = 0.016;
 /// Longer steps of the model count as this [s].
@@ -44,9 +50,12 @@ impl<const J: usize> Peaks<J> {
 #[derive(Debug, Clone)]
 pub(super) struct Pace<const J: usize> {
     model: Option<(Stamp, [[f64; 2]; J])>,
+    lag_s: f64,
     tool: Option<(Stamp, [f64; 3])>,
     before: Peaks<J>,
     now: Peaks<J>,
+    /// Fastest of the arm in each of the last windows: it may be ahead of its model.
+    arms: [[f64; J]; REMEMBERED],
     window: Option<Stamp>,
     windows: u32,
     slow_in_a_row: u32,
@@ -63,9 +72,11 @@ impl<const J: usize> Pace<J> {
     pub(super) const fn new() -> Self {
         Self {
             model: None,
+            lag_s: 0.0,
             tool: None,
             before: Peaks::NONE,
             now: Peaks::NONE,
+            arms: [[0.0; J]; REMEMBERED],
             window: None,
             windows: 0,
             slow_in_a_row: 0,
@@ -103,7 +114,9 @@ impl<const J: usize> Pace<J> {
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
         // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
-        let w = 2.0 / lag_s.max(LEAST_LAG_S);
+        // A slow arm looks later and later, and an arm that late might be as slow.
+        self.lag_s = if self.slowed.is_some() { self.lag_s.min(lag_s) } else { lag_s };
+        let w = 2.0 / self.lag_s.max(LEAST_LAG_S);
         let decay = (-w * elapsed_s).exp();
         for ([position, speed], (target, peak)) in joints.iter_mut().zip(q.iter().zip(&mut self.now.model)) {
             let e = *position - target;
@@ -128,18 +141,26 @@ impl<const J: usize> Pace<J> {
         self.windows = self.windows.saturating_add(1);
         let found = if self.windows >= 2 { self.judge(stamp) } else { None };
         self.before = std::mem::replace(&mut self.now, Peaks::NONE);
+        self.arms.rotate_right(1);
+        if let Some(newest) = self.arms.first_mut() {
+            *newest = self.before.arm;
+        }
         found
     }
 
     fn judge(&mut self, stamp: Stamp) -> Option<f64> {
-        let arm = self.before.arm.iter().zip(&self.now.arm).map(|(before, now)| before.max(*now));
-        let (model, arm) = self.before.model.iter().zip(arm).max_by(|a, b| a.0.total_cmp(b.0))?;
+        let mut fastest = self.now.arm;
+        for arm in &self.arms {
+            fastest.iter_mut().zip(arm).for_each(|(most, arm)| *most = most.max(*arm));
+        }
+        let (model, arm) = self.before.model.iter().zip(fastest).max_by(|a, b| a.0.total_cmp(b.0))?;
         if !(*model >= JUDGED_RADPS) {
             return None;
         }
         let share = (arm / model).min(1.0);
         self.judged = true;
-        let slow = share < SLOW_SHARE || std::mem::take(&mut self.behind) && share < KEEPS_UP;
+        let behind = std::mem::take(&mut self.behind);
+        let slow = share < SLOW_SHARE || behind && share < KEEPS_UP;
         self.slow_in_a_row = if slow { self.slow_in_a_row + 1 } else { 0 };
         if slow && share >= STANDS {
             self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
@@ -152,13 +173,13 @@ impl<const J: usize> Pace<J> {
                 Some(share)
             }
             // At its ceiling it falls behind, however near to what is asked that is.
-            Some([_, allowed]) if share < KEEPS_UP => {
-                *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
+            Some([_, allowed]) if share < KEEPS_UP || behind => {
+                *allowed = (share.clamp(LEAST_STEP, BEHIND_STEP) * *allowed).max(LEAST_MPS);
                 None
             }
             Some([asked, allowed]) if share >= KEEPS_UP => {
                 *allowed *= MORE;
-                if allowed >= asked {
+                if *allowed >= RELEASED * *asked {
                     self.slowed = None;
                 }
                 None
