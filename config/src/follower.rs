@@ -8,6 +8,7 @@ use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Pla
 use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::lag::Following;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
+use foretrace_control::monitor::{SlowArm, TrackingSettings};
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, MpcError, MpcSettings, SoftPenalty,
 };
@@ -19,7 +20,7 @@ use nalgebra::Vector3;
 
 use crate::config::Config;
 use crate::robot::{JOINTS, Robot};
-use crate::settings::{self, QpBackend, Settings, TrustMode};
+use crate::settings::{self, QpBackend, Settings, SlowArmChoice, TrustMode};
 
 impl Config {
     /// What the follower is built from; the horizon N is `settings().mpc.horizon`.
@@ -168,6 +169,21 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             arm_max_tilt: s.safety.arm_max_tilt_rad,
             previous_plan_max_ns: ns(s.safety.previous_plan_max_ms),
             approach_distance: s.safety.approach_distance_m,
+            tracking: tracking(&s.safety.tracking),
+        },
+    }
+}
+
+fn tracking(s: &settings::Tracking) -> TrackingSettings {
+    TrackingSettings {
+        joint_rad: s.joint_rad,
+        tool_m: s.tool_m,
+        still_rad: s.still_rad,
+        runaway_radps: s.runaway_radps,
+        hold_ns: ns(s.hold_ms),
+        slow_arm: match s.slow_arm {
+            SlowArmChoice::SlowDown => SlowArm::SlowDown,
+            SlowArmChoice::Stop => SlowArm::Stop,
         },
     }
 }

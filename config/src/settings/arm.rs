@@ -1,7 +1,7 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
 use super::QpBackend;
-use crate::schema::{Legal::*, Presence::*, section};
+use crate::schema::{Legal::*, Presence::*, section, words};
 
 section! {
     /// Joints from the plan: a quadratic programme over joint velocities.
@@ -123,5 +123,42 @@ section! {
         hold_after_ms: f64 = Between(10.0, 10000.0), Default("200.0"), AtStart, "200";
         /// Longest use of an earlier plan, when there is no fresh one, before the joints stop.
         previous_plan_max_ms: f64 = Between(2.0, 200.0), Default("50.0"), AtStart, "50: the length of a plan";
+    }
+    sections {
+        /// When the arm is not where it was told to be.
+        tracking @ "tracking": Tracking;
+    }
+}
+
+words! {
+    /// What becomes of the tool in front of a slow arm.
+    pub enum SlowArmChoice {
+        /// It slows with the arm.
+        SlowDown = "slow-down",
+        /// A stop is latched.
+        Stop = "stop",
+    }
+}
+
+section! {
+    /// How far the arm may be from where it was told to be. Measured joints are compared with all commands that they may be
+    /// answering, back to `timing.dead_time_max_ms` and what a servo filter spreads: the smaller that is, the sooner an arm
+    /// that stands still is noticed. What is wrong latches a stop, "tracking-error", with joint, amount and limit.
+    pub struct Tracking {
+        /// Farthest that a measured joint may be from all of those commands. A joint that is half as far outside and moving away
+        /// stops the arm as well.
+        joint_rad: f64 = Between(0.002, 0.5), Default("0.02"), AtStart, "0.02";
+        /// The same for the tool, along the axes of the plane: several small joint errors add up.
+        tool_m: f64 = Between(0.001, 0.2), Default("0.015"), AtStart, "0.015";
+        /// Commands that move a joint by this much within a quarter of a second have to show: a joint that stands still
+        /// then stops the arm.
+        still_rad: f64 = Between(0.002, 0.5), Default("0.006"), AtStart, "0.006";
+        /// A joint that leaves its commands faster than this runs away.
+        runaway_radps: f64 = Between(0.02, 3.0), Default("0.1"), AtStart, "0.1";
+        /// What is wrong for this long, and in two joint states, stops the arm; less is a glitch.
+        hold_ms: f64 = Between(0.0, 200.0), Default("10.0"), AtStart, "10";
+        /// An arm that moves at less than three quarters of the speed that is asked for (a speed slider): "slow-down", the tool
+        /// slows with it; "stop", a stop is latched.
+        slow_arm: SlowArmChoice = Words(SlowArmChoice::WORDS), Default("\"slow-down\""), AtStart, "\"slow-down\"";
     }
 }

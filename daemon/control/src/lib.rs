@@ -27,6 +27,7 @@ pub mod qp;
 pub mod ik;
 pub mod guard;
 pub mod lag;
+pub mod monitor;
 pub mod follower;
 pub mod ghost;
 pub mod extent;

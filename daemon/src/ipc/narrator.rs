@@ -85,11 +85,17 @@ impl Troubles {
     }
 }
 
+/// An arm at less than this share of the speed asked for is slow; at more than the other one it is not any more.
+const SLOW_SHARE: f64 = 0.75;
+const KEEPS_UP_SHARE: f64 = 0.95;
+
 /// Remembers what was told.
 #[derive(Debug, Default)]
 pub struct Narrator {
     mode: Mode,
     predictor: Option<PredictorKind>,
+    /// The arm was said to be slow.
+    slow: bool,
     told: Troubles,
     told_at: Stamp,
     /// When the first trouble showed that was not told yet.
@@ -127,8 +133,26 @@ impl Narrator {
             }
             self.predictor = Some(output.predictor);
         }
+        self.pace(evidence);
         self.floods(evidence);
         changed
+    }
+
+    /// Says once that the arm is slow, and once that it is not any more; between the two shares nothing changes.
+    fn pace(&mut self, evidence: &Evidence) {
+        let Some(share) = evidence.output.arm_speed_share else { return };
+        let tick = evidence.tick;
+        if share < SLOW_SHARE && !self.slow {
+            self.slow = true;
+            let percent = 100.0 * share;
+            warn!(
+                tick,
+                "the arm moves at about {percent:.0} % of what is asked; the tool slows with it (safety.tracking.slow_arm)"
+            );
+        } else if share > KEEPS_UP_SHARE && self.slow {
+            self.slow = false;
+            info!(tick, "the arm keeps up with what is asked again");
+        }
     }
 
     fn floods(&mut self, evidence: &Evidence) {
@@ -203,6 +227,19 @@ mod tests {
         let lines = Troubles::of(&later).since(&Troubles::of(&evidence(1)));
         assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
         assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
+    }
+
+    #[test]
+    fn a_slow_arm_is_told_once() {
+        let mut narrator = Narrator::default();
+        let mut evidence = evidence(1);
+        for (share, slow) in
+            [(None, false), (Some(0.8), false), (Some(0.3), true), (Some(0.9), true), (Some(1.0), false)]
+        {
+            evidence.output.arm_speed_share = share;
+            narrator.tick(&evidence);
+            assert_eq!(narrator.slow, slow, "{share:?}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod hostile_input;
 mod kill;
 mod learner;
 mod memory;
+mod not_following;
 mod peers;
 mod scene;
 mod signals;

@@ -1,6 +1,6 @@
 //! What kind of arm to simulate: how late, how unevenly late, how fast.
 
-use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings};
+use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
 
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
@@ -30,6 +30,11 @@ pub(crate) struct LagArgs {
     /// before the next one comes, and no joint is faster than this share of its limit; 0 is a paused arm
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = scaling)]
     pub(crate) speed_scaling: f64,
+
+    /// Break down when so many seconds have passed since the arm began to cycle: stuck, paused; locked, frozen (in its report),
+    /// flipped or wrapped (a turn) with a joint as VALUE; offset, runaway, slow, oscillation with a size
+    #[arg(long, value_name = "KIND@S[:VALUE]")]
+    pub(crate) fault: Option<Fault>,
 }
 
 impl LagArgs {
@@ -45,6 +50,7 @@ impl LagArgs {
         ArmSettings {
             delay,
             speed_scaling: self.speed_scaling,
+            fault: self.fault,
             ..ArmSettings::ur5(cycle_s, self.look_ahead_ms * 1e-3)
         }
     }
@@ -72,6 +78,10 @@ pub(crate) struct StartedArmArgs {
     /// Speed scaling of the arm, 0 to 1 [default: 1]
     #[arg(long, value_name = "F", value_parser = scaling)]
     arm_speed_scaling: Option<f64>,
+
+    /// Break the arm on purpose: KIND@SECONDS[:VALUE], as `foretrace arm sim --fault`
+    #[arg(long, value_name = "KIND@S[:VALUE]", value_parser = fault)]
+    arm_fault: Option<String>,
 }
 
 impl StartedArmArgs {
@@ -85,6 +95,7 @@ impl StartedArmArgs {
             ("--jitter-ms", number(self.arm_jitter_ms)),
             ("--lag-change", change),
             ("--speed-scaling", number(self.arm_speed_scaling)),
+            ("--fault", self.arm_fault.clone()),
         ];
         all.into_iter().filter_map(|(name, value)| value.map(|value| format!("{name}={value}"))).collect()
     }
@@ -107,6 +118,11 @@ fn scaling(text: &str) -> Result<f64, String> {
     within(text, 1.0).ok_or_else(|| "a number from 0 to 1".to_owned())
 }
 
+/// Judged here as well, so that a demo does not start with what its arm would refuse.
+fn fault(text: &str) -> Result<String, String> {
+    text.parse::<Fault>().map(|_| text.to_owned()).map_err(|error| error.to_string())
+}
+
 fn change(text: &str) -> Result<(f64, f64), String> {
     let parts = text.split_once(':').and_then(|(s, ms)| within(s, 1e6).zip(within(ms, 500.0)));
     parts.ok_or_else(|| "S:MS, seconds from 0 and milliseconds from 0 to 500, for example 10:80".to_owned())
@@ -121,6 +137,7 @@ fn within(text: &str, most: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use clap::Parser;
+    use foretrace_lab::arm::FaultKind;
 
     #[derive(Debug, Parser)]
     struct Line {
@@ -159,12 +176,14 @@ mod tests {
             "--arm-look-ahead-ms=0",
             "--arm-jitter-ms=3",
             "--arm-lag-change=2.5:90",
+            "--arm-fault=offset@3:-0.1",
         ];
         let starter = Starter::try_parse_from(words).unwrap();
         let arguments = starter.arm.arguments();
         let heard = parsed(&arguments.iter().map(String::as_str).collect::<Vec<_>>()).unwrap();
         assert_eq!((heard.lag_ms, heard.look_ahead_ms, heard.jitter_ms), (12.5, 0.0, 3.0));
         assert_eq!((heard.lag_change, heard.speed_scaling), (Some((2.5, 90.0)), 1.0));
+        assert_eq!(heard.fault, Some(Fault { kind: FaultKind::Offset(-0.1), at_s: 3.0 }));
         assert!(Starter::try_parse_from(["demo"]).unwrap().arm.arguments().is_empty());
     }
 
@@ -179,6 +198,7 @@ mod tests {
             (["--lag-change=-1:20"], "S:MS"),
             (["--lag-change=1:900"], "S:MS"),
             (["--speed-scaling=1.5"], "0 to 1"),
+            (["--fault=bent@3"], "KIND@SECONDS"),
         ] {
             let refused = parsed(&words).unwrap_err();
             assert!(refused.contains(range), "{words:?}: {refused}");

@@ -13,11 +13,14 @@
 //! acceleration. s = 0 is a paused program: the arm stays.
 
 mod delay;
+mod fault;
 mod servo;
 
 pub use delay::{DelayChange, DelaySettings, MAX_DELAY_S};
+pub use fault::{Fault, FaultKind, NoFault};
 
 use delay::DelayLine;
+use fault::Broken;
 use servo::{Clamp, Motion, follow, settle};
 
 /// Joints of the simulated arm.
@@ -40,6 +43,8 @@ pub struct ArmSettings {
     pub velocity_radps: [f64; JOINTS],
     /// Largest joint acceleration [rad/s²], per joint; may be infinite.
     pub acceleration_radps2: [f64; JOINTS],
+    /// What breaks, and when.
+    pub fault: Option<Fault>,
 }
 
 impl ArmSettings {
@@ -54,6 +59,7 @@ impl ArmSettings {
             joint_loop_s: 0.002,
             velocity_radps: [3.342; JOINTS],
             acceleration_radps2: [40.0; JOINTS],
+            fault: None,
         }
     }
 
@@ -70,6 +76,7 @@ impl ArmSettings {
             joint_loop_s: 0.0,
             velocity_radps: [f64::INFINITY; JOINTS],
             acceleration_radps2: [f64::INFINITY; JOINTS],
+            fault: None,
         }
     }
 
@@ -118,6 +125,8 @@ pub struct ArmModel {
     servo: [Motion; JOINTS],
     joint: [Motion; JOINTS],
     clamped: bool,
+    cycles: u64,
+    broken: Option<Broken>,
 }
 
 impl ArmModel {
@@ -134,6 +143,8 @@ impl ArmModel {
             servo: still,
             joint: still,
             clamped: false,
+            cycles: 0,
+            broken: None,
         }
     }
 
@@ -141,6 +152,7 @@ impl ArmModel {
     /// and returns the joints at its end. A target that is not finite counts as "stay where the last one was".
     pub fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
         let dt = self.settings.cycle_s;
+        self.break_down();
         for (newest, target) in self.newest_target.iter_mut().zip(target) {
             if target.is_finite() {
                 *newest = target;
@@ -171,12 +183,41 @@ impl ArmModel {
             self.servo[axis] = servo;
             self.previous_target[axis] = to;
         }
+        if let Some(broken) = &mut self.broken {
+            broken.cycle(dt, &mut [&mut self.servo, &mut self.joint]);
+        }
         self.joints()
+    }
+
+    /// Begins the fault when its time has come.
+    fn break_down(&mut self) {
+        let t_s = self.cycles as f64 * self.settings.cycle_s;
+        self.cycles += 1;
+        let Some(fault) = self.settings.fault.filter(|fault| self.broken.is_none() && t_s >= fault.at_s)
+        else {
+            return;
+        };
+        let broken = Broken::new(fault.kind, &self.obeying());
+        self.scaling = broken.scaling().unwrap_or(self.scaling);
+        self.broken = Some(broken);
     }
 
     /// The joints as the controller would report them now.
     #[must_use]
     pub fn joints(&self) -> Joints {
+        let really = self.really();
+        self.broken.map_or(really, |broken| broken.reported(really))
+    }
+
+    /// Where the joints are, whatever is said about them.
+    #[must_use]
+    pub fn really(&self) -> Joints {
+        let obeying = self.obeying();
+        self.broken.map_or(obeying, |broken| broken.really(obeying))
+    }
+
+    /// Where the joints would be of an arm that does what it is told, as far as they can.
+    fn obeying(&self) -> Joints {
         Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
     }
 

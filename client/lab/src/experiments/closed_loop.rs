@@ -5,7 +5,7 @@
 
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, NoClock, Refusal, Request, StepInput,
-    StepOutput,
+    StepOutput, StopDetail, StopReason,
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
@@ -55,6 +55,9 @@ pub enum RunError {
     /// The loop refused to take over the arm.
     #[error("the loop refuses to arm: {0:?}; check plane, home and workspace of the settings")]
     Refused(Refusal),
+    /// The loop stopped the arm because it did not follow.
+    #[error("the loop says that the arm does not follow: {0:?}")]
+    NotFollowing(StopDetail),
     /// No path.
     #[error("the pen path has no samples")]
     Empty,
@@ -172,6 +175,9 @@ impl<const N: usize> LoopDesk<N> {
         if let (false, Some(answer)) = (self.armed, output.answer) {
             answer.map_err(RunError::Refused)?;
             self.armed = true;
+        }
+        if output.stop_reason == StopReason::TrackingError {
+            return Err(RunError::NotFollowing(output.stop_detail));
         }
         if let Some(learner) = &mut self.learner {
             for step in output.learn.iter().take(output.learn_count) {

@@ -11,11 +11,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         match request {
             Request::Arm => {
                 let joints = self.watch.may_arm(now, self.mover.at_rest())?;
+                if self.monitor.unsettled(self.settings.safety.arm_max_speed) {
+                    return Err(Refusal::NotFollowing);
+                }
                 self.mover.seed(now, &joints.q)?;
+                self.monitor.begin(now);
                 self.watch.arm(now);
                 self.learner_doubt_ns = 0;
             }
-            Request::Disarm => self.watch.disarm(now),
+            Request::Disarm => {
+                self.watch.disarm(now);
+                self.monitor.acknowledge();
+            }
             Request::Stop => self.watch.latch(now, StopReason::Requested),
             Request::SetTrust(alpha) => {
                 if !(0.0..=1.0).contains(&alpha) {

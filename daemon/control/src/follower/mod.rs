@@ -15,6 +15,7 @@ mod plane;
 mod plans;
 mod reference;
 mod settings;
+mod tracking;
 mod watch;
 
 pub use io::{
@@ -31,6 +32,7 @@ use watch::Watch;
 
 use crate::lag::{Aim, DeadTime, LagEstimator};
 use crate::learn::LearnStep;
+use crate::monitor::Monitor;
 use crate::pen::{PenOrigin, PenReading, PenTracker};
 use crate::predict::bands::BAND_LEADS;
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
@@ -57,6 +59,7 @@ pub struct Follower<const N: usize, const J: usize> {
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
+    monitor: Box<Monitor<J>>,
     mover: Mover<N, J>,
 }
 
@@ -102,6 +105,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
+            monitor: Box::new(Monitor::new(settings.safety.tracking, settings.longest_lag_ns())),
             mover,
             settings,
         })
@@ -131,6 +135,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// *Errors*: the joints or the tool are where no arm may be armed.
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
+        self.monitor.begin(now);
         self.watch.arm(now);
         Ok(())
     }
@@ -155,6 +160,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.watch.observe(now, input.joints, input.enable, &mut health);
         if let Some(joints) = input.joints.filter(|_| !health.has(Health::JOINTS_REJECTED)) {
             self.lag.measured(joints.stamp, &joints.q);
+            self.monitor_joints(now, joints);
         }
         self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
@@ -203,6 +209,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         clock.lap(Stage::Predict);
 
         let wanted = self.wanted(now, trust.report.alpha);
+        self.mover.pace_mps = self.monitor.allowed_mps();
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         self.evidence.drove(moved.at_limit, self.settings.period_ns);
@@ -213,7 +220,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             self.mover.let_go();
         }
         match &moved.command {
-            Some(command) => self.lag.commanded(command.stamp, &command.q),
+            Some(command) => {
+                self.lag.commanded(command.stamp, &command.q);
+                self.monitor.commanded(command.stamp, &command.q, &moved.tool);
+            }
             None => self.lag.released(),
         }
         clock.lap(Stage::Guard);
@@ -227,7 +237,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             mode: self.watch.mode(),
             stop_reason: self.watch.reason(),
             stop_detail: self.watch.detail(),
-            arm_speed_share: None,
+            arm_speed_share: self.monitor.speed_share(),
             answer,
             rung: moved.rung,
             health,

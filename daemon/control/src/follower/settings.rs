@@ -5,6 +5,7 @@ use thiserror::Error;
 use super::plane::Plane;
 use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
 use crate::lag::Following;
+use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
@@ -35,6 +36,8 @@ pub struct SafetySettings {
     pub previous_plan_max_ns: u64,
     /// The tool stays lifted after arming until it is this close to the pen [m]; five times as far away, and 50 mm, it lifts again.
     pub approach_distance: f64,
+    /// How far the arm may be from where it was told to be.
+    pub tracking: TrackingSettings,
 }
 
 /// Everything the follower is built from.
@@ -163,6 +166,15 @@ impl<const J: usize> FollowerSettings<J> {
         u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
     }
 
+    /// The latest that the arm may be without being blamed for it [ns].
+    #[must_use]
+    pub fn longest_lag_ns(&self) -> u64 {
+        match self.following {
+            Following::Fixed => self.dead_time_ns.max(LONGEST_LAG_NS),
+            Following::Measured { max_ns, .. } => self.dead_time_ns.max(max_ns),
+        }
+    }
+
     /// Group delay of the arm's servo, where it is known to be a filter [ns].
     #[must_use]
     pub fn servo_ns(&self) -> u64 {
@@ -232,7 +244,8 @@ impl<const J: usize> FollowerSettings<J> {
             ("plane origin y", y, -10.0, 10.0, "m"),
             ("plane origin z", z, -10.0, 10.0, "m"),
         ];
-        match numbers.into_iter().find(|(_, value, low, high, _)| !(low..=high).contains(&value)) {
+        let mut numbers = numbers.into_iter().chain(self.safety.tracking.numbers());
+        match numbers.find(|(_, value, low, high, _)| !(low..=high).contains(&value)) {
             Some((name, value, low, high, unit)) => {
                 Err(FollowerError::Number { name, value, low, high, unit })
             }

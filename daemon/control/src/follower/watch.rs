@@ -56,6 +56,11 @@ impl<const J: usize> Watch<J> {
         matches!(self.mode, Mode::Following | Mode::Holding)
     }
 
+    /// In charge of an arm that obeys, moving or not.
+    pub(super) fn engaged(&self) -> bool {
+        matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding)
+    }
+
     /// A stop is latched.
     pub(super) fn stopped(&self) -> bool {
         matches!(self.mode, Mode::Stopped | Mode::Fault)

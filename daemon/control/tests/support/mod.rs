@@ -15,6 +15,7 @@ use foretrace_control::guard::CommandChecker;
 use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
 use foretrace_control::lag::Following;
 use foretrace_control::learn::{Learner, LearnerSettings};
+use foretrace_control::monitor::TrackingSettings;
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
 use foretrace_control::predict::Networks;
@@ -103,6 +104,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
             arm_max_tilt: 0.35,
             previous_plan_max_ns: 50_000_000,
             approach_distance: 0.01,
+            tracking: TrackingSettings::default(),
         },
     }
 }

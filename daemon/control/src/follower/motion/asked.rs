@@ -15,6 +15,8 @@ const OUTSIDE_M: f64 = 1e-9;
 const FAILED: f64 = 0.5;
 const PLANNED: f64 = 1.1;
 const LEAST_REACH: f64 = 1e-3;
+/// Feedback closes in on a held target about as fast as if it were to be there after so many steps: its velocity gain.
+const HELD_STEPS: f64 = 7.0;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// References of the three axes, the conservative states, and the trust that they deserve.
@@ -139,15 +141,37 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         {
             let (behind, ahead) = (tool.position.min(arm.position), tool.position.max(arm.position));
             let far = limits.velocity_mps * plan_s;
-            for state in references.iter_mut().chain([held]) {
+            for state in references.iter_mut().chain([&mut *held]) {
                 state.position =
                     within(within(state.position, limits.position_m), [behind - far, ahead + far]);
                 state.velocity *= self.reach;
                 state.acceleration *= self.reach;
             }
+            if let Some(pace) = self.pace_mps {
+                slow_down(pace, self.mpc.step_s(), [behind, ahead], held, references);
+            }
         }
         (conservative, references)
     }
+}
+
+/// No state farther from the tool, which is within `[behind, ahead]` [m], than `pace` [m/s] gets until then, nor faster.
+fn slow_down(
+    pace: f64,
+    step_s: f64,
+    [behind, ahead]: [f64; 2],
+    held: &mut AxisState,
+    references: &mut [AxisState],
+) {
+    let limit = |state: &mut AxisState, steps: f64| {
+        let far = pace * step_s * steps;
+        state.position = within(state.position, [behind - far, ahead + far]);
+        state.velocity = within(state.velocity, [-pace, pace]);
+    };
+    for (index, state) in references.iter_mut().enumerate() {
+        limit(state, (index + 1) as f64);
+    }
+    limit(held, HELD_STEPS);
 }
 
 /// The nearest that is not outside of `[low, high]`; what is no number stays none.

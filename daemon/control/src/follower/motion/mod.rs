@@ -94,6 +94,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     plan_start: Option<Stamp>,
     /// Share of its full reach that a plan is asked for.
     reach: f64,
+    /// No faster than this [m/s], where the arm is slow.
+    pub(super) pace_mps: Option<f64>,
     /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
     height: f64,
@@ -159,6 +161,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
             reach: 1.0,
+            pace_mps: None,
             approaching: true,
             height: settings.plane.lift_height,
         })

@@ -1,0 +1,225 @@
+//! Ways in which the simulated arm stops doing what it is told, or stops telling what it does.
+//!
+//! Contract: nothing changes before the fault begins; from then on it stays. Joints are counted from 0 at the base.
+
+use std::f64::consts::TAU;
+use std::str::FromStr;
+
+use super::servo::Motion;
+use super::{JOINTS, Joints};
+
+/// Swings per second of [`FaultKind::Oscillation`], where it begins [rad], and its growth [1/s].
+const SWING_HZ: f64 = 4.0;
+const SWING_RAD: f64 = 1e-3;
+
+/// What breaks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FaultKind {
+    /// All joints stand where they are, at once.
+    Stuck,
+    /// One joint stands where it is.
+    Locked(usize),
+    /// One joint is reported where it was; it moves all the same.
+    Frozen(usize),
+    /// The base joint is reported this much beside where it is [rad].
+    Offset(f64),
+    /// One joint moves the other way.
+    Flipped(usize),
+    /// One joint is reported a turn farther than it is.
+    Wrapped(usize),
+    /// The base joint turns at this speed whatever it is told [rad/s].
+    Runaway(f64),
+    /// The program is paused: no target is taken any more, the servo settles.
+    Paused,
+    /// Speed scaling as by a slider, in [0, 1].
+    Slow(f64),
+    /// The base joint swings about where it ought to be, farther by this rate [1/s].
+    Oscillation(f64),
+}
+
+/// A fault and when it begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fault {
+    /// What breaks.
+    pub kind: FaultKind,
+    /// When, since the arm began to cycle [s].
+    pub at_s: f64,
+}
+
+/// Text that names no fault.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or wrapped with a joint, 0 \
+     to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); slow [share, 0 to 1] (0.3); oscillation [growth \
+     per second, 0 to 20] (2)"
+)]
+pub struct NoFault(String);
+
+impl FromStr for Fault {
+    type Err = NoFault;
+
+    fn from_str(text: &str) -> Result<Self, NoFault> {
+        let wrong = || NoFault(text.to_owned());
+        let (kind, rest) = text.split_once('@').ok_or_else(wrong)?;
+        let (at, value) = rest.split_once(':').map_or((rest, None), |(at, value)| (at, Some(value)));
+        let number = |text: &str, low: f64, high: f64| {
+            text.parse().ok().filter(|value| (low..=high).contains(value)).ok_or_else(wrong)
+        };
+        let given = |low, high, usual| value.map_or(Ok(usual), |value| number(value, low, high));
+        let joint = || match value {
+            None => Ok(0),
+            Some(value) => value.parse().ok().filter(|joint| *joint < JOINTS).ok_or_else(wrong),
+        };
+        let kind = match (kind, value) {
+            ("stuck", None) => FaultKind::Stuck,
+            ("paused", None) => FaultKind::Paused,
+            ("locked", _) => FaultKind::Locked(joint()?),
+            ("frozen", _) => FaultKind::Frozen(joint()?),
+            ("flipped", _) => FaultKind::Flipped(joint()?),
+            ("wrapped", _) => FaultKind::Wrapped(joint()?),
+            ("offset", _) => FaultKind::Offset(given(-6.3, 6.3, 0.2)?),
+            ("runaway", _) => FaultKind::Runaway(given(-3.0, 3.0, 0.5)?),
+            ("slow", _) => FaultKind::Slow(given(0.0, 1.0, 0.3)?),
+            ("oscillation", _) => FaultKind::Oscillation(given(0.0, 20.0, 2.0)?),
+            _ => return Err(wrong()),
+        };
+        Ok(Self { kind, at_s: number(at, 0.0, 1e6)? })
+    }
+}
+
+/// A fault that has begun.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Broken {
+    kind: FaultKind,
+    /// Where the joints were then [rad], and for how long it has lasted [s].
+    from: [f64; JOINTS],
+    since_s: f64,
+}
+
+impl Broken {
+    pub(super) fn new(kind: FaultKind, joints: &Joints) -> Self {
+        Self { kind, from: joints.q, since_s: 0.0 }
+    }
+
+    /// Speed scaling, if that is what broke.
+    pub(super) fn scaling(&self) -> Option<f64> {
+        match self.kind {
+            FaultKind::Paused => Some(0.0),
+            FaultKind::Slow(share) => Some(share.clamp(0.0, 1.0)),
+            _ => None,
+        }
+    }
+
+    /// Another cycle has passed; joints that stand hold their servo and their loop.
+    pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [Motion; JOINTS]; 2]) {
+        self.since_s += cycle_s;
+        for motions in axes {
+            for (axis, (motion, from)) in motions.iter_mut().zip(self.from).enumerate() {
+                let stands = match self.kind {
+                    FaultKind::Stuck => true,
+                    FaultKind::Locked(joint) => joint == axis,
+                    _ => false,
+                };
+                if stands {
+                    *motion = Motion { q: from, qd: 0.0 };
+                }
+            }
+        }
+    }
+
+    /// Where joints really are that ought to be at `joints`.
+    pub(super) fn really(&self, joints: Joints) -> Joints {
+        let Joints { mut q, mut qd } = joints;
+        match self.kind {
+            FaultKind::Flipped(joint) if joint < JOINTS => {
+                q[joint] = 2.0 * self.from[joint] - q[joint];
+                qd[joint] = -qd[joint];
+            }
+            FaultKind::Runaway(speed) => {
+                q[0] = self.from[0] + speed * self.since_s;
+                qd[0] = speed;
+            }
+            FaultKind::Oscillation(growth) => {
+                let size = SWING_RAD * (growth * self.since_s).exp().min(1e3);
+                let phase = TAU * SWING_HZ * self.since_s;
+                q[0] += size * phase.sin();
+                qd[0] += size * (TAU * SWING_HZ * phase.cos() + growth * phase.sin());
+            }
+            _ => {}
+        }
+        Joints { q, qd }
+    }
+
+    /// What is said of joints that really are at `joints`.
+    pub(super) fn reported(&self, joints: Joints) -> Joints {
+        let Joints { mut q, mut qd } = joints;
+        match self.kind {
+            FaultKind::Frozen(joint) if joint < JOINTS => {
+                q[joint] = self.from[joint];
+                qd[joint] = 0.0;
+            }
+            FaultKind::Offset(by) => q[0] += by,
+            FaultKind::Wrapped(joint) if joint < JOINTS => q[joint] += TAU,
+            _ => {}
+        }
+        Joints { q, qd }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arm::{ArmModel, ArmSettings};
+
+    #[test]
+    fn faults_are_read_with_and_without_a_value() {
+        let read = |text: &str| text.parse::<Fault>().map(|fault| (fault.kind, fault.at_s));
+        assert_eq!(read("stuck@2.5"), Ok((FaultKind::Stuck, 2.5)));
+        assert_eq!(read("locked@1:3"), Ok((FaultKind::Locked(3), 1.0)));
+        assert_eq!(read("offset@0:-0.1"), Ok((FaultKind::Offset(-0.1), 0.0)));
+        assert_eq!(read("slow@4"), Ok((FaultKind::Slow(0.3), 4.0)));
+        for wrong in
+            ["stuck", "stuck@", "stuck@-1", "stuck@nan", "stuck@1:2", "locked@1:6", "slow@1:1.5", "bent@1"]
+        {
+            assert!(read(wrong).unwrap_err().to_string().contains("KIND@SECONDS"), "{wrong}");
+        }
+    }
+
+    /// Where the base joint is said to be, and is, 0.2 s after a fault amid a motion of 0.5 rad/s.
+    fn after(kind: FaultKind) -> [f64; 3] {
+        let settings =
+            ArmSettings { fault: Some(Fault { kind, at_s: 0.5 }), ..ArmSettings::delayed(0.002, 0.002) };
+        let mut arm = ArmModel::at_rest(settings, [0.0; JOINTS]);
+        let mut target = 0.0;
+        for cycle in 0..350 {
+            target = 0.001 * f64::from(cycle);
+            let joints = arm.cycle([target; JOINTS]);
+            assert!(cycle > 240 || (joints.q[0] - target).abs() < 1e-9, "before the fault: {joints:?}");
+        }
+        [arm.joints().q[0], arm.really().q[0], target]
+    }
+
+    #[test]
+    fn each_fault_does_what_it_says() {
+        let near = |a: f64, b: f64| (a - b).abs() < 5e-3;
+        for kind in [FaultKind::Stuck, FaultKind::Locked(0), FaultKind::Paused] {
+            let [said, is, _] = after(kind);
+            assert!(near(said, 0.25) && near(is, 0.25), "{kind:?}: {said} {is}");
+        }
+        let [said, is, target] = after(FaultKind::Frozen(0));
+        assert!(near(said, 0.25) && near(is, target), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Offset(0.2));
+        assert!(near(said, target + 0.2) && near(is, target), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Wrapped(0));
+        assert!(near(said, target + TAU) && near(is, target), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Flipped(0));
+        assert!(near(said, 0.5 - target) && near(is, 0.5 - target), "{said} {is}");
+        let [said, is, _] = after(FaultKind::Runaway(-1.0));
+        assert!(near(said, 0.05) && near(is, 0.05), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Oscillation(0.0));
+        assert!(said == is && (said - target).abs() < 2.0 * SWING_RAD, "{said} {is}");
+        // A third of each way, and the rest skipped: two cycles late.
+        let [said, _, target] = after(FaultKind::Slow(1.0 / 3.0));
+        assert!(target - said > 1e-3 && target - said < 4e-3, "{said} {target}");
+    }
+}

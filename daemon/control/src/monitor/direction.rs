@@ -1,0 +1,147 @@
+//! A joint that moves against its commands while the others show how late the arm is.
+//!
+//! Contract: small letters turned about stay inside the span of their commands, and motion to and fro turned about looks like
+//! motion half a period late. But all joints of an arm are equally late: at the lag that explains the others best, a turned joint
+//! is anticorrelated. All sums forget within [`KEEP`]; a change of the lag passes through them within the time that blame takes.
+
+use super::path::Path;
+
+/// Candidate lags: 0, 10, ... 200 ms.
+const LAGS: usize = 21;
+/// What is kept of each sum from block to block: 1/e in 0.3 s.
+const KEEP: f64 = 0.967;
+/// Judged every so many blocks.
+const EVERY: u64 = 4;
+/// So many judgements in a row are blamed: 0.32 s, longer than the sums remember.
+const IN_A_ROW: u32 = 8;
+/// The others agree with their commands at least this well, and the joint disagrees at least this much.
+const AGREES: f64 = 0.8;
+const AGAINST: f64 = -0.5;
+
+/// Sums over the recent motion.
+#[derive(Debug, Clone)]
+pub(super) struct Directions<const J: usize> {
+    /// Per lag and joint: Σ measured · commanded step, and Σ of the squared commanded step.
+    products: [[f64; J]; LAGS],
+    asked: [[f64; J]; LAGS],
+    /// Σ of the squared measured step, and of its size.
+    done: [f64; J],
+    travel: [f64; J],
+    in_a_row: [u32; J],
+}
+
+impl<const J: usize> Directions<J> {
+    pub(super) const fn new() -> Self {
+        Self {
+            products: [[0.0; J]; LAGS],
+            asked: [[0.0; J]; LAGS],
+            done: [0.0; J],
+            travel: [0.0; J],
+            in_a_row: [0; J],
+        }
+    }
+
+    /// Block `block` of the measured joints is complete. Returns a joint that moves against its commands by more than `limit`
+    /// [rad], as travel within the memory, and by how much.
+    pub(super) fn see(
+        &mut self,
+        block: u64,
+        measured: &Path<J>,
+        commands: &Path<J>,
+        limit: f64,
+    ) -> Option<(usize, f64)> {
+        let step = measured.step(block)?;
+        for ((done, travel), step) in self.done.iter_mut().zip(&mut self.travel).zip(&step) {
+            *done = KEEP * *done + step * step;
+            *travel = KEEP * *travel + step.abs();
+        }
+        for (lag, (products, asked)) in (0..).zip(self.products.iter_mut().zip(&mut self.asked)) {
+            let command = block.checked_sub(lag).and_then(|then| commands.step(then)).unwrap_or([0.0; J]);
+            let joints = products.iter_mut().zip(asked).zip(step.iter().zip(&command));
+            for ((product, asked), (step, command)) in joints {
+                *product = KEEP * *product + step * command;
+                *asked = KEEP * *asked + command * command;
+            }
+        }
+        if block.is_multiple_of(EVERY) { self.judge(limit) } else { None }
+    }
+
+    fn judge(&mut self, limit: f64) -> Option<(usize, f64)> {
+        let scale = |asked: f64, done: f64| (asked * done).sqrt();
+        // Per lag: how well all joints together agree, as numerator and denominator.
+        let mut whole = [[0.0; 2]; LAGS];
+        for (whole, (products, asked)) in whole.iter_mut().zip(self.products.iter().zip(&self.asked)) {
+            let scales = asked.iter().zip(&self.done).map(|(asked, done)| scale(*asked, *done));
+            *whole = [products.iter().sum(), scales.sum()];
+        }
+        let all: f64 = self.travel.iter().sum();
+        let mut found = None;
+        let joints = self.travel.iter().zip(&self.done).zip(&mut self.in_a_row).enumerate();
+        for (joint, ((travel, done), in_a_row)) in joints {
+            let of = |numbers: &[f64; J]| numbers.get(joint).copied().unwrap_or_default();
+            let mut best = [f64::NEG_INFINITY, 0.0];
+            if *travel > limit && all - travel > limit {
+                let sums = whole.iter().zip(self.products.iter().zip(&self.asked));
+                for ([product, size], (products, asked)) in sums {
+                    let own = [of(products), scale(of(asked), *done)];
+                    let [own_product, own_size] = own;
+                    let others = (product - own_product) / (size - own_size).max(f64::MIN_POSITIVE);
+                    let [most, _] = best;
+                    if others > most {
+                        best = [others, own_product / own_size.max(f64::MIN_POSITIVE)];
+                    }
+                }
+            }
+            let [others, own] = best;
+            *in_a_row = if others > AGREES && own < AGAINST { *in_a_row + 1 } else { 0 };
+            if *in_a_row >= IN_A_ROW && found.is_none() {
+                found = Some((joint, *travel));
+            }
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::units::Stamp;
+
+    /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 turned about or not. Block after which it is blamed.
+    fn blamed(sign: f64, hz: f64, lag_change: bool) -> Option<u64> {
+        let (mut commands, mut measured) = (Path::<3>::new(), Path::<3>::new());
+        let mut directions = Directions::new();
+        let at = |t: f64| {
+            let phase = std::f64::consts::TAU * hz * t;
+            [0.004 * phase.cos(), 0.004 * phase.sin(), 0.003 * (phase + 1.0).cos()]
+        };
+        for tick in 0..2000_u64 {
+            let t = tick as f64 * 2e-3;
+            let stamp = Stamp(tick * 2_000_000);
+            commands.push(stamp, &at(t));
+            let late = if lag_change && t > 2.0 { 0.18 } else { 0.1 };
+            let [a, b, c] = at((t - late).max(0.0));
+            measured.push(stamp, &[sign * a, b, c]);
+            let block = measured.newest();
+            if tick.is_multiple_of(5)
+                && block > 0
+                && let Some((joint, travel)) = directions.see(block - 1, &measured, &commands, 0.012)
+            {
+                assert_eq!(joint, 0);
+                assert!(travel > 0.012);
+                return Some(block);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn only_the_joint_that_is_turned_about_is_blamed() {
+        for hz in [1.5, 2.5, 4.0] {
+            let block = blamed(-1.0, hz, false).expect("turned about");
+            assert!(block < 120, "{hz} Hz: after {block} blocks");
+            assert_eq!(blamed(1.0, hz, false), None);
+            assert_eq!(blamed(1.0, hz, true), None, "{hz} Hz: a change of the lag is no fault");
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! Whether the arm is where it was told to be: measured joints against all commands that they may be answering.
+//!
+//! Contract: pure, total, no allocation, bounded work per joint state; everything by stamps. An arm that is as late as the
+//! settings allow, by a delay, a servo filter or both, jittering or changing its lag at any moment, is never blamed: its joints
+//! are weighted means of commands within [stamp − (longest lag + spread of the filter), stamp], so they lie inside the span
+//! of those. Blamed is, joint by joint:
+//! - *deviation*: outside the span by more than the tolerance, the tool as well;
+//! - *runaway* and *wrong direction*: outside by half of the tolerance and moving away;
+//! - *oscillation*: outside on alternating sides, farther with each swing;
+//! - *no motion*: commands moved the joint, at every lag that is possible, and it stood.
+//!
+//! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than it is held,
+//! until an operator disarms. Absent: what the arm was when nobody commanded it; force.
+
+mod direction;
+mod pace;
+mod path;
+mod recent;
+mod settings;
+mod swing;
+
+pub use settings::{SlowArm, TrackingSettings};
+
+use direction::Directions;
+use pace::{Pace, SLOW_SHARE};
+use path::{KEPT_NS, Path};
+use recent::Recent;
+use swing::Swings;
+
+use crate::follower::{StopCause, StopDetail};
+use crate::lag::LagEstimate;
+use crate::units::Stamp;
+
+/// Where nothing says how late the arm may be, it may be this late [ns].
+pub const LONGEST_LAG_NS: u64 = 200_000_000;
+/// Commands may hold up to a period after the stamp of the joint state that answers them, and stamps are only so good [ns].
+const AHEAD_NS: u64 = 10_000_000;
+/// A critically damped filter with the group delay T has answered all but 1.7 % of a command after 3 T: T, and this much more.
+const SPREAD: f64 = 2.0;
+/// An estimate of the lag says something about the spread when its standard deviation is at most this [s],
+const GOOD_S: f64 = 3e-3;
+/// and the arm has moved for so many blocks of 10 ms since it was armed: what another arm left behind is forgotten by then,
+const LEARNED_BLOCKS: u32 = 200;
+/// a block in which a joint was commanded to move by this much [rad].
+const MOVING_RAD: f64 = 5e-4;
+/// Jitter and doubt on top of it [ns].
+const JITTER_NS: u64 = 20_000_000;
+/// Commands must have moved a joint within this time [ns], which ended the longest lag ago.
+const MOTION_NS: u64 = 250_000_000;
+/// A joint that does less than this share of its commands stands still.
+const STILL_SHARE: f64 = 0.05;
+/// A joint outside its commands by this share of the tolerance, and going, is on its way beyond it.
+const LEAVING: f64 = 0.5;
+/// Swings outside the commands count from this share of the tolerance on, and are blamed from that on.
+const SWINGING: f64 = 0.1;
+const SWUNG: f64 = 0.25;
+/// Travel against commands that is blamed, as a multiple of the motion that has to show.
+const AGAINST: f64 = 2.0;
+/// An arm outside its commands by this share of the tolerances has fallen behind.
+const BEHIND: f64 = 0.1;
+/// A slow arm that is being slowed down for may be so many times as far away.
+const PATIENT: f64 = 3.0;
+/// Speeds are measured over this time at least [ns].
+const SPEED_NS: u64 = 16_000_000;
+
+/// The monitor of an arm of `J` joints.
+#[derive(Debug, Clone)]
+pub struct Monitor<const J: usize> {
+    settings: TrackingSettings,
+    longest_ns: u64,
+    commands: Path<J>,
+    tools: Path<3>,
+    measured: Path<J>,
+    recent: Recent<J>,
+    swings: Swings<J>,
+    directions: Directions<J>,
+    pace: Pace<J>,
+    /// The newest joint state was outside the commands, if not far.
+    behind: bool,
+    /// How late the arm is taken to be [s].
+    lag_s: f64,
+    /// Joint states from before belong to another life.
+    begun: Stamp,
+    /// Blocks of commanded motion since then.
+    moved: u32,
+    /// Since when something is wrong, and what it was first.
+    since: Option<(Stamp, StopDetail)>,
+    /// The block in which standing still was looked for last.
+    looked: u64,
+    /// A stop was latched here, and nobody has acknowledged it.
+    suspect: bool,
+}
+
+/// How a joint differs from its commands.
+#[derive(Debug, Clone, Copy)]
+struct Wrong {
+    detail: StopDetail,
+    /// Amount over limit.
+    severity: f64,
+}
+
+impl<const J: usize> Monitor<J> {
+    /// A monitor that has seen nothing of an arm that may be `longest_ns` late.
+    #[must_use]
+    pub fn new(settings: TrackingSettings, longest_ns: u64) -> Self {
+        Self {
+            settings,
+            longest_ns: longest_ns.min(KEPT_NS / 2),
+            commands: Path::new(),
+            tools: Path::new(),
+            measured: Path::new(),
+            recent: Recent::new(),
+            swings: Swings::new(),
+            directions: Directions::new(),
+            pace: Pace::new(),
+            behind: false,
+            lag_s: longest_ns as f64 * 1e-9,
+            begun: Stamp(0),
+            moved: 0,
+            since: None,
+            looked: 0,
+            suspect: false,
+        }
+    }
+
+    /// The loop takes charge of an arm that stands still: earlier commands and joint states count no more.
+    pub fn begin(&mut self, now: Stamp) {
+        self.commands.clear();
+        self.tools.clear();
+        self.measured.clear();
+        self.swings = Swings::new();
+        self.directions = Directions::new();
+        self.pace = Pace::new();
+        self.begun = now;
+        self.moved = 0;
+        self.since = None;
+        self.suspect = false;
+    }
+
+    /// The joints `q` [rad] were commanded for `stamp`, which put the tool at `tool` [m], plane frame.
+    pub fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3]) {
+        self.commands.push(stamp, q);
+        self.tools.push(stamp, tool);
+        self.pace.commanded(stamp, q, tool, self.lag_s);
+    }
+
+    /// Part of the speed asked for at which the arm moves; `None` until it has moved.
+    #[must_use]
+    pub fn speed_share(&self) -> Option<f64> {
+        self.pace.share()
+    }
+
+    /// How fast the tool may be asked to go in front of a slow arm [m/s]; `None`: as fast as its limits allow.
+    #[must_use]
+    pub fn allowed_mps(&self) -> Option<f64> {
+        self.pace.allowed_mps().filter(|_| self.settings.slow_arm == SlowArm::SlowDown)
+    }
+
+    /// A joint state of an arm in charge: joints `q` [rad], by which the tool is at `tool` [m], plane frame, measured at
+    /// `stamp`. Returns what is wrong with it, once that has lasted.
+    pub fn measured(
+        &mut self,
+        stamp: Stamp,
+        q: &[f64; J],
+        tool: &[f64; 3],
+        lag: Option<&LagEstimate>,
+    ) -> Option<StopDetail> {
+        if self.recent.newest().is_some_and(|newest| newest >= stamp) {
+            return None;
+        }
+        self.recent.push(stamp, q);
+        if stamp < self.begun {
+            return None;
+        }
+        self.measured.push(stamp, q);
+        let reach_ns = self.reach_ns(lag);
+        let oldest = Stamp(stamp.0.saturating_sub(reach_ns));
+        let found = self.outside(oldest, stamp, q, tool);
+        self.since = self.since.filter(|_| found.is_some());
+        let lasting = self.lasting(stamp, found);
+        let still = self.standing(stamp);
+        let slow = self.slow(stamp);
+        let wrong = lasting.or(still).or(slow);
+        self.suspect |= wrong.is_some();
+        wrong
+    }
+
+    /// A joint state while the arm is not in charge or stopped.
+    pub fn watched(&mut self, stamp: Stamp, q: &[f64; J]) {
+        if self.recent.newest().is_none_or(|newest| newest < stamp) {
+            self.recent.push(stamp, q);
+        }
+    }
+
+    /// An operator gives the arm back, and thereby says that what stopped it is known.
+    pub fn acknowledge(&mut self) {
+        self.suspect = false;
+    }
+
+    /// Whether what stopped the arm here is still there, as far as can be seen: it moves by itself at more than
+    /// `speed_radps`, or stands elsewhere than where it is held.
+    #[must_use]
+    pub fn unsettled(&self, speed_radps: f64) -> bool {
+        if !self.suspect {
+            return false;
+        }
+        let moves =
+            self.recent.speed(5 * SPEED_NS).is_none_or(|speed| speed.iter().any(|v| v.abs() > speed_radps));
+        let held = self.commands.last().map(|(_, held)| held);
+        let away = held.zip(self.recent.last()).is_none_or(|(held, q)| {
+            held.iter().zip(q).any(|(held, q)| !((held - q).abs() <= self.settings.joint_rad))
+        });
+        moves || away
+    }
+
+    /// How old the oldest command is that a joint state may still be answering [ns].
+    fn reach_ns(&mut self, lag: Option<&LagEstimate>) -> u64 {
+        let longest_s = self.longest_ns as f64 * 1e-9;
+        let known = lag.filter(|lag| self.moved >= LEARNED_BLOCKS && lag.std_s <= GOOD_S);
+        let filter_s = known.map_or(longest_s, |lag| lag.lag_s.clamp(0.0, longest_s));
+        self.lag_s =
+            lag.filter(|lag| lag.std_s <= GOOD_S).map_or(longest_s, |lag| lag.lag_s.clamp(0.0, longest_s));
+        let spread_ns = (SPREAD * filter_s * 1e9) as u64;
+        self.longest_ns.saturating_add(spread_ns).saturating_add(JITTER_NS).min(KEPT_NS)
+    }
+
+    /// The worst that is outside of all commands from `oldest` to `stamp`.
+    fn outside(&mut self, oldest: Stamp, stamp: Stamp, q: &[f64; J], tool: &[f64; 3]) -> Option<Wrong> {
+        let newest = stamp.plus_ns(AHEAD_NS);
+        let span = self.commands.span(oldest, newest)?;
+        let outside = span.outside(q);
+        let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
+        self.behind = outside.iter().any(|outside| outside.abs() > BEHIND * joint_rad);
+        let speed = self.recent.speed(SPEED_NS);
+        let grown = self.swings.see(stamp, &outside, SWINGING * self.settings.joint_rad);
+        let patience = if self.pace.patient(stamp) { PATIENT } else { 1.0 };
+        let (far_rad, far_m) = (patience * joint_rad, patience * tool_m);
+        let mut worst: Option<Wrong> = None;
+        let mut blame = |cause, joint, amount: f64, limit: f64| {
+            let severity = amount / limit;
+            if severity > worst.as_ref().map_or(1.0, |worst| worst.severity) {
+                let detail = StopDetail { cause, joint, amount, limit, ..StopDetail::default() };
+                worst = Some(Wrong { detail, severity });
+            }
+        };
+        let then = self.commands.last().map_or(q, |(_, commanded)| commanded);
+        let speeds = speed.unwrap_or([0.0; J]);
+        let joints =
+            outside.iter().zip(&speeds).zip(then.iter().zip(span.low.iter().zip(&span.high))).zip(&grown);
+        for (index, (((outside, speed), (commanded, (low, high))), grown)) in joints.enumerate() {
+            let joint = u8::try_from(index).ok();
+            let away = outside.abs();
+            if let Some(swing) = grown {
+                blame(StopCause::Oscillation, joint, *swing, SWUNG * joint_rad);
+            }
+            let leaving = speed * outside.signum();
+            if away > LEAVING * joint_rad && away <= joint_rad && leaving > runaway_radps {
+                // How far commands lead the other way, of all that may be answered.
+                let against = if *outside > 0.0 { high - commanded } else { commanded - low };
+                if against > LEAVING * joint_rad {
+                    blame(StopCause::WrongDirection, joint, away, LEAVING * joint_rad);
+                } else {
+                    blame(StopCause::Runaway, joint, leaving, runaway_radps);
+                }
+            }
+            blame(StopCause::JointDeviation, joint, away, far_rad);
+        }
+        if let Some(span) = self.tools.span(oldest, newest) {
+            let [x, y, z] = span.outside(tool);
+            let away = x.hypot(y).hypot(z);
+            self.behind |= away > BEHIND * tool_m;
+            blame(StopCause::ToolDeviation, None, away, far_m);
+        }
+        worst
+    }
+
+    /// What is wrong, once that has lasted. What it was first stays its cause: who runs away ends up far outside.
+    fn lasting(&mut self, stamp: Stamp, found: Option<Wrong>) -> Option<StopDetail> {
+        let detail = found?.detail;
+        let (since, first) = self.since.get_or_insert((stamp, detail));
+        if first.cause == detail.cause {
+            *first = detail;
+        }
+        let hold_ns = i64::try_from(self.settings.hold_ns).unwrap_or(i64::MAX).max(1);
+        (stamp.since(*since) >= hold_ns).then_some(*first)
+    }
+
+    /// An arm that was just found to be slow, where that is a reason to stop.
+    fn slow(&mut self, stamp: Stamp) -> Option<StopDetail> {
+        let share = self.pace.measured(stamp, &self.recent.speed(SPEED_NS)?, self.behind)?;
+        let (cause, amount) = (StopCause::SlowArm, share);
+        let detail = StopDetail { cause, joint: None, amount, limit: SLOW_SHARE, ..StopDetail::default() };
+        (self.settings.slow_arm == SlowArm::Stop).then_some(detail)
+    }
+
+    /// A joint that stood while its commands moved it, whatever the lag, or moved against them; looked for once in a block.
+    fn standing(&mut self, stamp: Stamp) -> Option<StopDetail> {
+        if self.measured.newest() == self.looked {
+            return None;
+        }
+        self.looked = self.measured.newest();
+        let widest = |width: [f64; J]| width.iter().fold(0.0, |most: f64, width| most.max(*width));
+        let last_block = self.commands.span(stamp, stamp)?.width();
+        if widest(last_block) > MOVING_RAD {
+            self.moved = self.moved.saturating_add(1);
+        }
+        let limit = AGAINST * self.settings.still_rad;
+        let complete = self.looked.saturating_sub(1);
+        if let Some((joint, amount)) = self.directions.see(complete, &self.measured, &self.commands, limit) {
+            let (cause, joint) = (StopCause::WrongDirection, u8::try_from(joint).ok());
+            return Some(StopDetail { cause, joint, amount, limit, ..StopDetail::default() });
+        }
+        let begin = Stamp(stamp.0.saturating_sub(self.longest_ns + MOTION_NS));
+        if begin < self.begun {
+            return None;
+        }
+        let asked = self.commands.span(begin, Stamp(stamp.0.saturating_sub(self.longest_ns)))?.width();
+        let done = self.measured.span(begin, stamp)?.width();
+        let limit = self.settings.still_rad;
+        let moved = asked.iter().filter(|asked| **asked > limit).count();
+        let pairs = asked.iter().zip(&done).enumerate();
+        let still = pairs.filter(|(_, (asked, done))| **asked > limit && **done < STILL_SHARE * **asked);
+        let count = still.clone().count();
+        let (joint, (asked, _)) = still.max_by(|a, b| a.1.0.total_cmp(b.1.0))?;
+        // All that were asked stand: that is the arm.
+        let joint = if count == moved && moved > 1 { None } else { u8::try_from(joint).ok() };
+        Some(StopDetail { cause: StopCause::NoMotion, joint, amount: *asked, limit, ..StopDetail::default() })
+    }
+}

@@ -1,0 +1,190 @@
+//! Arms that move at a part of the speed that is asked for, as behind a speed slider: noticed, and how fast they may be asked to go.
+//!
+//! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is compared with
+//! that of a model which is as late as the arm and damps as much as such an arm can: a critically damped filter with the whole lag
+//! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts; the tool is then asked for no more
+//! than what the arm has shown, and for a little more with every window in which the arm keeps up.
+
+use crate::units::Stamp;
+
+/// Length of a window [ns].
+const WINDOW_NS: i64 = 100_000_000;
+/// Windows in which the arm may have been as fast as its model is now: a model of an arm of unknown lag is slow itself.
+const REMEMBERED: usize = 6;
+/// An arm that reaches less than this share of the speed of its model is slow,
+pub(super) const SLOW_SHARE: f64 = 0.75;
+/// and less than this one stands,
+const STANDS: f64 = 0.05;
+/// where the model reaches this speed [rad/s].
+const JUDGED_RADPS: f64 = 0.25;
+/// A slow arm has so long to come back to its commands [ns].
+const PATIENCE_NS: u64 = 1_000_000_000;
+/// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
+const KEEPS_UP: f64 = 0.95;
+const MORE: f64 = 1.01;
+/// Let go at so many times what was asked for when the arm was found slow: that may have been the beginning of more.
+const RELEASED: f64 = 3.0;
+/// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
+const LEAST_STEP: f64 = 0.3;
+const LEAST_MPS: f64 = 0.02;
+/// Nor for more than this part of it, while the arm is behind.
+const BEHIND_STEP: f64 = 0.95;
+/// Speeds of the arm are means over about so long, which the model has to be as well [s].
+const LEAST_LAG_S: f64 = 0.016;
+/// Longer steps of the model count as this [s].
+const LONGEST_STEP_S: f64 = 0.02;
+
+/// Fastest in a window: the model and the arm, joint by joint [rad/s], and the commanded tool [m/s].
+#[derive(Debug, Clone, Copy)]
+struct Peaks<const J: usize> {
+    model: [f64; J],
+    arm: [f64; J],
+    tool_mps: f64,
+}
+
+impl<const J: usize> Peaks<J> {
+    const NONE: Self = Self { model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
+}
+
+/// The model, two windows, and what follows from them.
+#[derive(Debug, Clone)]
+pub(super) struct Pace<const J: usize> {
+    model: Option<(Stamp, [[f64; 2]; J])>,
+    lag_s: f64,
+    tool: Option<(Stamp, [f64; 3])>,
+    before: Peaks<J>,
+    now: Peaks<J>,
+    /// Fastest of the arm in each of the last windows: it may be ahead of its model.
+    arms: [[f64; J]; REMEMBERED],
+    window: Option<Stamp>,
+    windows: u32,
+    slow_in_a_row: u32,
+    /// It was outside its commands, if not far, in this window.
+    behind: bool,
+    /// A slow arm is given until then to come back to its commands.
+    patient_until: Option<Stamp>,
+    judged: bool,
+    /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go [m/s].
+    slowed: Option<[f64; 2]>,
+}
+
+impl<const J: usize> Pace<J> {
+    pub(super) const fn new() -> Self {
+        Self {
+            model: None,
+            lag_s: 0.0,
+            tool: None,
+            before: Peaks::NONE,
+            now: Peaks::NONE,
+            arms: [[0.0; J]; REMEMBERED],
+            window: None,
+            windows: 0,
+            slow_in_a_row: 0,
+            behind: false,
+            patient_until: None,
+            judged: false,
+            slowed: None,
+        }
+    }
+
+    /// Part of the speed asked for at which the arm moves, 1 unless it is slow; `None` until it has moved.
+    pub(super) fn share(&self) -> Option<f64> {
+        self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.judged.then_some(1.0))
+    }
+
+    /// The arm goes its way, but too slowly: what is asked of it is being made less.
+    pub(super) fn patient(&self, stamp: Stamp) -> bool {
+        self.slowed.is_some() || self.patient_until.is_some_and(|until| stamp < until)
+    }
+
+    /// How fast the tool may be asked to go [m/s]; `None`: as fast as its limits allow.
+    pub(super) fn allowed_mps(&self) -> Option<f64> {
+        self.slowed.map(|[_, allowed]| allowed)
+    }
+
+    /// Joints `q` [rad] and tool [m] commanded for `stamp`, to an arm that is `lag_s` late.
+    pub(super) fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3], lag_s: f64) {
+        if let Some((before, from)) = self.tool.replace((stamp, *tool)) {
+            let elapsed_s = stamp.seconds_since(before).max(1e-4);
+            let [x, y, z] =
+                tool.iter().zip(from).map(|(to, from)| to - from).fold([0.0; 3], |[_, y, z], d| [y, z, d]);
+            self.now.tool_mps = self.now.tool_mps.max(x.hypot(y).hypot(z) / elapsed_s);
+        }
+        let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0])));
+        let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
+        *before = stamp;
+        // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
+        // A slow arm looks later and later, and an arm that late might be as slow.
+        self.lag_s = if self.slowed.is_some() { self.lag_s.min(lag_s) } else { lag_s };
+        let w = 2.0 / self.lag_s.max(LEAST_LAG_S);
+        let decay = (-w * elapsed_s).exp();
+        for ([position, speed], (target, peak)) in joints.iter_mut().zip(q.iter().zip(&mut self.now.model)) {
+            let e = *position - target;
+            let slope = *speed + w * e;
+            *position = target + (e + slope * elapsed_s) * decay;
+            *speed = (*speed - w * slope * elapsed_s) * decay;
+            *peak = peak.max(speed.abs());
+        }
+    }
+
+    /// The joints were measured to move at `speeds` [rad/s], `behind` their commands or not. Returns the share of an arm that was just found to be slow.
+    pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J], behind: bool) -> Option<f64> {
+        self.behind |= behind;
+        for (peak, speed) in self.now.arm.iter_mut().zip(speeds) {
+            *peak = peak.max(speed.abs());
+        }
+        let begin = *self.window.get_or_insert(stamp);
+        if stamp.since(begin) < WINDOW_NS {
+            return None;
+        }
+        self.window = Some(stamp);
+        self.windows = self.windows.saturating_add(1);
+        let found = if self.windows >= 2 { self.judge(stamp) } else { None };
+        self.before = std::mem::replace(&mut self.now, Peaks::NONE);
+        self.arms.rotate_right(1);
+        if let Some(newest) = self.arms.first_mut() {
+            *newest = self.before.arm;
+        }
+        found
+    }
+
+    fn judge(&mut self, stamp: Stamp) -> Option<f64> {
+        let mut fastest = self.now.arm;
+        for arm in &self.arms {
+            fastest.iter_mut().zip(arm).for_each(|(most, arm)| *most = most.max(*arm));
+        }
+        let (model, arm) = self.before.model.iter().zip(fastest).max_by(|a, b| a.0.total_cmp(b.0))?;
+        if !(*model >= JUDGED_RADPS) {
+            return None;
+        }
+        let share = (arm / model).min(1.0);
+        self.judged = true;
+        let behind = std::mem::take(&mut self.behind);
+        let slow = share < SLOW_SHARE || behind && share < KEEPS_UP;
+        self.slow_in_a_row = if slow { self.slow_in_a_row + 1 } else { 0 };
+        if slow && share >= STANDS {
+            self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
+        }
+        let tool_mps = self.before.tool_mps;
+        match &mut self.slowed {
+            None if self.slow_in_a_row >= 2 => {
+                self.slow_in_a_row = 0;
+                self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
+                Some(share)
+            }
+            // At its ceiling it falls behind, however near to what is asked that is.
+            Some([_, allowed]) if share < KEEPS_UP || behind => {
+                *allowed = (share.clamp(LEAST_STEP, BEHIND_STEP) * *allowed).max(LEAST_MPS);
+                None
+            }
+            Some([asked, allowed]) if share >= KEEPS_UP => {
+                *allowed *= MORE;
+                if *allowed >= RELEASED * *asked {
+                    self.slowed = None;
+                }
+                None
+            }
+            _ => None,
+        }
+    }
+}

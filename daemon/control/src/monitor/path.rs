@@ -1,0 +1,256 @@
+//! Where K numbers have been lately: the least and the largest of each in blocks of 10 ms.
+//!
+//! Contract: between two samples the line counts, over a gap in time as well, for half of a second and more. What happened
+//! before the first sample is not known. Bounded work per sample, no allocation.
+
+use crate::units::Stamp;
+
+/// Length of a block [ns].
+const BLOCK_NS: u64 = 10_000_000;
+/// Blocks kept: the longest lag, what a filter with that lag spreads, and a window beside it.
+const KEPT: usize = 128;
+/// The longest time that can be asked about [ns].
+pub(super) const KEPT_NS: u64 = (KEPT as u64 - 2) * BLOCK_NS;
+
+/// The least and the largest of each number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Span<const K: usize> {
+    pub(super) low: [f64; K],
+    pub(super) high: [f64; K],
+}
+
+impl<const K: usize> Span<K> {
+    const NOTHING: Self = Self { low: [f64::INFINITY; K], high: [f64::NEG_INFINITY; K] };
+
+    fn include(&mut self, point: &[f64; K]) {
+        self.merge(&Self { low: *point, high: *point });
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for (low, other) in self.low.iter_mut().zip(&other.low) {
+            *low = if other < low { *other } else { *low };
+        }
+        for (high, other) in self.high.iter_mut().zip(&other.high) {
+            *high = if other > high { *other } else { *high };
+        }
+    }
+
+    /// How far `point` is outside, positive above, negative below.
+    pub(super) fn outside(&self, point: &[f64; K]) -> [f64; K] {
+        let mut beyond = [0.0; K];
+        let bounds = self.low.iter().zip(&self.high);
+        for (beyond, (x, (low, high))) in beyond.iter_mut().zip(point.iter().zip(bounds)) {
+            *beyond = (x - high).max(0.0) + (x - low).min(0.0);
+        }
+        beyond
+    }
+
+    /// Largest minus least of each.
+    pub(super) fn width(&self) -> [f64; K] {
+        let mut width = [0.0; K];
+        for (width, (low, high)) in width.iter_mut().zip(self.low.iter().zip(&self.high)) {
+            *width = high - low;
+        }
+        width
+    }
+}
+
+/// The recent past.
+#[derive(Debug, Clone)]
+pub(super) struct Path<const K: usize> {
+    blocks: [Span<K>; KEPT],
+    /// The newest sample of each block.
+    ends: [[f64; K]; KEPT],
+    last: Option<(Stamp, [f64; K])>,
+    /// First and newest block.
+    begin: u64,
+    end: u64,
+    /// Blocks that were put together before: the first, the last, and what they hold.
+    known: (u64, u64, Span<K>),
+}
+
+impl<const K: usize> Path<K> {
+    pub(super) const fn new() -> Self {
+        let known = (1, 0, Span::NOTHING);
+        Self { blocks: [Span::NOTHING; KEPT], ends: [[0.0; K]; KEPT], last: None, begin: 0, end: 0, known }
+    }
+
+    /// Forgets everything.
+    pub(super) fn clear(&mut self) {
+        self.last = None;
+        self.known = (1, 0, Span::NOTHING);
+    }
+
+    /// The newest sample.
+    pub(super) fn last(&self) -> Option<&(Stamp, [f64; K])> {
+        self.last.as_ref()
+    }
+
+    /// The newest block; it changes every 10 ms.
+    pub(super) fn newest(&self) -> u64 {
+        self.end
+    }
+
+    /// `point` held at `stamp`; what is not newer than the last one is left out.
+    pub(super) fn push(&mut self, stamp: Stamp, point: &[f64; K]) {
+        let block = stamp.0 / BLOCK_NS;
+        match self.last {
+            Some((before, _)) if before >= stamp => return,
+            Some((_, from)) => {
+                if let Some(span) = self.at(self.end) {
+                    span.include(point);
+                }
+                let mut line = Span::NOTHING;
+                line.include(&from);
+                line.include(point);
+                self.end = self.end.max(block.saturating_sub(KEPT as u64));
+                // At most KEPT turns.
+                while self.end < block {
+                    self.end += 1;
+                    if let Some(span) = self.at(self.end) {
+                        *span = line;
+                    }
+                    self.end_with(point);
+                }
+            }
+            None => {
+                (self.begin, self.end) = (block, block);
+                if let Some(span) = self.at(block) {
+                    *span = Span { low: *point, high: *point };
+                }
+            }
+        }
+        self.end_with(point);
+        self.last = Some((stamp, *point));
+    }
+
+    fn end_with(&mut self, point: &[f64; K]) {
+        if let Some(end) = self.ends.get_mut(self.end as usize % KEPT) {
+            *end = *point;
+        }
+    }
+
+    /// How far the numbers went in a block that is complete, from the end of the block before; `None` where that is not known.
+    pub(super) fn step(&self, block: u64) -> Option<[f64; K]> {
+        self.last.as_ref()?;
+        let before = block.checked_sub(1).filter(|before| *before >= self.begin)?;
+        if block >= self.end || block + (KEPT as u64) < self.end + 2 {
+            return None;
+        }
+        let mut step = *self.ends.get(block as usize % KEPT)?;
+        for (step, from) in step.iter_mut().zip(self.ends.get(before as usize % KEPT)?) {
+            *step -= from;
+        }
+        Some(step)
+    }
+
+    /// The span of everything from `from` to `to`, as far as it is known; the nearest block, where that is empty. `None` before
+    /// the first sample.
+    pub(super) fn span(&mut self, from: Stamp, to: Stamp) -> Option<Span<K>> {
+        self.last.as_ref()?;
+        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
+        let first = (from.0 / BLOCK_NS).clamp(oldest, self.end);
+        let last = (to.0 / BLOCK_NS).clamp(first, self.end);
+        // The newest block still grows; those before it do not.
+        let complete = last.min(self.end.saturating_sub(1));
+        if (self.known.0, self.known.1) != (first, complete) {
+            let mut span = Span::NOTHING;
+            for block in first..=complete {
+                if let Some(held) = self.blocks.get(block as usize % KEPT) {
+                    span.merge(held);
+                }
+            }
+            self.known = (first, complete, span);
+        }
+        let (.., mut span) = self.known;
+        if last == self.end
+            && let Some(newest) = self.blocks.get(last as usize % KEPT)
+        {
+            span.merge(newest);
+        }
+        Some(span)
+    }
+
+    fn at(&mut self, block: u64) -> Option<&mut Span<K>> {
+        self.blocks.get_mut(block as usize % KEPT)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ms(ms: u64) -> Stamp {
+        Stamp(ms * 1_000_000)
+    }
+
+    /// One second of a ramp of 1/s, sampled every 7 ms.
+    fn ramp() -> Path<1> {
+        let mut path = Path::new();
+        for t in (1000..2000).step_by(7) {
+            path.push(ms(t), &[t as f64 * 1e-3]);
+        }
+        path
+    }
+
+    #[test]
+    fn spans_hold_all_that_was_and_a_block_more_at_most() {
+        let mut path = ramp();
+        for (from, to) in [(1500, 1700), (1503, 1504), (1000, 1994)] {
+            let span = path.span(ms(from), ms(to)).unwrap();
+            let (from, to) = (from as f64 * 1e-3, to as f64 * 1e-3);
+            assert!(span.low[0] <= from && span.low[0] > from - 0.0171, "{from}: {span:?}");
+            assert!(span.high[0] >= to - 1e-9 && span.high[0] < to + 0.0171, "{to}: {span:?}");
+        }
+    }
+
+    #[test]
+    fn spans_by_the_memory_are_those_without_it() {
+        let mut path = Path::<1>::new();
+        for t in (1000..3000_u64).step_by(3) {
+            path.push(ms(t), &[(t as f64 * 0.01).sin()]);
+            let seen = path.span(ms(t.saturating_sub(200)), ms(t)).unwrap();
+            let mut fresh = path.clone();
+            fresh.known = (1, 0, Span::NOTHING);
+            assert_eq!(fresh.span(ms(t.saturating_sub(200)), ms(t)), Some(seen));
+        }
+    }
+
+    #[test]
+    fn steps_are_from_end_to_end_of_complete_blocks() {
+        let path = ramp();
+        for block in 101..199 {
+            let step = path.step(block).unwrap()[0];
+            assert!((0.003..=0.0171).contains(&step), "{block}: {step}");
+        }
+        assert_eq!((path.step(100), path.step(199), path.step(10)), (None, None, None));
+    }
+
+    #[test]
+    fn what_is_not_known_is_the_nearest_that_is() {
+        let mut path = ramp();
+        assert_eq!(Path::<1>::new().span(ms(0), ms(1)), None);
+        let before = path.span(ms(10), ms(20)).unwrap();
+        assert!(before.low[0] >= 1.0 && before.high[0] < 1.02);
+        let after = path.span(ms(5000), ms(6000)).unwrap();
+        assert!(after.low[0] > 1.97 && after.high[0] < 2.0, "{after:?}");
+    }
+
+    #[test]
+    fn gaps_are_lines_and_time_does_not_go_back() {
+        let mut path = Path::<1>::new();
+        path.push(ms(1000), &[0.0]);
+        path.push(ms(1300), &[3.0]);
+        path.push(ms(1200), &[99.0]);
+        assert_eq!(path.span(ms(1100), ms(1110)).unwrap(), Span { low: [0.0], high: [3.0] });
+        path.push(ms(1_000_000_000), &[1.0]);
+        assert_eq!(path.span(ms(999_999_500), ms(1_000_000_000)).unwrap(), Span { low: [1.0], high: [3.0] });
+    }
+
+    #[test]
+    fn what_is_outside_has_its_side() {
+        let span = Span { low: [0.0, 0.0, 0.0], high: [1.0, 1.0, 1.0] };
+        assert_eq!(span.outside(&[0.5, 1.25, -0.5]), [0.0, 0.25, -0.5]);
+        assert_eq!(span.width(), [1.0; 3]);
+    }
+}
