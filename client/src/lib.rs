@@ -29,6 +29,8 @@ mod watch;
 pub use watch::*;
 mod operate;
 pub use operate::*;
+mod stop;
+pub use stop::*;
 
 pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
