@@ -1,11 +1,14 @@
 //! The hardware interface's end: `Commands` in, `JointStates` out, and what a command asks for at an instant.
 
+use std::sync::Arc;
+
 use foretrace_shm::{
     HeaderBounds, JOINTS, JointCommand, JointState, Message, PublishError, Publisher, RejectReason,
     Rejection, Rejections, ServiceError, Subscriber, Validate, command_flags, monotonic_now_ns,
 };
 
 use crate::Foretrace;
+use crate::attach::Leaving;
 
 /// Commands are stamped up to one control period ahead.
 const BOUNDS: HeaderBounds = HeaderBounds { future_ns: 20_000_000, age_ns: u64::MAX };
@@ -16,12 +19,14 @@ pub struct Commands {
     subscriber: Subscriber<JointCommand>,
     newest: Option<JointCommand>,
     taken_ns: u64,
+    _leaving: Arc<Leaving>,
 }
 
 /// Sends joint states. One per instance at a time.
 #[derive(Debug)]
 pub struct JointStates {
     publisher: Publisher<JointState>,
+    _leaving: Arc<Leaving>,
 }
 
 /// What a command asks of the arm at an instant.
@@ -62,14 +67,14 @@ impl Foretrace {
     /// *Errors*: `NoPlace`, `BufferSize`.
     pub fn commands(&self, buffer: usize) -> Result<Commands, ServiceError> {
         let subscriber = self.services.joint_cmd.subscriber(buffer, BOUNDS)?;
-        Ok(Commands { subscriber, newest: None, taken_ns: 0 })
+        Ok(Commands { subscriber, newest: None, taken_ns: 0, _leaving: self.leaving.clone() })
     }
 
     /// The joint states, to be sent from this thread.
     ///
     /// *Errors*: `NoPlace` when another arm reports already.
     pub fn joint_states(&self) -> Result<JointStates, ServiceError> {
-        Ok(JointStates { publisher: self.services.joint_state.publisher()? })
+        Ok(JointStates { publisher: self.services.joint_state.publisher()?, _leaving: self.leaving.clone() })
     }
 }
 

@@ -1,5 +1,6 @@
 //! `Foretrace`: the membership of this process in an instance, and what to do when the daemon comes and goes.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{DaemonMark, Instance, ServiceError, Services, Session};
@@ -10,9 +11,35 @@ const POLL: Duration = Duration::from_millis(20);
 /// An attachment to a running daemon. Makes the handles; may be shared between threads.
 #[derive(Debug)]
 pub struct Foretrace {
-    session: Session,
+    // In the order in which they have to go.
     pub(crate) services: Services,
+    session: Session,
     daemon: DaemonMark,
+    pub(crate) leaving: Arc<Leaving>,
+}
+
+/// Goes last of an attachment and of all its handles: where the daemon went first, the last peer to leave removes what is left.
+#[derive(Debug)]
+pub(crate) struct Leaving(Instance);
+
+/// A clean-up that takes longer has met damaged files; the next daemon removes them.
+const TIDYING: Duration = Duration::from_secs(1);
+
+impl Drop for Leaving {
+    fn drop(&mut self) {
+        let instance = self.0.clone();
+        if instance.daemon().is_some() {
+            return;
+        }
+        let (done, tidied) = std::sync::mpsc::channel();
+        let tidying = move || {
+            // Nobody may wait for it any more.
+            let _ = done.send(instance.tidy_up());
+        };
+        if std::thread::Builder::new().name("foretrace-tidies".to_owned()).spawn(tidying).is_ok() {
+            let _ = tidied.recv_timeout(TIDYING);
+        }
+    }
 }
 
 /// What [`Foretrace::reattach_if_needed`] found.
@@ -85,6 +112,6 @@ impl Foretrace {
         let session = Session::open(instance, "foretrace-client")?;
         let services = Services::open(&session)?;
         let daemon = instance.daemon().ok_or_else(|| ServiceError::no_daemon(instance))?;
-        Ok(Self { session, services, daemon })
+        Ok(Self { services, session, daemon, leaving: Arc::new(Leaving(instance.clone())) })
     }
 }

@@ -29,9 +29,12 @@ mod watch;
 pub use watch::*;
 mod operate;
 pub use operate::*;
+mod stop;
+pub use stop::*;
 
 foretrace_shm::debug_is_sentence!(
     FeedError,
+    StopError,
     StateError,
     RequestError,
     GatewayError,

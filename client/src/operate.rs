@@ -1,13 +1,15 @@
 //! The operator's end: `Requests` and `DeadMan`.
 
-use std::time::Duration;
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    AskError, ControlClient, ControlOp, ControlRequest, ControlResponse, ControlStatus, Enable, PredictorId,
+    AskError, ControlOp, ControlRequest, ControlResponse, ControlStatus, ControlTopic, Enable, PredictorId,
     PublishError, Publisher, Rejection, ServiceError, Validate, monotonic_now_ns,
 };
 
 use crate::Foretrace;
+use crate::attach::Leaving;
 
 /// Why a request did not succeed.
 #[derive(Clone, PartialEq, thiserror::Error)]
@@ -18,6 +20,9 @@ pub enum RequestError {
     /// No usable answer.
     #[error("{0}")]
     NoAnswer(#[from] AskError),
+    /// No place to ask from became free in time, or the middleware refuses one.
+    #[error("{0}")]
+    NotConnected(String),
     /// The daemon refused, for this reason.
     #[error("the daemon refused: {status}{}{message}", if message.is_empty() { "" } else { ": " })]
     Refused {
@@ -32,35 +37,42 @@ pub enum RequestError {
     },
 }
 
-/// Sends requests and waits for their answers.
+/// How often a full house is looked at again.
+const POLL: Duration = Duration::from_millis(5);
+
+/// Sends requests and waits for their answers. Holds one of the four places for operators only while it asks, so that idle
+/// programs, and frozen ones that were idle, keep nobody out.
 #[derive(Debug)]
 pub struct Requests {
-    client: ControlClient,
+    topic: ControlTopic,
+    _leaving: Arc<Leaving>,
 }
 
 /// The dead-man. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm.
 #[derive(Debug)]
 pub struct DeadMan {
     publisher: Publisher<Enable>,
+    _leaving: Arc<Leaving>,
 }
 
 impl Foretrace {
-    /// The requests, to be used in this thread.
+    /// The requests.
     ///
-    /// *Errors*: `NoPlace` when four others operate already.
+    /// *Errors*: none today.
     pub fn requests(&self) -> Result<Requests, ServiceError> {
-        Ok(Requests { client: self.services.control.client()? })
+        Ok(Requests { topic: self.services.control.clone(), _leaving: self.leaving.clone() })
     }
 
     /// The dead-man, to be used in this thread. One per instance at a time.
     ///
     /// *Errors*: `NoPlace` when another one beats already.
     pub fn dead_man(&self) -> Result<DeadMan, ServiceError> {
-        Ok(DeadMan { publisher: self.services.enable.publisher()? })
+        Ok(DeadMan { publisher: self.services.enable.publisher()?, _leaving: self.leaving.clone() })
     }
 }
 
-/// All requests wait up to `timeout` and fail as [`RequestError`] tells.
+/// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and fail as
+/// [`RequestError`] tells.
 impl Requests {
     /// Ask for mode (`detail`) and trust (`value`).
     pub fn query(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
@@ -77,7 +89,7 @@ impl Requests {
         self.ask(ControlOp::Disarm, 0, 0.0, timeout)
     }
 
-    /// Stop smoothly and latch.
+    /// Stop smoothly and latch. [`crate::stop`] does the same where this way is closed.
     pub fn stop(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::Stop, 0, 0.0, timeout)
     }
@@ -120,7 +132,7 @@ impl Requests {
     ) -> Result<ControlResponse, RequestError> {
         let request = ControlRequest { param, value, ..ControlRequest::new(0, 0, op) };
         request.validate()?;
-        let response = self.client.ask(request, timeout)?;
+        let response = bounded(&self.topic, request, timeout)?;
         if response.is_success() {
             return Ok(response);
         }
@@ -130,6 +142,44 @@ impl Requests {
             detail: response.detail,
             value: response.value,
         })
+    }
+}
+
+/// Asks in a thread that is given up after `timeout`.
+fn bounded(
+    topic: &ControlTopic,
+    request: ControlRequest,
+    timeout: Duration,
+) -> Result<ControlResponse, RequestError> {
+    let (answer, answered) = mpsc::channel();
+    let topic = topic.clone();
+    // The thread is the first to lose patience, because it knows what it waits for.
+    let deadline = Instant::now() + timeout - (timeout / 10).min(Duration::from_millis(20));
+    let asking = move || {
+        let client = loop {
+            match topic.client() {
+                Err(ServiceError::NoOperatorPlace { .. }) if Instant::now() < deadline => {
+                    std::thread::sleep(POLL);
+                }
+                client => break client,
+            }
+        };
+        let left = deadline.saturating_duration_since(Instant::now());
+        let asked = client
+            .map_err(|error| RequestError::NotConnected(error.to_string()))
+            .and_then(|mut client| Ok(client.ask(request, left)?));
+        // Nobody may wait for it any more.
+        let _ = answer.send(asked);
+    };
+    std::thread::Builder::new()
+        .name("foretrace-asks".to_owned())
+        .spawn(asking)
+        .map_err(|error| RequestError::NotConnected(format!("starting a thread: {error}")))?;
+    match answered.recv_timeout(timeout) {
+        Ok(Err(RequestError::NoAnswer(AskError::Timeout(_)))) | Err(_) => {
+            Err(AskError::Timeout(timeout).into())
+        }
+        Ok(asked) => asked,
     }
 }
 

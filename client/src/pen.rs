@@ -1,10 +1,13 @@
 //! The tablet reader's end: `PenFeed`.
 
+use std::sync::Arc;
+
 use foretrace_shm::{
     PenSample, PublishError, Publisher, Rejection, ServiceError, Validate, monotonic_now_ns, pen_flags,
 };
 
 use crate::Foretrace;
+use crate::attach::Leaving;
 
 /// One reading of the pen, in metres in the device's plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -58,6 +61,7 @@ pub enum FeedError {
 #[derive(Debug)]
 pub struct PenFeed {
     publisher: Publisher<PenSample>,
+    _leaving: Arc<Leaving>,
 }
 
 impl Foretrace {
@@ -65,7 +69,7 @@ impl Foretrace {
     ///
     /// *Errors*: `NoPlace` when another reader or player feeds already.
     pub fn pen_feed(&self) -> Result<PenFeed, ServiceError> {
-        Ok(PenFeed { publisher: self.services.pen.publisher()? })
+        Ok(PenFeed { publisher: self.services.pen.publisher()?, _leaving: self.leaving.clone() })
     }
 }
 

@@ -1,6 +1,7 @@
 //! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen sample),
 //! `JointWatch` (every joint state).
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
@@ -9,11 +10,13 @@ use foretrace_shm::{
 };
 
 use crate::Foretrace;
+use crate::attach::Leaving;
 
 /// Receives the records of ticks.
 #[derive(Debug)]
 pub struct Telemetry {
     subscriber: Subscriber<TickRecord>,
+    _leaving: Arc<Leaving>,
 }
 
 /// Receives the daemon's status.
@@ -21,18 +24,21 @@ pub struct Telemetry {
 pub struct StatusReader {
     subscriber: Subscriber<Status>,
     newest: Option<Status>,
+    _leaving: Arc<Leaving>,
 }
 
 /// Receives the pen samples that the daemon receives too.
 #[derive(Debug)]
 pub struct PenWatch {
     subscriber: Subscriber<PenSample>,
+    _leaving: Arc<Leaving>,
 }
 
 /// Receives the joint states that the daemon receives too.
 #[derive(Debug)]
 pub struct JointWatch {
     subscriber: Subscriber<JointState>,
+    _leaving: Arc<Leaving>,
 }
 
 impl Foretrace {
@@ -42,7 +48,10 @@ impl Foretrace {
     /// *Errors*: `NoPlace` when three others watch the arm already.
     pub fn joint_watch(&self) -> Result<JointWatch, ServiceError> {
         let buffer = JointState::QOS.buffer;
-        Ok(JointWatch { subscriber: self.services.joint_state.subscriber(buffer, HeaderBounds::DEFAULT)? })
+        Ok(JointWatch {
+            subscriber: self.services.joint_state.subscriber(buffer, HeaderBounds::DEFAULT)?,
+            _leaving: self.leaving.clone(),
+        })
     }
 
     /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least once per
@@ -51,7 +60,10 @@ impl Foretrace {
     /// *Errors*: `NoPlace` when three others watch the pen already.
     pub fn pen_watch(&self) -> Result<PenWatch, ServiceError> {
         let buffer = PenSample::QOS.buffer;
-        Ok(PenWatch { subscriber: self.services.pen.subscriber(buffer, HeaderBounds::DEFAULT)? })
+        Ok(PenWatch {
+            subscriber: self.services.pen.subscriber(buffer, HeaderBounds::DEFAULT)?,
+            _leaving: self.leaving.clone(),
+        })
     }
 
     /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice
@@ -60,7 +72,10 @@ impl Foretrace {
     /// *Errors*: `NoPlace` when three others observe already.
     pub fn telemetry(&self) -> Result<Telemetry, ServiceError> {
         let buffer = TickRecord::QOS.buffer;
-        Ok(Telemetry { subscriber: self.services.telemetry.subscriber(buffer, HeaderBounds::DEFAULT)? })
+        Ok(Telemetry {
+            subscriber: self.services.telemetry.subscriber(buffer, HeaderBounds::DEFAULT)?,
+            _leaving: self.leaving.clone(),
+        })
     }
 
     /// The status, to be used in this thread.
@@ -71,6 +86,7 @@ impl Foretrace {
         Ok(StatusReader {
             subscriber: self.services.status.subscriber(buffer, HeaderBounds::DEFAULT)?,
             newest: None,
+            _leaving: self.leaving.clone(),
         })
     }
 }

@@ -17,6 +17,7 @@ pub mod ipc;
 pub mod memory;
 pub mod options;
 pub mod error;
+pub mod stop_socket;
 pub mod supervisor;
 mod log;
 

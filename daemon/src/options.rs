@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use foretrace_config::{Config, ConfigError, Draft, Settings};
 
 use crate::rt::cyclic::Rhythm;
+use crate::rt::overruns::OverrunLimit;
 use crate::rt::thread::RtSettings;
 
 /// Where settings come from: a file or a preset, with values put over it.
@@ -85,18 +86,24 @@ impl Rights {
         let section = &settings.control_loop;
         let max_iterations = settings.mpc.max_iterations;
         let period_ns = settings.period_ns();
+        let overruns = OverrunLimit {
+            share: settings.safety.late_ticks_max,
+            window: (settings.safety.late_ticks_window_ms * 1e6 / period_ns as f64).round() as usize,
+        };
         match self {
             Self::Ask => RtSettings {
                 rhythm: Rhythm { period_ns, spin_ns: u64::from(section.spin_us) * 1000 },
                 priority: Some(section.priority),
                 cpu: section.cpu.map(|cpu| cpu as usize),
                 max_iterations,
+                overruns,
             },
             Self::Leave => RtSettings {
                 rhythm: Rhythm { period_ns, spin_ns: 0 },
                 priority: None,
                 cpu: None,
                 max_iterations,
+                overruns,
             },
         }
     }

@@ -4,6 +4,7 @@
 //! ports → shared memory reserved → memory locked → ticks begin → announced. End: the arm stops smoothly and is let go,
 //! ticks end, then the other threads, then the services. Every wait is bounded. A service manager is told of all of it.
 
+mod hearing;
 mod notify;
 mod start;
 #[cfg(test)]
@@ -29,7 +30,10 @@ use crate::ipc::{IpcOrder, IpcSummary};
 use crate::learner::LearnerOrder;
 use crate::memory;
 use crate::options::{Options, StopHandle};
+use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
+use crate::stop_socket::StopSocket;
+use hearing::Hearing;
 use notify::Manager;
 use start::open_services;
 
@@ -60,6 +64,10 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     let config = options.source.load()?;
     let instance = instance(&config)?;
     let mut lock = instance.lock()?;
+    // First of all and last of all: whatever hangs in between, a stop is heard.
+    let flag = Arc::new(StopFlag::default());
+    let stops = StopSocket::open(&instance, flag.clone())
+        .map_err(|source| DaemonError::System { what: "listening to stops", source })?;
     match instance.purge(&lock)? {
         Purge::Removed(0) => {}
         Purge::Removed(count) => info!("removed {count} leftovers of an earlier run"),
@@ -71,7 +79,7 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     let (lock_back, session, services) = open_services(&instance, lock)?;
     lock = lock_back;
 
-    let mut daemon = Daemon::start(options, config, &instance, &services)?;
+    let mut daemon = Daemon::start(options, config, &instance, &services, flag, stops.tally())?;
     lock.announce().map_err(|source| DaemonError::System { what: "writing the lock file", source })?;
     manager.ready(&daemon.greet(&instance));
     let outcome = daemon.watch(options, &instance, &mut manager);
@@ -101,6 +109,7 @@ struct Daemon {
     config: Config,
     rt: Option<JoinHandle<()>>,
     rt_orders: Arc<RtOrders>,
+    hearing: Hearing,
     ipc: Option<JoinHandle<IpcSummary>>,
     ipc_orders: Sender<IpcOrder>,
     reload: Receiver<ReloadRequest>,
@@ -142,6 +151,7 @@ impl Daemon {
         let (mut segments_seen, mut warned) = (Instant::now(), false);
         loop {
             manager.alive(self.rt_orders.ticks());
+            self.hearing.tell();
             if !warned && segments_seen.elapsed() >= SEGMENTS_LOOK {
                 segments_seen = Instant::now();
                 if let Err(error) = instance.check_segments() {
@@ -242,6 +252,7 @@ impl Daemon {
             let cause = panic_text(panic.as_ref());
             outcome = outcome.and(Err(DaemonError::ThreadDied { name: "real-time", cause }));
         }
+        self.hearing.flush();
         self.quit.store(true, Ordering::Release);
         if ended(self.learner.as_ref(), ENDING) {
             let _ = self.learner.take().map(JoinHandle::join);

@@ -12,10 +12,12 @@ pub const MESSAGE_BYTES: usize = 160;
 
 wire! {
     /// One request.
-    "foretrace.ControlRequestV1"
+    "foretrace.ControlRequestV2"
     pub struct ControlRequest {
         /// Chosen by the client, given back in the response.
         pub token: u64,
+        /// When it was sent, on the monotonic clock [ns]: a request to arm does not undo a stop that came after it.
+        pub sent_ns: u64,
         /// The client's `host_boot_id()`.
         pub boot_id: u64,
         /// For `SetTrust`: α in [0, 1]; else 0.
@@ -55,7 +57,7 @@ wire! {
 impl ControlRequest {
     /// A request without parameters.
     pub fn new(token: u64, boot_id: u64, op: ControlOp) -> Self {
-        Self { token, boot_id, op: op.into(), param: 0, value: 0.0 }
+        Self { token, boot_id, op: op.into(), param: 0, value: 0.0, sent_ns: 0 }
     }
 }
 

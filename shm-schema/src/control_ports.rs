@@ -6,7 +6,8 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::active_request::ActiveRequest;
-use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::server::ServerCreateError;
 
@@ -93,15 +94,27 @@ impl ControlTopic {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|error| match error {
-                ClientCreateError::ExceedsMaxSupportedClients => ServiceError::NoPlace {
-                    service: CONTROL_SERVICE,
-                    what: "operators",
-                    limit: CONTROL_CLIENTS,
-                },
+                ClientCreateError::ExceedsMaxSupportedClients => {
+                    ServiceError::NoOperatorPlace { limit: CONTROL_CLIENTS, pids: self.operators() }
+                }
                 other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
             })?;
         // Tokens of one process never repeat; the clock keeps those of different processes apart.
         Ok(ControlClient { port, boot_id: host_boot_id(), token: crate::monotonic_now_ns() })
+    }
+}
+
+impl ControlTopic {
+    /// Processes that hold a place for operators, ascending, one for each place.
+    #[must_use]
+    pub fn operators(&self) -> Vec<u32> {
+        let mut pids = Vec::with_capacity(CONTROL_CLIENTS);
+        self.factory.dynamic_config().list_clients(|client| {
+            pids.push(client.node_id.pid().value() as u32);
+            CallbackProgression::Continue
+        });
+        pids.sort_unstable();
+        pids
     }
 }
 
@@ -163,6 +176,7 @@ impl ControlClient {
         let deadline = Instant::now() + timeout;
         // A request that reached nobody may be sent again; one that reached a server may not.
         let pending = loop {
+            request.sent_ns = crate::monotonic_now_ns();
             let pending = self.port.send_copy(request).map_err(|_| AskError::Middleware)?;
             if pending.number_of_server_connections() > 0 {
                 break pending;

@@ -53,6 +53,8 @@ mod occupancy;
 pub use occupancy::*;
 mod leftovers;
 pub use leftovers::*;
+mod stop_path;
+pub use stop_path::*;
 mod session;
 pub use session::*;
 mod topic;

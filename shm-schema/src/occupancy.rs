@@ -75,8 +75,12 @@ impl Instance {
             .mode(0o600)
             .open(&path)
             .map_err(io)?;
-        // A peer looking for a daemon takes the lock for an instant: ask more than once.
-        for _ in 0..20 {
+        // A peer looking for a daemon takes the lock for an instant, and the last one to leave for as long as it tidies up: ask
+        // more than once, and longer where no daemon has announced itself.
+        for tries in 0..100 {
+            if tries >= 20 && announced(&mut file).is_some() {
+                break;
+            }
             match file.try_lock() {
                 Ok(()) => {
                     file.set_len(0).map_err(io)?;
@@ -117,6 +121,22 @@ impl Instance {
             }
         }
         Ok(Purge::Removed(removed))
+    }
+
+    /// Remove everything, if neither a daemon nor a peer lives: for whoever may be the last to leave. Returns whether it was.
+    /// Damaged files can make it hang: callers bound the time.
+    pub fn tidy_up(&self) -> bool {
+        let Ok(file) = OpenOptions::new().read(true).write(true).open(self.lock_path()) else { return false };
+        // Another one that leaves at this moment may hold it, and still have seen this process alive.
+        let mut tries = 0;
+        while file.try_lock().is_err() {
+            tries += 1;
+            if tries > 40 || self.daemon().is_some() {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        matches!(self.purge(&InstanceLock { file }), Ok(Purge::Removed(_)))
     }
 
     /// Check that every segment of this instance belongs to this user alone. /dev/shm is open to everybody: another user

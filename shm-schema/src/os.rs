@@ -1,5 +1,8 @@
 //! The calls to the C library this crate needs. The only file here with `unsafe`.
 
+use std::io;
+use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
+
 /// CLOCK_MONOTONIC as nanoseconds since boot.
 pub(crate) fn clock_monotonic_ns() -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
@@ -26,6 +29,25 @@ pub fn shared_memory_free_bytes() -> Option<u64> {
     // SAFETY: all-zero bytes are a valid statvfs, whether or not the call filled it.
     let found = unsafe { found.assume_init() };
     (status == 0).then(|| found.f_bavail.saturating_mul(found.f_frsize))
+}
+
+/// A descriptor of process `pid` (pidfd_open): it never comes to mean another process.
+pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
+    // SAFETY: takes two numbers and no pointer.
+    let answer = unsafe { libc::syscall(libc::SYS_pidfd_open, libc::c_long::from(pid), 0) };
+    match RawFd::try_from(answer) {
+        // SAFETY: the call has just made this descriptor, and nobody else knows of it.
+        Ok(descriptor) if descriptor >= 0 => Ok(unsafe { OwnedFd::from_raw_fd(descriptor) }),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Sends `signal` to the process that the descriptor means (pidfd_send_signal).
+pub(crate) fn signal_process(process: BorrowedFd<'_>, signal: libc::c_int) -> io::Result<()> {
+    let none = std::ptr::null_mut::<libc::siginfo_t>();
+    // SAFETY: the descriptor is open while it is borrowed; without a siginfo no memory is read.
+    let answer = unsafe { libc::syscall(libc::SYS_pidfd_send_signal, process.as_raw_fd(), signal, none, 0) };
+    if answer == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
 #[cfg(test)]

@@ -66,6 +66,17 @@ pub enum ServiceError {
         /// How many there are.
         limit: usize,
     },
+    /// Everybody who may ask at a time is asking.
+    #[error(
+        "all {limit} places for operators are taken, by processes {pids:?}: end those that hang (`kill -9`); a stop needs \
+         no place (`foretrace request stop`)"
+    )]
+    NoOperatorPlace {
+        /// How many there are.
+        limit: usize,
+        /// Who holds them, one for each.
+        pids: Vec<u32>,
+    },
     /// A subscriber may not ask for this.
     #[error("{service}: a buffer of {asked} messages was asked for, 1 to {limit} are possible")]
     BufferSize {

@@ -253,6 +253,8 @@ wire_enum! {
         ToolNotAligned = -18 => "tool not aligned",
         /// The arm is not where it was told to be, or moves by itself.
         NotFollowing = -19 => "arm does not follow",
+        /// A stop came after the request to arm was sent.
+        StopCame = -20 => "a stop came",
     }
 }
 

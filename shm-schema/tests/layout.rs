@@ -310,10 +310,17 @@ fn layouts_are_pinned() {
         0x283bf4e1c3fe41dd,
     );
     pinned::<ControlRequest>(
-        32,
+        40,
         8,
-        &[("token", 0, 8), ("boot_id", 8, 8), ("value", 16, 8), ("op", 24, 4), ("param", 28, 4)],
-        0xa689a555ac19dfef,
+        &[
+            ("token", 0, 8),
+            ("sent_ns", 8, 8),
+            ("boot_id", 16, 8),
+            ("value", 24, 8),
+            ("op", 32, 4),
+            ("param", 36, 4),
+        ],
+        0x5f20e994217f54b9,
     );
     pinned::<ControlResponse>(
         208,

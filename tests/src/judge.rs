@@ -3,6 +3,8 @@
 //! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's rule are written down here
 //! once more. Counts and keeps the first examples, never alters. Absent: jerk, which the preset does not limit.
 
+use std::collections::VecDeque;
+
 use foretrace_shm::{JOINTS, JointCommand, JointState, command_flags, host_boot_id};
 use serde_json::{Value, json};
 
@@ -17,7 +19,7 @@ pub const VELOCITY: f64 = 3.1;
 pub const ACCELERATION: f64 = 40.0;
 /// What the arm brakes with when commands stay away [rad/s²]: `robot.stale_deceleration_radps2`.
 const DECELERATION: f64 = 20.0;
-/// A command may begin this far from where the arm was measured last [rad].
+/// A command may begin this far from where the arm was measured last before it was sent [rad].
 const BEGIN_RAD: f64 = 0.02;
 /// Rounding: relative for rates, absolute for positions [rad].
 const RELATIVE: f64 = 1e-6;
@@ -26,12 +28,18 @@ const ROUNDING_RAD: f64 = 1e-9;
 const AHEAD_NS: u64 = 20_000_000;
 const VALID_NS: u64 = 1_000_000_000;
 const EXAMPLES: usize = 5;
+/// States kept: what a recorder that sleeps for a second may find at once.
+const STATES: usize = 1024;
+/// Where states are missing for longer than this, nobody knows where the arm was in between [ns].
+const GAP_NS: u64 = 50_000_000;
 
 /// Memory and findings of one judge.
 #[derive(Debug, Default)]
 pub struct Judge {
     last: Option<JointCommand>,
-    measured: Option<[f64; JOINTS]>,
+    /// Stamps and positions, oldest first.
+    measured: VecDeque<(u64, [f64; JOINTS])>,
+    begins_unjudged: u64,
     seen: u64,
     missed: u64,
     before: u64,
@@ -48,11 +56,21 @@ pub struct Judge {
 impl Judge {
     /// What the arm says about itself, for the next command that begins.
     pub fn state(&mut self, state: &JointState) {
-        self.measured = state.q.iter().all(|q| q.is_finite()).then_some(state.q);
-        // Before the first command nobody led the arm.
-        if let (Some(q), true) = (&self.measured, self.seen > 0) {
-            self.tip.see(q);
+        let stamp_ns = state.header.stamp_ns;
+        if state.q.iter().any(|q| !q.is_finite()) {
+            return self.measured.clear();
         }
+        // Before the first command nobody led the arm.
+        if self.seen > 0 {
+            self.tip.see(&state.q);
+        }
+        while self.measured.back().is_some_and(|(newest, _)| *newest >= stamp_ns) {
+            self.measured.pop_back();
+        }
+        if self.measured.len() >= STATES {
+            self.measured.pop_front();
+        }
+        self.measured.push_back((stamp_ns, state.q));
     }
 
     /// Judges the next command as it lies in shared memory.
@@ -129,7 +147,17 @@ impl Judge {
 
     /// A first command stands where the arm stands.
     fn begin(&mut self, command: &JointCommand, broken: &mut Vec<&str>) {
-        let Some(measured) = self.measured else { return };
+        // A recorder that was kept asleep reads states that are newer than the command: those say where it has led to.
+        let sent_ns = command.published_ns;
+        let Some(place) = self.measured.iter().rposition(|(stamp_ns, _)| *stamp_ns <= sent_ns) else {
+            self.begins_unjudged += 1;
+            return;
+        };
+        let (stamp_ns, measured) = self.measured[place];
+        if self.measured.get(place + 1).is_some_and(|(next_ns, _)| next_ns - stamp_ns > GAP_NS) {
+            self.begins_unjudged += 1;
+            return;
+        }
         if command.q.iter().zip(measured).any(|(q, m)| !((q - m).abs() <= BEGIN_RAD)) {
             broken.push("begins elsewhere");
         }
@@ -184,7 +212,8 @@ impl Judge {
     pub fn report(&self) -> Value {
         json!({
             "seen": self.seen, "missed": self.missed, "before": self.before,
-            "streams": self.streams, "begins": self.begins, "last_sequence": self.sequence(),
+            "streams": self.streams, "begins": self.begins,
+            "begins_unjudged": self.begins_unjudged, "last_sequence": self.sequence(),
             "largest_jump_rad": self.largest_jump_rad, "largest_velocity_radps": self.largest_velocity,
             "largest_acceleration_radps2": self.largest_acceleration,
             "envelope": self.tip.report(),
@@ -267,6 +296,27 @@ mod tests {
         assert!(judged(&[command(1, 0.0, 1.0)]).report().to_string().contains("begins in motion"));
         let unannounced = JointCommand { flags: command_flags::ENABLED, ..command(1, 0.0, 0.0) };
         assert_eq!(judged(&[command(1, 0.0, 0.0), unannounced]).violations, 1);
+    }
+
+    #[test]
+    fn a_beginning_is_judged_by_the_state_before_it_whenever_that_is_read() {
+        let state = |stamp_ns: u64, q: f64| {
+            let header = Header { sequence: 1, stamp_ns, boot_id: host_boot_id() };
+            JointState { header, q: [q; JOINTS], ..JointState::default() }
+        };
+        let first = command(1, 0.0, 0.0);
+        let sent = first.published_ns;
+        let judged = |states: &[JointState]| {
+            let mut judge = Judge::default();
+            states.iter().for_each(|state| judge.state(state));
+            judge.command(&first);
+            (judge.violations, judge.begins_unjudged)
+        };
+        assert_eq!(judged(&[state(sent - TICK_NS, 0.0), state(sent + TICK_NS, 0.5)]), (0, 0));
+        assert_eq!(judged(&[state(sent - TICK_NS, 0.5), state(sent + TICK_NS, 0.0)]), (1, 0));
+        assert_eq!(judged(&[state(sent + TICK_NS, 0.5)]), (0, 1));
+        assert_eq!(judged(&[state(sent - TICK_NS, 0.5), state(sent + GAP_NS, 0.0)]), (0, 1));
+        assert_eq!(judged(&[]), (0, 1));
     }
 
     #[test]

@@ -7,6 +7,7 @@
 
 pub mod forger;
 pub mod frozen;
+pub mod holder;
 pub mod judge;
 pub mod leftovers;
 pub mod observer;

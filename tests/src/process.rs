@@ -78,6 +78,51 @@ impl Process {
         Some((status, text))
     }
 
+    /// What can be told of it when a test failed: where its threads wait, or how it ended, and everything it said. Kills it.
+    ///
+    /// # Panics
+    /// It cannot be waited for.
+    #[must_use]
+    pub fn testify(mut self) -> String {
+        let mut told = format!("`foretrace {}` (process {})", self.words, self.pid());
+        match self.child.try_wait().expect("own child") {
+            Some(status) => told += &format!(" had ended: {status}"),
+            None => {
+                told += " was alive; its threads:";
+                for thread in
+                    std::fs::read_dir(format!("/proc/{}/task", self.pid())).into_iter().flatten().flatten()
+                {
+                    let read = |name: &str| {
+                        let text = std::fs::read_to_string(thread.path().join(name)).unwrap_or_default();
+                        text.trim().to_owned()
+                    };
+                    let stack = read("stack").lines().take(3).collect::<Vec<_>>().join(" ");
+                    told += &format!(
+                        "\n  {}: {} syscall [{}] {stack}",
+                        read("comm"),
+                        read("wchan"),
+                        read("syscall")
+                    );
+                }
+            }
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        for pipe in [
+            self.child.stdout.take().map(|pipe| Box::new(pipe) as Box<dyn Read>),
+            self.child.stderr.take().map(|pipe| Box::new(pipe) as _),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            // Whoever inherited the pipe must not hold the test: no more than a pipe holds.
+            let mut bytes = Vec::new();
+            let _ = pipe.take(1 << 16).read_to_end(&mut bytes);
+            told += &format!("\n{}", String::from_utf8_lossy(&bytes));
+        }
+        told
+    }
+
     /// Its stdout, to be read while it runs.
     pub fn take_stdout(&mut self) -> Option<std::process::ChildStdout> {
         self.child.stdout.take()

@@ -74,7 +74,7 @@ mod tests {
     /// `robot.home_rad` puts the pen upright over the middle of the paper, 6 mm up.
     #[test]
     fn home_is_over_the_middle_of_the_paper_with_the_pen_upright() {
-        let ([x, y, height], tilt) = place(&[3.1416, -1.3, 1.8, -2.0708, -1.5708, 0.0]);
+        let ([x, y, height], tilt) = place(&[2.0 * QUARTER, -1.3, 1.8, -2.0708, -QUARTER, 0.0]);
         assert!(x.abs() < 2e-3 && y.abs() < 2e-3, "{x} {y}");
         assert!((0.0..0.02).contains(&height) && tilt < 1e-3, "{height} {tilt}");
     }

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use foretrace_tests::{forger, leftovers, observer, recorder, trespass};
+use foretrace_tests::{forger, holder, leftovers, observer, recorder, trespass};
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -12,6 +12,8 @@ fn main() -> ExitCode {
         "trespass" => trespass::main(rest),
         "recorder" => recorder::main(rest),
         "forge" => forger::main(rest),
+        "hold-place" => holder::main(rest, true),
+        "hold-node" => holder::main(rest, false),
         "leftovers" => leftovers::main(rest),
         _ => foretrace::main(),
     }

@@ -1,8 +1,14 @@
 //! `foretrace request`: ask the running daemon for something.
+//!
+//! Contract: ends within `--timeout`. A stop takes the way that needs nothing of the middleware; everything else runs in a
+//! thread that is given up, because calls into damaged shared memory can hang.
 
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use foretrace_client::{ControlResponse, ControlStatus, Mode, PredictorId, RequestError, Requests};
+use foretrace_client::{
+    ControlResponse, ControlStatus, Mode, PredictorId, RequestError, Requests, StopError, Stopped,
+};
 use serde_json::json;
 
 use crate::attach::unattached;
@@ -62,10 +68,11 @@ enum Trust {
 
 pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let foretrace = args.instance.attach()?;
-    let mut requests = foretrace.requests().map_err(unattached)?;
     let wait = Duration::from_secs_f64(args.timeout.clamp(0.01, 3600.0));
-    let answer = match ask(&mut requests, &args.request, wait) {
+    if args.request == Request::Stop {
+        return stop(args, wait);
+    }
+    let answer = match asked(args, wait)? {
         Ok(answer) => answer,
         Err(error) => {
             if let RequestError::Refused { status, message, detail, value } = &error {
@@ -79,19 +86,63 @@ pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
     args.json.write(&result(answer.outcome(), &answer.text(), answer.detail, answer.value))
 }
 
+/// Attaches and asks, within `wait`.
+fn asked(args: &RequestArgs, wait: Duration) -> Result<Result<ControlResponse, RequestError>, Failure> {
+    let (answer, answered) = mpsc::channel();
+    let (instance, request) = (args.instance.clone(), args.request.clone());
+    // The daemon's silence is told by the thread itself, which has to be the first to lose patience.
+    let shorter = wait - (wait / 5).min(Duration::from_millis(100));
+    let asking = move || {
+        let asked = instance.attach().and_then(|foretrace| {
+            let mut requests = foretrace.requests().map_err(unattached)?;
+            Ok(ask(&mut requests, &request, shorter))
+        });
+        // Nobody may wait for it any more.
+        let _ = answer.send(asked);
+    };
+    std::thread::Builder::new()
+        .name("foretrace-asks".to_owned())
+        .spawn(asking)
+        .map_err(|error| Failure::failed(format_args!("starting a thread: {error}"), "free some memory"))?;
+    match answered.recv_timeout(wait) {
+        Ok(asked) => asked,
+        Err(RecvTimeoutError::Disconnected) => {
+            Err(Failure::failed("asking ended by a fault", "see `foretrace doctor`"))
+        }
+        Err(RecvTimeoutError::Timeout) => Err(Failure::failed(
+            format_args!("no answer within {} ms: attaching hangs", wait.as_millis()),
+            "see `foretrace doctor`; `foretrace request stop` does not need to attach",
+        )),
+    }
+}
+
+/// Stops without the middleware.
+fn stop(args: &RequestArgs, wait: Duration) -> Result<(), Failure> {
+    const OTHERWISE: &str = "use the arm's own stop button";
+    let Stopped { mode, trust } =
+        foretrace_client::stop(&args.instance.instance()?, wait).map_err(|error| match error {
+            StopError::NoDaemon { .. } => Failure::new(Cause::NoDaemon, error, ""),
+            other => Failure::failed(other, OTHERWISE),
+        })?;
+    // Coming to rest takes its time; in idle there is nothing to stop.
+    let status = if mode == Mode::Idle { ControlStatus::Ok } else { ControlStatus::Accepted };
+    say!("{status} (mode {}, trust {trust:.2})", mode.label());
+    args.json.write(&result(status, "", mode.into(), trust))
+}
+
 /// The failure that a request's error means.
 pub(crate) fn refused(error: &RequestError) -> Failure {
     match error {
         RequestError::Refused { .. } => Failure::new(Cause::Refused, error, "see `foretrace status`"),
         RequestError::Invalid(_) => Failure::new(Cause::Usage, error, ""),
-        RequestError::NoAnswer(_) => Failure::failed(error, ""),
+        RequestError::NoAnswer(_) | RequestError::NotConnected(_) => Failure::failed(error, ""),
     }
 }
 
 /// A refusal to arm that waiting may cure: the arm has not reported yet, or is just about to.
 pub(crate) fn may_pass(error: &RequestError) -> bool {
     match error {
-        RequestError::NoAnswer(_) => true,
+        RequestError::NoAnswer(_) | RequestError::NotConnected(_) => true,
         other => matches!(
             other.refusal(),
             Some(

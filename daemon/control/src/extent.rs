@@ -148,7 +148,7 @@ mod tests {
     /// The plane stands where the tool of the upright arm is, tilted against it by `tilt` about x.
     fn watch(tilt: f64) -> (ExtentWatch<6>, [f64; 6]) {
         let chain = Chain::from_urdf(UR5, None, None).unwrap();
-        let q = [0.0, -1.3, 1.8, -2.0708, -1.5708, 0.0];
+        let q = [0.0, -1.3, 1.8, -2.0708, -std::f64::consts::FRAC_PI_2, 0.0];
         let kinematics = chain.forward(&q);
         let normal = -kinematics.rotation.column(2);
         let turned = Rotation3::from_matrix_unchecked(kinematics.rotation);

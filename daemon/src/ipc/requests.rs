@@ -130,10 +130,15 @@ impl Requests {
 
     fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
         let token = self.next_token;
+        let stamp = monotonic_now_ns();
+        // What comes from the supervisor is sent now; nobody sends in the future.
+        let sent = match &asker {
+            Asker::Operator(call) => call.request.sent_ns.min(stamp),
+            Asker::Settings(_) => stamp,
+        };
+        let asked = Asked { token, request, stamp: Stamp(stamp), sent: Stamp(sent) };
         // As many answers fit into their ring as requests: never more of them on the way than that.
-        if self.at_loop.len() >= rings.answered.buffer().capacity()
-            || rings.asked.push(Asked { token, request, stamp: Stamp(monotonic_now_ns()) }).is_err()
-        {
+        if self.at_loop.len() >= rings.answered.buffer().capacity() || rings.asked.push(asked).is_err() {
             return Err(asker);
         }
         self.next_token += 1;

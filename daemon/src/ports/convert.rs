@@ -158,6 +158,10 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         ),
         Refusal::EnableMissing => (ControlStatus::NotEnabled, "the dead-man switch is required and not held"),
         Refusal::StillStopping => (ControlStatus::WrongMode, "the arm is still being stopped: ask again"),
+        Refusal::StopCame => (
+            ControlStatus::StopCame,
+            "a stop came after this request was sent: arm again if that is still wanted",
+        ),
         Refusal::NotFollowing => (
             ControlStatus::NotFollowing,
             "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm anew",

@@ -2,8 +2,9 @@
 //!
 //! Contract: releases lie on a lattice `PHASE_NS + k * period` of the clock that no overrun ever moves. [`Cyclic::wait`] sleeps until
 //! `release - spin`, then spins, never for longer than the margin. When whole periods have passed unused, they are
-//! skipped and counted, and the tick runs at once for the last release that has come. Nothing here allocates or blocks
-//! except the sleep.
+//! skipped and counted, and the tick runs at once for the last release that has come. A loop that has not slept for
+//! [`BUSY_PERIODS`] gives periods up until it has slept for half of one: under SCHED_FIFO nobody else would ever run on its
+//! CPU, not even who wants to stop it. Nothing here allocates or blocks except the sleep.
 
 use foretrace_control::units::Stamp;
 
@@ -15,6 +16,11 @@ use super::clock::Clock;
 /// release there waits 15 us for them even while it spins (measured at 250 Hz kernel tick). Half a millisecond is the
 /// point farthest from all of them, for every period from 1 ms and every usual tick.
 pub const PHASE_NS: u64 = 500_000;
+
+/// A loop may go on for so many periods without a sleep.
+pub const BUSY_PERIODS: u64 = 4;
+/// Sleeps shorter than this part of a period are none.
+const REST_PART: u64 = 16;
 
 /// The rhythm of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +68,10 @@ pub struct Cyclic<C> {
     rhythm: Rhythm,
     next_release: Stamp,
     next_index: u64,
+    /// End of the last sleep that was one.
+    rested: Stamp,
+    /// Ticks since then: a single stall is no reason to give up more periods.
+    restless: u32,
 }
 
 impl<C: Clock> Cyclic<C> {
@@ -74,7 +84,7 @@ impl<C: Clock> Cyclic<C> {
         let rhythm = Rhythm { period_ns, spin_ns: rhythm.spin_ns.min(period_ns / 2) };
         let now = clock.now().0;
         let first = (now / period_ns).saturating_add(2).saturating_mul(period_ns).saturating_add(PHASE_NS);
-        Self { clock, rhythm, next_release: Stamp(first), next_index: 0 }
+        Self { clock, rhythm, next_release: Stamp(first), next_index: 0, rested: Stamp(now), restless: 0 }
     }
 
     /// The rhythm as it is kept.
@@ -91,7 +101,9 @@ impl<C: Clock> Cyclic<C> {
     /// Waits for the next release and says what came of it.
     pub fn wait(&mut self) -> Wake {
         // Periods can be lost twice: in the step before, and in a sleep that ends much too late.
-        let lost = self.periods_since(self.next_release, self.clock.now());
+        let now = self.clock.now();
+        let lost = self.periods_since(self.next_release, now);
+        let lost = lost.saturating_add(self.periods_of_rest(now, self.after(self.next_release, lost)));
         let due = self.after(self.next_release, lost);
         let started = self.reach(due);
         let overslept = self.periods_since(due, started);
@@ -101,6 +113,17 @@ impl<C: Clock> Cyclic<C> {
         self.next_release = self.after(release, 1);
         self.next_index = index.saturating_add(1);
         Wake { index, due, release, started, skipped }
+    }
+
+    /// Periods to give up beyond `due`, so that a loop that has been busy for too long sleeps.
+    fn periods_of_rest(&self, now: Stamp, due: Stamp) -> u64 {
+        let Rhythm { period_ns, spin_ns } = self.rhythm;
+        let busy_ns = now.0.saturating_sub(self.rested.0);
+        if self.restless < 2 || busy_ns <= BUSY_PERIODS.saturating_mul(period_ns) {
+            return 0;
+        }
+        let wanted = now.0.saturating_add(period_ns / 2).saturating_add(spin_ns);
+        wanted.saturating_sub(due.0).div_ceil(period_ns)
     }
 
     /// Whole periods from `release` to `now`; 0 when `release` has not come.
@@ -114,12 +137,19 @@ impl<C: Clock> Cyclic<C> {
     }
 
     /// Sleeps to the margin, spins the rest; returns the first reading at or past `release`.
-    fn reach(&self, release: Stamp) -> Stamp {
+    fn reach(&mut self, release: Stamp) -> Stamp {
         let margin = Stamp(release.0.saturating_sub(self.rhythm.spin_ns));
         let mut now = self.clock.now();
+        let before = now;
         while now < margin {
             self.clock.sleep_until(margin);
             now = self.clock.now();
+        }
+        if now.0.saturating_sub(before.0) >= self.rhythm.period_ns / REST_PART {
+            self.rested = now;
+            self.restless = 0;
+        } else {
+            self.restless = self.restless.saturating_add(1);
         }
         // Without the processor's pause instruction: hypervisors take a pausing loop for a wait and give the CPU away.
         while now < release {
@@ -232,6 +262,29 @@ mod tests {
         assert_eq!(wake.latency_ns(), 5 * PERIOD + 400);
         let next = cyclic.wait();
         assert_eq!((next.due.0, next.index), (8 * PERIOD + PHASE_NS, 11));
+    }
+
+    #[test]
+    fn a_loop_that_cannot_keep_its_rate_still_leaves_time_to_others() {
+        for (step, spin) in [(PERIOD, 0), (3 * PERIOD / 2, 0), (3 * PERIOD, 50_000), (10 * PERIOD, 1_000_000)]
+        {
+            let clock = SimulatedClock { read_ns: 100, ..SimulatedClock::at(0) };
+            let mut cyclic = Cyclic::new(clock, rhythm(spin));
+            let (mut last, mut sum) = (cyclic.wait(), 0);
+            let (begin, slept) = (cyclic.clock().now.get(), cyclic.clock().slept.get());
+            for _ in 0..1000 {
+                cyclic.clock().work(step + 1);
+                let wake = cyclic.wait();
+                assert_eq!(wake.index, last.index + 1 + wake.skipped);
+                assert_eq!(wake.release.0 % PERIOD, PHASE_NS);
+                assert!(wake.release > last.release && wake.started >= wake.release);
+                (last, sum) = (wake, sum + wake.skipped);
+            }
+            let share =
+                (cyclic.clock().slept.get() - slept) as f64 / (cyclic.clock().now.get() - begin) as f64;
+            assert!(share > 0.015, "steps of {step} ns leave {share:.3} of the time");
+            assert!(step == PERIOD || sum > 0);
+        }
     }
 
     #[test]

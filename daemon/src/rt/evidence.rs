@@ -66,6 +66,11 @@ impl<'a, C: Clock> LapClock<'a, C> {
         self.last
     }
 
+    /// The clock, outside of any lap.
+    pub fn now(&self) -> Stamp {
+        self.clock.now()
+    }
+
     /// The end of the last lap.
     #[must_use]
     pub const fn last(&self) -> Stamp {
@@ -171,6 +176,8 @@ pub struct Asked {
     pub request: Request,
     /// When it was asked.
     pub stamp: Stamp,
+    /// When the operator's program sent it, never later than `stamp`.
+    pub sent: Stamp,
 }
 
 /// A loop that stood still for longer than this must not start what the operator has been told has failed [ns]; below the
@@ -178,6 +185,12 @@ pub struct Asked {
 const REQUEST_LIFE_NS: i64 = 1_000_000_000;
 
 impl Asked {
+    /// A request to arm that was sent before a stop that came at `stopped` must not undo it.
+    #[must_use]
+    pub fn is_overtaken(&self, stopped: Stamp) -> bool {
+        self.request == Request::Arm && self.sent <= stopped
+    }
+
     /// Too old to be carried out at `now`. A stop is never too old.
     #[must_use]
     pub fn is_expired(&self, now: Stamp) -> bool {

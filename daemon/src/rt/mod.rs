@@ -7,6 +7,8 @@ pub mod clock;
 pub mod cyclic;
 pub mod evidence;
 pub mod handover;
+pub mod stops;
+pub mod overruns;
 pub mod tick;
 pub mod thread;
 pub mod rehearsal;

@@ -92,6 +92,7 @@ pub fn rehearse(
 mod tests {
     use super::*;
     use crate::rt::cyclic::Rhythm;
+    use crate::rt::overruns::OverrunLimit;
 
     fn ordinary() -> RtSettings {
         RtSettings {
@@ -99,6 +100,7 @@ mod tests {
             priority: None,
             cpu: None,
             max_iterations: 1,
+            overruns: OverrunLimit::NONE,
         }
     }
 

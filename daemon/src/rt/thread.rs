@@ -14,11 +14,13 @@ use foretrace_control::follower::{Follower, Mode};
 use super::clock::MonotonicClock;
 use super::cyclic::{Cyclic, Rhythm};
 use super::os::{self, Missing};
+use super::overruns::OverrunLimit;
+use super::stops::{StopFlag, Stops};
 use super::tick::{Tick, TickRings};
 use crate::ports::{JOINTS, Ports};
 
 /// Rights and rhythm of the thread.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RtSettings {
     /// When ticks are released.
     pub rhythm: Rhythm,
@@ -28,6 +30,8 @@ pub struct RtSettings {
     pub cpu: Option<usize>,
     /// Iterations that each quadratic programme may take in a tick.
     pub max_iterations: u32,
+    /// How many ticks may be late before the arm is stopped.
+    pub overruns: OverrunLimit,
 }
 
 /// What the thread tells its supervisor before the first tick.
@@ -47,9 +51,16 @@ pub struct RtOrders {
     leave: AtomicBool,
     quit: AtomicBool,
     ticks: AtomicU64,
+    stops: Arc<StopFlag>,
 }
 
 impl RtOrders {
+    /// Orders to a loop that also listens to `stops`.
+    #[must_use]
+    pub fn with_stops(stops: Arc<StopFlag>) -> Self {
+        Self { stops, ..Self::default() }
+    }
+
     /// Stop the arm smoothly, then end.
     pub fn leave(&self) {
         self.leave.store(true, Ordering::Release);
@@ -93,7 +104,8 @@ where
                 return;
             }
         };
-        let tick = Tick::new(follower, ports, rings, settings.max_iterations);
+        let mut tick = Tick::new(follower, ports, rings, settings.max_iterations);
+        tick.mind(Stops::new(orders.stops.clone()), settings.overruns);
         let _ = news.send(RtNews::Opened);
         if go.recv().is_err() {
             return;

@@ -7,17 +7,20 @@
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use foretrace_control::follower::{
-    Budget, Follower, Health, JointReading, Mode, Request, StepInput, StepOutput,
+    Budget, Follower, Health, JointReading, Mode, Refusal, Request, StepInput, StepOutput, StopDetail,
+    StopReason,
 };
 use foretrace_control::learn::LearnStep;
 use foretrace_control::predict::OnlineWeights;
-use foretrace_control::units::Stamp;
+use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
 use super::evidence::{Answered, Asked, Evidence, LapClock, LoopTally};
 use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
+use super::overruns::{OverrunBudget, OverrunLimit, Solve, Verdict};
+use super::stops::Stops;
 use crate::alloc_count::allocations;
 use crate::ports::{Echo, Inbox, JOINTS, Outgoing, Ports};
 
@@ -93,8 +96,13 @@ pub struct Tick<const N: usize, P> {
     weights_since: Option<Stamp>,
     /// Page faults of the thread before its first tick.
     faults_before: (u64, u64),
+    /// After the last tick.
+    mode: Mode,
+    trust: Trust,
     tally: LoopTally,
     leaving: bool,
+    stops: Stops,
+    overruns: OverrunBudget,
 }
 
 impl<const N: usize, P: Ports> Tick<N, P> {
@@ -113,9 +121,19 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             echo: None,
             weights_since: None,
             faults_before: (0, 0),
+            mode: Mode::Idle,
+            trust: Trust::NONE,
             tally: LoopTally::default(),
             leaving: false,
+            stops: Stops::default(),
+            overruns: OverrunBudget::new(OverrunLimit::NONE),
         }
+    }
+
+    /// Takes stops from `stops` too, and lets so many ticks be late.
+    pub fn mind(&mut self, stops: Stops, overruns: OverrunLimit) {
+        self.stops = stops;
+        self.overruns = OverrunBudget::new(overruns);
     }
 
     /// From the next tick on, stops the arm smoothly and lets go of it; requests are no longer heard.
@@ -136,6 +154,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let asked = if self.leaving { None } else { self.rings.asked.pop().ok() };
         // Not answered, so that the operator is told what is true: the loop did not answer in time.
         let asked = asked.filter(|asked| !asked.is_expired(wake.started));
+        // After the requests: a stop that comes between the two looks is the newer word.
+        let stop = self.stops.look(laps.now());
+        let overtaken = asked.filter(|asked| asked.is_overtaken(self.stops.newest()));
+        if let Some(Asked { token, .. }) = overtaken {
+            self.answer(token, Err(Refusal::StopCame), self.mode, self.trust);
+        }
+        let asked = asked.filter(|_| overtaken.is_none());
         let request = if self.leaving { Some(Request::Disarm) } else { asked.map(|asked| asked.request) };
         if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {
             self.measured = Some((stamp, q));
@@ -143,7 +168,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.echo = self.inbox.echo.or(self.echo);
         let received = laps.received();
 
-        let budget = self.budget(received, wake);
+        let verdict = self.overruns.verdict(wake.release);
+        let (budget, solve) = self.budget(received, wake, verdict);
         // The weights are read where they lie in the ring: they are too large to be copied more than once.
         let waiting = self.rings.weights.look();
         let weights = waiting.as_ref().and_then(Waiting::newest);
@@ -153,10 +179,16 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             joints: self.inbox.joints.as_ref(),
             enable: self.inbox.enable,
             request,
-            halt: None,
+            halt: match (stop, verdict) {
+                (Some(_), _) => Some((StopReason::Requested, StopDetail::default())),
+                (None, Verdict::Stop(detail)) => Some((StopReason::Overruns, detail)),
+                (None, Verdict::Fine | Verdict::Shed) => None,
+            },
             weights,
         };
         let output = self.follower.step(&input, budget, &mut laps);
+        self.stops.tell(stop, output.mode, output.trust.alpha);
+        (self.mode, self.trust) = (output.mode, output.trust.alpha);
         let exchanged = weights.is_some_and(|weights| weights.version == output.weights_version);
         if let Some(waiting) = waiting {
             self.tally.weights_overtaken += waiting.give_back();
@@ -171,12 +203,14 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if exchanged {
             self.weights_since = Some(wake.release);
         }
+        self.overruns.count(wake.skipped, finished > wake.deadline(self.period_ns), solve);
         self.settle(wake, &output, budget, finished, &laps);
         self.teach(&output);
         if let (Some(asked), Some(outcome)) = (asked, output.answer) {
-            // As many answers fit as requests, and the ipc thread asks no faster than it hears.
-            let (mode, trust) = (output.mode, output.trust.alpha);
-            let _ = self.rings.answered.push(Answered { token: asked.token, outcome, mode, trust });
+            self.answer(asked.token, outcome, output.mode, output.trust.alpha);
+        }
+        if output.begins {
+            self.overruns.forget();
         }
         let ports = receiving.wrapping_add(sending);
         let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
@@ -207,12 +241,23 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         output.mode
     }
 
+    /// As many answers fit as requests, and the ipc thread asks no faster than it hears.
+    fn answer(&mut self, token: u64, outcome: Result<(), Refusal>, mode: Mode, trust: Trust) {
+        let _ = self.rings.answered.push(Answered { token, outcome, mode, trust });
+    }
+
     /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that a slow
-    /// solver cannot talk itself out of work for ever.
-    fn budget(&self, now: Stamp, wake: &Wake) -> Budget {
+    /// solver cannot talk itself out of work for ever. A loop that is late too often solves in every second tick.
+    fn budget(&self, now: Stamp, wake: &Wake, verdict: Verdict) -> (Budget, Solve) {
         let left = wake.deadline(self.period_ns).0.saturating_sub(now.0);
-        let shed = left < self.usual_cost_ns.min(self.period_ns / 2);
-        Budget { max_iterations: self.max_iterations, shed }
+        let solve = if verdict == Verdict::Shed && self.tally.ticks.is_multiple_of(2) {
+            Solve::ShedForRelief
+        } else if left < self.usual_cost_ns.min(self.period_ns / 2) {
+            Solve::ShedForTime
+        } else {
+            Solve::Done
+        };
+        (Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done }, solve)
     }
 
     /// Sends the command, if there is one; `true` also when there is nothing to send.
@@ -244,6 +289,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         tally.skipped = tally.skipped.saturating_add(wake.skipped);
         // A tick that woke after its period was over missed its deadline too, however fast it then was.
         tally.overruns += u64::from(wake.skipped > 0 || finished > wake.deadline(self.period_ns));
+
         tally.shed += u64::from(budget.shed);
         tally.joints_stale += u64::from(output.health.has(Health::JOINTS_STALE));
         tally.weights_refused += u64::from(output.health.has(Health::WEIGHTS_REFUSED));

@@ -13,6 +13,7 @@ use foretrace_control::learn::Learner;
 use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{Instance, InstanceLock, Services, Session};
 
+use super::hearing::Hearing;
 use super::notify::Manager;
 use super::{Daemon, OPENING, settings_hash};
 use crate::error::DaemonError;
@@ -24,8 +25,10 @@ use crate::options::{Options, Rights};
 use crate::ports::shm::{IpcPorts, ShmPorts};
 use crate::ports::{JOINTS, convert};
 use crate::rt::os;
+use crate::rt::stops::StopFlag;
 use crate::rt::thread::{self, RtNews, RtOrders};
 use crate::rt::tick::{self, TickRings};
+use crate::stop_socket::StopTally;
 
 /// Ticks that count neither in spreads nor in allocations: this much time after the start.
 const WARM_UP_S: f64 = 0.5;
@@ -66,6 +69,8 @@ impl Daemon {
         config: Config,
         instance: &Instance,
         services: &Services,
+        flag: Arc<StopFlag>,
+        stops: Arc<StopTally>,
     ) -> Result<Self, DaemonError> {
         let system = |what| move |source| DaemonError::System { what, source };
         let thread = system("starting a thread");
@@ -110,7 +115,8 @@ impl Daemon {
         let mut daemon = Self {
             config,
             rt: None,
-            rt_orders: Arc::new(RtOrders::default()),
+            rt_orders: Arc::new(RtOrders::with_stops(flag.clone())),
+            hearing: Hearing::new(flag, stops),
             ipc: Some(ipc),
             ipc_orders,
             reload,
@@ -204,13 +210,17 @@ impl Daemon {
     }
 
     fn listen_to_signals(&mut self, options: &Options) -> Result<(), DaemonError> {
-        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
         if !options.signals {
             return Ok(());
         }
-        for (signal, flag) in
-            [(SIGINT, options.stop.flag()), (SIGTERM, options.stop.flag()), (SIGHUP, self.hang_up.clone())]
-        {
+        let stops = self.hearing.signal();
+        for (signal, flag) in [
+            (SIGINT, options.stop.flag()),
+            (SIGTERM, options.stop.flag()),
+            (SIGHUP, self.hang_up.clone()),
+            (SIGUSR1, stops),
+        ] {
             let id = signal_hook::flag::register(signal, flag)
                 .map_err(|source| DaemonError::System { what: "listening to signals", source })?;
             self.signals.push(id);

@@ -16,7 +16,8 @@ fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_g
     let lock = instance.lock().unwrap();
     let (mut lock, _session, services) = open_services(&instance, lock).unwrap();
     let config = options.source.load().unwrap();
-    let mut daemon = Daemon::start(&options, config, &instance, &services).unwrap();
+    let mut daemon =
+        Daemon::start(&options, config, &instance, &services, Arc::default(), Arc::default()).unwrap();
     lock.announce().unwrap();
 
     let mut operator = Operator::attach(&place);

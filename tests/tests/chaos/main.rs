@@ -8,12 +8,14 @@ mod config;
 mod hostile_input;
 mod kill;
 mod learner;
+mod leaving;
 mod memory;
 mod not_following;
 mod peers;
 mod scene;
 mod signals;
 mod stale;
+mod stops;
 mod threads;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");

@@ -115,6 +115,24 @@ fn shared_memory_fills_up_under_a_running_loop() {
 }
 
 #[test]
+fn stop_while_shared_memory_is_full() {
+    let mut world = World::new(PROGRAM);
+    let Some(namespace) = Namespace::enter(&mut world, 64) else { return };
+    let mut scene = Scene::following_in(world);
+    struct Room<'a>(&'a Namespace);
+    impl Drop for Room<'_> {
+        fn drop(&mut self) {
+            self.0.run("rm -f /dev/shm/ballast");
+        }
+    }
+    super::stops::stops_under("/dev/shm is full", &mut scene, |_| {
+        namespace.fill();
+        Room(&namespace)
+    });
+    scene.end();
+}
+
+#[test]
 fn newcomers_while_shared_memory_is_full() {
     let mut world = World::new(PROGRAM);
     let Some(namespace) = Namespace::enter(&mut world, 64) else { return };

@@ -90,8 +90,8 @@ impl Drop for Scene {
         if std::thread::panicking() {
             let status = self.world.run(0, &["status"]);
             say("failed", &format!("last answer: {}\n{}", self.noted.borrow(), told(&status)));
-            for process in [&mut self.daemon, &mut self.arm, &mut self.player].into_iter().flatten() {
-                say("failed", &format!("{}: {:?}", process.pid(), process.ended()));
+            for process in [self.daemon.take(), self.arm.take(), self.player.take()].into_iter().flatten() {
+                say("failed", &process.testify());
             }
         }
     }
@@ -143,7 +143,7 @@ impl Scene {
         Self::idle_with(world, &[])
     }
 
-    fn idle_with(world: impl Into<Rc<World>>, daemon: &[&str]) -> Self {
+    pub(crate) fn idle_with(world: impl Into<Rc<World>>, daemon: &[&str]) -> Self {
         let world = world.into();
         let daemon = world.daemon_with(0, &[&PATIENT, daemon].concat());
         let recorder = Recorder::start(&world, "enough");
@@ -196,6 +196,14 @@ impl Scene {
         let following = u64::from(u32::from(Mode::Following));
         let newer = |beat: &Beat| beat.pen_ns > since_ns && beat.published_ns > since_ns;
         let beat = self.recorder.as_ref()?.first(|beat| beat.mode == following && newer(beat))?;
+        Some((beat.published_ns - since_ns) as f64 * 1e-6)
+    }
+
+    /// How long after `since_ns` the first command of a stop left, if one has [ms].
+    pub(crate) fn stopped_at(&self, since_ns: u64) -> Option<f64> {
+        let stopped = u64::from(u32::from(Mode::Stopped));
+        let recorder = self.recorder.as_ref()?;
+        let beat = recorder.first(|beat| beat.mode == stopped && beat.published_ns > since_ns)?;
         Some((beat.published_ns - since_ns) as f64 * 1e-6)
     }
 

@@ -78,6 +78,8 @@ pub enum Refusal {
     AlreadyArmed,
     /// The arm is not where it was told to be, or moves by itself.
     NotFollowing,
+    /// A stop came after the request to arm was sent.
+    StopCame,
     /// The value is not a number in its legal range.
     BadValue,
     /// The predictor asked for is not available in this loop.

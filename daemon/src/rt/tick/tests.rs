@@ -1,5 +1,7 @@
 //! The tick on ports inside this process, in simulated time.
 
+mod halts;
+
 use std::cell::Cell;
 
 use foretrace_control::follower::{Refusal, Rung};
@@ -77,7 +79,10 @@ impl Bench {
     }
 
     fn ask(&mut self, token: u64, request: Request) -> Answered {
-        self.ipc.asked.push(Asked { token, request, stamp: Stamp(self.release) }).unwrap();
+        self.ipc
+            .asked
+            .push(Asked { token, request, stamp: Stamp(self.release), sent: Stamp(self.release) })
+            .unwrap();
         self.run(0);
         self.ipc.answered.pop().unwrap()
     }
@@ -234,12 +239,16 @@ fn corrupted_weights_are_refused_and_counted() {
 fn a_request_that_waited_too_long_is_not_carried_out_but_a_stop_is() {
     let mut bench = Bench::new();
     let long_ago = Stamp(bench.release - 1_500_000_000);
-    bench.ipc.asked.push(Asked { token: 1, request: Request::Arm, stamp: long_ago }).unwrap();
+    bench.ipc.asked.push(Asked { token: 1, request: Request::Arm, stamp: long_ago, sent: long_ago }).unwrap();
     bench.run(0);
     assert!(bench.ipc.answered.pop().is_err(), "an arm request of 1.5 s ago was carried out");
     // The first joint state has come with the first tick.
     assert_eq!(bench.ask(2, Request::Arm).outcome, Ok(()));
-    bench.ipc.asked.push(Asked { token: 3, request: Request::Stop, stamp: long_ago }).unwrap();
+    bench
+        .ipc
+        .asked
+        .push(Asked { token: 3, request: Request::Stop, stamp: long_ago, sent: long_ago })
+        .unwrap();
     bench.run(0);
     assert_eq!(bench.ipc.answered.pop().unwrap().mode, Mode::Stopped);
 }

@@ -1,0 +1,235 @@
+//! `stop`: the way to stop the arm that needs nothing but the run directory. No attachment, no shared memory, no place.
+
+use std::hash::{BuildHasher, RandomState};
+use std::io::ErrorKind;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use foretrace_shm::{Instance, InstanceError, Mode, STOP_ANSWER_BYTES, SignalError, StopAnswer, StopFrame};
+
+/// The daemon notes a stop within microseconds; who hears nothing for so long tries the next way.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// Pause before a full queue is tried again.
+const AGAIN: Duration = Duration::from_millis(2);
+
+/// A stop that a tick of the loop has taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stopped {
+    /// The mode after that tick: `Stopped` or `Fault` where the arm was in charge, else `Idle`.
+    pub mode: Mode,
+    /// Trust in that tick.
+    pub trust: f64,
+}
+
+/// Why it is not known that the arm stops. Use the arm's own stop then.
+#[derive(thiserror::Error)]
+pub enum StopError {
+    /// Nobody to ask: whoever obeyed commands brakes by itself.
+    #[error("no daemon running for instance {number} (looked in {})", root.display())]
+    NoDaemon {
+        /// Number of the instance.
+        number: u32,
+        /// Where it was looked for.
+        root: PathBuf,
+    },
+    /// The run directory is not this user's.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// It is noted, but the loop does not run; the next tick takes it.
+    #[error(
+        "the daemon has noted the stop, but its loop has taken none within {} ms: it does not run, and the arm brakes by \
+         itself when commands stay away", waited.as_millis()
+    )]
+    LoopSilent {
+        /// How long it was waited for.
+        waited: Duration,
+    },
+    /// A signal was sent and nothing came back.
+    #[error(
+        "process {pid} was sent SIGUSR1, which stops the arm in the next tick, but nothing at its stop socket confirms it \
+         within {} ms", waited.as_millis()
+    )]
+    Unconfirmed {
+        /// The daemon.
+        pid: u32,
+        /// How long it was waited for.
+        waited: Duration,
+    },
+    /// Neither way is open.
+    #[error("the daemon cannot be reached: its stop socket: {socket}; {signal}")]
+    Unreachable {
+        /// What the socket said.
+        socket: String,
+        /// Why no signal was sent.
+        signal: SignalError,
+    },
+}
+
+/// Stop the arm of `instance` smoothly, and keep it stopped until it is armed again. Ends within `timeout`, whatever
+/// state the daemon, its shared memory and this machine's memory are in.
+///
+/// First the datagram socket beside the daemon's lock file; where that says nothing, SIGUSR1 to the process that holds the
+/// lock. A stop may come twice by that, which is once. A request to arm that was sent before the stop came is refused.
+///
+/// *Errors*: [`StopError`]; all but `NoDaemon` mean that the arm's own stop should be used.
+pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError> {
+    let begin = Instant::now();
+    let deadline = begin + timeout;
+    match instance.check_root() {
+        Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
+            return Err(no_daemon(instance));
+        }
+        // Root may stop everybody's arm.
+        Err(InstanceError::ForeignOwner { user: 0, .. }) => {}
+        checked => checked?,
+    }
+    let asking = Asking::new(instance);
+    let mut noted = false;
+    let mut refused = String::new();
+    // An address without a file first; where the daemon is in a network namespace of its own, only a file is an address.
+    for with_file in [false, true] {
+        let until = deadline.min(Instant::now() + PATIENCE);
+        let socket = if with_file { asking.with_file() } else { asking.nameless() };
+        match socket.and_then(|socket| asking.ask(&socket, until)) {
+            Ok(Heard::Taken(stopped)) => return Ok(stopped),
+            Ok(Heard::Noted(socket)) => {
+                noted = true;
+                if let Some(stopped) = asking.wait(&socket, deadline) {
+                    return Ok(stopped);
+                }
+            }
+            Ok(Heard::Nothing) => refused = "no answer".to_owned(),
+            Err(error) => refused = error.to_string(),
+        }
+        if noted || Instant::now() >= deadline {
+            break;
+        }
+    }
+    if noted {
+        return Err(StopError::LoopSilent { waited: begin.elapsed() });
+    }
+    match instance.signal_stop() {
+        Ok(mark) => {
+            let heard = asking.with_file().and_then(|socket| {
+                let heard = asking.ask(&socket, deadline)?;
+                Ok(if let Heard::Noted(socket) = heard {
+                    asking.wait(&socket, deadline)
+                } else {
+                    heard.taken()
+                })
+            });
+            match heard {
+                Ok(Some(stopped)) => Ok(stopped),
+                _ => Err(StopError::Unconfirmed { pid: mark.pid, waited: begin.elapsed() }),
+            }
+        }
+        Err(SignalError::NoDaemon) => Err(no_daemon(instance)),
+        Err(signal) => Err(StopError::Unreachable { socket: refused, signal }),
+    }
+}
+
+fn no_daemon(instance: &Instance) -> StopError {
+    StopError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() }
+}
+
+enum Heard {
+    Taken(Stopped),
+    Noted(UnixDatagram),
+    Nothing,
+}
+
+impl Heard {
+    fn taken(self) -> Option<Stopped> {
+        match self {
+            Self::Taken(stopped) => Some(stopped),
+            _ => None,
+        }
+    }
+}
+
+/// One stop, however often it is sent.
+struct Asking<'a> {
+    instance: &'a Instance,
+    frame: StopFrame,
+    file: PathBuf,
+}
+
+impl Drop for Asking<'_> {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.file);
+    }
+}
+
+impl<'a> Asking<'a> {
+    fn new(instance: &'a Instance) -> Self {
+        // Keys from the kernel: nobody can guess what the answer has to carry.
+        let token = RandomState::new().hash_one(foretrace_shm::monotonic_now_ns());
+        let pid = std::process::id();
+        let file = instance.root().join(format!("stop-{pid}-{:08x}", token >> 32));
+        Self { instance, frame: StopFrame { token, pid }, file }
+    }
+
+    fn nameless(&self) -> std::io::Result<UnixDatagram> {
+        let name = format!("foretrace-stop-{:016x}", self.frame.token ^ 0x5f5f_5f5f_5f5f_5f5f);
+        UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(name)?)
+    }
+
+    fn with_file(&self) -> std::io::Result<UnixDatagram> {
+        let _ = std::fs::remove_file(&self.file);
+        UnixDatagram::bind(&self.file)
+    }
+
+    /// Sends the frame and waits for the first answer.
+    fn ask(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<Heard> {
+        // A full queue at the other end must not hold this program.
+        socket.set_nonblocking(true)?;
+        let path = self.instance.stop_socket();
+        while let Err(error) = socket.send_to(&self.frame.encode(), &path) {
+            if error.kind() != ErrorKind::WouldBlock || Instant::now() >= until {
+                return Err(error);
+            }
+            std::thread::sleep(AGAIN);
+        }
+        socket.set_nonblocking(false)?;
+        Ok(match self.next(socket, until) {
+            Some(StopAnswer { taken: Some(mode), trust, .. }) => Heard::Taken(Stopped { mode, trust }),
+            Some(_) => Heard::Noted(socket.try_clone()?),
+            None => Heard::Nothing,
+        })
+    }
+
+    /// Waits for the tick that takes it.
+    fn wait(&self, socket: &UnixDatagram, deadline: Instant) -> Option<Stopped> {
+        loop {
+            let StopAnswer { taken, trust, .. } = self.next(socket, deadline)?;
+            if let Some(mode) = taken {
+                return Some(Stopped { mode, trust });
+            }
+        }
+    }
+
+    /// The next answer to this stop.
+    fn next(&self, socket: &UnixDatagram, until: Instant) -> Option<StopAnswer> {
+        let mut bytes = [0; STOP_ANSWER_BYTES + 1];
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            // Zero would wait for ever.
+            socket.set_read_timeout(Some(left.max(Duration::from_micros(1)))).ok()?;
+            match socket.recv(&mut bytes) {
+                Ok(length) => {
+                    let answer = StopAnswer::decode(bytes.get(..length).unwrap_or_default());
+                    if let Some(answer) = answer.filter(|answer| answer.token == self.frame.token) {
+                        return Some(answer);
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return None,
+            }
+            if left.is_zero() {
+                return None;
+            }
+        }
+    }
+}
