@@ -30,6 +30,7 @@ use crate::ipc::{IpcOrder, IpcSummary};
 use crate::learner::LearnerOrder;
 use crate::memory;
 use crate::options::{Options, StopHandle};
+use crate::rt::law_rehearsal::rehearse_law;
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
 use crate::stop_socket::StopSocket;
@@ -76,6 +77,9 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
         }
     }
     memory::check_space()?;
+    if let Some(complaint) = rehearse_law(&config)?.complaint(&config) {
+        warn!("{complaint}");
+    }
     let (lock_back, session, services) = open_services(&instance, lock)?;
     lock = lock_back;
 

@@ -12,3 +12,4 @@ pub mod overruns;
 pub mod tick;
 pub mod thread;
 pub mod rehearsal;
+pub mod law_rehearsal;

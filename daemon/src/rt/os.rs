@@ -51,6 +51,15 @@ pub fn monotonic_ns() -> u64 {
     (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
 }
 
+/// Processor time of the calling thread so far [ns].
+#[must_use]
+pub fn thread_cpu_ns() -> u64 {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `time` is valid for writing; CLOCK_THREAD_CPUTIME_ID exists on every Linux, so the call cannot fail.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut time) };
+    (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
+}
+
 /// Sleeps until CLOCK_MONOTONIC shows `instant_ns`; returns early when a signal interrupts.
 pub fn sleep_until_ns(instant_ns: u64) {
     let time = libc::timespec {

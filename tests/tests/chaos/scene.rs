@@ -99,7 +99,7 @@ impl Drop for Scene {
 
 /// A busy machine starves the simulated arm, which has no rights, for longer than the preset's 50 ms. The stop that this rightly
 /// latches is not what the tests are about.
-const PATIENT: [&str; 2] = ["--set", "safety.joint_state_timeout_ms=500"];
+pub(crate) const PATIENT: [&str; 2] = ["--set", "safety.joint_state_timeout_ms=500"];
 
 /// The options of the hand that writes, over and over.
 pub(crate) const PLAY: [&str; 3] = ["play", "glyphs:ab", "--loop"];

@@ -106,7 +106,7 @@ fn stop_without_descriptors_in_the_daemon() {
     // As the daemon's user, who may lower what is its own.
     let limit = |soft: &str| {
         let words = [format!("--pid={pid}"), format!("--nofile={soft}:")];
-        Command::new("prlimit").uid(user).args(words).status().is_ok_and(|status| status.success())
+        Command::new("prlimit").uid(user).gid(user).args(words).status().is_ok_and(|status| status.success())
     };
     if !limit("1024") {
         say("stop", "skipped: no prlimit here");

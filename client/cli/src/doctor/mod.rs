@@ -132,6 +132,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         leftovers::judge(&machine, &scope),
         rehearsal::thread(&need, restraint.as_ref(), &missing),
         rehearsal::lateness(&need, &lateness),
+        rehearsal::law(&config)?,
     ];
     let report = Report {
         verdict: verdict(&checks),

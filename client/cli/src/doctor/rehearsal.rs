@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use foretrace_config::Settings;
+use foretrace_config::{Config, Settings};
 use foretraced::Rights;
+use foretraced::rt::law_rehearsal::rehearse_law;
 use foretraced::rt::os::{Missing, Right};
 use foretraced::rt::rehearsal::{Rehearsal, rehearse};
 use serde::Serialize;
@@ -17,6 +18,7 @@ use crate::spread::{Bucket, Quantiles, Spread};
 
 const THREAD: &str = "rt-thread";
 const LATENESS: &str = "wake-up-lateness";
+const LAW: &str = "law-cost";
 
 /// Why the rehearsal does not take the rights of the loop.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -135,6 +137,23 @@ const fn named(right: Right) -> &'static str {
         Right::TimerSlack => "punctual timers",
         Right::SharedMemory => "shared memory",
     }
+}
+
+/// What a tick of these settings costs against the period, as the daemon measures it when it starts.
+pub(super) fn law(config: &Config) -> Result<Finding, Failure> {
+    let cost = rehearse_law(config).map_err(|error| Failure::failed(error, ""))?;
+    let us = |ns: u64| ns as f64 / 1000.0;
+    let value = format!(
+        "p50 {:.0}, p99 {:.0} us of {:.0} ({} ticks, processor time)",
+        us(cost.p50_ns),
+        us(cost.p99_ns),
+        us(cost.period_ns),
+        cost.ticks
+    );
+    Ok(match cost.complaint(config) {
+        None => Finding::ok(LAW, value),
+        Some(complaint) => Finding::bad(LAW, value, complaint),
+    })
 }
 
 /// Lateness against the period. A late start eats the time of the tick's own work; a missed period is a command that never was.
