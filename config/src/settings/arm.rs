@@ -124,4 +124,22 @@ section! {
         /// Longest use of an earlier plan, when there is no fresh one, before the joints stop.
         previous_plan_max_ms: f64 = Between(2.0, 200.0), Default("50.0"), AtStart, "50: the length of a plan";
     }
+    sections {
+        /// How far the tool may go.
+        envelope @ "envelope": EnvelopeSection;
+    }
+}
+
+section! {
+    /// How far the tool may go while the pen leads, whatever the plan is: judged from the commanded joints in every tick. Near a
+    /// bound the tool gets no faster than the joints can stop it; beyond it a stop is latched. An arm that was armed outside
+    /// (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`) may only come in.
+    pub struct EnvelopeSection {
+        /// Beyond `plane.workspace_m` (also into the paper) by more than this, a stop is latched; commands keep half of it.
+        margin_m: f64 = Between(0.0002, 0.05), Default("0.001"), AtStart, "0.001; more only where joints are much slower than the plan";
+        /// Largest angle between the tool's axis and the plane's normal.
+        max_tilt_rad: f64 = Between(0.02, 1.5), Default("0.35"), AtStart, "0.35: letters tilt the preset's pen by 0.1, leaps by 0.25";
+        /// Fastest tool. Not set: what the limits of the plan and `ik.correction_mps` amount to together.
+        max_speed_mps: Option<f64> = Between(0.005, 20.0), Optional, AtStart, "nothing: leave it out; 0.25 near people";
+    }
 }
