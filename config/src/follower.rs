@@ -4,6 +4,7 @@
 //! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was
 //! judged.
 
+use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::lag::Following;
@@ -112,6 +113,9 @@ const fn keys(error: &FollowerError) -> &'static str {
         FollowerError::Mpc(MpcError::Swings { .. }) => {
             " (mpc.feedback.velocity and mpc.feedforward.velocity; mpc.horizon, mpc.step_ms, mpc.feedback.decay, mpc.feedforward.decay, mpc.effort)"
         }
+        FollowerError::NoRest { .. } => {
+            " (mpc.limits.x, y and z .velocity_mps; mpc.feedback.velocity, mpc.feedforward.velocity, mpc.horizon, mpc.step_ms)"
+        }
         _ => "",
     }
 }
@@ -170,6 +174,11 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             previous_plan_max_ns: ns(s.safety.previous_plan_max_ms),
             approach_distance: s.safety.approach_distance_m,
             tracking: tracking(&s.safety.tracking),
+            envelope: EnvelopeSettings {
+                margin_m: s.safety.envelope.margin_m,
+                max_tilt_rad: s.safety.envelope.max_tilt_rad,
+                max_speed_mps: s.safety.envelope.max_speed_mps,
+            },
         },
     }
 }

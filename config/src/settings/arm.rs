@@ -132,6 +132,8 @@ section! {
     sections {
         /// When the arm is not where it was told to be.
         tracking @ "tracking": Tracking;
+        /// How far the tool may go.
+        envelope @ "envelope": EnvelopeSection;
     }
 }
 
@@ -165,5 +167,19 @@ section! {
         /// An arm that moves at less than three quarters of the speed that is asked for (a speed slider): "slow-down", the tool
         /// slows with it; "stop", a stop is latched.
         slow_arm: SlowArmChoice = Words(SlowArmChoice::WORDS), Default("\"slow-down\""), AtStart, "\"slow-down\"";
+    }
+}
+
+section! {
+    /// How far the tool may go while the pen leads, whatever the plan is: judged from the commanded joints in every tick. Near a
+    /// bound the tool gets no faster than the joints can stop it; beyond it a stop is latched. An arm that was armed outside
+    /// (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`) may only come in.
+    pub struct EnvelopeSection {
+        /// Beyond `plane.workspace_m` (also into the paper) by more than this, a stop is latched; commands keep half of it.
+        margin_m: f64 = Between(0.0002, 0.05), Default("0.001"), AtStart, "0.001; more only where joints are much slower than the plan";
+        /// Largest angle between the tool's axis and the plane's normal.
+        max_tilt_rad: f64 = Between(0.02, 1.5), Default("0.35"), AtStart, "0.35: letters tilt the preset's pen by 0.1, leaps by 0.25";
+        /// Fastest tool. Not set: what the limits of the plan and `ik.correction_mps` amount to together.
+        max_speed_mps: Option<f64> = Between(0.005, 20.0), Optional, AtStart, "nothing: leave it out; 0.25 near people";
     }
 }

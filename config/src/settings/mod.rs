@@ -12,7 +12,7 @@ mod plan;
 mod arm;
 mod clearance;
 
-pub use arm::{Arming, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
+pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
 pub use foresight::{
     ArRlsSection, DybmSection, EsnSection, Learner, Optimiser, OursSection, Predictor, PredictorChoice,

@@ -25,6 +25,7 @@ mod servo;
 pub mod mpc;
 pub mod qp;
 pub mod ik;
+pub mod envelope;
 pub mod guard;
 pub mod lag;
 pub mod monitor;

@@ -224,7 +224,7 @@ impl Health {
     pub const TIME_LOST: u32 = 1 << 13;
     /// A joint state was refused: not finite, older than the last, or stamped in the future.
     pub const JOINTS_REJECTED: u32 = 1 << 15;
-    /// Keeping clear of a plane, a box or itself held the arm back.
+    /// Keeping clear of a plane, a box or itself, or the tool's envelope, held the arm back.
     pub const CLEARANCE: u32 = 1 << 16;
     /// Fell off the fresh plan.
     pub const FALLBACK: u32 = 1 << 14;

@@ -23,7 +23,7 @@ pub use io::{
     Request, Rung, Stage, StageClock, StepInput, StepOutput, StopCause, StopDetail, StopReason,
 };
 pub use plane::Plane;
-pub use settings::{FollowerError, FollowerSettings, SafetySettings};
+pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
 
 use motion::{Motion, Moved, Mover};
 use plans::Plans;
@@ -211,6 +211,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let wanted = self.wanted(now, trust.report.alpha);
         self.mover.pace_mps = self.monitor.allowed_mps();
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
+        if let Some(detail) = moved.breach {
+            self.watch.latch_with(now, StopReason::Envelope, detail);
+        }
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         self.evidence.drove(moved.at_limit, self.settings.period_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {

@@ -1,8 +1,11 @@
 //! What the control law has to know before it starts, and the checks that the parts fit together.
 
+use std::fmt;
+
 use thiserror::Error;
 
 use super::plane::Plane;
+use crate::envelope::{EnvelopeError, EnvelopeSettings};
 use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
 use crate::lag::Following;
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
@@ -38,6 +41,8 @@ pub struct SafetySettings {
     pub approach_distance: f64,
     /// How far the arm may be from where it was told to be.
     pub tracking: TrackingSettings,
+    /// How far the tool may go whatever the plan is. Not where the plan has no limits.
+    pub envelope: EnvelopeSettings,
 }
 
 /// Everything the follower is built from.
@@ -139,6 +144,20 @@ pub enum FollowerError {
         /// Step of the grid [ns]
         grid_ns: u64,
     },
+    /// The plan goes past its target and comes back, for ever.
+    #[error(
+        "velocity limit {velocity_mps} m/s of axis {axis}: at its limits the plan does not come to rest, it swings by {swing_m:.4} m about its target; {would}"
+    )]
+    NoRest {
+        /// Axis 0 = x, 1 = y, 2 = z.
+        axis: usize,
+        /// From turn to turn [m].
+        swing_m: f64,
+        /// As given [m/s].
+        velocity_mps: f64,
+        /// What would do.
+        would: Would,
+    },
     /// The pen grid.
     #[error(transparent)]
     Pen(#[from] PenError),
@@ -151,12 +170,28 @@ pub enum FollowerError {
     /// What to keep away from.
     #[error(transparent)]
     Clearance(#[from] ClearanceError),
+    /// The tool's envelope.
+    #[error(transparent)]
+    Envelope(#[from] EnvelopeError),
     /// The predictor.
     #[error(transparent)]
     Preview(#[from] PreviewError),
     /// Trust.
     #[error(transparent)]
     Trust(#[from] TrustError),
+}
+
+/// The velocity limit with which a plan comes to rest [m/s], if one was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Would(pub Option<f64>);
+
+impl fmt::Display for Would {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(velocity_mps) => write!(f, "{velocity_mps} m/s would do"),
+            None => f.write_str("no lower one would do: raise the gains on velocity, or look farther ahead"),
+        }
+    }
 }
 
 impl<const J: usize> FollowerSettings<J> {

@@ -16,13 +16,17 @@ pub mod limit;
 pub mod task;
 pub mod reach;
 pub mod clearance;
+pub(crate) mod offered;
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
 
+use crate::envelope::Envelope;
+use offered::Offered;
+
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use clearance::{
-    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Fence, Inside, Obstacle,
+    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Obstacle,
 };
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
@@ -67,6 +71,8 @@ pub struct IkReport {
     pub singularity: f64,
     /// What keeping clear of planes, boxes and itself did.
     pub clearance: ClearanceReport,
+    /// Rows of the tool's envelope that held the motion back, and that could not be kept.
+    pub envelope: [u32; 2],
 }
 
 /// Who produced the joint velocities.
@@ -106,13 +112,22 @@ pub struct Ik<const J: usize> {
     settings: IkSettings<J>,
     clarabel: Option<Box<ClarabelBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
+    envelope: Option<Box<Envelope<J>>>,
+    offered: Offered<J>,
 }
 
 impl<const J: usize> Ik<J> {
     /// An IK that keeps `limits` and weighs by `settings`, solved exactly.
     #[must_use]
-    pub const fn new(limits: JointLimits<J>, settings: IkSettings<J>) -> Self {
-        Self { limits, settings, clarabel: None, clearance: None }
+    pub fn new(limits: JointLimits<J>, settings: IkSettings<J>) -> Self {
+        Self {
+            limits,
+            settings,
+            clarabel: None,
+            clearance: None,
+            envelope: None,
+            offered: Offered::default(),
+        }
     }
 
     /// The same IK with another solver.
@@ -133,6 +148,18 @@ impl<const J: usize> Ik<J> {
     pub fn keeping_clear(mut self, clearance: Clearance<J>) -> Self {
         self.clearance = Some(Box::new(clearance));
         self
+    }
+
+    /// The same IK keeping the tool inside `envelope`.
+    #[must_use]
+    pub fn inside(mut self, envelope: Envelope<J>) -> Self {
+        self.envelope = Some(Box::new(envelope));
+        self
+    }
+
+    /// The tool's envelope, if there is one.
+    pub fn envelope(&mut self) -> Option<&mut Envelope<J>> {
+        self.envelope.as_deref_mut()
     }
 
     /// Limits kept.
@@ -171,29 +198,28 @@ impl<const J: usize> Ik<J> {
         } else {
             answer.qd = allowed.nearest(&answer.qd);
         }
-        let mut clearance = ClearanceReport::default();
-        if let Some(kept) = &mut self.clearance {
-            let rows = kept.rows(kinematics, motion, &allowed, elapsed, Inside::Retreat);
-            clearance.rows = rows.len() as u32;
-            if !rows.kept_by(&answer.qd, ROW_TOLERANCE) {
-                let rows = kept.rows_fenced(kinematics, motion, &allowed, elapsed);
-                let kept = row_qp::solve(&task.h, &task.g, &lower, &upper, rows);
-                clearance.held = kept.held.count_ones();
-                clearance.yielded = kept.yielded.count_ones();
-                answer = Answer {
-                    source: IkSource::Optimum,
-                    qd: allowed.nearest(&kept.x.into()),
-                    status: kept.status,
-                    iterations: answer.iterations + kept.iterations,
-                    active: kept.active,
-                    kkt_residual: kept.kkt_residual,
-                };
-                if !kept.status.usable() {
-                    let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
-                    (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
-                }
+        let mut kept_by = [0; 2];
+        let held = self.held_back(kinematics, motion, &answer.qd, &allowed, elapsed, Inside::Retreat);
+        if held.broken {
+            // A price that counts whatever the weights of the task are.
+            let scale = 1.0 / self.settings.normal_weight.powi(2).max(1.0);
+            let kept =
+                row_qp::solve(&(task.h * scale), &(task.g * scale), &lower, &upper, self.offered.rows());
+            answer = Answer {
+                source: IkSource::Optimum,
+                qd: allowed.nearest(&kept.x.into()),
+                status: kept.status,
+                iterations: answer.iterations + kept.iterations,
+                active: kept.active,
+                kkt_residual: kept.kkt_residual,
+            };
+            if !kept.status.usable() {
+                let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
+                (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
             }
+            kept_by = [kept.held, kept.yielded];
         }
+        let (clearance, envelope) = held.reports(kept_by);
         let qd = answer.qd;
         let missed = task.wanted - task.rows * SVector::from(qd);
         let length = self.settings.orientation_m * task.tilt_weight;
@@ -209,6 +235,7 @@ impl<const J: usize> Ik<J> {
             damping: task.damping,
             singularity: task.singularity,
             clearance,
+            envelope,
         };
         IkStep { qd, report }
     }
@@ -225,24 +252,73 @@ impl<const J: usize> Ik<J> {
         wanted: &[f64; J],
         elapsed: f64,
     ) -> StopStep<J> {
-        let mut step = StopStep { qd: *wanted, clearance: ClearanceReport::default() };
-        let Some(kept) = &mut self.clearance else { return step };
         let allowed = velocity_box(motion, &self.limits, elapsed);
-        let rows = kept.rows(kinematics, motion, &allowed, elapsed, Inside::Stay);
-        step.clearance.rows = rows.len() as u32;
-        if rows.kept_by(wanted, ROW_TOLERANCE) {
-            return step;
+        let held = self.held_back(kinematics, motion, wanted, &allowed, elapsed, Inside::Stay);
+        if !held.broken {
+            let (clearance, envelope) = held.reports([0; 2]);
+            return StopStep { qd: *wanted, clearance, envelope };
         }
         let (lower, upper) = (SVector::from(allowed.lower), SVector::from(allowed.upper));
+        let rows = self.offered.rows();
         let kept = row_qp::solve(&SMatrix::identity(), &-SVector::from(*wanted), &lower, &upper, rows);
-        step.clearance.held = kept.held.count_ones();
-        step.clearance.yielded = kept.yielded.count_ones();
-        step.qd = if kept.status.usable() {
+        let (clearance, envelope) = held.reports([kept.held, kept.yielded]);
+        let qd = if kept.status.usable() {
             allowed.nearest(&kept.x.into())
         } else {
             allowed.nearest(&limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed))
         };
-        step
+        StopStep { qd, clearance, envelope }
+    }
+
+    /// Finds out whether `wanted` [rad/s] breaks a row that keeps clear or the envelope; if so, `offered` has all of them.
+    fn held_back(
+        &mut self,
+        kinematics: &Kinematics<J>,
+        motion: &JointMotion<J>,
+        wanted: &[f64; J],
+        allowed: &VelocityBox<J>,
+        elapsed: f64,
+        inside: Inside,
+    ) -> HeldBack {
+        let mut held = HeldBack { broken: false, clear: 0 };
+        if let Some(clearance) = &mut self.clearance {
+            let rows = clearance.rows(kinematics, motion, allowed, elapsed, inside);
+            held.clear = rows.len();
+            held.broken = !rows.kept_by(wanted, ROW_TOLERANCE);
+        }
+        if let Some(envelope) = &self.envelope {
+            held.broken |= envelope.may_break(kinematics, motion, wanted, elapsed);
+        }
+        if held.broken {
+            match &self.clearance {
+                Some(clearance) => self.offered.clone_from(clearance.found()),
+                None => self.offered.clear(),
+            }
+            if let Some(envelope) = &self.envelope {
+                envelope.offer(kinematics, motion, wanted, allowed, elapsed, &mut self.offered);
+            }
+        }
+        held
+    }
+}
+
+/// Whether rows hold the motion back, and how many of them, the first, keep clear of things.
+#[derive(Debug, Clone, Copy)]
+struct HeldBack {
+    broken: bool,
+    clear: usize,
+}
+
+impl HeldBack {
+    /// What the rows did that are `held` and `yielded`, bit by bit.
+    fn reports(&self, [held, yielded]: [u32; 2]) -> (ClearanceReport, [u32; 2]) {
+        let clear = u32::MAX.checked_shr(32 - self.clear.min(32) as u32).unwrap_or(0);
+        let report = ClearanceReport {
+            rows: self.clear as u32,
+            held: (held & clear).count_ones(),
+            yielded: (yielded & clear).count_ones(),
+        };
+        (report, [held & !clear, yielded & !clear].map(u32::count_ones))
     }
 }
 
@@ -253,6 +329,8 @@ pub struct StopStep<const J: usize> {
     pub qd: [f64; J],
     /// `held` and `yielded` are 0 where nothing was changed.
     pub clearance: ClearanceReport,
+    /// See [`IkReport::envelope`].
+    pub envelope: [u32; 2],
 }
 
 /// Joint velocities and how they were found.

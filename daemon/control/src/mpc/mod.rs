@@ -14,6 +14,7 @@ pub mod model;
 pub mod condense;
 pub mod cost;
 pub mod limits;
+mod brake;
 pub mod behind;
 pub mod settings;
 pub mod plan;

@@ -7,6 +7,7 @@ pub mod writing;
 
 use std::sync::Arc;
 
+use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Plane, Request, SafetySettings,
     StepInput, StepOutput,
@@ -105,6 +106,7 @@ pub fn settings(kind: PredictorKind) -> FollowerSettings<6> {
             previous_plan_max_ns: 50_000_000,
             approach_distance: 0.01,
             tracking: TrackingSettings::default(),
+            envelope: EnvelopeSettings { margin_m: 0.003, max_tilt_rad: 0.4, max_speed_mps: None },
         },
     }
 }

@@ -14,6 +14,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (kinematics, tool) = self.arming.place(self.guard.limits(), &self.chain, q)?;
         let start = now.max(self.issued);
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
+        if let Some(envelope) = self.ik.envelope() {
+            envelope.begin(&kinematics);
+        }
         self.tool = [tool.x, tool.y, tool.z].map(AxisState::at_rest);
         self.arm = self.tool;
         self.plan_start = None;

@@ -5,18 +5,22 @@
 
 mod arming;
 mod charge;
+mod next;
 mod asked;
+mod parts;
+mod rest;
 
 use nalgebra::Vector3;
 
 use arming::Arming;
+use parts::{inverse_kinematics, paced, planner};
 
 use super::Budget;
-use super::io::{Health, JointCommand, Rung, Stage, StageClock};
+use super::io::{Health, JointCommand, Rung, Stage, StageClock, StopDetail};
 use super::plane::Plane;
 use super::settings::{FollowerError, FollowerSettings};
 use crate::guard::{Commanded, Guard, StopProfile};
-use crate::ik::{Chain, Clearance, Fence, Ik, IkReport, IkSource, Kinematics, ToolTarget};
+use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
 use crate::mpc::{AxisLimits, AxisReport, Mpc, Plan};
 use crate::pen::PenReading;
 use crate::servo::Servo;
@@ -58,6 +62,8 @@ pub(super) struct Moved<const J: usize> {
     pub(super) axes: [AxisReport; 3],
     pub(super) ik: IkReport,
     pub(super) guard_altered: u32,
+    /// How the command leaves the tool's envelope, if it does.
+    pub(super) breach: Option<StopDetail>,
     /// The tool moves by a plan.
     pub(super) follows: bool,
     /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in motion.
@@ -92,6 +98,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
+    /// The tool has left `plan`, because it had to be able to stop.
+    bent: bool,
     /// Share of its full reach that a plan is asked for.
     reach: f64,
     /// No faster than this [m/s], where the arm is slow.
@@ -116,35 +124,16 @@ struct Reports {
     ik: IkReport,
 }
 
-fn planner<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> Result<Mpc<N>, FollowerError> {
-    let mut mpc = Mpc::new(&settings.mpc)?;
-    mpc.settles(settings.period_ns as f64 * 1e-9)?;
-    Ok(mpc)
-}
-
-fn inverse_kinematics<const J: usize>(settings: &FollowerSettings<J>) -> Result<Ik<J>, FollowerError> {
-    let ik = Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?;
-    let Some(wanted) = &settings.clearance else { return Ok(ik) };
-    let period_s = settings.period_ns as f64 * 1e-9;
-    let clearance = Clearance::new(&settings.chain, &settings.limits, period_s, wanted)?;
-    // Well inside of where the arm may be armed: keeping clear must not lead it to where it could not be armed again.
-    let margin = 0.5 * settings.safety.arm_workspace_margin;
-    let inside =
-        settings.mpc.axes.map(|axis| axis.position_m).map(|[low, high]| [low - margin, high + margin]);
-    let axes = settings.plane.rotation.into_inner();
-    Ok(ik.keeping_clear(clearance.fenced(Fence { origin: settings.plane.origin, axes, inside })))
-}
-
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let safety = &settings.safety;
-        Ok(Self {
+        let mut mover = Self {
             period_ns: settings.period_ns,
             period_s: settings.period_ns as f64 * 1e-9,
             valid_ns: settings.valid_ns(),
             previous_plan_max_ns: safety.previous_plan_max_ns,
             approach_distance: safety.approach_distance,
-            limits: settings.mpc.limits(),
+            limits: paced::<N, J>(settings).limits(),
             arming: Arming::new(settings),
             plane: settings.plane,
             chain: settings.chain.clone(),
@@ -160,11 +149,17 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             arm: [AxisState::default(); 3],
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
+            bent: false,
             reach: 1.0,
             pace_mps: None,
             approaching: true,
             height: settings.plane.lift_height,
-        })
+        };
+        mover.comes_to_rest(settings)?;
+        (mover.tool, mover.arm) = ([AxisState::default(); 3], [AxisState::default(); 3]);
+        mover.plan = Plan::resting(settings.mpc.step_s);
+        mover.reports = Reports::default();
+        Ok(mover)
     }
 
     /// See [`Mpc::feedback_lag_s`].
@@ -238,6 +233,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             rung = Rung::Hold;
         }
         let tool = self.commanded_tool();
+        let speed = (tool - from).norm() / self.period_s;
+        let breach = self
+            .held
+            .as_ref()
+            .zip(self.ik.envelope())
+            .and_then(|(held, envelope)| envelope.judge(&envelope.figures(&held.kinematics, speed)));
         Moved {
             command: self.held.as_ref().map(|held| JointCommand {
                 stamp: held.command.stamp(),
@@ -254,6 +255,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             axes: self.reports.axes,
             ik: self.reports.ik,
             guard_altered,
+            breach,
             follows: follows_plan,
             at_limit: (rung == Rung::FreshPlan && moving).then_some(at_limit),
         }
@@ -272,41 +274,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             axes: self.reports.axes,
             ik: self.reports.ik,
             guard_altered: 0,
+            breach: None,
             follows: false,
             at_limit: None,
         }
-    }
-
-    /// The tool state at the end of the period: from a fresh plan, else from the previous one.
-    fn plan_next(
-        &mut self,
-        start: Stamp,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
-        trust: Trust,
-        budget: Budget,
-        health: &mut Health,
-    ) -> (Option<[AxisState; 3]>, Rung) {
-        if !budget.shed {
-            let report = self.planned(conservative, references, trust, budget.max_iterations);
-            self.reports.axes = report.axes;
-            if report.usable()
-                && let Some(next) = self.plan.state_at(self.period_s)
-                && next.iter().all(AxisState::is_finite)
-            {
-                self.plan_start = Some(start);
-                return (Some(next), Rung::FreshPlan);
-            }
-            health.set(Health::MPC_FAILED);
-        }
-        health.set(Health::FALLBACK);
-        let next = self.plan_start.and_then(|begin| {
-            let elapsed_ns = u64::try_from((start + self.period_ns).since(begin)).ok()?;
-            let in_time = elapsed_ns <= self.previous_plan_max_ns;
-            in_time.then(|| self.plan.state_at(elapsed_ns as f64 * 1e-9)).flatten()
-        });
-        let rung = if next.is_some() { Rung::PreviousPlan } else { Rung::Stop };
-        (next, rung)
     }
 
     /// Joint velocities that carry the tool from its commanded state to `next` in one period.
@@ -325,7 +296,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if step.report.source != IkSource::Optimum {
             health.set(Health::IK_FAILED);
         }
-        if step.report.clearance.held | step.report.clearance.yielded != 0 {
+        let (clearance, [held, yielded]) = (step.report.clearance, step.report.envelope);
+        if clearance.held | clearance.yielded | held | yielded != 0 {
             health.set(Health::CLEARANCE);
         }
         if !(step.report.velocity_error.norm() <= IK_TOLERANCE_MPS) {
@@ -341,7 +313,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             let wanted = self.stop.next(&held.command, reach);
             let motion = held.command.motion();
             let step = self.ik.stopping(&held.kinematics, motion, &wanted, self.period_s);
-            if step.clearance.held | step.clearance.yielded != 0 {
+            let [held, yielded] = step.envelope;
+            if step.clearance.held | step.clearance.yielded | held | yielded != 0 {
                 health.set(Health::CLEARANCE);
             }
             step.qd

@@ -29,17 +29,16 @@ pub mod distance;
 mod motion;
 mod pairs;
 pub mod shape;
-mod fence;
 mod watch;
 
 use thiserror::Error;
 
-pub use fence::Fence;
 pub use pairs::Nearest;
 pub use shape::{Capsule, MAX_OBSTACLES, Obstacle, ObstacleError};
 
 use super::chain::{Chain, Kinematics};
 use super::limit::{JointLimits, JointMotion, VelocityBox};
+use super::offered::Offered;
 use crate::guard::stop::stop_jerk;
 use crate::qp::row_qp::RowSet;
 use motion::{Moving, Silence};
@@ -123,15 +122,7 @@ pub struct Clearance<const J: usize> {
     margin: f64,
     rate: f64,
     watch: Watch<J>,
-    found: Found<J>,
-    fence: Option<Fence>,
-}
-
-/// Rows of one tick, and how much room each leaves [m/s]: negative, the box can break it by so much.
-#[derive(Debug, Clone)]
-struct Found<const J: usize> {
-    rows: RowSet<J>,
-    room: [f64; 32],
+    found: Offered<J>,
 }
 
 impl<const J: usize> Clearance<J> {
@@ -172,8 +163,7 @@ impl<const J: usize> Clearance<J> {
             pairs,
             margin,
             rate: 1.0 / (own.max(consumer) + ease + period_s),
-            found: Found { rows: RowSet::default(), room: [0.0; 32] },
-            fence: None,
+            found: Offered::default(),
         })
     }
 
@@ -181,6 +171,11 @@ impl<const J: usize> Clearance<J> {
     #[must_use]
     pub const fn margin_m(&self) -> f64 {
         self.margin
+    }
+
+    /// The rows found last.
+    pub(in crate::ik) fn found(&self) -> &Offered<J> {
+        &self.found
     }
 
     /// ξ: the share of the gap that may close per second [1/s].
@@ -213,7 +208,7 @@ impl<const J: usize> Clearance<J> {
         inside: Inside,
     ) -> &RowSet<J> {
         let Self { chain, limits, pairs, margin, rate, watch, found, .. } = self;
-        found.rows.clear();
+        found.clear();
         let back = match inside {
             Inside::Retreat => RETREAT_MPS,
             Inside::Stay => 0.0,
@@ -247,32 +242,6 @@ impl<const J: usize> Clearance<J> {
             }
             distance
         });
-        &found.rows
-    }
-}
-
-impl<const J: usize> Found<J> {
-    /// Takes in a row that some velocity in the box breaks; where there is no room, the one with most room gives way.
-    fn offer(&mut self, row: &[f64; J], bound: f64, allowed: &VelocityBox<J>) {
-        let ends = allowed.lower.iter().zip(&allowed.upper).zip(row);
-        let worst: f64 = ends.map(|((low, high), c)| (c * low).min(c * high)).sum();
-        let room = worst - bound;
-        if !(room < 0.0) {
-            return;
-        }
-        let capacity = RowSet::<J>::CAPACITY.min(self.room.len());
-        let mut slot = self.rows.len();
-        if slot >= capacity {
-            let kept = self.room.iter().copied().take(capacity).enumerate();
-            let loosest = kept.fold((0, f64::NEG_INFINITY), |a, b| if b.1 > a.1 { b } else { a });
-            if loosest.1 <= room {
-                return;
-            }
-            slot = loosest.0;
-        }
-        if let Some(slack) = self.room.get_mut(slot) {
-            *slack = room;
-            self.rows.put(slot, row, bound);
-        }
+        found.rows()
     }
 }

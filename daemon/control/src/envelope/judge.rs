@@ -1,0 +1,75 @@
+//! Where the published command has the tool, and whether that is too far out.
+
+use super::{Envelope, SPEED_MARGIN, TILT_MARGIN_RAD};
+use crate::follower::{StopCause, StopDetail};
+use crate::ik::Kinematics;
+
+/// Rounding: what is outside goes no farther by so much [m, rad].
+const ROUNDING: f64 = 1e-6;
+
+/// How far beyond the envelope the tool may be, because it was when it was armed; never grows.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Allowed {
+    place: [f64; 3],
+    tilt: f64,
+}
+
+/// Where one command has the tool.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EnvelopeFigures {
+    /// In the plane's frame [m].
+    pub tool: [f64; 3],
+    /// Angle between tool and normal [rad].
+    pub tilt: f64,
+    /// [m/s]
+    pub speed: f64,
+}
+
+impl<const J: usize> Envelope<J> {
+    /// Where the tool is.
+    #[must_use]
+    pub fn figures(&self, kinematics: &Kinematics<J>, speed: f64) -> EnvelopeFigures {
+        let (tilt, _) = self.tilted(kinematics);
+        EnvelopeFigures { tool: self.plane.point_from_base(&kinematics.position).into(), tilt, speed }
+    }
+
+    fn beyond(&self, figures: &EnvelopeFigures) -> Allowed {
+        let mut place = [0.0; 3];
+        for ((beyond, at), [low, high]) in place.iter_mut().zip(figures.tool).zip(self.outer) {
+            *beyond = (low - at).max(at - high).max(0.0);
+        }
+        Allowed { place, tilt: (figures.tilt - self.tilt - TILT_MARGIN_RAD).max(0.0) }
+    }
+
+    /// Begins anew with an arm that stands where it is: from outside it may come in.
+    pub fn begin(&mut self, kinematics: &Kinematics<J>) {
+        self.allowed = self.beyond(&self.figures(kinematics, 0.0));
+    }
+
+    /// What of the envelope a command leaves, if it does.
+    #[must_use]
+    pub fn judge(&mut self, figures: &EnvelopeFigures) -> Option<StopDetail> {
+        let beyond = self.beyond(figures);
+        let detail = |cause, amount, limit| {
+            Some(StopDetail { cause, joint: None, amount, limit, at: Default::default() })
+        };
+        let axes = beyond.place.iter().zip(&mut self.allowed.place).zip(figures.tool.iter().zip(&self.outer));
+        let mut found = None;
+        for (axis, ((beyond, allowed), (at, [low, high]))) in axes.enumerate() {
+            if !(*beyond <= *allowed + ROUNDING) && found.is_none() {
+                let cause = if axis == 2 { StopCause::Height } else { StopCause::Workspace };
+                found = detail(cause, *at, if at < low { *low } else { *high });
+            }
+            *allowed = allowed.min(*beyond);
+        }
+        if !(beyond.tilt <= self.allowed.tilt + ROUNDING) && found.is_none() {
+            found = detail(StopCause::Tilt, figures.tilt, self.tilt + TILT_MARGIN_RAD);
+        }
+        self.allowed.tilt = self.allowed.tilt.min(beyond.tilt);
+        let fastest = self.speed * (1.0 + SPEED_MARGIN);
+        if !(figures.speed <= fastest) && found.is_none() {
+            found = detail(StopCause::ToolSpeed, figures.speed, fastest);
+        }
+        found
+    }
+}

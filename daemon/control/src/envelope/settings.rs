@@ -1,0 +1,49 @@
+//! What the envelope is made of, and the bounds of its numbers.
+
+use thiserror::Error;
+
+/// How far the tool may go, however it is led.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EnvelopeSettings {
+    /// Beyond the workspace by more than this a stop latches [m].
+    pub margin_m: f64,
+    /// Largest angle between the tool's axis and the plane's normal [rad].
+    pub max_tilt_rad: f64,
+    /// Fastest tool [m/s]; `None`: what the plan's limits and the IK's corrections amount to together.
+    pub max_speed_mps: Option<f64>,
+}
+
+/// A number of the envelope is out of range.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error("{name} = {value} {unit} of the tool's envelope is outside {low} to {high} {unit}")]
+pub struct EnvelopeError {
+    /// Which.
+    pub name: &'static str,
+    /// As given.
+    pub value: f64,
+    /// Lower bound.
+    pub low: f64,
+    /// Upper bound.
+    pub high: f64,
+    /// Unit of all three.
+    pub unit: &'static str,
+}
+
+impl EnvelopeSettings {
+    /// Check every bound; NaN is outside every range.
+    ///
+    /// # Errors
+    /// The first bound broken.
+    pub fn validate(&self) -> Result<(), EnvelopeError> {
+        let speed = self.max_speed_mps.unwrap_or(1.0);
+        let numbers = [
+            ("margin", self.margin_m, 1e-4, 0.1, "m"),
+            ("largest tilt", self.max_tilt_rad, 0.01, 1.6, "rad"),
+            ("largest speed", speed, 1e-3, 100.0, "m/s"),
+        ];
+        match numbers.into_iter().find(|(_, value, low, high, _)| !(low..=high).contains(&value)) {
+            Some((name, value, low, high, unit)) => Err(EnvelopeError { name, value, low, high, unit }),
+            None => Ok(()),
+        }
+    }
+}

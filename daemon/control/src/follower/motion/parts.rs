@@ -1,0 +1,82 @@
+//! Planner and inverse kinematics as the settings describe them, and at what pace they can work together.
+
+use nalgebra::{SVector, Vector3};
+
+use crate::envelope::Envelope;
+use crate::follower::{FollowerError, FollowerSettings};
+use crate::ik::task::{self, ToolTarget};
+use crate::ik::{Clearance, Ik};
+use crate::mpc::{Mpc, MpcSettings};
+use crate::qp::cholesky::Cholesky;
+
+/// A plan may ask for so many times the acceleration that the joints give along one axis at home, by themselves: in most places
+/// and with the tool tilting they do more, and a little late is better than slow. A jerk that they do not give makes it swing.
+const ACCELERATION_ASKED: f64 = 2.6;
+const VELOCITY_ASKED: f64 = 1.5;
+/// A stop is reckoned with so many times the acceleration that they give.
+const ACCELERATION_STOPS: f64 = 1.2;
+
+/// The limits by which a plan can be followed: no more than the joints give, and no faster than its horizon sees a stop.
+///
+/// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its target and comes
+/// back, for ever.
+pub(super) fn paced<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> MpcSettings {
+    let mut mpc = settings.mpc;
+    if mpc.unlimited {
+        return mpc;
+    }
+    let horizon_s = mpc.step_s * N as f64;
+    for (limits, axis) in mpc.axes.iter_mut().zip(settings.plane.rotation.matrix().column_iter()) {
+        let needs = needs(settings, &axis.into_owned());
+        let gives = |of: &[f64; J]| {
+            needs.iter().zip(of).map(|(q, most)| most / q.abs()).fold(f64::INFINITY, f64::min)
+        };
+        let acceleration = gives(settings.limits.acceleration());
+        limits.velocity_mps = limits.velocity_mps.min(VELOCITY_ASKED * gives(settings.limits.velocity()));
+        if let Some(jerk) = settings.limits.jerk() {
+            limits.jerk_mps3 = limits.jerk_mps3.min(gives(jerk));
+        }
+        let wanted = limits.acceleration_mps2;
+        limits.acceleration_mps2 = wanted.min(ACCELERATION_STOPS * acceleration);
+        limits.velocity_mps = limits.stoppable_mps(horizon_s);
+        limits.acceleration_mps2 = wanted.min(ACCELERATION_ASKED * acceleration);
+    }
+    mpc
+}
+
+/// What the IK makes of a tool velocity of 1 m/s along `axis` at home [rad/m].
+fn needs<const J: usize>(settings: &FollowerSettings<J>, axis: &Vector3<f64>) -> [f64; J] {
+    let kinematics = settings.chain.forward(&settings.ik.home);
+    let tool = kinematics.rotation.column(2).into_owned();
+    let target = ToolTarget { velocity: *axis, ..ToolTarget::at_rest(kinematics.position, tool, None) };
+    let task = task::assemble(&kinematics, &settings.ik.home, &[0.0; J], &target, &settings.ik, 1e-3);
+    let [g] = task.g.data.0;
+    Cholesky::new(&task.h.data.0).map_or([0.0; J], |factor| factor.solve(&g.map(|g| -g)))
+}
+
+pub(super) fn planner<const N: usize, const J: usize>(
+    settings: &FollowerSettings<J>,
+) -> Result<Mpc<N>, FollowerError> {
+    let mut mpc = Mpc::new(&paced::<N, J>(settings))?;
+    mpc.settles(settings.period_ns as f64 * 1e-9)?;
+    Ok(mpc)
+}
+
+pub(super) fn inverse_kinematics<const J: usize>(
+    settings: &FollowerSettings<J>,
+) -> Result<Ik<J>, FollowerError> {
+    let mut ik = Ik::new(settings.limits, settings.ik).with_backend(settings.ik_backend)?;
+    if let Some(wanted) = &settings.clearance {
+        let period_s = settings.period_ns as f64 * 1e-9;
+        ik = ik.keeping_clear(Clearance::new(&settings.chain, &settings.limits, period_s, wanted)?);
+    }
+    if settings.mpc.unlimited {
+        return Ok(ik);
+    }
+    let axes = settings.mpc.limits();
+    let speeds = SVector::<f64, 3>::from(axes.map(|axis| axis.velocity_mps));
+    let fastest = speeds.norm() + settings.ik.correction_mps;
+    let workspace = axes.map(|axis| axis.position_m);
+    let envelope = &settings.safety.envelope;
+    Ok(ik.inside(Envelope::new(envelope, settings.plane, workspace, fastest, &settings.limits)?))
+}
