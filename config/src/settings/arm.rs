@@ -110,8 +110,8 @@ section! {
         enable_timeout_ms: f64 = Between(20.0, 2000.0), Default("100.0"), AtStart, "100";
         /// Time lost in one piece beyond which the stop is latched and the arm has to be armed again.
         latch_after_ms: f64 = Between(10.0, 5000.0), Required, AtStart, "200";
-        /// Share of the recent periods that may be late (their tick ended after the next release, or never ran). Above half of
-        /// it the loop solves in every second tick only, above all of it the stop is latched.
+        /// Share of the recent periods that the loop's own work may overrun (their tick took longer than a period, or never ran
+        /// because of one that did). Above half of it the loop solves in every second tick only, above all of it the stop is latched.
         late_ticks_max: f64 = Between(0.01, 1.0), Default("0.5"), AtStart, "0.5; 0.05 on a machine of its own";
         /// How far back that looks.
         late_ticks_window_ms: f64 = Between(50.0, 2000.0), Default("1000.0"), AtStart, "1000";

@@ -203,7 +203,10 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if exchanged {
             self.weights_since = Some(wake.release);
         }
-        self.overruns.count(wake.skipped, finished > wake.deadline(self.period_ns), solve);
+        // What a busy machine takes from the loop while it sleeps is not its own work: only that would never end.
+        let overslept = wake.release.0.saturating_sub(wake.due.0) / self.period_ns.max(1);
+        let too_long = finished.0.saturating_sub(wake.started.0) > self.period_ns;
+        self.overruns.count(wake.skipped.saturating_sub(overslept), too_long, solve);
         self.settle(wake, &output, budget, finished, &laps);
         self.teach(&output);
         if let (Some(asked), Some(outcome)) = (asked, output.answer) {

@@ -13,12 +13,12 @@ use crate::ports::PEN_PER_TICK;
 use crate::ports::memory::{MemoryPeer, MemoryPorts, pair};
 use crate::testing::config;
 
-/// Each reading takes 100 ns; the tests add what a tick shall cost.
-struct TestClock(Cell<u64>);
+/// Each reading takes 100 ns, or what a test says; the tests add what a tick shall cost.
+struct TestClock(Cell<u64>, Cell<u64>);
 
 impl Clock for TestClock {
     fn now(&self) -> Stamp {
-        self.0.set(self.0.get() + 100);
+        self.0.set(self.0.get() + self.1.get());
         Stamp(self.0.get())
     }
     fn sleep_until(&self, instant: Stamp) {
@@ -48,7 +48,7 @@ impl Bench {
         let (rings, ipc, learner) = rings();
         let tick = Tick::new(Follower::new(settings).unwrap(), ports, rings, 100);
         let joints = JointReading { stamp: Stamp(0), q, qd: [0.0; JOINTS], motion_allowed: true };
-        let clock = TestClock(Cell::new(0));
+        let clock = TestClock(Cell::new(0), Cell::new(100));
         Self { tick, peer, ipc, learner, clock, joints, checker, release: 10_000_000_000, index: 0 }
     }
 

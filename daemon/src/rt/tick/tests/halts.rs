@@ -14,6 +14,14 @@ impl Bench {
         bench
     }
 
+    /// One tick whose work takes longer than its period.
+    fn run_long(&mut self) -> Evidence {
+        self.clock.1.set(self.tick.period_ns / 2);
+        let evidence = self.run(0);
+        self.clock.1.set(100);
+        evidence
+    }
+
     /// One tick with a request that was sent `ago_ns` before its release; the answer.
     fn ask_sent(&mut self, request: Request, ago_ns: u64) -> Result<(), Refusal> {
         let (stamp, sent) = (Stamp(self.release), Stamp(self.release - ago_ns));
@@ -100,14 +108,13 @@ fn a_stop_is_taken_while_the_loop_sheds_and_is_late() {
 fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
     let flag = Arc::new(StopFlag::default());
     let mut bench = following(&flag);
-    let late = 2 * bench.tick.period_ns;
     let (mut shed, mut ticks) = (0, 0);
     let last = loop {
         let before = bench.tick.tally.overruns;
         // Only what is solved is late, as with a solver that is too slow.
         let solves = !(bench.tick.overruns.verdict(Stamp(0)) == Verdict::Shed
             && bench.tick.tally.ticks.is_multiple_of(2));
-        let last = bench.run(if solves { late } else { 0 });
+        let last = if solves { bench.run_long() } else { bench.run(0) };
         assert_eq!(bench.tick.tally.overruns > before, solves);
         // A tick that starts late sheds by itself; what counts here are those that do not.
         shed += u64::from(last.budget.shed && !solves);
@@ -125,7 +132,7 @@ fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
     to_rest(&mut bench);
     assert_eq!(bench.ask_sent(Request::Arm, 0), Ok(()));
     for _ in 0..40 {
-        assert_ne!(bench.run(late).output.mode, Mode::Stopped);
+        assert_ne!(bench.run_long().output.mode, Mode::Stopped);
     }
 }
 
@@ -133,14 +140,26 @@ fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
 fn a_loop_that_is_late_now_and_then_is_never_stopped() {
     let flag = Arc::new(StopFlag::default());
     let mut bench = following(&flag);
-    let late = 2 * bench.tick.period_ns;
     for tick in 0..2000_u64 {
         if tick % 4 == 0 {
             let angle = tick as f64 * 0.01;
             bench.pen([0.02 * angle.cos(), 0.02 * angle.sin()]);
         }
         // Two of five.
-        let last = bench.run(if tick % 5 < 2 { late } else { 0 });
+        let last = if tick % 5 < 2 { bench.run_long() } else { bench.run(0) };
         assert_eq!(last.output.mode, Mode::Following, "tick {tick}");
     }
+}
+
+#[test]
+fn what_a_busy_machine_takes_while_the_loop_sleeps_stops_nothing() {
+    let flag = Arc::new(StopFlag::default());
+    let mut bench = following(&flag);
+    let period = bench.tick.period_ns;
+    for tick in 0..500_u64 {
+        bench.pen([0.02, 0.001 * (tick % 3) as f64]);
+        let last = bench.run(period + 500_000);
+        assert_eq!(last.output.mode, Mode::Following, "tick {tick}");
+    }
+    assert!(bench.tick.tally.overruns >= 500);
 }
