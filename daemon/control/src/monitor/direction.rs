@@ -113,7 +113,7 @@ mod tests {
         let mut directions = Directions::new();
         let at = |t: f64| {
             let phase = std::f64::consts::TAU * hz * t;
-            [0.004 * phase.cos(), 0.004 * phase.sin(), 0.003 * (phase + 1.0).cos()]
+            [0.01 * phase.cos(), 0.01 * phase.sin(), 0.008 * (phase + 1.0).cos()]
         };
         for tick in 0..2000_u64 {
             let t = tick as f64 * 2e-3;

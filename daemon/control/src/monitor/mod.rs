@@ -310,7 +310,7 @@ impl<const J: usize> Monitor<J> {
             let (cause, joint) = (StopCause::WrongDirection, u8::try_from(joint).ok());
             return Some(StopDetail { cause, joint, amount, limit, ..StopDetail::default() });
         }
-        let begin = Stamp(stamp.0.saturating_sub(self.longest_ns + MOTION_NS));
+        let begin = Stamp(stamp.0.checked_sub(self.longest_ns + MOTION_NS)?);
         if begin < self.begun {
             return None;
         }
