@@ -175,11 +175,12 @@ impl<const J: usize> Monitor<J> {
         self.measured.push(stamp, q);
         let reach_ns = self.reach_ns(lag);
         let oldest = Stamp(stamp.0.saturating_sub(reach_ns));
-        let found = self.outside(oldest, stamp, q, tool);
+        let speeds = self.recent.speed(SPEED_NS);
+        let found = self.outside(oldest, stamp, q, tool, &speeds.unwrap_or([0.0; J]));
         self.since = self.since.filter(|_| found.is_some());
         let lasting = self.lasting(stamp, found);
         let still = self.standing(stamp);
-        let slow = self.slow(stamp);
+        let slow = speeds.and_then(|speeds| self.slow(stamp, &speeds));
         let wrong = lasting.or(still).or(slow);
         self.suspect |= wrong.is_some();
         wrong
@@ -225,13 +226,19 @@ impl<const J: usize> Monitor<J> {
     }
 
     /// The worst that is outside of all commands from `oldest` to `stamp`.
-    fn outside(&mut self, oldest: Stamp, stamp: Stamp, q: &[f64; J], tool: &[f64; 3]) -> Option<Wrong> {
+    fn outside(
+        &mut self,
+        oldest: Stamp,
+        stamp: Stamp,
+        q: &[f64; J],
+        tool: &[f64; 3],
+        speeds: &[f64; J],
+    ) -> Option<Wrong> {
         let newest = stamp.plus_ns(AHEAD_NS);
         let span = self.commands.span(oldest, newest)?;
         let outside = span.outside(q);
         let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
         self.behind = outside.iter().any(|outside| outside.abs() > BEHIND * joint_rad);
-        let speed = self.recent.speed(SPEED_NS);
         let grown = self.swings.see(stamp, &outside, SWINGING * self.settings.joint_rad);
         let patience = if self.pace.patient(stamp) { PATIENT } else { 1.0 };
         let (far_rad, far_m) = (patience * joint_rad, patience * tool_m);
@@ -244,9 +251,8 @@ impl<const J: usize> Monitor<J> {
             }
         };
         let then = self.commands.last().map_or(q, |(_, commanded)| commanded);
-        let speeds = speed.unwrap_or([0.0; J]);
         let joints =
-            outside.iter().zip(&speeds).zip(then.iter().zip(span.low.iter().zip(&span.high))).zip(&grown);
+            outside.iter().zip(speeds).zip(then.iter().zip(span.low.iter().zip(&span.high))).zip(&grown);
         for (index, (((outside, speed), (commanded, (low, high))), grown)) in joints.enumerate() {
             let joint = u8::try_from(index).ok();
             let away = outside.abs();
@@ -286,8 +292,8 @@ impl<const J: usize> Monitor<J> {
     }
 
     /// An arm that was just found to be slow, where that is a reason to stop.
-    fn slow(&mut self, stamp: Stamp) -> Option<StopDetail> {
-        let share = self.pace.measured(stamp, &self.recent.speed(SPEED_NS)?, self.behind)?;
+    fn slow(&mut self, stamp: Stamp, speeds: &[f64; J]) -> Option<StopDetail> {
+        let share = self.pace.measured(stamp, speeds, self.behind)?;
         let (cause, amount) = (StopCause::SlowArm, share);
         let detail = StopDetail { cause, joint: None, amount, limit: SLOW_SHARE, ..StopDetail::default() };
         (self.settings.slow_arm == SlowArm::Stop).then_some(detail)
