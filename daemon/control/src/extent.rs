@@ -21,8 +21,10 @@ pub struct Extent {
     pub tilt_rad: f64,
 }
 
-/// How far a measured tool may be beyond what the settings allow before a judge speaks of a breach [m].
-const TOLERANCE_M: f64 = 2e-3;
+/// How far a measured tool may be beyond the envelope of the commanded one before a judge speaks of a breach: [m] and [rad]. A
+/// servo that is a critically damped filter does not overshoot; this leaves room for noise and stamps.
+const TOLERANCE_M: f64 = 1e-3;
+const TOLERANCE_RAD: f64 = 0.05;
 
 /// What a tool must keep, from the settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,10 +42,11 @@ impl ExtentBounds {
     #[must_use]
     pub fn of<const J: usize>(settings: &FollowerSettings<J>) -> Self {
         let [.., [low, high]] = settings.mpc.axes.map(|axis| axis.position_m);
+        let margin = settings.safety.envelope.margin_m + TOLERANCE_M;
         Self {
-            height_m: [low - TOLERANCE_M, high + TOLERANCE_M],
-            outside_m: TOLERANCE_M,
-            tilt_rad: settings.safety.arm_max_tilt,
+            height_m: [low - margin, high + margin],
+            outside_m: margin,
+            tilt_rad: settings.safety.envelope.max_tilt_rad + TOLERANCE_RAD,
         }
     }
 
