@@ -212,11 +212,16 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
         assert!(later.is_none() && desk.seen.off_m < 0.05, "{arm_share}: {later:?}");
         assert!(desk.seen.tool_mps < 0.9 * speed_mps, "{arm_share}: {} m/s", desk.seen.tool_mps);
     }
-    // A slider at 30 % does not keep this hand from writing.
-    let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(0.3), at_s: 0.5 }), ..late(0.0) };
-    let mut desk = Desk::armed(arm);
-    let stop = desk.write_text("Kx4 Rg8 Sy2", 0);
-    assert!(stop.is_none() && desk.seen.off_m < 0.015, "{stop:?} {:?}", desk.seen);
+    // A hand that writes what such an arm can just catch up with between the strokes: it looks late, and is slow all the same.
+    for share in [0.3, 0.15] {
+        let arm =
+            ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(share), at_s: AT_S }), ..late(0.0) };
+        let mut desk = Desk::armed(arm);
+        let stop = desk.write_text("Kx4 Rg8 Sy2 Kx4 Rg8", 0);
+        println!("writing at {share}: {stop:?} {:?}", desk.seen);
+        assert!(stop.is_none() && desk.seen.off_m < 0.02, "{stop:?} {:?}", desk.seen);
+        assert!(share > 0.2 || desk.seen.share.is_some_and(|share| share < 0.75), "{:?}", desk.seen);
+    }
 
     let (_, stop) = slowed(0.3, Pen { radius_m: 0.06, speed_mps: 0.7 }, SlowArm::Stop);
     let (reason, detail) = stop.expect("a stop");

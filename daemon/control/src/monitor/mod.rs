@@ -12,6 +12,7 @@
 //! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than it is held,
 //! until an operator disarms. Absent: what the arm was when nobody commanded it; force.
 
+mod ceiling;
 mod direction;
 mod pace;
 mod path;

@@ -5,6 +5,7 @@
 //! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts; the tool is then asked for no more
 //! than what the arm has shown, and for a little more with every window in which the arm keeps up.
 
+use super::ceiling::Ceiling;
 use crate::units::Stamp;
 
 /// Length of a window [ns].
@@ -17,6 +18,8 @@ pub(super) const SLOW_SHARE: f64 = 0.75;
 const STANDS: f64 = 0.05;
 /// where the model reaches this speed [rad/s].
 const JUDGED_RADPS: f64 = 0.25;
+/// What is kept from window to window of the fastest that the tool was asked to go.
+const TOOL_KEPT: f64 = 0.9;
 /// A slow arm has so long to come back to its commands [ns].
 const PATIENCE_NS: u64 = 1_000_000_000;
 /// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
@@ -51,11 +54,17 @@ impl<const J: usize> Peaks<J> {
 pub(super) struct Pace<const J: usize> {
     model: Option<(Stamp, [[f64; 2]; J])>,
     lag_s: f64,
+    /// Fastest that the tool was commanded to move in the last windows [m/s].
+    tool_mps: f64,
     tool: Option<(Stamp, [f64; 3])>,
     before: Peaks<J>,
     now: Peaks<J>,
     /// Fastest of the arm in each of the last windows: it may be ahead of its model.
     arms: [[f64; J]; REMEMBERED],
+    ceiling: Ceiling<J>,
+    /// When joints were measured last, and where they were commanded to be [rad].
+    seen: Option<Stamp>,
+    sent: Option<(Stamp, [f64; J])>,
     window: Option<Stamp>,
     windows: u32,
     slow_in_a_row: u32,
@@ -73,10 +82,14 @@ impl<const J: usize> Pace<J> {
         Self {
             model: None,
             lag_s: 0.0,
+            tool_mps: 0.0,
             tool: None,
             before: Peaks::NONE,
             now: Peaks::NONE,
             arms: [[0.0; J]; REMEMBERED],
+            ceiling: Ceiling::new(),
+            seen: None,
+            sent: None,
             window: None,
             windows: 0,
             slow_in_a_row: 0,
@@ -110,6 +123,12 @@ impl<const J: usize> Pace<J> {
                 tool.iter().zip(from).map(|(to, from)| to - from).fold([0.0; 3], |[_, y, z], d| [y, z, d]);
             self.now.tool_mps = self.now.tool_mps.max(x.hypot(y).hypot(z) / elapsed_s);
         }
+        if let Some((before, from)) = self.sent.replace((stamp, *q)) {
+            let elapsed_s = stamp.seconds_since(before).max(1e-4);
+            for (index, (to, from)) in q.iter().zip(&from).enumerate() {
+                self.ceiling.commanded(index, (to - from) / elapsed_s);
+            }
+        }
         let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0])));
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
@@ -130,6 +149,8 @@ impl<const J: usize> Pace<J> {
     /// The joints were measured to move at `speeds` [rad/s], `behind` their commands or not. Returns the share of an arm that was just found to be slow.
     pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J], behind: bool) -> Option<f64> {
         self.behind |= behind;
+        let elapsed_s = self.seen.replace(stamp).map_or(0.0, |before| stamp.seconds_since(before));
+        self.ceiling.measured(elapsed_s.clamp(0.0, LONGEST_STEP_S), speeds);
         for (peak, speed) in self.now.arm.iter_mut().zip(speeds) {
             *peak = peak.max(speed.abs());
         }
@@ -149,9 +170,19 @@ impl<const J: usize> Pace<J> {
     }
 
     fn judge(&mut self, stamp: Stamp) -> Option<f64> {
+        self.tool_mps = (TOOL_KEPT * self.tool_mps).max(self.before.tool_mps);
         let mut fastest = self.now.arm;
         for arm in &self.arms {
             fastest.iter_mut().zip(arm).for_each(|(most, arm)| *most = most.max(*arm));
+        }
+        if let Some(share) = self.ceiling.share(SLOW_SHARE) {
+            self.judged = true;
+            self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
+            let tool_mps = self.tool_mps;
+            let begins = self.slowed.is_none();
+            let [_, allowed] = self.slowed.get_or_insert([tool_mps, tool_mps]);
+            *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
+            return begins.then_some(share);
         }
         let (model, arm) = self.before.model.iter().zip(fastest).max_by(|a, b| a.0.total_cmp(b.0))?;
         if !(*model >= JUDGED_RADPS) {
