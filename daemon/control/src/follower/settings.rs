@@ -158,6 +158,20 @@ pub enum FollowerError {
         /// What would do.
         would: Would,
     },
+    /// A plan with so little jerk does not see its stops.
+    #[error(
+        "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer than the plan looks ahead, so the tool would swing about the pen; {needed_mps3:.0} m/s³ would do, or a longer horizon"
+    )]
+    LittleJerk {
+        /// `the plan's limits` or `the joints' jerk limits`.
+        whose: &'static str,
+        /// Axis 0 = x, 1 = y, 2 = z.
+        axis: usize,
+        /// What there is [m/s³].
+        jerk_mps3: f64,
+        /// What would do [m/s³].
+        needed_mps3: f64,
+    },
     /// The pen grid.
     #[error(transparent)]
     Pen(#[from] PenError),

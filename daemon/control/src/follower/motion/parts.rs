@@ -16,6 +16,13 @@ const VELOCITY_ASKED: f64 = 1.5;
 /// A stop is reckoned with so many times the acceleration that they give.
 const ACCELERATION_STOPS: f64 = 1.2;
 
+/// Speeds from which a plan has to see a stop, per axis [m/s]: measured, with half of them in the plane it swung by 18 mm.
+const USEFUL_MPS: [f64; 3] = [0.1, 0.1, 0.05];
+/// The lowest limits that a plan can be made with.
+const SLOWEST_MPS: f64 = 1e-3;
+const LEAST_MPS2: f64 = 0.01;
+const LEAST_MPS3: f64 = 1.0;
+
 /// The limits by which a plan can be followed: no more than the joints give, and no faster than its horizon sees a stop.
 ///
 /// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its target and comes
@@ -38,10 +45,33 @@ pub(super) fn paced<const N: usize, const J: usize>(settings: &FollowerSettings<
         }
         let wanted = limits.acceleration_mps2;
         limits.acceleration_mps2 = wanted.min(ACCELERATION_STOPS * acceleration);
-        limits.velocity_mps = limits.stoppable_mps(horizon_s);
-        limits.acceleration_mps2 = wanted.min(ACCELERATION_ASKED * acceleration);
+        // All three axes together are no faster than the tool may be.
+        let fastest = settings.safety.envelope.max_speed_mps.unwrap_or(f64::INFINITY) / 3.0_f64.sqrt();
+        limits.velocity_mps = limits.stoppable_mps(horizon_s).min(fastest).max(SLOWEST_MPS);
+        limits.acceleration_mps2 = wanted.min(ACCELERATION_ASKED * acceleration).max(LEAST_MPS2);
+        limits.jerk_mps3 = limits.jerk_mps3.max(LEAST_MPS3);
     }
     mpc
+}
+
+/// Refuses a jerk with which a plan sees no stop from a speed that is of any use: it would swing, slowly and widely.
+fn sees_stops<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> Result<(), FollowerError> {
+    if settings.mpc.unlimited {
+        return Ok(());
+    }
+    let horizon_s = settings.mpc.step_s * N as f64;
+    let pairs = paced::<N, J>(settings).axes.into_iter().zip(&settings.mpc.axes);
+    for (axis, ((paced, asked), useful)) in pairs.zip(USEFUL_MPS).enumerate() {
+        let speed = useful.min(asked.velocity_mps);
+        let needed_mps3 = 4.0 * speed / (horizon_s * horizon_s);
+        let jerk_mps3 = paced.jerk_mps3;
+        if !(jerk_mps3 >= needed_mps3) {
+            let own = jerk_mps3 >= asked.jerk_mps3;
+            let whose = if own { "the plan's limits" } else { "the joints' jerk limits" };
+            return Err(FollowerError::LittleJerk { whose, axis, jerk_mps3, needed_mps3 });
+        }
+    }
+    Ok(())
 }
 
 /// What the IK makes of a tool velocity of 1 m/s along `axis` at home [rad/m].
@@ -57,6 +87,9 @@ fn needs<const J: usize>(settings: &FollowerSettings<J>, axis: &Vector3<f64>) ->
 pub(super) fn planner<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> Result<Mpc<N>, FollowerError> {
+    // A number outside its range is told first.
+    settings.mpc.validate()?;
+    sees_stops::<N, J>(settings)?;
     let mut mpc = Mpc::new(&paced::<N, J>(settings))?;
     mpc.settles(settings.period_ns as f64 * 1e-9)?;
     Ok(mpc)
