@@ -67,7 +67,7 @@ fn rendered_presets_read_back_as_the_same_settings() {
 fn rendering_keeps_optional_keys_and_odd_numbers() {
     let config = over_ur5(
         "[loop]\ncpu = 1\n[instance]\nroot_dir = \"/tmp/a \\\"b\\\"\"\n[mpc]\neffort = 0.1000000000000000055\n\
-         [robot]\njerk_radps3 = [1e3, 1e3, 1e3, 1e3, 1e3, 123.456]\n",
+         [robot]\njerk_radps3 = [1e4, 1e4, 1e4, 1e4, 1e4, 1234.56]\n",
     )
     .unwrap();
     let again = Config::parse(&config.render(), "rendered.toml", ".").unwrap();

@@ -18,7 +18,7 @@ use rand_pcg::Pcg64;
 use drive::{Length, Seen};
 
 /// Accepted combinations of a run, over all threads.
-const CASES: u64 = 240;
+const CASES: u64 = 100;
 
 fn number(variable: &str, default: u64) -> u64 {
     std::env::var(variable).map_or(default, |text| text.parse().expect("a whole number"))
