@@ -2,7 +2,7 @@
 //!
 //! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is compared with
 //! that of a model which is as late as the arm and damps as much as such an arm can: a critically damped filter with the whole lag
-//! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts; the tool is then asked for no more
+//! as its group delay. An honest arm is at least as fast. What is too slow four times in a row counts; the tool is then asked for no more
 //! than what the arm has shown, and for a little more with every window in which the arm keeps up.
 
 use super::ceiling::Ceiling;
@@ -14,7 +14,8 @@ const WINDOW_NS: i64 = 100_000_000;
 const REMEMBERED: usize = 6;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
-/// and less than this one stands,
+/// if that shows in so many windows in a row: single strokes say little. One that reaches less than this share stands,
+const SLOW_WINDOWS: u32 = 4;
 const STANDS: f64 = 0.05;
 /// where the model reaches this speed [rad/s].
 const JUDGED_RADPS: f64 = 0.25;
@@ -32,8 +33,11 @@ const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
 /// Nor for more than this part of it, while the arm is behind.
 const BEHIND_STEP: f64 = 0.95;
-/// Speeds of the arm are means over about so long, which the model has to be as well [s].
+/// The model is late by this much at least [s],
 const LEAST_LAG_S: f64 = 0.016;
+/// and its speed is smoothed over this time [s]: the arm's are means over two or three joint states, which short strokes lose more
+/// by than long ones.
+const SMOOTH_S: f64 = 0.024;
 /// Longer steps of the model count as this [s].
 const LONGEST_STEP_S: f64 = 0.02;
 
@@ -52,7 +56,8 @@ impl<const J: usize> Peaks<J> {
 /// The model, two windows, and what follows from them.
 #[derive(Debug, Clone)]
 pub(super) struct Pace<const J: usize> {
-    model: Option<(Stamp, [[f64; 2]; J])>,
+    /// Position, speed and smoothed speed of each joint.
+    model: Option<(Stamp, [[f64; 3]; J])>,
     lag_s: f64,
     /// Fastest that the tool was commanded to move in the last windows [m/s].
     tool_mps: f64,
@@ -129,7 +134,7 @@ impl<const J: usize> Pace<J> {
                 self.ceiling.commanded(index, (to - from) / elapsed_s);
             }
         }
-        let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0])));
+        let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0, 0.0])));
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
         // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
@@ -137,12 +142,16 @@ impl<const J: usize> Pace<J> {
         self.lag_s = if self.slowed.is_some() { self.lag_s.min(lag_s) } else { lag_s };
         let w = 2.0 / self.lag_s.max(LEAST_LAG_S);
         let decay = (-w * elapsed_s).exp();
-        for ([position, speed], (target, peak)) in joints.iter_mut().zip(q.iter().zip(&mut self.now.model)) {
+        let smoothing = 1.0 - (-elapsed_s / SMOOTH_S).exp();
+        for ([position, speed, smooth], (target, peak)) in
+            joints.iter_mut().zip(q.iter().zip(&mut self.now.model))
+        {
             let e = *position - target;
             let slope = *speed + w * e;
             *position = target + (e + slope * elapsed_s) * decay;
             *speed = (*speed - w * slope * elapsed_s) * decay;
-            *peak = peak.max(speed.abs());
+            *smooth += smoothing * (*speed - *smooth);
+            *peak = peak.max(smooth.abs());
         }
     }
 
@@ -198,7 +207,7 @@ impl<const J: usize> Pace<J> {
         }
         let tool_mps = self.before.tool_mps;
         match &mut self.slowed {
-            None if self.slow_in_a_row >= 2 => {
+            None if self.slow_in_a_row >= SLOW_WINDOWS => {
                 self.slow_in_a_row = 0;
                 self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
                 Some(share)
