@@ -2,7 +2,7 @@
 //!
 //! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is compared with
 //! that of a model which is as late as the arm and damps as much as such an arm can: a critically damped filter with the whole lag
-//! as its group delay. An honest arm is at least as fast. What is too slow four times in a row counts; the tool is then asked for no more
+//! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts, once there was some motion; the tool is then asked for no more
 //! than what the arm has shown, and for a little more with every window in which the arm keeps up.
 
 use super::ceiling::Ceiling;
@@ -14,8 +14,10 @@ const WINDOW_NS: i64 = 100_000_000;
 const REMEMBERED: usize = 6;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
-/// if that shows in so many windows in a row: single strokes say little. One that reaches less than this share stands,
-const SLOW_WINDOWS: u32 = 4;
+/// if that shows in so many windows in a row, after so many that could be judged: the first strokes after arming say little. One
+/// that reaches less than this share stands,
+const SLOW_WINDOWS: u32 = 2;
+const LEAST_WINDOWS: u32 = 8;
 const STANDS: f64 = 0.05;
 /// where the model reaches this speed [rad/s].
 const JUDGED_RADPS: f64 = 0.25;
@@ -37,7 +39,7 @@ const BEHIND_STEP: f64 = 0.95;
 const LEAST_LAG_S: f64 = 0.016;
 /// and its speed is smoothed over this time [s]: the arm's are means over two or three joint states, which short strokes lose more
 /// by than long ones.
-const SMOOTH_S: f64 = 0.024;
+const SMOOTH_S: f64 = 0.012;
 /// Longer steps of the model count as this [s].
 const LONGEST_STEP_S: f64 = 0.02;
 
@@ -72,6 +74,7 @@ pub(super) struct Pace<const J: usize> {
     sent: Option<(Stamp, [f64; J])>,
     window: Option<Stamp>,
     windows: u32,
+    judged_windows: u32,
     slow_in_a_row: u32,
     /// It was outside its commands, if not far, in this window.
     behind: bool,
@@ -97,6 +100,7 @@ impl<const J: usize> Pace<J> {
             sent: None,
             window: None,
             windows: 0,
+            judged_windows: 0,
             slow_in_a_row: 0,
             behind: false,
             patient_until: None,
@@ -201,13 +205,14 @@ impl<const J: usize> Pace<J> {
         self.judged = true;
         let behind = std::mem::take(&mut self.behind);
         let slow = share < SLOW_SHARE || behind && share < KEEPS_UP;
+        self.judged_windows = self.judged_windows.saturating_add(1);
         self.slow_in_a_row = if slow { self.slow_in_a_row + 1 } else { 0 };
         if slow && share >= STANDS {
             self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
         }
         let tool_mps = self.before.tool_mps;
         match &mut self.slowed {
-            None if self.slow_in_a_row >= SLOW_WINDOWS => {
+            None if self.slow_in_a_row >= SLOW_WINDOWS && self.judged_windows > LEAST_WINDOWS => {
                 self.slow_in_a_row = 0;
                 self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
                 Some(share)
