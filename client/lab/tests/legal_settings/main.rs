@@ -1,7 +1,7 @@
 //! Random combinations of legal settings under hostile and honest pens, in simulated time: whatever `config` accepts keeps
 //! the tip inside its envelope, sends legal commands, and stands still where the pen rests.
 //!
-//! Where the tip is, is computed here, from the commanded joints and from those of a simulated arm, by Denavit-Hartenberg
+//! Where the tip is, is computed here from the commanded joints, by Denavit-Hartenberg
 //! parameters of its own. FORETRACE_SETTINGS_CASES=20000 asks for more combinations, FORETRACE_SETTINGS_SEED for others.
 
 mod draw;
