@@ -136,10 +136,18 @@ impl Benchmark<'_> {
         hand: &Hand,
         index: usize,
     ) -> Result<Option<ClosedLoop>, BenchError> {
-        let mut last = None;
         let job = Job { entrant, tuning: &Tuning::Default, arm, hand };
-        self.write(&job, index + 1, |_, run| last = Some(run))?;
-        Ok(last)
+        // On a worker's stack: a whole control law may be too large for the caller's.
+        let replayed = parallel::map(
+            &[job],
+            |job| {
+                let mut last = None;
+                self.write(job, index + 1, |_, run| last = Some(run))?;
+                Ok(last)
+            },
+            || {},
+        );
+        replayed.into_iter().next().unwrap_or(Ok(None))
     }
 
     /// Every score of `outcomes`, those of this benchmark, with the sequence that it belongs to.

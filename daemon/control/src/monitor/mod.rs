@@ -124,6 +124,13 @@ impl<const J: usize> Monitor<J> {
         }
     }
 
+    /// The same on the heap; on a stack frame of its own, because it is large.
+    #[must_use]
+    #[inline(never)]
+    pub fn boxed(settings: TrackingSettings, longest_ns: u64) -> Box<Self> {
+        Box::new(Self::new(settings, longest_ns))
+    }
+
     /// The loop takes charge of an arm that stands still: earlier commands and joint states count no more.
     pub fn begin(&mut self, now: Stamp) {
         self.commands.clear();

@@ -60,6 +60,7 @@ impl Turns {
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// Refuses settings with which a plan does not come to rest after a large step of its target.
+    #[inline(never)]
     pub(super) fn comes_to_rest(&mut self, settings: &FollowerSettings<J>) -> Result<(), FollowerError> {
         if settings.mpc.unlimited {
             return Ok(());
