@@ -75,11 +75,7 @@ fn an_arm_that_stands_still_is_refused_with_a_reason() {
     let daemon = world.daemon(0);
     let arm = world.start(0, &["arm", "sim", "--speed-scaling", "0"]);
     let output = calibrated(&world, &["--seconds", "2"]);
-    assert_refused(
-        &output,
-        1,
-        &["tracking error", "stands still while commands move", "look what holds or drives it"],
-    );
+    assert_refused(&output, 1, &["tracking error", "stands still while commands move", "speed slider"]);
     assert!(!world.file("foretrace-lag.svg").exists());
     world.wait_for_mode(0, "idle");
     arm.end();

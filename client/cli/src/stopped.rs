@@ -28,7 +28,7 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
             "the arm's own safety system stopped it: clear that at the arm, then arm again"
         }
         FaultReason::TrackingError => {
-            "the arm did not go where it was told (bounds: safety.tracking): look what holds or drives it, then disarm and arm again"
+            "the arm did not go where it was told (bounds: safety.tracking): look what holds, slows or drives it (brake, speed slider, another program), then disarm and arm again"
         }
         FaultReason::DeadMan => {
             "the dead-man switch was released or silent for longer than safety.enable_timeout_ms: hold it, then arm again"

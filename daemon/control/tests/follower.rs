@@ -232,6 +232,40 @@ fn arming_refuses_what_could_jump() {
     assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::JointStateStale)));
 }
 
+/// What an arm said that is gone must not be believed of the next one, which may stand elsewhere, however patient the loop is with an
+/// arm in charge.
+#[test]
+fn the_last_word_of_an_arm_that_is_gone_arms_nothing() {
+    let mut patient = settings(PredictorKind::Hold);
+    patient.safety.joint_state_timeout_ns = 500_000_000;
+    // The arm speaks every 8 ms, then falls silent for `silent_ns`; the answer to a request to arm.
+    let asked_after = |silent_ns: u64| {
+        let mut bench = Bench::new(patient.clone());
+        for _ in 0..5 {
+            bench.now = bench.now + 8_000_000;
+            bench.joints.stamp = bench.now;
+            let joints = bench.joints;
+            let input = StepInput { joints: Some(&joints), ..StepInput::nothing(bench.now) };
+            bench.step(&input, Budget::default());
+        }
+        bench.now = bench.now + silent_ns;
+        let input = StepInput { request: Some(Request::Arm), ..StepInput::nothing(bench.now) };
+        (bench.step(&input, Budget::default()).answer, bench)
+    };
+    assert_eq!(asked_after(16_000_000).0, Some(Ok(())));
+    let (answer, mut bench) = asked_after(40_000_000);
+    assert_eq!(answer, Some(Err(Refusal::JointStateStale)));
+    // The next arm stands elsewhere, and is armed there.
+    bench.now = bench.now + 8_000_000;
+    (bench.joints.stamp, bench.joints.q[0]) = (bench.now, bench.joints.q[0] + 0.01);
+    let joints = bench.joints;
+    let input =
+        StepInput { joints: Some(&joints), request: Some(Request::Arm), ..StepInput::nothing(bench.now) };
+    let output = bench.step(&input, Budget::default());
+    assert_eq!(output.answer, Some(Ok(())));
+    assert_eq!(output.command.unwrap().q, joints.q);
+}
+
 #[test]
 fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
     for (stall_ns, mode) in

@@ -67,7 +67,6 @@ fn joint_that_moves_the_other_way() {
 }
 
 #[test]
-#[ignore = "the stop latches, but ending the scene failed once for a reason not found yet; in simulated time: client/lab/tests/not_following.rs"]
 fn arm_reported_beside_where_it_is() {
     for fault in ["offset", "wrapped"] {
         let (scene, status) = stopped_by(&format!("{fault}@{AT_S}"));

@@ -9,6 +9,11 @@ use crate::units::Stamp;
 /// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to 20 ms.
 const MAX_AHEAD_NS: i64 = 50_000_000;
 
+/// An arm is armed at a state that is older than so many of its own intervals [1], and than this [ns], only after the next one: it
+/// may have been the last word of an arm that is gone, and the next arm stands elsewhere.
+const ARMING_INTERVALS: i64 = 3;
+const ARMING_LEAST_NS: i64 = 20_000_000;
+
 /// What is known about the arm and its operator, and the mode that follows from it.
 #[derive(Debug, Clone)]
 pub(super) struct Watch<const J: usize> {
@@ -20,6 +25,8 @@ pub(super) struct Watch<const J: usize> {
     /// Goes to Idle once at rest.
     letting_go: bool,
     joints: Option<JointReading<J>>,
+    /// Between the newest two joint states [ns].
+    interval_ns: i64,
     enable: Option<EnableReading>,
     /// The dead-man switch was held at some time since arming, so its loss counts.
     enable_honoured: bool,
@@ -34,6 +41,7 @@ impl<const J: usize> Watch<J> {
             detail: StopDetail::default(),
             letting_go: false,
             joints: None,
+            interval_ns: 0,
             enable: None,
             enable_honoured: false,
         }
@@ -81,6 +89,7 @@ impl<const J: usize> Watch<J> {
             let finite = new.q.iter().chain(&new.qd).all(|value| value.is_finite());
             let newer = self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp);
             if sound(new.stamp) && finite && newer {
+                self.interval_ns = self.joints.as_ref().map_or(0, |old| new.stamp.since(old.stamp));
                 self.joints = Some(*new);
             } else {
                 health.set(Health::JOINTS_REJECTED);
@@ -168,7 +177,8 @@ impl<const J: usize> Watch<J> {
             return Err(Refusal::StillStopping);
         }
         let joints = self.joints.as_ref().ok_or(Refusal::NoJointState)?;
-        if !self.joints_fresh(now) {
+        let oldest_ns = self.interval_ns.saturating_mul(ARMING_INTERVALS).max(ARMING_LEAST_NS);
+        if !self.joints_fresh(now) || now.since(joints.stamp) > oldest_ns {
             return Err(Refusal::JointStateStale);
         }
         if !joints.motion_allowed {
