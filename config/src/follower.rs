@@ -113,11 +113,12 @@ const fn keys(error: &FollowerError) -> &'static str {
         FollowerError::Mpc(MpcError::Swings { .. }) => {
             " (mpc.feedback.velocity and mpc.feedforward.velocity; mpc.horizon, mpc.step_ms, mpc.feedback.decay, mpc.feedforward.decay, mpc.effort)"
         }
+        FollowerError::JointJerk { .. } => " (robot.jerk_radps3; robot.acceleration_radps2)",
         FollowerError::LittleJerk { .. } => {
             " (mpc.limits.x, y and z .jerk_mps3; robot.jerk_radps3; mpc.horizon, mpc.step_ms)"
         }
         FollowerError::NoRest { .. } => {
-            " (mpc.limits.x, y and z .velocity_mps; mpc.feedback.velocity, mpc.feedforward.velocity, mpc.horizon, mpc.step_ms)"
+            " (mpc.limits.x, y and z; mpc.feedback, mpc.feedforward; mpc.max_iterations, mpc.horizon, mpc.step_ms)"
         }
         _ => "",
     }

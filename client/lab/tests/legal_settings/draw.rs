@@ -111,10 +111,31 @@ fn value(random: &mut Pcg64, key: &Key, old: Option<&str>, how: How) -> String {
     }
 }
 
-/// A combination that `config` accepts, what was changed in it, and how many were refused before. The first cases go through
-/// the extremes of all keys.
-pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> (Config, String, u64) {
+/// Two extremes per key: so many cases go through all of them.
+pub(crate) fn extremes() -> u64 {
+    2 * drawn().len() as u64
+}
+
+/// A combination that `config` accepts.
+pub(crate) struct Accepted {
+    pub(crate) config: Config,
+    /// What was changed, as written on a command line.
+    pub(crate) changed: String,
+    /// Combinations refused before.
+    pub(crate) refused: u64,
+    /// The extreme of this case, where nothing was accepted with it, not even by itself.
+    pub(crate) left_out: Option<String>,
+}
+
+/// How often an extreme is tried among other changes, and then by itself.
+const AMONG_OTHERS: u64 = 8;
+const BY_ITSELF: u64 = 8;
+
+/// A combination with the extreme of the key that the number of the case says; the first [`extremes`] cases go through all.
+pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> Accepted {
     let keys = drawn();
+    let extreme_key = keys[(case / 2) as usize % keys.len()];
+    let how = if case.is_multiple_of(2) { How::Lowest } else { How::Highest };
     for refused in 0.. {
         let preset = ["ur5", "ur5e"][random.random_range(0..2)];
         let rendered = rendered(preset);
@@ -125,12 +146,13 @@ pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> (Config, String, u64) {
             changed.push(format!("{}={value}", key.path));
             draft.set(&key.path, &value)
         };
-        // An extreme that fits nothing is not looked for for ever.
-        if refused < 8 {
-            let key = keys[(case / 2) as usize % keys.len()];
-            draft = set(draft, key, if case.is_multiple_of(2) { How::Lowest } else { How::Highest }, random);
+        let with_extreme = refused < AMONG_OTHERS + BY_ITSELF;
+        if with_extreme {
+            draft = set(draft, extreme_key, how, random);
         }
+        let among_others = !(AMONG_OTHERS..AMONG_OTHERS + BY_ITSELF).contains(&refused);
         let more = match random.random_range(0..6) {
+            _ if !among_others => 0,
             0 => 0,
             1..4 => random.random_range(1..4),
             4 => random.random_range(4..8),
@@ -140,13 +162,15 @@ pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> (Config, String, u64) {
             let key = keys[random.random_range(0..keys.len())];
             draft = set(draft, key, How::Any, random);
         }
-        if random.random_bool(0.3) {
+        if among_others && random.random_bool(0.3) {
             let rate = [125, 250, 500, 1000][random.random_range(0..4)];
             draft = draft.rate(rate);
             changed.push(format!("rate {rate}"));
         }
         if let Ok(config) = draft.finish() {
-            return (config, changed.join(" "), refused);
+            let end = if how == How::Lowest { "lowest" } else { "highest" };
+            let left_out = (!with_extreme).then(|| format!("{end} {}", extreme_key.path));
+            return Accepted { config, changed: changed.join(" "), refused, left_out };
         }
     }
     unreachable!()

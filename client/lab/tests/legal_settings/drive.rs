@@ -5,7 +5,7 @@ use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Reque
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS};
+use foretrace_lab::arm::JOINTS;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -21,8 +21,10 @@ pub(crate) struct Length {
 
 impl Length {
     pub(crate) const SHORT: Self = Self { moves: 0.9, rests: 0.9 };
-    pub(crate) const LONG: Self = Self { moves: 2.0, rests: 3.0 };
+    pub(crate) const LONG: Self = Self { moves: 2.0, rests: LONGEST_REST_S };
 }
+
+const LONGEST_REST_S: f64 = 3.0;
 
 /// What became of it.
 #[derive(Debug)]
@@ -31,11 +33,10 @@ pub(crate) struct Seen {
     pub(crate) legal: bool,
     pub(crate) moved: bool,
     pub(crate) latched: Option<StopReason>,
-    /// Farthest that commands or the simulated arm had the tip beyond the workspace, and beyond where it began \[m\].
+    /// Farthest that commands had the tip beyond the workspace, and beyond where it began \[m\].
     pub(crate) outside: f64,
     /// The same after a stop has latched: the way of the stop itself.
     pub(crate) outside_stopping: f64,
-    pub(crate) arm_outside: f64,
     pub(crate) height: [f64; 2],
     pub(crate) tilt: f64,
     pub(crate) tilt_begin: f64,
@@ -52,7 +53,7 @@ pub(crate) fn live(config: &Config, random: &mut Pcg64, length: Length) -> Seen 
     }
 }
 
-fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, length: Length) -> Seen {
+fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, mut length: Length) -> Seen {
     let settings = config.follower_settings();
     let (period_ns, workspace, plane) =
         (settings.period_ns, config.settings().plane.workspace_m, settings.plane);
@@ -65,8 +66,6 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, length: Length
     let begin = Stamp(10_000_000_000);
     let home = config.robot().home;
     let mut joints = JointReading { stamp: begin, q: home, qd: [0.0; JOINTS], motion_allowed: true };
-    let lag_s = config.settings().timing.dead_time_ms * 1e-3;
-    let mut arm = ArmModel::at_rest(ArmSettings::delayed(period_s, lag_s), home);
     let beyond = |at: [f64; 3]| {
         at.iter().zip(&workspace).map(|(at, [low, high])| (at - high).max(low - at)).fold(0.0, f64::max)
     };
@@ -78,17 +77,26 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, length: Length
         latched: None,
         outside: 0.0,
         outside_stopping: 0.0,
-        arm_outside: 0.0,
         height: [f64::INFINITY, f64::NEG_INFINITY],
         tilt: 0.0,
         tilt_begin: tip.at(&home).1,
         speed: 0.0,
         swing: None,
     };
-    let ticks = ((length.moves + length.rests) / period_s) as u64;
-    let mut trail = Vec::with_capacity(ticks as usize);
+    let moves = length.moves;
+    let ticks = |rests: f64| ((moves + rests) / period_s) as u64;
+    let mut end = ticks(length.rests);
+    let mut trail = Vec::with_capacity(end as usize);
     let mut before = tip.at(&home).0;
-    for tick in 0..ticks {
+    for tick in 0.. {
+        if tick == end {
+            seen.swing = swing(&trail, (length.rests / period_s) as usize);
+            // A swing that stands is still there later; the way to a place far away is not.
+            if seen.swing.is_none() || length.rests == LONGEST_REST_S {
+                break;
+            }
+            (length.rests, end) = (LONGEST_REST_S, ticks(LONGEST_REST_S));
+        }
         let now = begin + tick * period_ns;
         let t = now.seconds_since(begin);
         joints.stamp = now;
@@ -116,8 +124,6 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, length: Length
         let most = if stopping { &mut seen.outside_stopping } else { &mut seen.outside };
         *most = most.max(out - allowed);
         allowed = allowed.min(out);
-        let arm_at = tip.at(&arm.cycle(command.q).q).0;
-        seen.arm_outside = seen.arm_outside.max(beyond(arm_at));
         seen.height = [seen.height[0].min(at[2]), seen.height[1].max(at[2])];
         if !stopping {
             seen.tilt = seen.tilt.max(tilt);
@@ -130,7 +136,6 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, length: Length
         before = at;
         trail.push(at);
     }
-    seen.swing = swing(&trail, (length.rests / period_s) as usize);
     seen
 }
 

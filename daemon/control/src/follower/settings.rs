@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use super::plane::Plane;
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
+use crate::guard::stop::LONGEST_EASE_S;
 use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
 use crate::lag::Following;
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
@@ -144,19 +145,29 @@ pub enum FollowerError {
         /// Step of the grid [ns]
         grid_ns: u64,
     },
-    /// The plan goes past its target and comes back, for ever.
+    /// The tool goes past its target and comes back, for ever.
     #[error(
-        "velocity limit {velocity_mps} m/s of axis {axis}: at its limits the plan does not come to rest, it swings by {swing_m:.4} m about its target; {would}"
+        "at its limits the tool does not come to rest: along axis {axis} it swings by {swing_m:.4} m about a pen that rests; {would}"
     )]
     NoRest {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
         /// From turn to turn [m].
         swing_m: f64,
-        /// As given [m/s].
-        velocity_mps: f64,
         /// What would do.
         would: Would,
+    },
+    /// With so little jerk a joint that brakes hard turns round before it rests.
+    #[error(
+        "joint {joint}: with a jerk limit of {jerk} rad/s³ it takes longer than 50 ms to go from full speeding up to full braking, so a stop would turn the joint round and back; {needed} rad/s³ would do, or less acceleration"
+    )]
+    JointJerk {
+        /// Joint index from 0, base first.
+        joint: usize,
+        /// As given [rad/s³].
+        jerk: f64,
+        /// The least that would do [rad/s³].
+        needed: f64,
     },
     /// A plan with so little jerk does not see its stops.
     #[error(
@@ -195,15 +206,29 @@ pub enum FollowerError {
     Trust(#[from] TrustError),
 }
 
-/// The velocity limit with which a plan comes to rest [m/s], if one was found.
+/// A setting with which an arm comes to rest that does not as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Would(pub Option<f64>);
+pub enum Would {
+    /// The plan's velocity limit along the axis [m/s].
+    Velocity(f64),
+    /// The plan's acceleration limit along the axis [m/s²].
+    Acceleration(f64),
+    /// The gain on position, of feedback; feedforward in proportion.
+    PositionGain(f64),
+    /// The cap of the solver's steps.
+    Steps(u32),
+    /// None that was tried.
+    Nothing,
+}
 
 impl fmt::Display for Would {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            Some(velocity_mps) => write!(f, "{velocity_mps} m/s would do"),
-            None => f.write_str("no lower one would do: raise the gains on velocity, or look farther ahead"),
+        match self {
+            Self::Velocity(mps) => write!(f, "a velocity limit of {mps} m/s there would do"),
+            Self::Acceleration(mps2) => write!(f, "an acceleration limit of {mps2} m/s² there would do"),
+            Self::PositionGain(gain) => write!(f, "a feedback gain on position of {gain} would do"),
+            Self::Steps(steps) => write!(f, "{steps} steps of the solver would do"),
+            Self::Nothing => f.write_str("raise the gains on velocity, or look farther ahead"),
         }
     }
 }
@@ -298,7 +323,21 @@ impl<const J: usize> FollowerSettings<J> {
             Some((name, value, low, high, unit)) => {
                 Err(FollowerError::Number { name, value, low, high, unit })
             }
-            None => Ok(()),
+            None => self.joints_ease(),
         }
+    }
+
+    /// Whether every joint's acceleration can fade out before it has turned the joint round: while acceleration a fades with
+    /// jerk j, velocity changes by a²/(2j).
+    fn joints_ease(&self) -> Result<(), FollowerError> {
+        let Some(jerk) = self.limits.jerk() else { return Ok(()) };
+        let most = self.limits.acceleration().iter().zip(self.limits.deceleration());
+        for (joint, (&jerk, (acceleration, deceleration))) in jerk.iter().zip(most).enumerate() {
+            let needed = (acceleration + deceleration) / LONGEST_EASE_S;
+            if jerk < needed {
+                return Err(FollowerError::JointJerk { joint, jerk, needed });
+            }
+        }
+        Ok(())
     }
 }

@@ -11,6 +11,9 @@ use crate::units::Stamp;
 /// goes on doing so for two thirds of it; a longer ramp would cost more way than it saves shaking.
 pub const EASE_S: f64 = 0.02;
 
+/// The longest that a follower's jerk limits may make the same take [s].
+pub const LONGEST_EASE_S: f64 = 0.05;
+
 /// Brings an arm to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopProfile<const J: usize> {

@@ -126,8 +126,15 @@ struct Reports {
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
+        let mover = Self::built(settings)?;
+        rest::comes_to_rest::<N, J>(settings)?;
+        Ok(mover)
+    }
+
+    /// The same, whether it comes to rest or not.
+    fn built(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let safety = &settings.safety;
-        let mut mover = Self {
+        Ok(Self {
             period_ns: settings.period_ns,
             period_s: settings.period_ns as f64 * 1e-9,
             valid_ns: settings.valid_ns(),
@@ -154,12 +161,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             pace_mps: None,
             approaching: true,
             height: settings.plane.lift_height,
-        };
-        mover.comes_to_rest(settings)?;
-        (mover.tool, mover.arm) = ([AxisState::default(); 3], [AxisState::default(); 3]);
-        mover.plan = Plan::resting(settings.mpc.step_s);
-        mover.reports = Reports::default();
-        Ok(mover)
+        })
     }
 
     /// See [`Mpc::feedback_lag_s`].

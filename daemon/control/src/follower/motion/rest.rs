@@ -1,25 +1,30 @@
-//! Whether plans come to rest at their limits as well as inside them: large steps of the target, planned through at start-up.
+//! Whether the arm comes to rest at its limits as well as inside them: a large step of the pen, moved through at start-up.
 //!
-//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration at their limits a plan that looks
-//! too little ahead goes past its target, comes back and goes past it again. Here the shipped planner is followed exactly as in
-//! a tick, the joints left out, over a step long enough to reach full speed.
+//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration at their limits, of the plan or of
+//! the joints, a plan that looks too little ahead, or is in too great a hurry, goes past its target, comes back and goes past it
+//! again. Here plan, inverse kinematics and guard are followed exactly as in a tick, over a step long enough to reach full speed.
 //!
-//! Contract: bounded: at most [`TICKS`] plans per trust, and ten trials of slower limits where it does not come to rest.
+//! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where it swings. An arm
+//! that cannot be put where the step begins is not judged: it cannot be armed there either.
 
-use super::Mover;
-use super::parts::{paced, planner};
-use crate::follower::io::{Health, Rung};
+use super::{Motion, Mover};
+use crate::follower::io::{Health, NoClock};
 use crate::follower::settings::Would;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
+use crate::ik::{IkBackend, ToolTarget, solve_pose};
+use crate::mpc::Backend;
+use crate::pen::PenReading;
 use crate::units::{AxisState, Stamp, Trust};
 
-/// Longest look at one step.
-const TICKS: u64 = 600;
+/// Longest look at one step [s].
+const LONGEST_S: f64 = 1.6;
 /// Swings below this do not count [m].
 const SWING_M: f64 = 1e-3;
 /// So many turns have to follow one another, and the last swing be no smaller than this share of the one four turns before.
 const TURNS: usize = 7;
 const LASTING: f64 = 0.8;
+/// The step ends so far from the middle of the workspace to its edge.
+const INSIDE: f64 = 0.6;
 /// The tool has arrived: so near, so slow, for so long.
 const NEAR_M: f64 = 5e-4;
 const SLOW_MPS: f64 = 5e-3;
@@ -58,75 +63,122 @@ impl Turns {
     }
 }
 
-impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Refuses settings with which a plan does not come to rest after a large step of its target.
-    #[inline(never)]
-    pub(super) fn comes_to_rest(&mut self, settings: &FollowerSettings<J>) -> Result<(), FollowerError> {
-        if settings.mpc.unlimited {
-            return Ok(());
-        }
-        let Some((axis, swing_m)) = self.swing(settings) else { return Ok(()) };
-        let (mut slower, mut would) = (settings.clone(), None);
-        for _ in 0..10 {
-            for limits in slower.mpc.axes.iter_mut().skip(axis).take(1) {
-                limits.velocity_mps *= 0.5;
-            }
-            self.limits = paced::<N, J>(&slower).limits();
-            self.mpc = planner(&slower)?;
-            if self.swing(&slower).is_none() {
-                would = slower.mpc.axes.get(axis).map(|limits| limits.velocity_mps);
-                break;
-            }
-        }
-        let velocity_mps = settings.mpc.axes.get(axis).map_or(0.0, |limits| limits.velocity_mps);
-        Err(FollowerError::NoRest { axis, swing_m, velocity_mps, would: Would(would) })
+/// Refuses settings with which the arm does not come to rest after a large step of the pen.
+#[inline(never)]
+pub(super) fn comes_to_rest<const N: usize, const J: usize>(
+    settings: &FollowerSettings<J>,
+) -> Result<(), FollowerError> {
+    if settings.mpc.unlimited {
+        return Ok(());
     }
-
-    /// Axis and size of a swing that lasts, after a step of the target at no trust or full trust.
-    fn swing(&mut self, settings: &FollowerSettings<J>) -> Option<(usize, f64)> {
-        let horizon_s = self.mpc.step_s() * N as f64;
-        let (mut from, mut to) = ([0.0; 3], [0.0; 3]);
-        for ((from, to), limits) in from.iter_mut().zip(&mut to).zip(&self.limits) {
-            let [low, high] = limits.position_m;
-            let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-            let step = (2.0 * limits.velocity_mps * horizon_s).min(half);
-            (*from, *to) = (middle - step, middle + step);
+    match swing::<N, J>(settings)? {
+        Some((axis, swing_m)) => {
+            Err(FollowerError::NoRest { axis, swing_m, would: would_do::<N, J>(settings, axis) })
         }
-        // Along the normal the step is that of a pen that touches the paper.
-        let ([from_x, from_y, _], [to_x, to_y, _]) = (from, to);
-        let (from, to) = ([from_x, from_y, settings.plane.lift_height], [to_x, to_y, 0.0]);
-        let found = [Trust::NONE, Trust::FULL].into_iter().find_map(|trust| self.step_to(from, to, trust));
-        (self.plan_start, self.bent, self.reach) = (None, false, 1.0);
-        found
+        None => Ok(()),
     }
+}
 
-    fn step_to(&mut self, from: [f64; 3], to: [f64; 3], trust: Trust) -> Option<(usize, f64)> {
-        self.tool = from.map(AxisState::at_rest);
-        (self.arm, self.plan_start, self.bent, self.reach) = (self.tool, None, false, 1.0);
-        let (target, mut turns, mut arrived) = (to.map(AxisState::at_rest), from.map(Turns::new), 0);
-        let references = target.map(|at| [at; N]);
-        for tick in 0..TICKS {
-            let start = Stamp(tick * self.period_ns);
-            let mut health = Health::default();
-            let (next, rung) =
-                self.plan_next(start, &target, &references, trust, Budget::default(), &mut health);
-            let at_rest = self.tool.map(|axis| AxisState::at_rest(axis.position));
-            let next = next.filter(|_| rung != Rung::Stop).unwrap_or(at_rest);
-            if let Some(servo) = self.servo {
-                for (arm, (from, to)) in self.arm.iter_mut().zip(self.tool.iter().zip(&next)) {
-                    *arm = servo.follow(arm, from.position, to.position, self.period_s);
+/// Another value of one setting with which it does, the nearest of those tried.
+fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis: usize) -> Would {
+    let rests = |change: &dyn Fn(&mut FollowerSettings<J>)| {
+        let mut other = settings.clone();
+        change(&mut other);
+        matches!(swing::<N, J>(&other), Ok(None))
+    };
+    let limits = settings.mpc.axes.get(axis).copied();
+    for halvings in 1..=4 {
+        let share = 0.5_f64.powi(halvings);
+        let more = settings.mpc.max_iterations.saturating_mul(10_u32.saturating_pow(halvings.unsigned_abs()));
+        let gain = share.powi(2);
+        let position = settings.mpc.gains_feedback.map(|gains| gain * gains.position);
+        if more <= 1000 && rests(&|other| other.mpc.max_iterations = more) {
+            return Would::Steps(more);
+        }
+        if let Some(limits) = limits {
+            let velocity_mps = share * limits.velocity_mps;
+            let acceleration_mps2 = share * limits.acceleration_mps2;
+            let with = |other: &mut FollowerSettings<J>, velocity: Option<f64>, acceleration: Option<f64>| {
+                for limits in other.mpc.axes.iter_mut().skip(axis).take(1) {
+                    limits.velocity_mps = velocity.unwrap_or(limits.velocity_mps);
+                    limits.acceleration_mps2 = acceleration.unwrap_or(limits.acceleration_mps2);
                 }
+            };
+            if rests(&|other| with(other, Some(velocity_mps), None)) {
+                return Would::Velocity(velocity_mps);
             }
-            self.tool = next;
-            let near = next
-                .iter()
-                .zip(&to)
-                .all(|(axis, to)| (axis.position - to).abs() < NEAR_M && axis.velocity.abs() < SLOW_MPS);
-            arrived = if near { arrived + 1 } else { 0 };
+            if rests(&|other| with(other, None, Some(acceleration_mps2))) {
+                return Would::Acceleration(acceleration_mps2);
+            }
+        }
+        let slower = |other: &mut FollowerSettings<J>| {
+            let all = other.mpc.gains_feedback.iter_mut().chain(&mut other.mpc.gains_feedforward);
+            all.for_each(|gains| gains.position *= gain);
+        };
+        if rests(&slower) {
+            let [x, ..] = position;
+            return Would::PositionGain(x);
+        }
+    }
+    Would::Nothing
+}
+
+/// Axis and size of a swing that lasts, after a step of the pen, at no trust or full trust.
+fn swing<const N: usize, const J: usize>(
+    settings: &FollowerSettings<J>,
+) -> Result<Option<(usize, f64)>, FollowerError> {
+    // The exact solvers find the optimum that the others come near to, a hundred times as fast.
+    let mut exact = settings.clone();
+    (exact.mpc.backend, exact.ik_backend) = (Backend::Exact, IkBackend::Exact);
+    let mut mover = Box::new(Mover::<N, J>::built(&exact)?);
+    let horizon_s = mover.mpc.step_s() * N as f64;
+    let (mut from, mut to) = ([0.0; 3], [0.0; 3]);
+    for ((from, to), limits) in from.iter_mut().zip(&mut to).zip(&mover.limits) {
+        let [low, high] = limits.position_m;
+        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let step = (2.0 * limits.velocity_mps * horizon_s).min(half);
+        // Not as far as the edge, whose bound would hold the tool.
+        (*from, *to) = (middle - step, middle + step.min(INSIDE * half));
+    }
+    let ([from_x, from_y, _], [to_x, to_y, _]) = (from, to);
+    let begin = settings.plane.point_to_base(&[from_x, from_y, settings.plane.lift_height].into());
+    let target = ToolTarget::at_rest(begin, settings.plane.tool_axis(), None);
+    let Some(q) = solve_pose(&settings.chain, &settings.ik.home, &target) else { return Ok(None) };
+    for trust in [Trust::NONE, Trust::FULL] {
+        if mover.seed(Stamp(0), &q).is_err() {
+            return Ok(None);
+        }
+        if let Some(found) = mover.step_to([to_x, to_y], trust) {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
+}
+
+impl<const N: usize, const J: usize> Mover<N, J> {
+    /// Lets the pen touch the paper at `to` [m], plane frame, from one tick to the next, and rest there.
+    fn step_to(&mut self, to: [f64; 2], trust: Trust) -> Option<(usize, f64)> {
+        let [x, y] = to;
+        let rests = [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]];
+        let preview = (trust.alpha() > 0.0).then_some(rests);
+        let goal = [x, y, 0.0];
+        let begin = self.held.as_ref().map_or(Stamp(0), |held| held.command.stamp());
+        let mut turns = self.tool.map(|axis| Turns::new(axis.position));
+        let (mut before, mut arrived) = (self.tool.map(|axis| axis.position), 0);
+        for tick in 0..(LONGEST_S / self.period_s) as u64 {
+            let pen = PenReading::new(begin + tick * self.period_ns, to, true);
+            let motion = Motion::Follow { pen, holding: false, preview, trust };
+            let mut health = Health::default();
+            let moved = self.advance(Some(&motion), Budget::default(), &mut health, &mut NoClock);
+            let slow = |(at, before): (&f64, &f64)| (at - before).abs() < SLOW_MPS * self.period_s;
+            let near = |(at, goal): (&f64, &f64)| (at - goal).abs() < NEAR_M;
+            let there = moved.tool.iter().zip(&goal).all(near) && moved.tool.iter().zip(&before).all(slow);
+            arrived = if there { arrived + 1 } else { 0 };
             if arrived >= ARRIVED_TICKS {
                 return None;
             }
-            let seen = turns.iter_mut().zip(&next).map(|(turns, axis)| turns.see(axis.position));
+            before = moved.tool;
+            let seen = turns.iter_mut().zip(&moved.tool).map(|(turns, at)| turns.see(*at));
             if let Some((axis, Some(swing))) = seen.enumerate().find(|(_, swing)| swing.is_some()) {
                 return Some((axis, swing));
             }
