@@ -127,6 +127,11 @@ impl Commands {
         self.subscriber.rejections()
     }
 
+    /// What the newest refused command was refused for.
+    pub fn newest_refused(&self) -> Option<Rejection> {
+        self.subscriber.newest_refused().map(|(rejection, _)| rejection)
+    }
+
     /// How often another daemon took over.
     pub fn restarts(&self) -> u64 {
         self.subscriber.restarts()

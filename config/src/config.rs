@@ -10,10 +10,11 @@ use toml::de::DeValue;
 use crate::check::check;
 use crate::layers::{self, Found};
 use crate::models::shipped;
-use crate::predictor::{NO_NETWORK, remark};
+use crate::predictor::NO_NETWORK;
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
-use crate::robot::{Robot, home};
+use crate::remarks;
+use crate::robot::Robot;
 use crate::settings::Settings;
 use crate::written::{Place, Raw};
 
@@ -81,10 +82,7 @@ impl Config {
     /// What these settings do without, or will be refused for later, although they are right; one line each, for people.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        remark(&self.settings, &self.models)
-            .into_iter()
-            .chain(home(&self.follower_settings(), &self.robot.home))
-            .collect()
+        remarks::remarks(self)
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.

@@ -23,6 +23,7 @@ mod robot;
 mod predictor;
 mod follower;
 mod config;
+mod remarks;
 mod live;
 mod render;
 

@@ -58,25 +58,6 @@ pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Mod
     }
 }
 
-/// Says where `ours` has to do without a network that nobody renounced.
-pub(crate) fn remark(settings: &Settings, models: &Models) -> Option<String> {
-    let Settings { predictor, pen, .. } = settings;
-    let renounced = predictor.ours.network.is_some();
-    if predictor.kind != PredictorChoice::Ours || renounced || models.networks().ours.is_some() {
-        return None;
-    }
-    let with: Vec<String> = (4..=20)
-        .filter(|ms| shipped(&format!("ours-{ms}ms")).is_some())
-        .map(|ms: u32| ms.to_string())
-        .collect();
-    Some(format!(
-        "predictor \"ours\" runs without its trained network: none is shipped for pen.step_ms = {} (there are for {} ms); \
-         take such a step, or name a network of your own in predictor.ours.network (\"{NO_NETWORK}\" silences this)",
-        pen.step_ms,
-        with.join(", "),
-    ))
-}
-
 /// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there is one.
 /// `None` when something was reported.
 fn network(

@@ -3,7 +3,6 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
-use foretrace_control::follower::{FollowerSettings, Refusal};
 use foretrace_control::ik::{Chain, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -118,33 +117,6 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
             None
         }
     }
-}
-
-/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.
-pub(crate) fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
-    let refusal = law.may_arm_at(home).err()?;
-    let kinematics = law.chain.forward(home);
-    let why = match refusal {
-        Refusal::ToolNotAligned => {
-            let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
-            let most = law.safety.arm_max_tilt;
-            format!("puts the pen's tip tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {most}")
-        }
-        Refusal::ToolOutsideWorkspace => {
-            let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
-            let margin = law.safety.arm_workspace_margin;
-            format!(
-                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than \
-                 safety.arm_workspace_margin_m = {margin}"
-            )
-        }
-        // What else can be wrong with a place is outside of joint limits, which is told where the limits are read.
-        _ => return None,
-    };
-    Some(format!(
-        "robot.home_rad {why}: an arm that stands there, as the simulated one, is not armed; \
-         choose robot.home_rad, robot.tool_m and plane.origin_m together"
-    ))
 }
 
 fn limits(

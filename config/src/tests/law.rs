@@ -189,7 +189,7 @@ fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
         without("[predictor]\nlstm = \"none\"\n[predictor.ours]\nnetwork = \"none\"\n"),
         (false, false)
     );
-    assert_eq!(without("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n"), (false, false));
+    assert_eq!(without("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n"), (false, true));
     assert_eq!(without("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 5\n"), (false, true));
 }
 
@@ -197,14 +197,25 @@ fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
 fn nobody_loses_the_network_of_the_mixture_without_being_told() {
     let remarks = |text: &str| over_ur5(text).unwrap().remarks();
     assert_eq!(remarks(""), Vec::<String>::new());
-    let told = remarks("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n");
+    let told = remarks("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n");
     assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told.iter().all(|r| r.contains("pen.step_ms = 8 ") && r.contains("5, 10 ms")), "{told:?}");
+    assert!(told.iter().all(|r| r.contains("pen.step_ms = 6 ") && r.contains("5, 8, 10 ms")), "{told:?}");
     // Who renounces it, or predicts otherwise, knows.
     for text in ["[predictor.ours]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
-        let quiet = remarks(&format!("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n{text}"));
+        let quiet =
+            remarks(&format!("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n{text}"));
         assert_eq!(quiet, Vec::<String>::new(), "{text}");
     }
+}
+
+#[test]
+fn what_a_slow_loop_costs_and_limits_that_do_not_count_are_told() {
+    let remarks = |text: &str| over_ur5(text).unwrap().remarks();
+    let slow = remarks("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n");
+    assert!(slow.iter().any(|told| told.contains("loop.rate_hz = 125") && told.contains("8 ms")), "{slow:?}");
+    let fast = remarks("[mpc.limits.z]\nvelocity_mps = 0.5\n");
+    assert_eq!(fast.len(), 1, "{fast:?}");
+    assert!(fast.iter().all(|r| r.contains("mpc.limits.z.velocity_mps = 0.5: 0.1875 counts")), "{fast:?}");
 }
 
 #[test]

@@ -12,29 +12,11 @@ use foretrace_control::ik::limit::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use foretrace_lab::arm::JOINTS;
 use foretrace_shm::{HeaderBounds, HeaderCheck, JointCommand, Validate, command_flags};
-use serde::Serialize;
+
+use super::refused::{Refusal, Refused};
 
 /// A controller ignores targets that need more than this within one cycle [rad/s].
-const JUMP_RADPS: f64 = 20.0;
-
-/// Commands refused, by reason.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
-pub(crate) struct Refused {
-    /// Foreign boot, replayed, out of order, or stamped in the future.
-    pub(crate) header: u64,
-    /// Numbers or flags that make no sense.
-    pub(crate) malformed: u64,
-    /// Valid no longer on arrival.
-    pub(crate) stale: u64,
-    /// Too far from the present target.
-    pub(crate) jump: u64,
-}
-
-impl Refused {
-    pub(crate) fn total(&self) -> u64 {
-        self.header + self.malformed + self.stale + self.jump
-    }
-}
+pub(super) const JUMP_RADPS: f64 = 20.0;
 
 /// The arm's memory of commands.
 #[derive(Debug)]
@@ -86,8 +68,8 @@ impl Intake {
     /// when taken.
     pub(crate) fn receive(&mut self, command: &JointCommand, now: Stamp, due: Stamp) -> bool {
         let (lost, restarts) = (self.header.dropped(), self.header.restarts());
-        if self.header.admit(&command.header, now.0).is_err() {
-            self.refused.header += 1;
+        if let Err(reason) = self.header.admit(&command.header, now.0) {
+            self.refused.note(Refusal::Header(reason));
             return false;
         }
         let stamp = Stamp(command.header.stamp_ns);
@@ -126,8 +108,8 @@ impl Intake {
         self.accepted
     }
 
-    pub(crate) fn refused(&self) -> Refused {
-        self.refused
+    pub(crate) fn refused(&self) -> &Refused {
+        &self.refused
     }
 
     /// Commands missing in the sender's sequence.
@@ -146,20 +128,21 @@ impl Intake {
         valid_until: Stamp,
         due: Stamp,
     ) -> Option<Held> {
-        if command.validate().is_err() {
-            self.refused.malformed += 1;
+        if let Err(reason) = command.validate() {
+            self.refused.note(Refusal::Malformed(reason));
             return None;
         }
         if valid_until < due {
-            self.refused.stale += 1;
+            self.refused.note(Refusal::Stale { late_s: due.seconds_since(valid_until) });
             return None;
         }
         let newest = *self.held.back()?;
         let wanted = self.wanted(&newest, stamp);
         let elapsed = stamp.seconds_since(newest.command.stamp()).clamp(0.0, self.cycle_s);
         let reach = JUMP_RADPS * elapsed.max(self.cycle_s);
-        if wanted.q.iter().zip(&command.q).any(|(a, b)| !((a - b).abs() <= reach)) {
-            self.refused.jump += 1;
+        let away = wanted.q.iter().zip(&command.q).map(|(a, b)| (a - b).abs());
+        if let Some((joint, away)) = away.enumerate().find(|(_, away)| !(*away <= reach)) {
+            self.refused.note(Refusal::Jump { joint, away, reach });
             return None;
         }
         let enabled = command.flags & command_flags::ENABLED != 0;
@@ -251,7 +234,10 @@ mod tests {
         let malformed = JointCommand { mode: 99, ..command(3, 0.0, 0.0) };
         assert!(!receive(&mut intake, &malformed, at(3)));
         assert!(!receive(&mut intake, &command(4, 0.5, 0.0), at(4)));
-        assert_eq!(intake.refused(), Refused { header: 1, malformed: 1, stale: 1, jump: 1 });
+        let refused = *intake.refused();
+        assert_eq!([refused.header, refused.malformed, refused.stale, refused.jump], [1; 4]);
+        let told = refused.to_string();
+        assert!(told.contains("newest: joint 0 is told to be 0.5000 rad from"), "{told}");
         assert_eq!(intake.target(at(5)), [0.0; JOINTS]);
         assert!(receive(&mut intake, &command(6, 0.0, 0.0), at(6)));
     }

@@ -2,6 +2,7 @@
 
 pub(crate) mod options;
 pub(crate) mod intake;
+mod refused;
 mod report;
 mod sim;
 

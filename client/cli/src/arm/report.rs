@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::intake::Refused;
+use super::refused::Refused;
 use crate::extent::ExtentFigures;
 use crate::output::say;
 
@@ -94,6 +94,9 @@ pub(super) fn summary(report: &Report) {
         commands.refused.total(),
         commands.lost
     );
+    if commands.refused.total() > 0 {
+        say!("refused     {}", commands.refused);
+    }
     let delay = &arm.delay_ms;
     say!("delay       {:.1} ms before the servo ({:.1} to {:.1})", delay.mean, delay.min, delay.max);
     if let Some(envelope) = envelope {

@@ -18,6 +18,7 @@ use foretrace_lab::arm::{ArmModel, JOINTS, Joints};
 
 use super::intake::Intake;
 use super::options::LagArgs;
+use super::refused::{Refused, Teller};
 use super::report::{ArmReport, CommandReport, DelaySeen, Report, ViolationReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::extent::ExtentFigures;
@@ -95,6 +96,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         record,
         delay: DelaySeen::default(),
         extent: ExtentWatch::new(&config.follower_settings()),
+        teller: Teller::default(),
         cycles: 0,
         late_cycles: 0,
         daemons: 1,
@@ -133,6 +135,7 @@ struct Simulation {
     delay: DelaySeen,
     /// Where the tool has been since the first command was taken.
     extent: ExtentWatch<JOINTS>,
+    teller: Teller,
     cycles: u64,
     late_cycles: u64,
     daemons: u64,
@@ -192,11 +195,12 @@ impl Simulation {
     fn cycle(&mut self, due: u64) {
         let joints = self.model.joints();
         self.cycles += 1;
-        let refused = self.ports.as_ref().map_or(0, |ports| ports.commands.rejections().total());
+        let refused = self.refused();
+        self.teller.look(&refused, due);
         let mut state = JointState {
             robot_stamp_ns: self.cycles * self.cycle_ns,
             commands_received: self.intake.accepted(),
-            commands_refused: self.intake.refused().total() + refused,
+            commands_refused: refused.total(),
             q: joints.q,
             qd: joints.qd,
             safety_mode: SafetyMode::Normal.into(),
@@ -219,14 +223,17 @@ impl Simulation {
         self.delay.add(self.model.delay_s());
     }
 
+    /// The client library refuses first; what it refused never came to the intake.
+    fn refused(&self) -> Refused {
+        let commands = self.ports.as_ref().map(|ports| &ports.commands);
+        let (count, newest) = commands.map_or((0, None), |c| (c.rejections().total(), c.newest_refused()));
+        self.intake.refused().with(count, newest)
+    }
+
     fn report(&self, rate_hz: f64) -> Report {
         let seen = self.intake.statistics();
         let broken = seen.violations;
-        let mut refused = self.intake.refused();
-        if let Some(ports) = &self.ports {
-            // The client library refuses first; what it refused never came to the intake.
-            refused.header += ports.commands.rejections().total();
-        }
+        let refused = self.refused();
         let lag_ms_at =
             |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
         Report {

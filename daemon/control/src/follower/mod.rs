@@ -22,6 +22,7 @@ pub use io::{
     Budget, EnableReading, Health, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode, NoClock, Refusal,
     Request, Rung, Stage, StageClock, StepInput, StepOutput, StopCause, StopDetail, StopReason,
 };
+pub use motion::plan_limits;
 pub use plane::Plane;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
 

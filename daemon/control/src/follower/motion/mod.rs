@@ -13,6 +13,7 @@ mod rest;
 use nalgebra::Vector3;
 
 use arming::Arming;
+pub use parts::plan_limits;
 use parts::{inverse_kinematics, paced, planner};
 
 use super::Budget;

@@ -1,0 +1,120 @@
+//! Which commands the simulated arm refused, how many of each kind, and what the newest one was refused for.
+
+use std::fmt;
+
+use foretrace_shm::Rejection;
+use serde::Serialize;
+
+use super::intake::JUMP_RADPS;
+use crate::output::note;
+
+/// Why one command was refused.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Refusal {
+    /// Foreign boot, replayed, out of order, or stamped in the future.
+    Header(Rejection),
+    /// Numbers or flags that make no sense.
+    Malformed(Rejection),
+    /// Its validity had ended this long before the cycle that it came for \[s\].
+    Stale { late_s: f64 },
+    /// Too far from where the joint is wanted \[rad\].
+    Jump { joint: usize, away: f64, reach: f64 },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Header(rejection) | Self::Malformed(rejection) => write!(f, "{rejection}"),
+            Self::Stale { late_s } => write!(
+                f,
+                "its validity had ended {:.1} ms before its cycle: this process or the daemon got no processor for that long",
+                late_s * 1e3
+            ),
+            Self::Jump { joint, away, reach } => write!(
+                f,
+                "joint {joint} is told to be {away:.4} rad from where it is wanted, more than {reach:.4} rad, which is {JUMP_RADPS} rad/s for a cycle"
+            ),
+        }
+    }
+}
+
+/// Commands refused, by reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(crate) struct Refused {
+    /// Foreign boot, replayed, out of order, or stamped in the future.
+    pub(crate) header: u64,
+    /// Numbers or flags that make no sense.
+    pub(crate) malformed: u64,
+    /// Valid no longer on arrival.
+    pub(crate) stale: u64,
+    /// Too far from the present target.
+    pub(crate) jump: u64,
+    #[serde(skip)]
+    newest: Option<Refusal>,
+}
+
+impl Refused {
+    pub(super) fn note(&mut self, refusal: Refusal) {
+        let count = match refusal {
+            Refusal::Header(_) => &mut self.header,
+            Refusal::Malformed(_) => &mut self.malformed,
+            Refusal::Stale { .. } => &mut self.stale,
+            Refusal::Jump { .. } => &mut self.jump,
+        };
+        *count += 1;
+        self.newest = Some(refusal);
+    }
+
+    /// Adds what the client library refused, which never came to the intake.
+    pub(super) fn with(mut self, count: u64, newest: Option<Rejection>) -> Self {
+        self.header += count;
+        self.newest = self.newest.or(newest.map(Refusal::Header));
+        self
+    }
+
+    pub(crate) fn total(&self) -> u64 {
+        self.header + self.malformed + self.stale + self.jump
+    }
+}
+
+/// `3 of another boot, replayed or out of order, 2 stale; newest: …`; without any, nothing.
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kinds = [
+            (self.header, "with a foreign, replayed or future stamp"),
+            (self.malformed, "malformed"),
+            (self.stale, "past their validity"),
+            (self.jump, "too far away"),
+        ];
+        let told: Vec<_> = kinds
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, kind)| format!("{count} {kind}"))
+            .collect();
+        f.write_str(&told.join(", "))?;
+        match self.newest {
+            Some(newest) => write!(f, "; newest: {newest}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Says so on stderr when commands are refused: the first at once, then with counts, every ten seconds at most.
+#[derive(Debug, Default)]
+pub(super) struct Teller {
+    told: u64,
+    told_at_ns: Option<u64>,
+}
+
+impl Teller {
+    const EVERY_NS: u64 = 10_000_000_000;
+
+    pub(super) fn look(&mut self, refused: &Refused, now_ns: u64) {
+        let total = refused.total();
+        let soon = self.told_at_ns.is_some_and(|told_at_ns| now_ns < told_at_ns + Self::EVERY_NS);
+        if total > self.told && !soon {
+            note!("arm: {} commands refused since: {refused}", total - self.told);
+            (self.told, self.told_at_ns) = (total, Some(now_ns));
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! What right settings cost, do without, or will be refused for later; one line each, for people.
+
+use foretrace_control::follower::{FollowerSettings, Refusal, plan_limits};
+use foretrace_control::predict::Models;
+
+use crate::config::Config;
+use crate::models::shipped;
+use crate::predictor::NO_NETWORK;
+use crate::robot::JOINTS;
+use crate::settings::{PredictorChoice, Settings};
+
+/// A limit that is lowered by less than this share is not worth a line.
+const WORTH: f64 = 0.01;
+/// Behind the rate of the presets plans are coarser.
+const USUAL_HZ: u32 = 500;
+
+pub(crate) fn remarks(config: &Config) -> Vec<String> {
+    let law = config.follower_settings();
+    let mut remarks: Vec<String> =
+        network(config.settings(), config.models()).into_iter().chain(rate(config.settings())).collect();
+    remarks.extend(home(&law, &config.robot().home));
+    remarks.extend(lowered(config.settings(), &law));
+    remarks
+}
+
+/// Says what a slow loop costs.
+fn rate(settings: &Settings) -> Option<String> {
+    let rate_hz = settings.control_loop.rate_hz;
+    (rate_hz < USUAL_HZ).then(|| {
+        let (period_ms, step_ms) = (1e3 / f64::from(rate_hz), settings.plan_step_s() * 1e3);
+        format!(
+            "loop.rate_hz = {rate_hz}: a command every {period_ms} ms and plans in steps of {step_ms} ms answer the hand later than \
+             {USUAL_HZ} Hz do; recorded handwriting is followed with about twice the squared error at 125 Hz"
+        )
+    })
+}
+
+/// Says which limits of the plan are not the ones that were asked for.
+fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
+    let limits = match settings.mpc.horizon {
+        10 => plan_limits::<10, JOINTS>(law),
+        20 => plan_limits::<20, JOINTS>(law),
+        _ => plan_limits::<30, JOINTS>(law),
+    };
+    let horizon_ms = settings.plan_step_s() * 1e3 * f64::from(settings.mpc.horizon);
+    let mut remarks = Vec::new();
+    for ((name, limits), asked) in ["x", "y", "z"].iter().zip(&limits).zip(&law.mpc.axes) {
+        let pairs = [
+            ("velocity_mps", limits.velocity_mps, asked.velocity_mps),
+            ("acceleration_mps2", limits.acceleration_mps2, asked.acceleration_mps2),
+            ("jerk_mps3", limits.jerk_mps3, asked.jerk_mps3),
+        ];
+        for (key, counts, asked) in
+            pairs.into_iter().filter(|(_, counts, asked)| *counts < asked * (1.0 - WORTH))
+        {
+            remarks.push(format!(
+                "mpc.limits.{name}.{key} = {asked}: {counts:.4} counts; more the joints do not give, or the plan, which looks \
+                 {horizon_ms} ms ahead, sees no stop from it"
+            ));
+        }
+    }
+    remarks
+}
+
+/// Says where `ours` has to do without a network that nobody renounced.
+fn network(settings: &Settings, models: &Models) -> Option<String> {
+    let Settings { predictor, pen, .. } = settings;
+    let renounced = predictor.ours.network.is_some();
+    if predictor.kind != PredictorChoice::Ours || renounced || models.networks().ours.is_some() {
+        return None;
+    }
+    let with: Vec<String> = (4..=20)
+        .filter(|ms| shipped(&format!("ours-{ms}ms")).is_some())
+        .map(|ms: u32| ms.to_string())
+        .collect();
+    Some(format!(
+        "predictor \"ours\" runs without its trained network: none is shipped for pen.step_ms = {} (there are for {} ms); \
+         take such a step, or name a network of your own in predictor.ours.network (\"{NO_NETWORK}\" silences this)",
+        pen.step_ms,
+        with.join(", "),
+    ))
+}
+
+/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.
+fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
+    let refusal = law.may_arm_at(home).err()?;
+    let kinematics = law.chain.forward(home);
+    let why = match refusal {
+        Refusal::ToolNotAligned => {
+            let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
+            let most = law.safety.arm_max_tilt;
+            format!("puts the pen's tip tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {most}")
+        }
+        Refusal::ToolOutsideWorkspace => {
+            let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
+            let margin = law.safety.arm_workspace_margin;
+            format!(
+                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than \
+                 safety.arm_workspace_margin_m = {margin}"
+            )
+        }
+        // What else can be wrong with a place is outside of joint limits, which is told where the limits are read.
+        _ => return None,
+    };
+    Some(format!(
+        "robot.home_rad {why}: an arm that stands there, as the simulated one, is not armed; \
+         choose robot.home_rad, robot.tool_m and plane.origin_m together"
+    ))
+}
