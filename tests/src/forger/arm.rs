@@ -58,3 +58,25 @@ pub(super) fn forge(
     }
     Ok(json!(forge.sent))
 }
+
+/// Stands at home and reports it in degrees.
+pub(super) fn degrees(instance: &Instance, time: Duration) -> Result<Value, Box<dyn Error>> {
+    let mut forge = Forge::<JointState>::open(instance)?;
+    let begin = Instant::now();
+    for cycle in 0_u64.. {
+        pace(begin, cycle * CYCLE_NS);
+        if begin.elapsed() >= time {
+            break;
+        }
+        let header = Header { sequence: cycle + 1, stamp_ns: monotonic_now_ns(), boot_id: host_boot_id() };
+        let state = JointState {
+            header,
+            q: HOME.map(f64::to_degrees),
+            safety_mode: SafetyMode::Normal.into(),
+            robot_mode: RobotMode::Running.into(),
+            ..JointState::default()
+        };
+        forge.send("degrees", state)?;
+    }
+    Ok(json!(forge.sent))
+}

@@ -53,6 +53,7 @@ fn run(arguments: &[String]) -> Result<Value, Box<dyn Error>> {
     let before = counters()?;
     let sent = match kind.as_str() {
         "arm" => arm::forge(&instance, &foretrace, time)?,
+        "degrees" => arm::degrees(&instance, time)?,
         kind => {
             let kind = pen::Kind::from_word(kind).ok_or("an unknown kind of forgery")?;
             pen::forge(&mut Forge::open(&instance)?, kind, time)?

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 use std::f64::consts::TAU;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use foretrace_shm::{Header, PenSample, host_boot_id, monotonic_now_ns, pen_flags};
 use serde_json::{Value, json};
@@ -20,6 +20,10 @@ pub(super) enum Kind {
     Poison,
     /// Headers and stamps, between honest samples.
     Headers,
+    /// The clock: the time of day.
+    WallClock,
+    /// The unit: pixels.
+    Pixels,
     /// How many there are: 20 000 per second.
     Flood,
     /// Each message makes sense, all together do not: noise as fast as the gate for jumps allows, jumps across the device.
@@ -35,6 +39,8 @@ impl Kind {
             "values" => Self::Values,
             "poison" => Self::Poison,
             "headers" => Self::Headers,
+            "wall-clock" => Self::WallClock,
+            "pixels" => Self::Pixels,
             "flood" => Self::Flood,
             "mad" => Self::Mad,
             _ => return None,
@@ -89,19 +95,29 @@ pub(super) fn forge(
         for _ in 0..if kind == Kind::Flood { FLOOD_PER_MS } else { 1 } {
             let good = pen.sample(monotonic_now_ns());
             if kind != Kind::Poison {
-                let (what, sample) =
-                    if kind == Kind::Mad { mad(&mut pen, turn, good) } else { ("good", good) };
+                let (what, sample) = match kind {
+                    Kind::Mad => mad(&mut pen, turn, good),
+                    Kind::WallClock => ("wall clock", wall_clock(good)?),
+                    Kind::Pixels => ("pixels", PenSample { x_m: 2e4 * good.x_m + 960.0, y_m: 540.0, ..good }),
+                    _ => ("good", good),
+                };
                 pen.sequence += 1;
                 forge.send(what, sample)?;
             }
             match kind {
                 Kind::Values | Kind::Poison => bad_value(forge, &mut pen, turn)?,
                 Kind::Headers => bad_header(forge, &mut pen, turn)?,
-                Kind::Honest | Kind::Flood | Kind::Mad => {}
+                Kind::Honest | Kind::Flood | Kind::Mad | Kind::WallClock | Kind::Pixels => {}
             }
         }
     }
     Ok(json!(forge.sent))
+}
+
+/// Stamped by the time of day, as `SystemTime` gives it.
+fn wall_clock(good: PenSample) -> Result<PenSample, Box<dyn Error>> {
+    let stamp_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
+    Ok(PenSample { header: Header { stamp_ns, ..good.header }, device_stamp_ns: stamp_ns, ..good })
 }
 
 fn mad(pen: &mut Pen, turn: u64, good: PenSample) -> (&'static str, PenSample) {
