@@ -9,6 +9,8 @@ mod os;
 mod failure;
 mod output;
 mod interrupt;
+mod progress;
+mod values;
 mod settings;
 mod attach;
 mod spread;
@@ -78,7 +80,10 @@ enum Command {
 
 /// Runs the program with the arguments of this process.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(answer) => return output::command_line(&answer),
+    };
     match run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -15,6 +15,7 @@ use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_control::extent::ExtentBounds;
+use foretrace_control::predict::PredictorKind;
 use foretraced::{Base, Source};
 
 use crate::arm::options::StartedArmArgs;
@@ -24,6 +25,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, say};
 use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
+use crate::values;
 use crew::{Crew, Followed, Watch};
 use evidence::Evidence;
 use figures::SettingFigures;
@@ -48,19 +50,19 @@ pub(crate) struct DemoArgs {
     pen: String,
 
     /// Predictor: hold, constant-velocity, dybm, dybm-esn, ar-rls, lstm, ours [default: as in the settings]
-    #[arg(long, value_name = "NAME")]
-    predictor: Option<String>,
+    #[arg(long, value_name = "NAME", value_parser = values::predictor)]
+    predictor: Option<PredictorKind>,
 
     /// Trust in the prediction: 0 (hold only) to 1 (prediction only), or auto [default: as in the settings]
-    #[arg(long, value_name = "V|auto")]
+    #[arg(long, value_name = "V|auto", value_parser = values::trust)]
     trust: Option<String>,
 
     /// Ticks per second: 125, 250, 500 or 1000 [default: as in the settings]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
     /// Cycles per second of the simulated arm's controller [default: as in the settings]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=2000))]
     arm_rate: Option<u32>,
 
     #[command(flatten)]
@@ -119,8 +121,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
 fn settings(args: &DemoArgs, scratch: &Scratch) -> Result<(Source, Config), Failure> {
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate.or(source.rate_hz);
-    if let Some(predictor) = &args.predictor {
-        source = source.with("predictor.kind", predictor);
+    if let Some(predictor) = args.predictor {
+        source = source.with("predictor.kind", predictor.name());
     }
     source = match args.trust.as_deref() {
         None => source,

@@ -17,12 +17,12 @@ use foretrace_control::pen::TARGET_RMS;
 use foretrace_lab::data::DataSet;
 use foretrace_lab::train::corpus::{self, Item};
 use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
-use crate::output::{may_draw, note, say};
+use crate::output::{note, say};
+use crate::progress::Progress;
 use options::Choice;
 pub(crate) use options::TrainArgs;
 
@@ -43,10 +43,14 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut fit = Fit::new(choice.plan.clone(), setup.clone(), parts, args.threads(), state);
     let begin = Instant::now();
     let earlier = fit.state().history.len();
+    // Patience may end it sooner.
+    let progress = Progress::of("lab train", choice.plan.epochs * fit.batches_per_epoch());
+    progress.skip(earlier * fit.batches_per_epoch());
     while !fit.is_finished() {
-        epoch(&mut fit, &interrupt, &choice)?;
+        epoch(&mut fit, &interrupt, &choice, &progress)?;
         checkpoint.save(&fit)?;
     }
+    drop(progress);
     let made = fit.state().history.len() - earlier;
     let us_per_step = (made > 0)
         .then(|| begin.elapsed().as_secs_f64() * 1e6 / (made * fit.steps_per_epoch()).max(1) as f64);
@@ -55,20 +59,13 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One epoch with its progress bar and its line.
-fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Failure> {
+/// One epoch and its line.
+fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice, progress: &Progress) -> Result<(), Failure> {
     let number = fit.state().history.len() + 1;
-    let bar = may_draw().then(|| {
-        let style = ProgressStyle::with_template("{prefix} [{wide_bar}] {pos}/{len} batches {eta}");
-        let bar = ProgressBar::new(fit.batches_per_epoch() as u64);
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar.with_prefix(format!("epoch {number}/{}", choice.plan.epochs))
-    });
     let done = fit.epoch(|| {
-        bar.iter().for_each(|bar| bar.inc(1));
+        progress.step();
         if interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    bar.iter().for_each(ProgressBar::finish_and_clear);
     let done = done.map_err(|error| match error {
         FitError::Interrupted => {
             let what = format_args!("interrupted in epoch {number}").to_string();
@@ -80,7 +77,8 @@ fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Fa
     let held_out = done.held_out.map_or_else(String::new, |s| {
         format!(", held out {:.5}, MSE {}, within strokes {}", s.loss, figure(s.mse), figure(s.within))
     });
-    note!("epoch {number:>3}/{}: loss {:.5}{held_out}", choice.plan.epochs, done.train_loss);
+    let (epochs, loss) = (choice.plan.epochs, done.train_loss);
+    progress.note(format_args!("epoch {number:>3}/{epochs}: loss {loss:.5}{held_out}"));
     Ok(())
 }
 
