@@ -14,6 +14,7 @@ pub mod rt;
 pub mod ports;
 pub mod learner;
 pub mod ipc;
+pub mod limits;
 pub mod memory;
 pub mod options;
 pub mod error;

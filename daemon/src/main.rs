@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use foretrace_config::plain_lines;
 use foretraced::alloc_count::CountingAllocator;
-use foretraced::{DaemonArgs, DaemonError, LogError};
+use foretraced::{DaemonArgs, DaemonError, LogError, limits};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -26,9 +26,22 @@ struct Args {
 }
 
 fn main() -> ExitCode {
+    limits::hear_of_large_files();
+    limits::with_room(program).unwrap_or_else(|error| {
+        eprintln!(
+            "foretraced: no room to run in: {error}; raise the limits of this process (ulimit -s, -v, -u)"
+        );
+        ExitCode::FAILURE
+    })
+}
+
+fn program() -> ExitCode {
     let args = Args::parse();
     let ended = |code: u8, text: &str| {
         eprintln!("foretraced: {}", plain_lines(text));
+        if let Some(low) = limits::low().filter(|_| code == 1 && !text.contains("(ulimit")) {
+            eprintln!("foretraced: {low}");
+        }
         ExitCode::from(code)
     };
     let _log = match foretraced::log_to_stderr(&args.log) {

@@ -16,6 +16,7 @@ use foretrace_lab::experiments::{Labels, Letter, letters};
 use foretrace_lab::path::{Anchor, Layout, Placement};
 
 use crate::failure::Failure;
+use crate::interrupt::ends_at_once;
 use crate::output::{JsonArgs, note};
 use crate::play::source::Workspace;
 use crate::settings::SettingsArgs;
@@ -95,6 +96,10 @@ pub(crate) struct LabArgs {
 }
 
 pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
+    // A training ends in order, with what it has learned saved.
+    if !matches!(command, LabCommand::Train(_)) {
+        ends_at_once()?;
+    }
     match command {
         LabCommand::Fig2(args) => Session::prepare(&args.lab)?.fig2(args),
         LabCommand::Fig3(args) => Session::prepare(&args.lab)?.fig3(args),

@@ -54,7 +54,8 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let made = fit.state().history.len() - earlier;
     let us_per_step = (made > 0)
         .then(|| begin.elapsed().as_secs_f64() * 1e6 / (made * fit.steps_per_epoch()).max(1) as f64);
-    finish(args, out, &choice, &data, &setup, &fit, us_per_step)?;
+    // Where that fails, --resume goes through it once more.
+    finish(args, out, &choice, &data, &setup, &fit, us_per_step, &checkpoint.file)?;
     checkpoint.remove();
     Ok(())
 }
@@ -212,8 +213,18 @@ impl Checkpoint {
     }
 
     fn save(&self, fit: &Fit) -> Result<(), Failure> {
-        checkpoint::save(&self.file, &self.plan, fit.state())
-            .map_err(|error| Failure::failed(error, "make room, or give --out in a writable folder"))
+        checkpoint::save(&self.file, &self.plan, fit.state()).map_err(|error| {
+            let epochs = fit.state().history.len().saturating_sub(1);
+            let remedy = "make room, or give --out in a writable folder";
+            if epochs > 0 && self.file.exists() {
+                let kept = self.file.display();
+                let remedy = format!(
+                    "{remedy}; the first {epochs} epochs are saved in {kept}: --resume goes on from there"
+                );
+                return Failure::failed(error, remedy);
+            }
+            Failure::failed(error, remedy)
+        })
     }
 
     fn remove(&self) {
@@ -223,6 +234,7 @@ impl Checkpoint {
 }
 
 /// Model, curve and result.
+#[expect(clippy::too_many_arguments, reason = "everything that a training ends with")]
 fn finish(
     args: &TrainArgs,
     out: &Path,
@@ -231,6 +243,7 @@ fn finish(
     setup: &Setup,
     fit: &Fit,
     us_per_step: Option<f64>,
+    checkpoint: &Path,
 ) -> Result<(), Failure> {
     let (best, parameters) = fit.outcome();
     let history = &fit.state().history;
@@ -238,10 +251,23 @@ fn finish(
     let notes = notes(args, choice, data, history.len(), best, scores);
     let model = model(&out.display().to_string(), setup, parameters, data.step_ms, notes)
         .map_err(|error| Failure::failed(error, "lower --rate, or limit gradients (--limit-norm 1)"))?;
-    model.save(out, DType::F32).map_err(|error| Failure::failed(error, ""))?;
+    model.save(out, DType::F32).map_err(|error| {
+        let kept = checkpoint.display();
+        Failure::failed(
+            error,
+            format_args!("make room; the whole training is saved in {kept}: --resume writes the model"),
+        )
+    })?;
     let picture = out.with_extension("svg");
     let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
-    curve(&picture, &title, &data.title(), history).map_err(|error| Failure::failed(error, ""))?;
+    // From here on the model is there, and whoever fails says so.
+    curve(&picture, &title, &data.title(), history).map_err(|error| {
+        let saved = out.display();
+        Failure::failed(
+            error,
+            format_args!("the model is saved in {saved}: make room, and --resume draws the picture"),
+        )
+    })?;
     if let Some(s) = scores {
         let (mse, within) = (figure(s.mse), figure(s.within));
         say!("held out {:.5} after epoch {}: MSE {mse}, within strokes {within}", s.loss, best + 1);
