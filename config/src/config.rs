@@ -14,7 +14,7 @@ use crate::plain::plain;
 use crate::predictor::{NO_NETWORK, remark};
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
-use crate::robot::{Robot, home};
+use crate::robot::{Robot, home, shapeless};
 use crate::settings::Settings;
 use crate::written::{Place, Raw};
 
@@ -85,6 +85,7 @@ impl Config {
         remark(&self.settings, &self.models)
             .into_iter()
             .chain(home(&self.follower_settings(), &self.robot.home))
+            .chain(shapeless(&self.settings, &self.robot.chain))
             .collect()
     }
 

@@ -4,7 +4,7 @@
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
 use foretrace_control::follower::{FollowerSettings, Refusal};
-use foretrace_control::ik::{Chain, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
+use foretrace_control::ik::{Chain, ChainError, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;
@@ -110,14 +110,38 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
     match Chain::from_urdf(&text, section.base_link.as_deref(), section.tip_link.as_deref()) {
         Ok(chain) => Some(chain.with_tool(section.tool_m.into())),
         Err(error) => {
-            report.conflict(
-                "robot.urdf",
-                format!("cannot be used: {error}"),
-                "correct the description, or robot.base_link and robot.tip_link",
-            );
+            let remedy = match error {
+                ChainError::Count { found, .. } if found > JOINTS => {
+                    "name a robot.tip_link before the gripper, if joints of that are counted; why six, and what seven would take: docs/arms.md"
+                }
+                ChainError::Xacro => "name the expanded file",
+                _ => "correct the description, or robot.base_link and robot.tip_link",
+            };
+            report.conflict("robot.urdf", format!("cannot be used: {error}"), remedy);
             None
         }
     }
+}
+
+/// Says that keeping clear of itself is on and has nothing, or not everything, to keep clear.
+pub(crate) fn shapeless(settings: &Settings, chain: &Chain<JOINTS>) -> Option<String> {
+    if !settings.clearance.itself {
+        return None;
+    }
+    let meshes = chain.mesh_links();
+    let what = match (meshes, chain.capsules()) {
+        ([], []) => "no link of the URDF has collision geometry".to_owned(),
+        ([], _) => return None,
+        (_, []) => {
+            format!("the links of the URDF have only meshes as collision geometry ({})", meshes.join(", "))
+        }
+        _ => format!("these links of the URDF have only meshes as collision geometry: {}", meshes.join(", ")),
+    };
+    Some(format!(
+        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into itself there; \
+         give them cylinders, spheres or boxes (`foretrace config shapes {}` proposes some), or set clearance.itself = false",
+        settings.robot.urdf
+    ))
 }
 
 /// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.

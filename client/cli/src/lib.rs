@@ -15,6 +15,7 @@ mod settings;
 mod attach;
 mod spread;
 mod ghost;
+mod shapes;
 mod config;
 mod daemon;
 mod arm;
@@ -74,7 +75,7 @@ enum Command {
     /// The paper's experiments on a data set
     #[command(subcommand)]
     Lab(lab::LabCommand),
-    /// Judge a settings file, or show the settings in force
+    /// Judge a settings file, show the settings in force, or propose shapes for the links of an arm
     #[command(subcommand)]
     Config(config::ConfigCommand),
 }

@@ -166,15 +166,7 @@ pub(super) struct Segments {
 
 /// Reads the chain from `base` (default: the only root) to `tip` (default: the only leaf).
 pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Result<Segments, ChainError> {
-    let robot = urdf_rs::read_from_string(text).map_err(|e| ChainError::Malformed { reason: e.to_string() });
-    // Macros are no elements of URDF: what is read without them is a part of the arm, or nothing.
-    if xacro(text) {
-        return Err(ChainError::Xacro);
-    }
-    let robot = robot?;
-    if robot.links.is_empty() {
-        return Err(ChainError::Empty);
-    }
+    let robot = description(text)?;
     let base = match base {
         Some(name) => known_link(&robot, name)?,
         None => only_root(&robot)?,
@@ -198,6 +190,23 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
         }
     }
     Ok(Segments { segments, tip_rotation: rotation, tip_translation: translation, base, tip, bodies })
+}
+
+/// Reads a robot description.
+///
+/// # Errors
+/// A xacro file, not XML, not URDF, or no links.
+pub fn description(text: &str) -> Result<Robot, ChainError> {
+    // Macros are no elements of URDF: what is read without them is a part of the arm, or nothing.
+    if xacro(text) {
+        return Err(ChainError::Xacro);
+    }
+    let robot =
+        urdf_rs::read_from_string(text).map_err(|e| ChainError::Malformed { reason: e.to_string() })?;
+    if robot.links.is_empty() {
+        return Err(ChainError::Empty);
+    }
+    Ok(robot)
 }
 
 /// An element or a substitution of xacro; a mere declaration of its name space is left behind by expanding.
