@@ -158,6 +158,16 @@ mod tests {
     }
 
     #[test]
+    fn what_a_terminal_acts_upon_is_written_out_in_the_log_too() {
+        let reader = Reader::default();
+        let (mut messages, guard) = Messages::to(reader.clone()).unwrap();
+        let _ = messages.write("file a\u{202e}b\u{9b}31m\rc\n".as_bytes()).unwrap();
+        drop(guard);
+        let text = String::from_utf8(reader.read.lock().unwrap().clone()).unwrap();
+        assert_eq!(text, "file a\\u202Eb\\u009B31m\\u000Dc\n");
+    }
+
+    #[test]
     fn guard_waits_for_the_last_message() {
         let reader = Reader::default();
         let (mut messages, guard) = Messages::to(reader.clone()).unwrap();

@@ -161,7 +161,7 @@ fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
     assert_refused(&output, 5, &["tests", "train, test, all"]);
     let output =
         world.run_plain(&["lab", "evaluate", "--data", &set, "--cold", "--models", "lstm10-reference"]);
-    assert_refused(&output, 5, &["--cold", "lstm10-reference", "ours-cold"]);
+    assert_refused(&output, 2, &["--cold", "lstm10-reference", "ours-cold"]);
 }
 
 #[test]

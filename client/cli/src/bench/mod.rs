@@ -347,12 +347,8 @@ fn table(report: &Report) {
     }
     say!("{:<22} {:>15}   off the loop: all models, all bands", "learner's step", pair(&report.learn_us));
     let lag = &report.lag_us;
-    say!(
-        "{:<22} {:>15}   {:.2} where a grid step closes",
-        "lag of the arm, a tick",
-        pair(&lag.per_tick),
-        lag.p90
-    );
+    let (name, p90) = ("lag of the arm, a tick", lag.p90);
+    say!("{name:<22} {:>15}   {p90:.2} where a grid step closes", pair(&lag.per_tick));
     let evidence = &report.evidence_us;
     say!(
         "{:<22} {:>15}   {} where a grid step closes",
