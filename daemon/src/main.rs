@@ -36,7 +36,14 @@ fn main() -> ExitCode {
 }
 
 fn program() -> ExitCode {
-    let args = Args::parse();
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(answer) if !answer.use_stderr() => answer.exit(),
+        Err(answer) => {
+            eprintln!("{}", plain_lines(&answer.render().to_string()));
+            return ExitCode::from(2);
+        }
+    };
     let ended = |code: u8, text: &str| {
         eprintln!("foretraced: {}", plain_lines(text));
         if let Some(low) = limits::low().filter(|_| code == 1 && !text.contains("(ulimit")) {
