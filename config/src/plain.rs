@@ -1,7 +1,8 @@
 //! Text that others wrote, made safe to print: file names, settings, robot descriptions, words of peers.
 //!
-//! A terminal obeys escape sequences and reorders text at bidirectional controls, so a name can hide what stands beside it, or
-//! write what was never said. What is printed or logged goes through here, escaped as TOML and JSON do (`\u001B`).
+//! A terminal obeys escape sequences and reorders text at bidirectional controls, so a name can hide what
+//! stands beside it, or write what was never said. What is printed or logged goes through here, escaped as
+//! TOML and JSON do (`\u001B`).
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -18,13 +19,15 @@ pub fn plain_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| acts(c) && !matches!(c, '\n' | '\t'))
 }
 
-/// The same for a line of the log, whose colours (`ESC [ ... m`) the log itself has put there after escaping the message.
+/// The same for a line of the log, whose colours (`ESC [ ... m`) the log itself has put there after escaping
+/// the message.
 #[must_use]
 pub fn plain_log(text: &str) -> Cow<'_, str> {
     escaped(text, |c| acts(c) && !matches!(c, '\n' | '\t' | '\u{1b}'))
 }
 
-/// Control characters (C0, DEL, C1), line and paragraph separators, bidirectional controls, and what has no width or shape.
+/// Control characters (C0, DEL, C1), line and paragraph separators, bidirectional controls, and what has no
+/// width or shape.
 fn acts(c: char) -> bool {
     c.is_control()
         || matches!(

@@ -112,7 +112,8 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
         Err(error) => {
             let remedy = match error {
                 ChainError::Count { found, .. } if found > JOINTS => {
-                    "name a robot.tip_link before the gripper, if joints of that are counted; why six, and what seven would take: docs/arms.md"
+                    "name a robot.tip_link before the gripper, if joints of that are counted; \
+                     why six, and what seven would take: docs/arms.md"
                 }
                 ChainError::Xacro => "name the expanded file",
                 _ => "correct the description, or robot.base_link and robot.tip_link",
@@ -138,7 +139,8 @@ pub(crate) fn shapeless(settings: &Settings, chain: &Chain<JOINTS>) -> Option<St
         _ => format!("these links of the URDF have only meshes as collision geometry: {}", meshes.join(", ")),
     };
     Some(format!(
-        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into itself there; \
+        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into \
+         itself there; \
          give them cylinders, spheres or boxes (`foretrace config shapes {}` proposes some), or set clearance.itself = false",
         settings.robot.urdf
     ))

@@ -57,7 +57,10 @@ pub fn log_to_stderr(filter: &str) -> Result<LogGuard, LogError> {
         LogError::Filter(format!("--log {filter}: {error}; try error, warn, info, debug"))
     })?;
     let (messages, guard) = log::Messages::to(std::io::stderr()).map_err(|error| {
-        LogError::Start(format!("no thread for the log can be started: {error}; raise the limits of processes and memory (ulimit -u, -v)"))
+        LogError::Start(format!(
+            "no thread for the log can be started: {error}; \
+             raise the limits of processes and memory (ulimit -u, -v)"
+        ))
     })?;
     tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -1,7 +1,8 @@
-//! Limits that a shell or a service manager has put on this process (`ulimit`): heeded, and named where they are the reason.
+//! Limits that a shell or a service manager has put on this process (`ulimit`): heeded, and named where they
+//! are the reason.
 //!
-//! Contract: reads `/proc/self/limits` and changes nothing but the way in which SIGXFSZ is taken. Where that file cannot be read,
-//! nothing is known and nothing refused.
+//! Contract: reads `/proc/self/limits` and changes nothing but the way in which SIGXFSZ is taken. Where that
+//! file cannot be read, nothing is known and nothing refused.
 
 use std::fmt::Write;
 use std::io;
@@ -10,7 +11,8 @@ use std::sync::atomic::AtomicBool;
 
 use signal_hook::consts::SIGXFSZ;
 
-/// Open files that a daemon with an arm, a pen and programs that watch needs, with room to spare (53 measured).
+/// Open files that a daemon with an arm, a pen and programs that watch needs, with room to spare (53
+/// measured).
 const FILES: u64 = 96;
 /// Largest file that a daemon makes: its shared memory (1 MB the largest measured), with room to spare.
 const FILE_BYTES: u64 = 4 << 20;
@@ -46,7 +48,8 @@ const KNOWN: [Known; 4] = [
 /// Why a daemon is not started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the limit of this process on {words} is {now} (ulimit {option}), the daemon needs {least}: raise it before starting, for example `ulimit {option} {least}`"
+    "the limit of this process on {words} is {now} (ulimit {option}), the daemon needs {least}: \
+     raise it before starting, for example `ulimit {option} {least}`"
 )]
 pub struct TooLow {
     words: &'static str,
@@ -91,7 +94,8 @@ fn low_in(table: &str) -> Option<String> {
         .then(|| format!("limits of this process are low and may be the reason: {list}; raise them"))
 }
 
-/// From now on a file that grows beyond the limit is an error to whoever writes it, instead of the end of the process.
+/// From now on a file that grows beyond the limit is an error to whoever writes it, instead of the end of the
+/// process.
 pub fn hear_of_large_files() {
     // Where that cannot be had, the process ends as it would have.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));

@@ -10,7 +10,8 @@ use signal_hook::iterator::Signals;
 use crate::failure::{Cause, Failure};
 use crate::output::note;
 
-/// For commands that only compute and write files: Ctrl-C, SIGTERM or SIGHUP ends them at once, without half-written files.
+/// For commands that only compute and write files: Ctrl-C, SIGTERM or SIGHUP ends them at once, without
+/// half-written files.
 pub(crate) fn ends_at_once() -> Result<(), Failure> {
     let refused = |error: std::io::Error| {
         Failure::failed(

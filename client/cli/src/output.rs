@@ -120,8 +120,8 @@ pub(crate) fn note_line(line: Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{}", plain_lines(&line));
 }
 
-/// What the command line was answered: help and version on stdout, complaints on stderr, in colour unless the words that it
-/// repeats would do something to a terminal.
+/// What the command line was answered: help and version on stdout, complaints on stderr, in colour unless the
+/// words that it repeats would do something to a terminal.
 pub(crate) fn command_line(answer: &clap::Error) -> ExitCode {
     let hostile = std::env::args_os().any(|word| matches!(plain(&word.to_string_lossy()), Cow::Owned(_)));
     if answer.use_stderr() && hostile {

@@ -1,7 +1,8 @@
 //! How far a long command is, and how long it will take: always on stderr, never in the result.
 //!
-//! Contract: a bar in place on a terminal; a line every ten seconds where stderr is none, also while a single step lasts longer.
-//! Steps may come from any thread. Nothing is said about what ends within ten seconds, and nothing after the end.
+//! Contract: a bar in place on a terminal; a line every ten seconds where stderr is none, also while a single
+//! step lasts longer. Steps may come from any thread. Nothing is said about what ends within ten seconds, and
+//! nothing after the end.
 
 use std::fmt::Arguments;
 use std::sync::Arc;

@@ -1,7 +1,8 @@
 //! Values of options that several commands take, judged while the command line is read.
 //!
-//! One rule for exit codes: what nothing but the command line can have got wrong (a number, a name of ours, two options that do
-//! not go together) is 2. What an input can have got wrong is 5: settings, also from `--set`, recordings, texts, data sets, files.
+//! One rule for exit codes: what nothing but the command line can have got wrong (a number, a name of ours,
+//! two options that do not go together) is 2. What an input can have got wrong is 5: settings, also from
+//! `--set`, recordings, texts, data sets, files.
 
 use foretrace_config::presets;
 use foretrace_control::predict::PredictorKind;

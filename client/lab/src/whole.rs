@@ -9,7 +9,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Neighbours that are being written at the moment.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// For a program that is about to end: removes what is half-written. Nothing is written afterwards; who wants to waits for the end.
+/// For a program that is about to end: removes what is half-written. Nothing is written afterwards; who wants
+/// to waits for the end.
 pub fn give_up() {
     let unfinished = unfinished();
     for partial in unfinished.iter() {

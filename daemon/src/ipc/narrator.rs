@@ -214,7 +214,8 @@ impl Narrator {
         }
     }
 
-    /// New weights, at most once per [`LEARNED_NS`] and model; the line tells how often it was since the last one.
+    /// New weights, at most once per [`LEARNED_NS`] and model; the line tells how often it was since the last
+    /// one.
     fn learned(&mut self, promotion: &Promotion) {
         let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
         let name = model.name();

@@ -1,6 +1,6 @@
 //! More than a hundred wrong invocations: words, exit code, and what the message must say.
 //!
-//! Words are split at spaces; `@` is the folder of the test and `~` a space. Every case is also held to the rules of
+//! Words are split at spaces; `@` is the folder of the test. Every case is also held to the rules of
 //! `one_table_of_wrong_invocations`: a sentence on stderr, nothing on stdout, no file left.
 
 /// Words of the command line, exit code, words of the message.

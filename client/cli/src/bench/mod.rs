@@ -29,9 +29,10 @@ use workload::{J, Workload};
 
 /// Time the parts of a tick on this machine, exact path beside Clarabel
 ///
-/// Runs a loop on handwriting (the settings' horizon, DyBM believed fully), then times every problem that occurred in it with each backend in
-/// turn: planning without and with 3 to 8 active limits, one step of inverse kinematics, one roll-out of the predictor,
-/// and the whole step from pen samples to a legal command. Release builds only tell the truth.
+/// Runs a loop on handwriting (the settings' horizon, DyBM believed fully), then times every problem that
+/// occurred in it with each backend in turn: planning without and with 3 to 8 active limits, one step of
+/// inverse kinematics, one roll-out of the predictor, and the whole step from pen samples to a legal command.
+/// Release builds only tell the truth.
 #[derive(Debug, clap::Args)]
 pub(crate) struct BenchArgs {
     /// Instances per row

@@ -117,8 +117,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     verdict::of(&evidence, &figures, &ExtentBounds::of(&config.follower_settings()))
 }
 
-/// Lets `write` fill a folder of its own inside `out`, then moves the files: a report that fails leaves nothing behind, and what
-/// was there stays.
+/// Lets `write` fill a folder of its own inside `out`, then moves the files: a report that fails leaves
+/// nothing behind, and what was there stays.
 fn whole(out: &Path, write: impl FnOnce(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
     let partial = out.join(format!(".report-{}.partial", std::process::id()));
     let moved = || -> std::io::Result<()> {

@@ -1,7 +1,8 @@
 //! Whether the client that holds the only place still has a use for it, once another asks.
 //!
-//! Contract: pure (time is an argument), memory of fixed size. A pen sends many samples per second, also while it hovers or rests;
-//! what comes more seldom than the loop bridges (`pen.max_gap_ms`, 100 ms as shipped) is no stroke, and keeps nobody else out.
+//! Contract: pure (time is an argument), memory of fixed size. A pen sends many samples per second, also
+//! while it hovers or rests; what comes more seldom than the loop bridges (`pen.max_gap_ms`, 100 ms as
+//! shipped) is no stroke, and keeps nobody else out.
 
 use std::time::{Duration, Instant};
 
@@ -39,7 +40,8 @@ impl Holder {
         self.next = (self.next + 1) % LEAST;
     }
 
-    /// Why it gives way to another that asks `now`; none where it keeps its place. `silence`: the time that counts.
+    /// Why it gives way to another that asks `now`; none where it keeps its place. `silence`: the time that
+    /// counts.
     pub(crate) fn gives_way(&self, now: Instant, silence: Duration) -> Option<&'static str> {
         let within = |then: Instant| now.saturating_duration_since(then) <= silence;
         if !within(self.last) {

@@ -37,7 +37,8 @@ pub(crate) struct Policy {
     pub(crate) burst: u32,
     /// Longest time from the first byte of a frame to its last.
     pub(crate) frame_time: Duration,
-    /// A client of whom nothing, or too little for a pen, passed for this long gives way to the next that knocks.
+    /// A client of whom nothing, or too little for a pen, passed for this long gives way to the next that
+    /// knocks.
     pub(crate) silence: Duration,
 }
 

@@ -1,12 +1,13 @@
 //! The smallest capsule around a cloud of points, nearly.
 //!
-//! For a line (direction u, point c) let t be a point's place along it and ρ its distance from it. A capsule of radius r ≥ max ρ
-//! holds all points when its axis reaches from a = min(t + √(r² − ρ²)) to b = max(t − √(r² − ρ²)); where a > b a sphere does. The
-//! volume πr²·max(b − a, 0) + 4πr³/3 is minimised over u (2 angles), c (2 offsets) and r, by Nelder and Mead's simplex from each
-//! principal axis. Only the points that are farthest in some direction count.
+//! For a line (direction u, point c) let t be a point's place along it and ρ its distance from it. A capsule
+//! of radius r ≥ max ρ holds all points when its axis reaches from a = min(t + √(r² − ρ²)) to b = max(t −
+//! √(r² − ρ²)); where a > b a sphere does. The volume πr²·max(b − a, 0) + 4πr³/3 is minimised over u (2
+//! angles), c (2 offsets) and r, by Nelder and Mead's simplex from each principal axis. Only the points that
+//! are farthest in some direction count.
 //!
-//! Contract: what is returned holds every point, whatever the search found. *Source*: Nelder and Mead, "A simplex method for
-//! function minimization", The Computer Journal 7, 1965.
+//! Contract: what is returned holds every point, whatever the search found. *Source*: Nelder and Mead, "A
+//! simplex method for function minimization", The Computer Journal 7, 1965.
 
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 
@@ -85,7 +86,8 @@ pub(super) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
     Some(best.written(points))
 }
 
-/// Points that are the farthest in some direction, those of a sphere spread evenly (a Fibonacci lattice) and the axes.
+/// Points that are the farthest in some direction, those of a sphere spread evenly (a Fibonacci lattice) and
+/// the axes.
 fn farthest(points: &[Vector3<f64>], middle: &Vector3<f64>) -> Vec<Vector3<f64>> {
     if points.len() <= DIRECTIONS {
         return points.to_vec();

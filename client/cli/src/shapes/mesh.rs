@@ -1,7 +1,8 @@
 //! Meshes of a robot description: found in the file system, read, and measured.
 //!
-//! Contract: a file that is not there, too large, or no mesh is a sentence, never a panic. `package://NAME/...` is looked for where
-//! `--package` says, in the folders above the description, and in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
+//! Contract: a file that is not there, too large, or no mesh is a sentence, never a panic.
+//! `package://NAME/...` is looked for where `--package` says, in the folders above the description, and in
+//! ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
 
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,9 @@
 //! `foretrace config shapes`: capsules around the meshes of a robot description, as URDF to paste.
 //!
-//! Contract: every capsule holds every vertex of its mesh, with the numbers as they are written. All or nothing: a mesh that cannot be
-//! had refuses the whole, with every reason. A cylinder is what foretrace reads as a capsule (`ik/clearance/bodies.rs`): its ends
-//! get half-spheres there, so no spheres are written beside it.
+//! Contract: every capsule holds every vertex of its mesh, with the numbers as they are written. All or
+//! nothing: a mesh that cannot be had refuses the whole, with every reason. A cylinder is what foretrace
+//! reads as a capsule (`ik/clearance/bodies.rs`): its ends get half-spheres there, so no spheres are written
+//! beside it.
 
 mod capsule;
 mod mesh;
@@ -21,9 +22,10 @@ use mesh::{Mesh, Search};
 
 /// Propose capsules for links that have only meshes, as a URDF fragment to paste
 ///
-/// foretrace keeps the arm clear of itself and of keep-outs by capsules; meshes have no size for it. This reads the STL and OBJ
-/// meshes of the links' collision geometry (of the visual one where a link has none), puts a nearly smallest capsule around each,
-/// and says how much larger it is. Look at the result before you rely on it: a capsule around a bent link is wide.
+/// foretrace keeps the arm clear of itself and of keep-outs by capsules; meshes have no size for it. This
+/// reads the STL and OBJ meshes of the links' collision geometry (of the visual one where a link has none),
+/// puts a nearly smallest capsule around each, and says how much larger it is. Look at the result before you
+/// rely on it: a capsule around a bent link is wide.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ShapesArgs {
     /// Robot description (URDF)
