@@ -10,6 +10,7 @@ use toml::de::DeValue;
 use crate::check::check;
 use crate::layers::{self, Found};
 use crate::models::shipped;
+use crate::plain::plain;
 use crate::predictor::NO_NETWORK;
 use crate::presets;
 use crate::problem::{ConfigError, Problem};
@@ -115,7 +116,7 @@ impl Draft {
     #[must_use]
     pub fn file(path: impl AsRef<Path>) -> Self {
         let path = path.as_ref();
-        let name: Arc<str> = Arc::from(path.display().to_string());
+        let name: Arc<str> = Arc::from(plain(&path.display().to_string()));
         let place = Place::File { path: name.clone(), line: 0 };
         let unreadable = |why: String, remedy| {
             let mut draft = Self::new(place.clone(), PathBuf::new());

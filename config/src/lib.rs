@@ -8,6 +8,7 @@
 
 #![forbid(unsafe_code)]
 
+mod plain;
 mod nearest;
 mod written;
 mod problem;
@@ -29,6 +30,7 @@ mod render;
 
 pub use config::{Config, Draft};
 pub use live::{KeyChange, LiveChange, StartOnlyKey};
+pub use plain::{plain, plain_lines, plain_log};
 pub use problem::{ConfigError, Problem};
 pub use render::{key_table, keys};
 pub use robot::{JOINTS, Robot};

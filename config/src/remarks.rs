@@ -1,6 +1,7 @@
 //! What right settings cost, do without, or will be refused for later; one line each, for people.
 
 use foretrace_control::follower::{FollowerSettings, Refusal, plan_limits};
+use foretrace_control::ik::Chain;
 use foretrace_control::predict::Models;
 
 use crate::config::Config;
@@ -19,6 +20,7 @@ pub(crate) fn remarks(config: &Config) -> Vec<String> {
     let mut remarks: Vec<String> =
         network(config.settings(), config.models()).into_iter().chain(rate(config.settings())).collect();
     remarks.extend(home(&law, &config.robot().home));
+    remarks.extend(shapeless(config.settings(), &config.robot().chain));
     remarks.extend(lowered(config.settings(), &law));
     remarks
 }
@@ -105,5 +107,26 @@ fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> 
     Some(format!(
         "robot.home_rad {why}: an arm that stands there, as the simulated one, is not armed; \
          choose robot.home_rad, robot.tool_m and plane.origin_m together"
+    ))
+}
+
+/// Says that keeping clear of itself is on and has nothing, or not everything, to keep clear.
+fn shapeless(settings: &Settings, chain: &Chain<JOINTS>) -> Option<String> {
+    if !settings.clearance.itself {
+        return None;
+    }
+    let meshes = chain.mesh_links();
+    let what = match (meshes, chain.capsules()) {
+        ([], []) => "no link of the URDF has collision geometry".to_owned(),
+        ([], _) => return None,
+        (_, []) => {
+            format!("the links of the URDF have only meshes as collision geometry ({})", meshes.join(", "))
+        }
+        _ => format!("these links of the URDF have only meshes as collision geometry: {}", meshes.join(", ")),
+    };
+    Some(format!(
+        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into itself there; \
+         give them cylinders, spheres or boxes (`foretrace config shapes {}` proposes some), or set clearance.itself = false",
+        settings.robot.urdf
     ))
 }

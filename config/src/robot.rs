@@ -3,7 +3,7 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
-use foretrace_control::ik::{Chain, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
+use foretrace_control::ik::{Chain, ChainError, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;
@@ -109,11 +109,15 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
     match Chain::from_urdf(&text, section.base_link.as_deref(), section.tip_link.as_deref()) {
         Ok(chain) => Some(chain.with_tool(section.tool_m.into())),
         Err(error) => {
-            report.conflict(
-                "robot.urdf",
-                format!("cannot be used: {error}"),
-                "correct the description, or robot.base_link and robot.tip_link",
-            );
+            let remedy = match error {
+                ChainError::Count { found, .. } if found > JOINTS => {
+                    "name a robot.tip_link before the gripper, if joints of that are counted; \
+                     why six, and what seven would take: docs/arms.md"
+                }
+                ChainError::Xacro => "name the expanded file",
+                _ => "correct the description, or robot.base_link and robot.tip_link",
+            };
+            report.conflict("robot.urdf", format!("cannot be used: {error}"), remedy);
             None
         }
     }

@@ -5,6 +5,7 @@ use foretrace_control::follower::FollowerError;
 use foretrace_control::learn::LearnError;
 use foretrace_shm::{InstanceError, ServiceError};
 
+use crate::limits::TooLow;
 use crate::memory::NoSpace;
 use crate::supervisor::{OPENING, STOPPING};
 
@@ -23,6 +24,9 @@ pub enum DaemonError {
     /// /dev/shm is too small.
     #[error("{0}")]
     NoSpace(#[from] NoSpace),
+    /// A limit of the process is too low.
+    #[error("{0}")]
+    TooLow(#[from] TooLow),
     /// The control law refuses the settings.
     #[error("{0}")]
     Follower(#[from] FollowerError),

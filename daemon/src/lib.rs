@@ -14,6 +14,7 @@ pub mod rt;
 pub mod ports;
 pub mod learner;
 pub mod ipc;
+pub mod limits;
 pub mod memory;
 pub mod options;
 pub mod error;
@@ -35,22 +36,38 @@ mod support;
 #[cfg(test)]
 mod testing;
 
+/// Why there is no log.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum LogError {
+    /// The filter cannot be read: the command line is wrong.
+    #[error("{0}")]
+    Filter(String),
+    /// The system refuses, or there is a log already.
+    #[error("{0}")]
+    Start(String),
+}
+
 /// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for example `info` or
 /// `foretraced=debug`. No thread of the daemon waits for whoever reads it.
 ///
 /// # Errors
 /// The filter cannot be read, a log is set up already, or the system starts no thread.
-pub fn log_to_stderr(filter: &str) -> Result<LogGuard, String> {
-    let filter = tracing_subscriber::EnvFilter::try_new(filter)
-        .map_err(|error| format!("--log {filter}: {error}; try error, warn, info, debug"))?;
-    let (messages, guard) =
-        log::Messages::to(std::io::stderr()).map_err(|error| format!("starting the log: {error}"))?;
+pub fn log_to_stderr(filter: &str) -> Result<LogGuard, LogError> {
+    let filter = tracing_subscriber::EnvFilter::try_new(filter).map_err(|error| {
+        LogError::Filter(format!("--log {filter}: {error}; try error, warn, info, debug"))
+    })?;
+    let (messages, guard) = log::Messages::to(std::io::stderr()).map_err(|error| {
+        LogError::Start(format!(
+            "no thread for the log can be started: {error}; \
+             raise the limits of processes and memory (ulimit -u, -v)"
+        ))
+    })?;
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(messages)
         .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
         .with_target(false)
         .try_init()
-        .map_err(|error| error.to_string())?;
+        .map_err(|error| LogError::Start(error.to_string()))?;
     Ok(guard)
 }

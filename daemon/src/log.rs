@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
+use foretrace_config::plain_log;
 use tracing_subscriber::fmt::MakeWriter;
 
 /// Messages that may wait: some seconds of a daemon that has much to say.
@@ -70,8 +71,9 @@ fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
 impl Write for Messages {
     /// Takes a whole message; the subscriber writes each in one go.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) =
-            self.items.try_send(Item::Line(line.to_vec()))
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self
+            .items
+            .try_send(Item::Line(plain_log(&String::from_utf8_lossy(line)).into_owned().into_bytes()))
         {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
@@ -153,6 +155,16 @@ mod tests {
             written + lost + usize::from(text.contains("later")) >= said,
             "{written} written, {lost} lost"
         );
+    }
+
+    #[test]
+    fn what_a_terminal_acts_upon_is_written_out_in_the_log_too() {
+        let reader = Reader::default();
+        let (mut messages, guard) = Messages::to(reader.clone()).unwrap();
+        let _ = messages.write("file a\u{202e}b\u{9b}31m\rc\n".as_bytes()).unwrap();
+        drop(guard);
+        let text = String::from_utf8(reader.read.lock().unwrap().clone()).unwrap();
+        assert_eq!(text, "file a\\u202Eb\\u009B31m\\u000Dc\n");
     }
 
     #[test]

@@ -157,13 +157,13 @@ pub struct DaemonArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub config: Option<PathBuf>,
     /// Embedded settings: ur5 or ur5e
-    #[arg(long, value_name = "NAME", default_value = "ur5")]
+    #[arg(long, value_name = "NAME", default_value = "ur5", value_parser = preset)]
     pub preset: String,
     /// Instance number, 0 to 99; programs that attach use the same
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=99))]
     pub instance: Option<u32>,
     /// Ticks per second: 125, 250, 500 or 1000
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = rate)]
     pub rate: Option<u32>,
     /// Put VALUE over KEY of the settings, for example loop.spin_us=0; may be repeated
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
@@ -188,6 +188,22 @@ impl DaemonArgs {
         let source = Source { base, rate_hz: self.rate, overrides };
         let rights = if self.no_rights { Rights::Leave } else { Rights::Ask };
         Options { rights, ..Options::new(source) }
+    }
+}
+
+/// The rates of a loop, as `loop.rate_hz` has them.
+///
+/// # Errors
+/// The legal ones in words.
+pub fn rate(text: &str) -> Result<u32, String> {
+    let rate = text.parse().ok().filter(|rate| [125, 250, 500, 1000].contains(rate));
+    rate.ok_or_else(|| "the rates are 125, 250, 500 and 1000".to_owned())
+}
+
+fn preset(text: &str) -> Result<String, String> {
+    match foretrace_config::presets::text(text) {
+        Some(_) => Ok(text.to_owned()),
+        None => Err(format!("the presets are {}", foretrace_config::presets::names())),
     }
 }
 
@@ -226,6 +242,17 @@ mod tests {
     fn a_wrong_key_is_refused_by_name() {
         let error = Source::preset("ur5").with("loop.rate_hertz", 500).load().unwrap_err();
         assert!(error.to_string().contains("rate_hertz"), "{error}");
+    }
+
+    #[test]
+    fn a_rate_is_one_that_the_settings_take() {
+        for rate_hz in [125, 250, 500, 1000] {
+            assert_eq!(rate(&rate_hz.to_string()), Ok(rate_hz));
+            assert!(Source { rate_hz: Some(rate_hz), ..Source::preset("ur5") }.load().is_ok(), "{rate_hz}");
+        }
+        for wrong in ["333", "0", "-500", "500.5", ""] {
+            assert!(rate(wrong).unwrap_err().contains("125, 250, 500 and 1000"), "{wrong}");
+        }
     }
 
     #[test]

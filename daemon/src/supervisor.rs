@@ -28,6 +28,7 @@ use crate::error::DaemonError;
 use crate::ipc::requests::{ReloadOutcome, ReloadRequest};
 use crate::ipc::{IpcOrder, IpcSummary};
 use crate::learner::LearnerOrder;
+use crate::limits;
 use crate::memory;
 use crate::options::{Options, StopHandle};
 use crate::rt::law_rehearsal::rehearse_law;
@@ -63,6 +64,7 @@ pub struct ExitReport {
 pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     let mut manager = Manager::of_environment();
     let config = options.source.load()?;
+    limits::check()?;
     let instance = instance(&config)?;
     let mut lock = instance.lock()?;
     // First of all and last of all: whatever hangs in between, a stop is heard.

@@ -246,9 +246,17 @@ fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
             .stderr(Stdio::piped());
         program
     };
-    let wrong = program().args(["--rate", "333"]).output().unwrap();
-    let text = String::from_utf8_lossy(&wrong.stderr);
-    assert!(!wrong.status.success() && text.contains("loop.rate_hz") && !text.contains("panicked"), "{text}");
+    for (option, value, code, word) in [
+        ("--rate", "333", 2, "125, 250, 500 and 1000"),
+        ("--set", "loop.rate_hz=333", 5, "loop.rate_hz"),
+        ("--log", "a=b=", 2, "error, warn, info, debug"),
+        ("--\u{9b}31m", "\u{1b}[31m", 2, "\\u009B31m"),
+    ] {
+        let wrong = program().args([option, value]).output().unwrap();
+        let text = String::from_utf8_lossy(&wrong.stderr);
+        assert_eq!(wrong.status.code(), Some(code), "{text}");
+        assert!(text.contains(word) && !text.contains("panicked") && !text.contains('\u{1b}'), "{text}");
+    }
 
     let child = program().spawn().unwrap();
     let instance = place.instance();

@@ -76,6 +76,26 @@ fn a_killed_training_leaves_no_model_and_continues_to_the_same_bytes() {
 }
 
 #[test]
+fn a_training_whose_picture_cannot_be_written_says_that_the_model_is_saved() {
+    let world = World::new(PROGRAM);
+    let data = spirals(&world);
+    let out = world.file("m.safetensors");
+    // In the place of the picture, as good as a disk that is full by then.
+    std::fs::create_dir(world.file("m.svg")).unwrap();
+    let words = |more: &[&str]| {
+        world.run_plain(&options(&data, out.to_str().unwrap(), &[&["--epochs", "2"], more].concat()))
+    };
+    let output = words(&[]);
+    assert_refused(&output, 1, &["m.svg", "the model is saved in", "m.safetensors", "--resume"]);
+    assert!(output.stdout.is_empty(), "{}", told(&output));
+    let saved = std::fs::read(&out).unwrap();
+    std::fs::remove_dir(world.file("m.svg")).unwrap();
+    let output = words(&["--resume"]);
+    assert!(output.status.success() && world.file("m.svg").is_file(), "{}", told(&output));
+    assert!(saved == std::fs::read(&out).unwrap(), "the model has changed");
+}
+
+#[test]
 fn wrong_options_and_data_are_answered_with_what_is_legal() {
     let world = World::new(PROGRAM);
     let data = spirals(&world);
@@ -87,7 +107,7 @@ fn wrong_options_and_data_are_answered_with_what_is_legal() {
     refused(&["--clip", "-1"], 2, &["-1", "above 0", "none"]);
     refused(&["--rate", "7"], 2, &["1e-8 to 1"]);
     refused(&["--step-ms", "2"], 5, &["2 ms is finer", "200 Hz", "5 ms"]);
-    refused(&["--padding", "counted", "--augment", "scale=1..2"], 5, &["--padding masked"]);
+    refused(&["--padding", "counted", "--augment", "scale=1..2"], 2, &["--padding masked"]);
     refused(&["--split", "tes"], 5, &["tes", "train"]);
     let dybm = world.run_plain(&["lab", "train", "--model", "dybm", "--data", &data, "--out", &out]);
     assert_refused(&dybm, 2, &["lstm10, lstm32 or lstm64", "lab table1"]);

@@ -15,6 +15,7 @@ impl InstanceArgs {
     /// The instance that is meant.
     pub(crate) fn instance(&self) -> Result<Instance, Failure> {
         let number = self.instance.unwrap_or(0);
+        // A root that was given has been judged on the command line, or with the settings.
         match &self.root {
             Some(root) => Instance::at(number, root),
             None => Instance::new(number),

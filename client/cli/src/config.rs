@@ -7,6 +7,7 @@ use foretrace_config::Config;
 use crate::failure::Failure;
 use crate::output::say;
 use crate::settings::{SettingsArgs, wrong};
+use crate::shapes::{self, ShapesArgs};
 
 /// `foretrace config ...`
 #[derive(Debug, clap::Subcommand)]
@@ -16,12 +17,13 @@ pub(crate) enum ConfigCommand {
         /// Settings file (TOML)
         file: PathBuf,
     },
+    Shapes(ShapesArgs),
     /// Print the settings in force as a commented TOML file, each value with where it comes from
     ///
     /// The output reads back as the same settings: redirect it to begin a file of your own.
     Show {
         /// A preset, as with --preset: ur5 or ur5e
-        #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"])]
+        #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"], value_parser = crate::values::preset)]
         name: Option<String>,
 
         #[command(flatten)]
@@ -38,6 +40,7 @@ pub(crate) fn run(command: &ConfigCommand) -> Result<(), Failure> {
                 say!("  note: {remark}");
             }
         }
+        ConfigCommand::Shapes(args) => shapes::run(args)?,
         ConfigCommand::Show { name, settings } => {
             let mut settings = settings.clone();
             if let Some(name) = name {

@@ -1,6 +1,6 @@
 //! `foretrace daemon`: the real-time daemon, the same library that `foretraced` runs.
 
-use foretraced::{DaemonError, Options, Rights};
+use foretraced::{DaemonError, LogError, Options, Rights};
 
 use crate::failure::Failure;
 use crate::settings::{SettingsArgs, wrong};
@@ -13,7 +13,7 @@ use crate::settings::{SettingsArgs, wrong};
 #[derive(Debug, clap::Args)]
 pub(crate) struct DaemonArgs {
     /// Ticks per second: 125, 250, 500 or 1000; the grid step follows where it has to
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
     /// Ask for no real-time rights: no priority, no CPU of its own, no spinning, no locked memory
@@ -29,7 +29,10 @@ pub(crate) struct DaemonArgs {
 }
 
 pub(crate) fn run(args: &DaemonArgs) -> Result<(), Failure> {
-    let _log = foretraced::log_to_stderr(&args.log).map_err(|error| Failure::bad_input(error, ""))?;
+    let _log = foretraced::log_to_stderr(&args.log).map_err(|error| match error {
+        LogError::Filter(text) => Failure::usage(text, ""),
+        LogError::Start(text) => Failure::failed(text, ""),
+    })?;
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate;
     let rights = if args.no_rights { Rights::Leave } else { Rights::Ask };

@@ -10,10 +10,10 @@ pub(crate) const EXIT_CODES: &str = "\
 Exit codes:
   0    done
   1    something failed while it ran
-  2    the command line is wrong
+  2    the command line is wrong: an option, a name or a number that no input could make right
   3    no daemon runs under this instance
   4    the daemon refused the request
-  5    an input is wrong: settings, recording, reach of the arm
+  5    an input is wrong: settings (also by --set), recording, text, data set, file, reach of the arm
   6    doctor: this machine is unfit for the rate
   7    status: an alarm's bound was broken
   130  interrupted by Ctrl-C before the result was complete";
@@ -50,6 +50,11 @@ impl Failure {
 
     pub(crate) fn bad_input(what: impl Display, remedy: impl Display) -> Self {
         Self::new(Cause::BadInput, what, remedy)
+    }
+
+    /// The command line is wrong, whatever the inputs are.
+    pub(crate) fn usage(what: impl Display, remedy: impl Display) -> Self {
+        Self::new(Cause::Usage, what, remedy)
     }
 
     pub(crate) fn exit_code(&self) -> ExitCode {

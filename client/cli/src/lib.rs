@@ -9,10 +9,13 @@ mod os;
 mod failure;
 mod output;
 mod interrupt;
+mod progress;
+mod values;
 mod settings;
 mod attach;
 mod spread;
 mod ghost;
+mod shapes;
 mod config;
 mod daemon;
 mod arm;
@@ -33,8 +36,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use failure::{EXIT_CODES, Failure};
+use failure::{Cause, EXIT_CODES, Failure};
 use foretraced::alloc_count::CountingAllocator;
+use foretraced::limits;
 
 /// Lets the daemon count what its real-time thread allocates; costs one addition per allocation.
 #[global_allocator]
@@ -71,18 +75,36 @@ enum Command {
     /// The paper's experiments on a data set
     #[command(subcommand)]
     Lab(lab::LabCommand),
-    /// Judge a settings file, or show the settings in force
+    /// Judge a settings file, show the settings in force, or propose shapes for the links of an arm
     #[command(subcommand)]
     Config(config::ConfigCommand),
 }
 
 /// Runs the program with the arguments of this process.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    limits::hear_of_large_files();
+    limits::with_room(program).unwrap_or_else(|error| {
+        let remedy = "raise the limits of this process (ulimit -s, -v, -u)";
+        let failure = Failure::failed(format_args!("no room to run in: {error}"), remedy);
+        output::note!("{failure}");
+        failure.exit_code()
+    })
+}
+
+fn program() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(answer) => return output::command_line(&answer),
+    };
     match run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             output::note!("{failure}");
+            // A failure that names the limit itself needs no second line.
+            let told = failure.to_string().contains("(ulimit");
+            if let Some(low) = limits::low().filter(|_| failure.cause == Cause::Failed && !told) {
+                output::note!("foretrace: {low}");
+            }
             failure.exit_code()
         }
     }

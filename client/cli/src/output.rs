@@ -3,11 +3,14 @@
 //! Contract: with `--json -` stdout carries the JSON and nothing else, and every word goes to stderr. A reader who
 //! closes the pipe ends the program quietly; no write ever panics.
 
+use std::borrow::Cow;
 use std::fmt::Arguments;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use foretrace_config::{plain, plain_lines};
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -65,7 +68,7 @@ impl JsonArgs {
             Failure::failed(format_args!("the result cannot be written as JSON: {error}"), "")
         })?;
         text.push('\n');
-        quietly(io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()));
+        put(&text);
         Ok(())
     }
 
@@ -77,7 +80,7 @@ impl JsonArgs {
         })?;
         text.push('\n');
         if self.is_stdout() {
-            quietly(io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()));
+            put(&text);
             return Ok(());
         }
         foretrace_lab::whole::write(path, |out| out.write_all(text.as_bytes())).map_err(|error| {
@@ -89,18 +92,49 @@ impl JsonArgs {
     }
 }
 
+/// JSON on stdout. It may be a terminal: what one acts upon is written out, which means the same.
+fn put(json: &str) {
+    quietly(io::stdout().write_all(plain_lines(json).as_bytes()).and_then(|()| io::stdout().flush()));
+}
+
 /// Prints a line for people; see `say!`.
 pub(crate) fn say_line(line: Arguments<'_>) {
     if WORDS_TO_STDERR.load(Ordering::Relaxed) {
         note_line(line);
     } else {
-        quietly(writeln!(io::stdout(), "{line}"));
+        let line = line.to_string();
+        quietly(writeln!(io::stdout(), "{}", plain_lines(&line)));
+    }
+}
+
+/// Begins a new page where stdout is a terminal that shows words.
+pub(crate) fn clear_screen() {
+    if io::stdout().is_terminal() && !WORDS_TO_STDERR.load(Ordering::Relaxed) {
+        quietly(io::stdout().write_all(b"\x1b[H\x1b[2J"));
     }
 }
 
 /// Prints a line on stderr, lost if nobody listens.
 pub(crate) fn note_line(line: Arguments<'_>) {
-    let _ = writeln!(io::stderr(), "{line}");
+    let line = line.to_string();
+    let _ = writeln!(io::stderr(), "{}", plain_lines(&line));
+}
+
+/// What the command line was answered: help and version on stdout, complaints on stderr, in colour unless the
+/// words that it repeats would do something to a terminal.
+pub(crate) fn command_line(answer: &clap::Error) -> ExitCode {
+    let hostile = std::env::args_os().any(|word| matches!(plain(&word.to_string_lossy()), Cow::Owned(_)));
+    if answer.use_stderr() && hostile {
+        let words =
+            std::env::args_os().map(|word| plain(&word.to_string_lossy()).into_owned()).collect::<Vec<_>>();
+        note_line(format_args!("{}\nThe words were: {}", answer.render(), words.join(" ")));
+    } else if answer.use_stderr() {
+        // Nobody may be there to read it.
+        let _ = answer.print();
+    } else {
+        quietly(answer.print().and_then(|()| io::stdout().flush()));
+    }
+    ExitCode::from(u8::try_from(answer.exit_code()).unwrap_or(2))
 }
 
 /// Stderr is a terminal, so that progress may be drawn.

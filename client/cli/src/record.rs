@@ -37,7 +37,7 @@ pub(crate) struct RecordArgs {
     writer: String,
 
     /// End after this many seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
     seconds: Option<f64>,
 
     #[command(flatten)]
@@ -106,11 +106,6 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
         report.out_of_order
     );
     args.json.write(&report)
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (1e-3..=1e6).contains(seconds));
-    seconds.ok_or_else(|| "a number from 0.001 to 1000000".to_owned())
 }
 
 /// Writes the unread samples; returns how many were left out.

@@ -15,6 +15,7 @@ use crate::attach::unattached;
 use crate::failure::{Cause, Failure};
 use crate::output::{JsonArgs, say};
 use crate::settings::InstanceArgs;
+use crate::values;
 
 /// Ask the running daemon: arm, disarm, stop, set trust, switch the predictor, reload the settings
 #[derive(Debug, clap::Args)]
@@ -26,7 +27,7 @@ pub(crate) struct RequestArgs {
     instance: InstanceArgs,
 
     /// Seconds to wait for the answer
-    #[arg(long, value_name = "S", default_value_t = 2.0, global = true)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, global = true, value_parser = timeout)]
     timeout: f64,
 
     #[command(flatten)]
@@ -49,7 +50,7 @@ enum Request {
     },
     /// Predict with another predictor; trust goes through 0
     Predictor {
-        /// hold, constant-velocity, dybm
+        /// hold, constant-velocity, dybm, lstm, dybm-esn, ar-rls, ours
         #[arg(value_name = "NAME", value_parser = predictor)]
         name: PredictorId,
     },
@@ -68,7 +69,7 @@ enum Trust {
 
 pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let wait = Duration::from_secs_f64(args.timeout.clamp(0.01, 3600.0));
+    let wait = Duration::from_secs_f64(args.timeout);
     if args.request == Request::Stop {
         return stop(args, wait);
     }
@@ -184,11 +185,15 @@ fn trust(text: &str) -> Result<Trust, String> {
     }
 }
 
+/// Only what the daemon grants; the wire knows more.
 fn predictor(text: &str) -> Result<PredictorId, String> {
-    PredictorId::from_label(text).ok_or_else(|| {
-        let known: Vec<&str> = PredictorId::ALL.iter().map(|id| id.label()).collect();
-        format!("one of {}", known.join(", "))
-    })
+    let kind = values::predictor(text)?;
+    PredictorId::from_label(kind.name()).ok_or_else(|| format!("{text} has no number on the wire"))
+}
+
+fn timeout(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.01..=3600.0).contains(seconds));
+    seconds.ok_or_else(|| "a number of seconds from 0.01 to 3600".to_owned())
 }
 
 #[cfg(test)]
@@ -208,6 +213,9 @@ mod tests {
     #[test]
     fn predictors_are_known_by_their_label() {
         assert_eq!(predictor("constant-velocity"), Ok(PredictorId::ConstantVelocity));
-        assert!(predictor("oracle9").unwrap_err().contains("dybm"));
+        for kind in foretrace_control::predict::PredictorKind::LIVE {
+            assert_eq!(predictor(kind.name()).unwrap().label(), kind.name());
+        }
+        assert!(predictor("oracle").unwrap_err().contains("lab"));
     }
 }

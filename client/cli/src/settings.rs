@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use foretrace_config::{Config, ConfigError};
+use foretrace_config::{Config, ConfigError, plain};
 use foretraced::{Base, Source};
 
 use crate::failure::Failure;
+use crate::values;
 
 /// Which daemon, for commands that only attach to one.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -15,7 +16,7 @@ pub(crate) struct InstanceArgs {
     pub(crate) instance: Option<u32>,
 
     /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 60 bytes)
-    #[arg(long, value_name = "DIR", global = true, hide_short_help = true)]
+    #[arg(long, value_name = "DIR", global = true, hide_short_help = true, value_parser = values::root)]
     pub(crate) root: Option<PathBuf>,
 }
 
@@ -27,11 +28,11 @@ pub(crate) struct SettingsArgs {
     pub(crate) config: Option<PathBuf>,
 
     /// Built-in settings: ur5 or ur5e
-    #[arg(long, value_name = "NAME", default_value = "ur5")]
+    #[arg(long, value_name = "NAME", default_value = "ur5", value_parser = values::preset)]
     pub(crate) preset: String,
 
     /// Put one value over the file or preset, for example --set loop.rate_hz=250
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = values::pair)]
     pub(crate) set: Vec<String>,
 
     #[command(flatten)]
@@ -53,7 +54,7 @@ impl SettingsArgs {
         let mut overrides = Vec::new();
         for pair in &self.set {
             let (key, value) = pair.split_once('=').ok_or_else(|| {
-                Failure::bad_input(format_args!("--set {pair} has no value"), "write --set KEY=VALUE")
+                Failure::usage(format_args!("--set {pair} has no value"), "write --set KEY=VALUE")
             })?;
             overrides.push((key.trim().to_owned(), value.trim().to_owned()));
         }
@@ -74,7 +75,8 @@ pub(crate) fn judged(source: &Source) -> Result<Config, Failure> {
 
 /// The failure that tells everything that is wrong with the settings.
 pub(crate) fn wrong(error: &ConfigError) -> Failure {
-    let lines: Vec<String> = error.problems().iter().map(ToString::to_string).collect();
+    let lines: Vec<String> =
+        error.problems().iter().map(|problem| plain(&problem.to_string()).into_owned()).collect();
     match lines.as_slice() {
         [only] => Failure::bad_input(only, ""),
         many => Failure::bad_input(

@@ -4,6 +4,41 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Neighbours that are being written at the moment.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// For a program that is about to end: removes what is half-written. Nothing is written afterwards; who wants
+/// to waits for the end.
+pub fn give_up() {
+    let unfinished = unfinished();
+    for partial in unfinished.iter() {
+        // What cannot be removed now cannot be removed at all.
+        let _ = std::fs::remove_file(partial);
+    }
+    std::mem::forget(unfinished);
+}
+
+fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A neighbour that is being written.
+struct Partial(PathBuf);
+
+impl Partial {
+    fn begin(path: PathBuf) -> Self {
+        unfinished().push(path.clone());
+        Self(path)
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        unfinished().retain(|path| *path != self.0);
+    }
+}
 
 /// Fills `file` by `write`, so that no reader ever sees half of it. What is no ordinary file (a device, a pipe) is
 /// written in place.
@@ -14,10 +49,10 @@ pub fn write(file: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result
     if file.metadata().is_ok_and(|about| !about.is_file() && !about.is_dir()) {
         return fill(file, write);
     }
-    let partial = neighbour(file);
-    fill(&partial, write).and_then(|()| std::fs::rename(&partial, file)).inspect_err(|_| {
+    let partial = Partial::begin(neighbour(file));
+    fill(&partial.0, write).and_then(|()| std::fs::rename(&partial.0, file)).inspect_err(|_| {
         // The first failure is what counts; a left-over is only untidy.
-        let _ = std::fs::remove_file(&partial);
+        let _ = std::fs::remove_file(&partial.0);
     })
 }
 

@@ -151,6 +151,56 @@ fn wrong_urdfs_say_what_is_wrong_with_them() {
 }
 
 #[test]
+fn a_seventh_joint_is_refused_with_where_the_reason_stands_and_a_xacro_file_is_recognised() {
+    let joint = r#"<link name="l7"/><joint name="j7" type="revolute"><parent link="tool0"/><child link="l7"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"#;
+    let seven = presets::robot("ur5").unwrap().replace("</robot>", joint);
+    let text = with_urdf(&seven, "tip_link = \"l7\"\n").unwrap_err();
+    assert!(text.contains("7 moving joints") && text.contains("docs/arms.md"), "{text}");
+    for macros in ["<xacro:include filename=\"a\"/>", "<link name=\"${prefix}base\"/>"] {
+        let text = with_urdf(&format!("<robot name=\"a\">{macros}</robot>"), "").unwrap_err();
+        assert!(text.contains("xacro FILE > robot.urdf") && !text.contains("the links are"), "{text}");
+    }
+    let text = with_urdf("<robot name=\"a\"/>", "").unwrap_err();
+    assert!(text.contains("no links"), "{text}");
+}
+
+#[test]
+fn links_with_meshes_only_are_named_although_nothing_else_is_kept_away_from() {
+    let whole = presets::robot("ur5").unwrap();
+    let meshed = |count: usize| {
+        // Its head is a comment that speaks of collision geometry.
+        let (head, body) = whole.split_once("-->").unwrap();
+        let (mut left, mut out) = (body.to_owned(), format!("{head}-->"));
+        for _ in 0..count {
+            let (Some(begin), Some(end)) = (left.find("<collision"), left.find("</collision>")) else {
+                break;
+            };
+            out += &left[..begin];
+            out += "<collision><geometry><mesh filename=\"a.stl\"/></geometry></collision>";
+            left = left[end + "</collision>".len()..].to_owned();
+        }
+        out + &left
+    };
+    let remark = |urdf: &str, more: &str| {
+        let remarks = with_urdf(urdf, more).unwrap().remarks();
+        remarks.into_iter().find(|remark| remark.contains("clearance.itself"))
+    };
+    assert_eq!(remark(whole, ""), None);
+    let some = remark(&meshed(1), "").unwrap();
+    assert!(
+        some.contains("base_link") && !some.contains("forearm") && some.contains("config shapes"),
+        "{some}"
+    );
+    let all = remark(&meshed(99), "").unwrap();
+    assert!(all.contains("have only meshes") && all.contains("forearm, wrist_1"), "{all}");
+    assert_eq!(remark(&meshed(99), "[clearance]\nitself = false\n"), None);
+    let bare =
+        meshed(99).replace("<collision><geometry><mesh filename=\"a.stl\"/></geometry></collision>", "");
+    assert!(remark(&bare, "").unwrap().contains("no link of the URDF has collision geometry"));
+}
+
+#[test]
 fn a_changed_urdf_file_needs_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let (urdf, path) = (folder.path().join("arm.urdf"), folder.path().join("table.toml"));

@@ -4,6 +4,7 @@
 
 use foretrace_control::follower::{Mode, StopReason};
 use foretrace_control::learn::{Promotion, PromotionCause};
+use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
 use tracing::{debug, info, warn};
@@ -16,6 +17,17 @@ use crate::rt::evidence::Evidence;
 const FLOOD_NS: i64 = 1_000_000_000;
 /// What belongs together shows within this time of its first sign [ns].
 const GATHER_NS: i64 = 20_000_000;
+
+/// Time between two lines about new weights of the same model [ns].
+const LEARNED_NS: i64 = 10_000_000_000;
+
+/// What is counted between two lines about new weights of a model.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lessons {
+    told_at: Option<Stamp>,
+    better: u32,
+    back: u32,
+}
 
 /// What is counted between two lines about a flood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -102,12 +114,16 @@ pub struct Narrator {
     since: Option<Stamp>,
     worst_wakeup_ns: u64,
     worst_step_ns: u64,
+    /// The end of the last tick heard of.
+    now: Stamp,
+    lessons: [Lessons; PredictorKind::ALL.len()],
 }
 
 impl Narrator {
     /// Takes note of a tick; returns whether the mode changed with it.
     pub fn tick(&mut self, evidence: &Evidence) -> bool {
         let output = &evidence.output;
+        self.now = evidence.finished;
         self.worst_wakeup_ns = self.worst_wakeup_ns.max(evidence.times.wakeup);
         self.worst_step_ns = self.worst_step_ns.max(evidence.times.step);
         let changed = output.mode != self.mode;
@@ -187,30 +203,47 @@ impl Narrator {
     }
 
     /// Tells what the learner did.
-    pub fn learner(&self, event: &LearnerEvent) {
+    pub fn learner(&mut self, event: &LearnerEvent) {
         match event {
-            LearnerEvent::Promoted(promotion) => {
-                let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
-                let model = model.name();
-                match cause {
-                    PromotionCause::Improved => {
-                        info!(version, error_leaving, error_coming, "{model} has learned: better weights");
-                    }
-                    // Ten times a second.
-                    PromotionCause::Followed => {
-                        debug!(version, error_leaving, error_coming, "{model} learns")
-                    }
-                    PromotionCause::RolledBack => {
-                        info!(version, error_leaving, error_coming, "{model} goes back to earlier weights");
-                    }
-                }
-            }
+            LearnerEvent::Promoted(promotion) => self.learned(promotion),
             LearnerEvent::Rules(Ok(())) => info!("learner follows new rules"),
             LearnerEvent::Rules(Err(error)) => warn!("learner keeps its rules: {error}"),
             LearnerEvent::Failed(text) => {
                 warn!("learner has failed ({text}); the loop goes on with the weights it has");
             }
         }
+    }
+
+    /// New weights, at most once per [`LEARNED_NS`] and model; the line tells how often it was since the last
+    /// one.
+    fn learned(&mut self, promotion: &Promotion) {
+        let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
+        let name = model.name();
+        // Normalised errors are squares, and TARGET_RMS is the pen's usual displacement in a step of the grid.
+        let steps = |squared: f64| squared.sqrt() / TARGET_RMS;
+        let (before, after) = (steps(error_leaving), steps(error_coming));
+        if cause == PromotionCause::Followed {
+            // Ten times a second.
+            debug!(version, "{name} learns: rms error of its previews {before:.2} -> {after:.2} pen steps");
+            return;
+        }
+        let now = self.now;
+        let Some(lessons) = self.lessons.get_mut(model.index()) else { return };
+        match cause {
+            PromotionCause::RolledBack => lessons.back += 1,
+            _ => lessons.better += 1,
+        }
+        if lessons.told_at.is_some_and(|told_at| now.since(told_at) < LEARNED_NS) {
+            return;
+        }
+        let Lessons { better, back, .. } = std::mem::take(lessons);
+        lessons.told_at = Some(now);
+        let back = if back > 0 { format!(", went back to earlier ones {back} times") } else { String::new() };
+        info!(
+            version,
+            "{name} has learned: took better weights {better} times{back}; \
+             rms error of its previews {before:.2} -> {after:.2} pen steps"
+        );
     }
 }
 
@@ -227,6 +260,30 @@ mod tests {
         let lines = Troubles::of(&later).since(&Troubles::of(&evidence(1)));
         assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
         assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
+    }
+
+    #[test]
+    fn new_weights_are_told_at_once_then_counted_for_ten_seconds() {
+        let mut narrator = Narrator::default();
+        let mut evidence = evidence(1);
+        let promotion = Promotion {
+            model: PredictorKind::Dybm,
+            version: 2,
+            cause: PromotionCause::Improved,
+            index: 1,
+            error_leaving: 4.0,
+            error_coming: 1.0,
+        };
+        let counts = |narrator: &Narrator| narrator.lessons[PredictorKind::Dybm.index()].better;
+        let mut seen = Vec::new();
+        for second in [1_u64, 2, 5, 10, 12] {
+            evidence.finished = Stamp(second * 1_000_000_000);
+            narrator.tick(&evidence);
+            narrator.learner(&LearnerEvent::Promoted(promotion));
+            seen.push(counts(&narrator));
+        }
+        // 0: told, and counting anew.
+        assert_eq!(seen, [0, 1, 2, 3, 0]);
     }
 
     #[test]

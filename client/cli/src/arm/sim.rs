@@ -47,11 +47,11 @@ pub(crate) struct SimArgs {
     lag: LagArgs,
 
     /// End after this many seconds; otherwise on Ctrl-C
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
     seconds: Option<f64>,
 
     /// Seconds to wait for the daemon to come up
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
     /// Write every joint state as CSV: t_s (monotonic clock), q1..q6 [rad]
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let model = ArmModel::at_rest(arm, robot.home);
     let record = args.record.as_ref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
-    let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
+    let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let ports = Ports::open(&foretrace)?;
     note!(
         "arm: {rate_hz} Hz, look-ahead {} ms, in all {:.1} ms late, instance {}",

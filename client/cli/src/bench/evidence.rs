@@ -30,7 +30,11 @@ pub(super) struct EvidenceCost {
 const UNIT_M: f64 = 1e-4;
 
 /// Times it on `samples` ticks that close a grid step, and on those between.
-pub(super) fn evidence(config: &Config, workload: &Workload, samples: u32) -> Result<EvidenceCost, Failure> {
+pub(super) fn evidence<const N: usize>(
+    config: &Config,
+    workload: &Workload<N>,
+    samples: u32,
+) -> Result<EvidenceCost, Failure> {
     let settings = config.follower_settings();
     let (mut between, mut closing) = (Vec::new(), Vec::new());
     while closing.len() < samples as usize {

@@ -22,7 +22,7 @@ pub(super) struct LagCost {
 }
 
 /// Times it on `samples` ticks, over and over the recorded loop.
-pub(super) fn lag(workload: &Workload, samples: u32) -> LagCost {
+pub(super) fn lag<const N: usize>(workload: &Workload<N>, samples: u32) -> LagCost {
     let mut times = Vec::new();
     'laps: loop {
         let mut estimator = LagEstimator::<J>::new();

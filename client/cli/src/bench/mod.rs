@@ -25,13 +25,14 @@ use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
 use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
-use workload::{J, N, Workload};
+use workload::{J, Workload};
 
 /// Time the parts of a tick on this machine, exact path beside Clarabel
 ///
-/// Runs a loop on handwriting (horizon 10, DyBM), then times every problem that occurred in it with each backend in
-/// turn: planning without and with 3 to 8 active limits, one step of inverse kinematics, one roll-out of the predictor,
-/// and the whole step from pen samples to a legal command. Release builds only tell the truth.
+/// Runs a loop on handwriting (the settings' horizon, DyBM believed fully), then times every problem that
+/// occurred in it with each backend in turn: planning without and with 3 to 8 active limits, one step of
+/// inverse kinematics, one roll-out of the predictor, and the whole step from pen samples to a legal command.
+/// Release builds only tell the truth.
 #[derive(Debug, clap::Args)]
 pub(crate) struct BenchArgs {
     /// Instances per row
@@ -97,6 +98,8 @@ struct Row {
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 struct Report {
+    /// Steps of the plan, as in the settings.
+    horizon: usize,
     mpc_free_us: Row,
     mpc_active_us: Row,
     ik_us: Row,
@@ -125,40 +128,54 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
         );
     }
     let config = configured(&args.settings)?;
-    let path = source::load(std::slice::from_ref(&args.pen), &PathArgs::default(), config.settings())?.path;
-    let seconds = (f64::from(args.samples) * 0.02).clamp(20.0, 600.0);
-    let workload = workload::record(&config, &path, seconds)?;
-    let (step_by_predictor_us, learn_us) = stepping::by_predictor(&config, &workload, args.samples)?;
-    let report = Report {
-        mpc_free_us: planning(&config, &workload, 0..=0, args.samples)?,
-        mpc_active_us: planning(&config, &workload, 3..=8, args.samples)?,
-        ik_us: reaching(&config, &workload, args.samples)?,
-        predict_us: predicting(&config, &workload, args.samples)?,
-        step_us: stepping::stepping(&config, &workload, args.samples)?,
-        step_by_predictor_us,
-        learn_us,
-        lag_us: lag::lag(&workload, args.samples),
-        evidence_us: evidence::evidence(&config, &workload, args.samples)?,
-        predictors_us: predictors::predictors(&config, &workload, args.samples)?,
-        clock_us: clock_cost(),
-        samples: args.samples,
-        optimised_build: !cfg!(debug_assertions),
-    };
+    let report = match config.settings().mpc.horizon {
+        10 => measured::<10>(args, &config),
+        20 => measured::<20>(args, &config),
+        _ => measured::<30>(args, &config),
+    }?;
     table(&report);
     args.json.write(&report)
 }
 
-/// Horizon 10 and DyBM, trusted, whatever the settings say.
+/// Everything under the clock, with plans of N steps.
+fn measured<const N: usize>(args: &BenchArgs, config: &Config) -> Result<Report, Failure> {
+    let path = source::load(std::slice::from_ref(&args.pen), &PathArgs::default(), config.settings())?.path;
+    let seconds = (f64::from(args.samples) * 0.02).clamp(20.0, 600.0);
+    let workload = workload::record::<N>(config, &path, seconds)?;
+    let (step_by_predictor_us, learn_us) = stepping::by_predictor(config, &workload, args.samples)?;
+    Ok(Report {
+        horizon: N,
+        mpc_free_us: planning(config, &workload, 0..=0, args.samples)?,
+        mpc_active_us: planning(config, &workload, 3..=8, args.samples)?,
+        ik_us: reaching(config, &workload, args.samples)?,
+        predict_us: predicting(config, &workload, args.samples)?,
+        step_us: stepping::stepping(config, &workload, args.samples)?,
+        step_by_predictor_us,
+        learn_us,
+        lag_us: lag::lag(&workload, args.samples),
+        evidence_us: evidence::evidence(config, &workload, args.samples)?,
+        predictors_us: predictors::predictors(config, &workload, args.samples)?,
+        clock_us: clock_cost(),
+        samples: args.samples,
+        optimised_build: !cfg!(debug_assertions),
+    })
+}
+
+/// DyBM, believed fully, whatever the settings say; who asked for something else is told.
 fn configured(args: &SettingsArgs) -> Result<Config, Failure> {
-    let fixed =
-        [("mpc.horizon", "10"), ("predictor.kind", "dybm"), ("trust.mode", "manual"), ("trust.value", "1.0")];
+    let fixed = [("predictor.kind", "dybm"), ("trust.mode", "manual"), ("trust.value", "1.0")];
+    for (key, value) in fixed {
+        if args.set.iter().any(|pair| pair.split_once('=').is_some_and(|(asked, _)| asked.trim() == key)) {
+            note!("bench: --set {key} changes nothing here: the loop that is timed has {key} = {value}");
+        }
+    }
     judged(&fixed.iter().fold(args.source()?, |source, (key, value)| source.with(key, value)))
 }
 
 /// Planning problems whose exact solution has `active` limits.
-fn planning(
+fn planning<const N: usize>(
     config: &Config,
-    workload: &Workload,
+    workload: &Workload<N>,
     active: std::ops::RangeInclusive<u32>,
     samples: u32,
 ) -> Result<Row, Failure> {
@@ -169,7 +186,7 @@ fn planning(
         planners.push(built.map_err(|error| Failure::bad_input(error, ""))?);
     }
     let mut plan = Plan::resting(settings.step_s);
-    let mut solve = |planner: &mut Mpc<N>, problem: &workload::Planning| {
+    let mut solve = |planner: &mut Mpc<N>, problem: &workload::Planning<N>| {
         planner.plan(&problem.start, &problem.held, &problem.preview, Trust::FULL, u32::MAX, &mut plan)
     };
     let mut chosen = Vec::new();
@@ -194,7 +211,7 @@ fn planning(
 }
 
 /// Forward kinematics and one IK step.
-fn reaching(config: &Config, workload: &Workload, samples: u32) -> Result<Row, Failure> {
+fn reaching<const N: usize>(config: &Config, workload: &Workload<N>, samples: u32) -> Result<Row, Failure> {
     let settings = config.follower_settings();
     let period_s = settings.period_ns as f64 * 1e-9;
     let mut arms = Vec::new();
@@ -214,7 +231,7 @@ fn reaching(config: &Config, workload: &Workload, samples: u32) -> Result<Row, F
 }
 
 /// One roll-out of the DyBM, after every step of the pen's grid.
-fn predicting(config: &Config, workload: &Workload, samples: u32) -> Result<Row, Failure> {
+fn predicting<const N: usize>(config: &Config, workload: &Workload<N>, samples: u32) -> Result<Row, Failure> {
     let settings = config.follower_settings();
     let refused = |error: &dyn std::fmt::Display| Failure::bad_input(error, "");
     let steps = settings.preview_steps(N).map_err(|error| refused(&error))?;
@@ -281,8 +298,9 @@ fn elapsed_us(begin: Instant) -> f64 {
 
 fn table(report: &Report) {
     say!(
-        "µs, p50 / p99 of {} instances each; the clock's own {:.3} µs included\n",
+        "µs, p50 / p99 of {} instances each, plans of {} steps; the clock's own {:.3} µs included\n",
         report.samples,
+        report.horizon,
         report.clock_us
     );
     say!(
@@ -330,12 +348,8 @@ fn table(report: &Report) {
     }
     say!("{:<22} {:>15}   off the loop: all models, all bands", "learner's step", pair(&report.learn_us));
     let lag = &report.lag_us;
-    say!(
-        "{:<22} {:>15}   {:.2} where a grid step closes",
-        "lag of the arm, a tick",
-        pair(&lag.per_tick),
-        lag.p90
-    );
+    let (name, p90) = ("lag of the arm, a tick", lag.p90);
+    say!("{name:<22} {:>15}   {p90:.2} where a grid step closes", pair(&lag.per_tick));
     let evidence = &report.evidence_us;
     say!(
         "{:<22} {:>15}   {} where a grid step closes",
@@ -366,7 +380,7 @@ mod tests {
             configured(&SettingsArgs { preset: "ur5".to_owned(), ..SettingsArgs::default() }).unwrap();
         let pen = ["glyphs:Kx4".to_owned()];
         let path = source::load(&pen, &PathArgs::default(), config.settings()).unwrap().path;
-        let workload = workload::record(&config, &path, 6.0).unwrap();
+        let workload = workload::record::<20>(&config, &path, 6.0).unwrap();
         assert!(workload.ticks.iter().filter(|tick| tick.following).count() > 2000);
         assert_eq!(workload.plannings.len(), workload.reachings.len());
         assert!(planning(&config, &workload, 0..=0, 50).is_ok());

@@ -40,9 +40,9 @@ pub(super) struct PredictorCost {
 /// Times every predictor on `samples` displacements of the recorded pen.
 ///
 /// *Errors*: settings the pen's grid refuses, a pen that never moves.
-pub(super) fn predictors(
+pub(super) fn predictors<const N: usize>(
     config: &Config,
-    workload: &Workload,
+    workload: &Workload<N>,
     samples: u32,
 ) -> Result<Vec<PredictorCost>, Failure> {
     let pen = displacements(config, workload)?;
@@ -103,7 +103,7 @@ fn made_up(spec: LstmSpec) -> Result<Arc<LstmWeights>, foretrace_control::predic
 }
 
 /// The recorded pen's grid steps, normalised.
-fn displacements(config: &Config, workload: &Workload) -> Result<Vec<[f64; 2]>, Failure> {
+fn displacements<const N: usize>(config: &Config, workload: &Workload<N>) -> Result<Vec<[f64; 2]>, Failure> {
     let settings = config.follower_settings();
     let refused = |error: &dyn std::fmt::Display| Failure::bad_input(error, "");
     let mut tracker = PenTracker::new(settings.pen).map_err(|error| refused(&error))?;

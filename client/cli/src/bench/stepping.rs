@@ -12,7 +12,7 @@ use foretrace_control::learn::Learner;
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
 use serde::Serialize;
 
-use super::workload::{J, N, Workload};
+use super::workload::{J, Workload};
 use super::{Cost, Row, WAYS, cost, elapsed_us};
 use crate::failure::Failure;
 
@@ -29,13 +29,17 @@ pub(super) struct PredictorSteps {
 }
 
 /// The whole step, all ways through the same ticks.
-pub(super) fn stepping(config: &Config, workload: &Workload, samples: u32) -> Result<Row, Failure> {
+pub(super) fn stepping<const N: usize>(
+    config: &Config,
+    workload: &Workload<N>,
+    samples: u32,
+) -> Result<Row, Failure> {
     let mut followers = Vec::new();
     for way in WAYS {
         let mut settings = config.follower_settings();
         settings.mpc.backend = way.mpc();
         settings.ik_backend = way.ik();
-        followers.push(follower(settings)?);
+        followers.push(follower::<N>(settings)?);
     }
     let skip = warm_up(workload);
     let mut times = [const { Vec::new() }; 3];
@@ -61,7 +65,7 @@ pub(super) fn stepping(config: &Config, workload: &Workload, samples: u32) -> Re
 }
 
 /// One loop with its predictor, its learner, and what both cost.
-struct Loop {
+struct Loop<const N: usize> {
     kind: PredictorKind,
     follower: Follower<N, J>,
     learner: Learner,
@@ -73,9 +77,9 @@ struct Loop {
 
 /// The whole step with every predictor that these settings have, and what its learner takes for one grid step (all models
 /// together).
-pub(super) fn by_predictor(
+pub(super) fn by_predictor<const N: usize>(
     config: &Config,
-    workload: &Workload,
+    workload: &Workload<N>,
     samples: u32,
 ) -> Result<(Vec<PredictorSteps>, Cost), Failure> {
     let mut loops = Vec::new();
@@ -85,7 +89,7 @@ pub(super) fn by_predictor(
         let learner = Learner::new(config.learner_settings(), config.models())
             .map_err(|error| Failure::bad_input(error, ""))?;
         let (any, new_preview, new_weights) = (Vec::new(), Vec::new(), Vec::new());
-        let follower = follower(settings)?;
+        let follower = follower::<N>(settings)?;
         loops.push(Loop { kind, follower, learner, weights: None, any, new_preview, new_weights });
     }
     let (skip, count) = (warm_up(workload), loops.len());
@@ -132,11 +136,11 @@ pub(super) fn by_predictor(
     Ok((steps.collect(), cost(learning)))
 }
 
-fn follower(settings: FollowerSettings<J>) -> Result<Follower<N, J>, Failure> {
+fn follower<const N: usize>(settings: FollowerSettings<J>) -> Result<Follower<N, J>, Failure> {
     Follower::<N, J>::new(settings).map_err(|error| Failure::bad_input(error, ""))
 }
 
 /// Ticks of following in which the predictor warms up and trust ramps.
-fn warm_up(workload: &Workload) -> usize {
+fn warm_up<const N: usize>(workload: &Workload<N>) -> usize {
     workload.ticks.iter().filter(|tick| tick.following).count().min(500) / 2
 }

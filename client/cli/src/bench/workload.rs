@@ -13,8 +13,6 @@ use nalgebra::Vector3;
 
 use crate::failure::Failure;
 
-/// Horizon of the bench.
-pub(crate) const N: usize = 10;
 /// Joints of the arm.
 pub(crate) const J: usize = 6;
 
@@ -45,7 +43,7 @@ impl Tick {
 
 /// One planning problem.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Planning {
+pub(crate) struct Planning<const N: usize> {
     pub(crate) start: [AxisState; 3],
     pub(crate) held: [AxisState; 3],
     pub(crate) preview: [[AxisState; N]; 3],
@@ -60,16 +58,20 @@ pub(crate) struct Reaching {
 
 /// The recorded loop.
 #[derive(Debug, Default)]
-pub(crate) struct Workload {
+pub(crate) struct Workload<const N: usize> {
     pub(crate) ticks: Vec<Tick>,
-    pub(crate) plannings: Vec<Planning>,
+    pub(crate) plannings: Vec<Planning<N>>,
     pub(crate) reachings: Vec<Reaching>,
 }
 
-/// Runs `seconds` of the loop on `path`, over and over.
+/// Runs `seconds` of the loop on `path`, over and over, with plans of N steps.
 ///
 /// *Errors*: settings the loop refuses, a path on which the arm never follows.
-pub(crate) fn record(config: &Config, path: &PenPath, seconds: f64) -> Result<Workload, Failure> {
+pub(crate) fn record<const N: usize>(
+    config: &Config,
+    path: &PenPath,
+    seconds: f64,
+) -> Result<Workload<N>, Failure> {
     let settings = config.follower_settings();
     let period_ns = settings.period_ns;
     let (plane, step_ns, lead_ns) = (settings.plane, settings.pen.step_ns, settings.dead_time_ns);

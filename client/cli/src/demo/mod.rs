@@ -11,10 +11,11 @@ mod figures;
 mod folder;
 mod verdict;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_config::Config;
 use foretrace_control::extent::ExtentBounds;
+use foretrace_control::predict::PredictorKind;
 use foretraced::{Base, Source};
 
 use crate::arm::options::StartedArmArgs;
@@ -24,6 +25,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, say};
 use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
+use crate::values;
 use crew::{Crew, Followed, Watch};
 use evidence::Evidence;
 use figures::SettingFigures;
@@ -48,19 +50,19 @@ pub(crate) struct DemoArgs {
     pen: String,
 
     /// Predictor: hold, constant-velocity, dybm, dybm-esn, ar-rls, lstm, ours [default: as in the settings]
-    #[arg(long, value_name = "NAME")]
-    predictor: Option<String>,
+    #[arg(long, value_name = "NAME", value_parser = values::predictor)]
+    predictor: Option<PredictorKind>,
 
     /// Trust in the prediction: 0 (hold only) to 1 (prediction only), or auto [default: as in the settings]
-    #[arg(long, value_name = "V|auto")]
+    #[arg(long, value_name = "V|auto", value_parser = values::trust)]
     trust: Option<String>,
 
     /// Ticks per second: 125, 250, 500 or 1000 [default: as in the settings]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
     /// Cycles per second of the simulated arm's controller [default: as in the settings]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=2000))]
     arm_rate: Option<u32>,
 
     #[command(flatten)]
@@ -110,17 +112,39 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
         say!("{name:<10}{value}");
     }
     args.json.write(&figures)?;
-    folder::write(&args.out, &figures, &evidence, scored.as_ref(), turn_s)?;
+    whole(&args.out, |folder| folder::write(folder, &figures, &evidence, scored.as_ref(), turn_s))?;
     say!("{:<10}{}", "report", args.out.join("report.html").display());
     verdict::of(&evidence, &figures, &ExtentBounds::of(&config.follower_settings()))
+}
+
+/// Lets `write` fill a folder of its own inside `out`, then moves the files: a report that fails leaves
+/// nothing behind, and what was there stays.
+fn whole(out: &Path, write: impl FnOnce(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
+    let partial = out.join(format!(".report-{}.partial", std::process::id()));
+    let moved = || -> std::io::Result<()> {
+        for entry in std::fs::read_dir(&partial)? {
+            let entry = entry?;
+            std::fs::rename(entry.path(), out.join(entry.file_name()))?;
+        }
+        Ok(())
+    };
+    let written = write(&partial).and_then(|()| {
+        moved().map_err(|error| {
+            let what = format_args!("cannot write the report into {}: {error}", out.display());
+            Failure::failed(what, "give a writable folder with --out")
+        })
+    });
+    // Empty, or of no use.
+    let _ = std::fs::remove_dir_all(&partial);
+    written
 }
 
 /// The settings of all processes: as asked for, on a private instance.
 fn settings(args: &DemoArgs, scratch: &Scratch) -> Result<(Source, Config), Failure> {
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate.or(source.rate_hz);
-    if let Some(predictor) = &args.predictor {
-        source = source.with("predictor.kind", predictor);
+    if let Some(predictor) = args.predictor {
+        source = source.with("predictor.kind", predictor.name());
     }
     source = match args.trust.as_deref() {
         None => source,
@@ -242,6 +266,27 @@ mod tests {
         settings: SettingsArgs,
         #[command(flatten)]
         path: PathArgs,
+    }
+
+    #[test]
+    fn a_report_that_fails_leaves_the_old_one_and_nothing_half_written() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("report.html"), "old").unwrap();
+        let filled = |text: &'static str, outcome: Result<(), Failure>| {
+            whole(folder.path(), |partial| {
+                std::fs::create_dir_all(partial).unwrap();
+                std::fs::write(partial.join("path.svg"), text).unwrap();
+                std::fs::write(partial.join("report.html"), text).unwrap();
+                outcome
+            })
+        };
+        let count = || std::fs::read_dir(folder.path()).unwrap().count();
+        assert!(filled("new", Err(Failure::failed("no room", ""))).is_err());
+        assert_eq!(count(), 1);
+        assert_eq!(std::fs::read_to_string(folder.path().join("report.html")).unwrap(), "old");
+        filled("new", Ok(())).unwrap();
+        assert_eq!(count(), 2);
+        assert_eq!(std::fs::read_to_string(folder.path().join("report.html")).unwrap(), "new");
     }
 
     #[test]

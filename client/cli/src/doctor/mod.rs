@@ -42,7 +42,7 @@ pub(crate) struct DoctorArgs {
     seconds: f64,
 
     /// Ticks per second instead of the settings': 125, 250, 500 or 1000
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
     /// First remove what dead instances of this user left behind (with --root: that instance only); never touches

@@ -5,6 +5,7 @@
 //! refused is counted by reason and told. In the order of a sample's way: `socket`, `serve`, `admission`; `tally` counts.
 
 mod admission;
+mod holder;
 mod serve;
 mod socket;
 mod tally;
@@ -29,7 +30,7 @@ use socket::Socket;
 /// the daemon's user. Holds the instance's only place for a pen. Outlives the daemon; ends on Ctrl-C.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  foretrace gateway --socket /run/foretrace-pen/socket --allow-uid 1001 --mode 666\n  foretrace play glyphs:Hello --gateway /run/foretrace-pen/socket      # as user 1001"
+    after_help = "Example:\n  foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid 1001 --mode 666\n  foretrace play glyphs:Hello --gateway /tmp/foretrace-pen.socket      # as user 1001"
 )]
 pub(crate) struct GatewayArgs {
     /// Where to make the socket, in a folder that only its owner may write to
@@ -61,11 +62,11 @@ pub(crate) struct GatewayArgs {
     status_every: f64,
 
     /// Seconds to wait for the daemon to come up
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
     /// End after this many seconds
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
     seconds: Option<f64>,
 
     #[command(flatten)]
@@ -77,14 +78,14 @@ pub(crate) struct GatewayArgs {
 
 /// A half frame after this long is an attack or a bug.
 const FRAME_TIME: Duration = Duration::from_secs(1);
-/// A pen that has nothing to say for this long gives way.
+/// A pen that has nothing, or too little, to say for this long gives way.
 const SILENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let instance = args.instance.instance()?;
-    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)))?;
+    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let mut pen = Pen { feed: Some(foretrace.pen_feed().map_err(unattached)?), told: false };
     let socket = Socket::open(&args.socket, args.mode, args.group)
         .map_err(|error| Failure::bad_input(error.what, error.remedy))?;

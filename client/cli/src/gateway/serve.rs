@@ -12,6 +12,7 @@ use foretrace_client::PenSample;
 use foretrace_client::gateway_frame::{FrameReader, WELCOME};
 
 use super::admission::Admission;
+use super::holder::Holder;
 use super::socket::Socket;
 use super::tally::{Samples, Tally};
 use crate::os;
@@ -36,7 +37,8 @@ pub(crate) struct Policy {
     pub(crate) burst: u32,
     /// Longest time from the first byte of a frame to its last.
     pub(crate) frame_time: Duration,
-    /// A client of whom no sample passed for this long gives way to the next that knocks.
+    /// A client of whom nothing, or too little for a pen, passed for this long gives way to the next that
+    /// knocks.
     pub(crate) silence: Duration,
 }
 
@@ -56,7 +58,7 @@ struct Client {
     reader: FrameReader,
     /// Since when a frame is not whole.
     half_since: Option<Instant>,
-    last_passed: Instant,
+    holder: Holder,
     samples: Samples,
 }
 
@@ -135,7 +137,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
                     user,
                     reader: FrameReader::default(),
                     half_since: None,
-                    last_passed: Instant::now(),
+                    holder: Holder::new(Instant::now()),
                     samples: Samples::default(),
                 });
             }
@@ -149,15 +151,19 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
         }
     }
 
-    /// Keeps the place for the client that is in, unless it has been silent for too long.
+    /// Keeps the place for the client that is in, unless it makes no use of it.
     fn refuse_a_second(&mut self) -> Option<&'static str> {
         let client = self.client.take()?;
-        if client.last_passed.elapsed() <= self.policy.silence {
-            self.client = Some(client);
-            return Some("another client is connected");
+        match client.holder.gives_way(Instant::now(), self.policy.silence) {
+            None => {
+                self.client = Some(client);
+                Some("another client is connected")
+            }
+            Some(reason) => {
+                self.end(client, reason);
+                None
+            }
         }
-        self.end(client, "silent, and another client came");
-        None
     }
 
     /// Takes what the client has sent; a reason when the connection is over.
@@ -212,7 +218,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
             both.into_iter().for_each(|samples| samples.refused.count(refusal.label()));
             return;
         }
-        client.last_passed = Instant::now();
+        client.holder.pass(Instant::now());
         let delivery = (self.deliver)(sample);
         for samples in both {
             match delivery {

@@ -10,9 +10,9 @@ use foretrace_lab::data::{DataSet, Split, median_glyph_height};
 use foretrace_lab::path::Lift;
 use serde_json::json;
 
-use super::Progress;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
+use crate::progress::Progress;
 use crate::settings::SettingsArgs;
 
 #[derive(Debug, clap::Args)]
@@ -44,7 +44,7 @@ pub(crate) struct ClosedLoopArgs {
     pareto: bool,
 
     /// At most this many sequences of each hand, every writer of every file, in the order of the file
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::values::count)]
     limit: Option<usize>,
 
     /// Every sequence's own scores in the JSON too, for paired comparisons
@@ -81,7 +81,7 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     if args.pareto {
         return pareto(args, &set.title, &benchmark);
     }
-    let progress = Progress::of(benchmark.jobs());
+    let progress = Progress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     let rows = Outcome::table(&outcomes);
@@ -107,7 +107,7 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     for refused in benchmark.pareto_refused() {
         note!("lab: left out: {refused}");
     }
-    let progress = Progress::of(benchmark.pareto_jobs());
+    let progress = Progress::of("lab closed-loop", benchmark.pareto_jobs());
     let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     if points.is_empty() {
@@ -196,8 +196,7 @@ fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
         return Ok(Entrant::all().filter(|entrant| !pareto || swept(entrant)).collect());
     }
     let named = |name: &String| {
-        Entrant::named(name.trim())
-            .map_err(|error| Failure::bad_input(error, "choose from them (--predictors)"))
+        Entrant::named(name.trim()).map_err(|error| Failure::usage(error, "choose from them (--predictors)"))
     };
     names.iter().map(named).collect()
 }
@@ -206,7 +205,7 @@ fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {
     let named = |name: &String| {
         BenchArm::ALL.into_iter().find(|arm| arm.name() == name.trim()).ok_or_else(|| {
             let known = BenchArm::ALL.map(BenchArm::name).join(" ");
-            Failure::bad_input(
+            Failure::usage(
                 format_args!("no arm is called {name:?}"),
                 format_args!("choose from {known} (--arms)"),
             )

@@ -50,7 +50,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         );
         let cold: Vec<String> =
             Model::all().iter().filter(|m| !m.needs_training()).map(Model::to_string).collect();
-        return Err(Failure::bad_input(
+        return Err(Failure::usage(
             what,
             format_args!("leave --cold out, or choose from {}", cold.join(", ")),
         ));

@@ -10,9 +10,10 @@ use foretrace_lab::experiments::{
 use foretrace_lab::plot::{Cell, Rampup, letter_grid, trust_ramp};
 use serde_json::{Map, Value, json};
 
-use super::{LabArgs, Progress, Session};
+use super::{LabArgs, Session};
 use crate::failure::Failure;
 use crate::output::{note, say};
+use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Fig2Args {
@@ -38,7 +39,7 @@ impl Session {
     pub(super) fn fig2(&self, args: &Fig2Args) -> Result<(), Failure> {
         let entrants = self.entrants(&args.predictors)?;
         let args = &args.lab;
-        let progress = Progress::of(2 * entrants.len());
+        let progress = Progress::of("lab fig2", 2 * entrants.len());
         let figure = fig2(&self.config, &self.letters, &entrants, || progress.step()).map_err(failed)?;
         drop(progress);
         say!("{}\n", self.title);
@@ -75,7 +76,7 @@ impl Session {
         })?;
         self.needs_network(kind)?;
         let args = &args.lab;
-        let progress = Progress::of(self.letters.len());
+        let progress = Progress::of("lab fig3", self.letters.len());
         let figure = fig3(&self.config, &self.letters, kind, || progress.step()).map_err(failed)?;
         drop(progress);
         say!("{}\n", self.title);
@@ -195,7 +196,7 @@ fn numbers(row: &Fig2Row) -> Value {
 }
 
 fn unknown(name: &str, known: &str, option: &str) -> Failure {
-    Failure::bad_input(
+    Failure::usage(
         format_args!("no predictor is called {name:?}; there are {known}"),
         format_args!("choose from them ({option})"),
     )

@@ -10,9 +10,10 @@ use foretrace_lab::prediction::lead_time::{
 use foretrace_lab::prediction::{Model, Set};
 use serde_json::json;
 
-use super::{Progress, table};
+use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
+use crate::progress::Progress;
 
 /// Look-ahead times that the text shows [ms].
 const SHOWN_MS: [u32; 5] = [10, 20, 50, 100, 200];
@@ -63,7 +64,7 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
         sets.iter().enumerate().find(|(i, set)| sets.iter().take(*i).any(|s| s.name == set.name))
     {
         let what = format_args!("--data names two sets called {:?}", twice.1.name);
-        return Err(Failure::bad_input(what, "rename one of the folders"));
+        return Err(Failure::usage(what, "name each set once, or rename one of the folders"));
     }
     match exports {
         Some(folder) => export_all(folder, &sets),
@@ -81,13 +82,10 @@ fn entrants(names: Option<&str>) -> Result<Vec<Entrant>, Failure> {
                     Predictions::load(Path::new(file)).map_err(|error| Failure::bad_input(error, ""))?;
                 Entrant::File { name: name.to_owned(), predictions }
             }
-            None => Entrant::Model(
-                Model::named(name)
-                    .map_err(|error| Failure::bad_input(error, "or give file:PREDICTIONS.csv"))?,
-            ),
+            None => Entrant::Model(Model::named(name).map_err(|error| table::unknown(&error))?),
         };
         if entrants.iter().any(|e| e.name() == name) {
-            return Err(Failure::bad_input(
+            return Err(Failure::usage(
                 format_args!("model {name:?} is named twice"),
                 "name each model once",
             ));
@@ -119,7 +117,7 @@ fn export_all(folder: &Path, sets: &[Set]) -> Result<(), Failure> {
 }
 
 fn compare_all(args: &LeadtimeArgs, entrants: &[Entrant], sets: &[Set]) -> Result<(), Failure> {
-    let progress = Progress::of(entrants.len() * sets.len());
+    let progress = Progress::of("lab leadtime", entrants.len() * sets.len());
     let (boards, standings) = compare(entrants, sets, &|| progress.step()).map_err(|error| match error {
         BoardError::Predictions(_) => Failure::bad_input(error, ""),
         other => Failure::bad_input(other, "choose other models (--models)"),

@@ -14,10 +14,10 @@ use foretrace_config::Config;
 use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::experiments::{Labels, Letter, letters};
 use foretrace_lab::path::{Anchor, Layout, Placement};
-use indicatif::ProgressBar;
 
 use crate::failure::Failure;
-use crate::output::{JsonArgs, may_draw, note};
+use crate::interrupt::ends_at_once;
+use crate::output::{JsonArgs, note};
 use crate::play::source::Workspace;
 use crate::settings::SettingsArgs;
 
@@ -77,7 +77,7 @@ pub(crate) struct LabArgs {
     label: String,
 
     /// At most this many letters, in the order of the set
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::values::count)]
     limit: Option<usize>,
 
     /// Height of a median letter in metres of the pen's plane
@@ -96,6 +96,10 @@ pub(crate) struct LabArgs {
 }
 
 pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
+    // A training ends in order, with what it has learned saved.
+    if !matches!(command, LabCommand::Train(_)) {
+        ends_at_once()?;
+    }
     match command {
         LabCommand::Fig2(args) => Session::prepare(&args.lab)?.fig2(args),
         LabCommand::Fig3(args) => Session::prepare(&args.lab)?.fig3(args),
@@ -143,28 +147,5 @@ impl Session {
         };
         note!("lab: {title}");
         Ok(Self { config, letters, title })
-    }
-}
-
-/// Steps of a long experiment, drawn where somebody watches.
-struct Progress(Option<ProgressBar>);
-
-impl Progress {
-    fn of(steps: usize) -> Self {
-        Self(may_draw().then(|| ProgressBar::new(steps as u64)))
-    }
-
-    fn step(&self) {
-        if let Some(bar) = &self.0 {
-            bar.inc(1);
-        }
-    }
-}
-
-impl Drop for Progress {
-    fn drop(&mut self) {
-        if let Some(bar) = &self.0 {
-            bar.finish_and_clear();
-        }
     }
 }

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use foretrace_lab::data::Split;
 use foretrace_lab::plot::{Bars, Best, bar_table};
-use foretrace_lab::prediction::{ByLead, Model, Row, Scored, Set, score, work};
+use foretrace_lab::prediction::{ByLead, Model, ModelError, Row, Scored, Set, score, work};
 use serde_json::{Value, json};
 
-use super::Progress;
 use crate::failure::Failure;
 use crate::output::{note, say};
+use crate::progress::Progress;
 
 /// Loads a set and says what was left out of it; strict: nothing may be.
 pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Result<Set, Failure> {
@@ -31,12 +31,20 @@ pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Re
 
 /// The models of a comma-separated list.
 pub(super) fn models(names: &str) -> Result<Vec<Model>, Failure> {
-    Model::list(names).map_err(|error| Failure::bad_input(error, ""))
+    Model::list(names).map_err(|error| unknown(&error))
+}
+
+/// A name or a repetition is the command line's fault, what a file holds is not.
+pub(super) fn unknown(error: &ModelError) -> Failure {
+    match error {
+        ModelError::Unknown { .. } | ModelError::Twice { .. } => Failure::usage(error, ""),
+        _ => Failure::bad_input(error, ""),
+    }
 }
 
 /// Scores the models with a progress bar where somebody watches.
 pub(super) fn scored(models: &[Model], set: &Set) -> Result<Scored, Failure> {
-    let progress = Progress::of(work(models, set));
+    let progress = Progress::of("lab", work(models, set));
     score(models, set, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))
 }
 

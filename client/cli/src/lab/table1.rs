@@ -10,9 +10,10 @@ use foretrace_lab::prediction::{
 };
 use serde_json::json;
 
-use super::{Progress, table};
+use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
+use crate::progress::Progress;
 
 /// The model that the paper says gains on curvy symbols, and what stands in where it was not chosen.
 const FAVOURED: [&str; 3] = ["lstm10", "lstm10-reference", "lstm32"];
@@ -68,7 +69,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     if let Some(twice) =
         names.iter().enumerate().find(|(place, name)| names.iter().take(*place).any(|n| n == *name))
     {
-        return Err(Failure::bad_input(
+        return Err(Failure::usage(
             format_args!("model {:?} is named twice", twice.1),
             "name each model once",
         ));
@@ -116,7 +117,7 @@ fn anew(args: &Table1Args, name: &str) -> Option<usize> {
 
 fn trained(name: &str, cells: usize, set: &Set) -> Result<Model, Failure> {
     note!("lab: training {name} on {} sequences, {} epochs", set.train.len(), retrain_epochs(cells));
-    let progress = Progress::of(retrain_epochs(cells));
+    let progress = Progress::of("lab table1, training", retrain_epochs(cells));
     let trained = retrain(name, cells, set, &|| progress.step()).map_err(|error| match error {
         RetrainError::Empty { .. } => Failure::bad_input(error, ""),
         other => Failure::failed(other, ""),

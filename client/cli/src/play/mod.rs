@@ -52,11 +52,11 @@ pub(crate) struct PlayArgs {
     repeat: bool,
 
     /// End after this many seconds
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
     seconds: Option<f64>,
 
     /// Seconds to wait for the daemon to come up
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
     /// Send to the socket of a `foretrace gateway` instead of into shared memory; for users other than the daemon's
@@ -108,7 +108,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
     let way = match &args.gateway {
         Some(path) => Way::gateway(path)?,
         None => {
-            let wait = Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0));
+            let wait = Duration::from_secs_f64(args.wait);
             Way::shared(&instance_of(config.settings())?, wait)?
         }
     };

@@ -5,7 +5,6 @@ mod chain;
 mod screen;
 mod view;
 
-use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Duration;
 
@@ -15,7 +14,7 @@ use serde_json::Value;
 use crate::attach::{Lookout, News, unattached};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
-use crate::output::{JsonArgs, say};
+use crate::output::{JsonArgs, clear_screen, say};
 use crate::settings::InstanceArgs;
 use alarm::Alarm;
 
@@ -48,12 +47,16 @@ pub(crate) struct StatusArgs {
 
 pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let foretrace = args.instance.attach()?;
-    let mut reader = foretrace.status().map_err(unattached)?;
     let known = view::json(&Status::default());
     for alarm in &args.alarms {
-        alarm.check(&known).map_err(|wrong| Failure::new(Cause::Usage, wrong, ""))?;
+        alarm.check(&known).map_err(|wrong| Failure::usage(wrong, ""))?;
     }
+    if args.watch && args.json.json.as_deref().is_some_and(|file| file != Path::new("-")) {
+        let what = "--watch writes its JSON to stdout only, a line per second";
+        return Err(Failure::usage(what, "use --json -"));
+    }
+    let foretrace = args.instance.attach()?;
+    let mut reader = foretrace.status().map_err(unattached)?;
     if args.watch {
         return watch(args, foretrace, reader);
     }
@@ -66,14 +69,9 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
 
 /// Two screens per second, or one line of JSON.
 fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) -> Result<(), Failure> {
-    if args.json.json.as_deref().is_some_and(|file| file != Path::new("-")) {
-        let what = "--watch writes its JSON to stdout only, a line per second";
-        return Err(Failure::new(Cause::Usage, what, "use --json -"));
-    }
     let streams = args.json.json.is_some();
     let pause = Duration::from_millis(if streams { 1000 } else { 500 });
     let interrupt = Interrupt::listen()?;
-    let clear = if std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
     let mut lookout = Lookout::new();
     while !interrupt.is_set() {
         match reader.next_within(PATIENCE) {
@@ -82,11 +80,15 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
                 if streams {
                     args.json.line(&figures)?;
                 } else {
-                    say!("{clear}{}", screen::page(&status, status.header.age_ns(monotonic_now_ns())));
+                    clear_screen();
+                    say!("{}", screen::page(&status, status.header.age_ns(monotonic_now_ns())));
                 }
                 judged(&args.alarms, &figures)?;
             }
-            None => say!("{clear}no status for {} s: no daemon running, or it is stuck", PATIENCE.as_secs()),
+            None => {
+                clear_screen();
+                say!("no status for {} s: no daemon running, or it is stuck", PATIENCE.as_secs());
+            }
         }
         if lookout.look(&mut foretrace) == News::Renewed {
             reader = foretrace.status().map_err(unattached)?;

@@ -8,7 +8,7 @@ use super::format::read_limited;
 use super::pen_log::{Head, read_head};
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
@@ -145,17 +145,7 @@ pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
         text.push_str(&row(sample));
         text.push('\n');
     }
-    // A pipe or device cannot be renamed over.
-    if std::fs::metadata(file).is_ok_and(|meta| !meta.is_file()) {
-        return std::fs::write(file, text);
-    }
-    let mut part = file.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
-    std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, file)).inspect_err(|_| {
-        // The first error is the one to tell.
-        let _ = std::fs::remove_file(&part);
-    })
+    crate::whole::write(file, |out| out.write_all(text.as_bytes()))
 }
 
 /// A sample as a line.

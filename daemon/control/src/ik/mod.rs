@@ -31,7 +31,7 @@ pub use clearance::{
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
 pub use task::{IkSettings, ToolTarget};
-pub use urdf::ChainError;
+pub use urdf::{ChainError, description};
 
 use crate::qp::QpStatus;
 use crate::qp::box_qp::{self, ActiveBounds, BoxSolution};

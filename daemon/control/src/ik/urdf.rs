@@ -19,6 +19,12 @@ pub enum ChainError {
         /// The parser's words.
         reason: String,
     },
+    /// A macro file that has to be expanded first.
+    #[error("it is a xacro file: expand it first with `xacro FILE > robot.urdf`, and name robot.urdf")]
+    Xacro,
+    /// No link at all.
+    #[error("the description has no links: it is no description of a robot")]
+    Empty,
     /// The named base or tip does not exist.
     #[error("link `{link}` does not exist; the links are: {known}")]
     UnknownLink {
@@ -160,8 +166,7 @@ pub(super) struct Segments {
 
 /// Reads the chain from `base` (default: the only root) to `tip` (default: the only leaf).
 pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Result<Segments, ChainError> {
-    let robot =
-        urdf_rs::read_from_string(text).map_err(|e| ChainError::Malformed { reason: e.to_string() })?;
+    let robot = description(text)?;
     let base = match base {
         Some(name) => known_link(&robot, name)?,
         None => only_root(&robot)?,
@@ -185,6 +190,28 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
         }
     }
     Ok(Segments { segments, tip_rotation: rotation, tip_translation: translation, base, tip, bodies })
+}
+
+/// Reads a robot description.
+///
+/// # Errors
+/// A xacro file, not XML, not URDF, or no links.
+pub fn description(text: &str) -> Result<Robot, ChainError> {
+    // Macros are no elements of URDF: what is read without them is a part of the arm, or nothing.
+    if xacro(text) {
+        return Err(ChainError::Xacro);
+    }
+    let robot =
+        urdf_rs::read_from_string(text).map_err(|e| ChainError::Malformed { reason: e.to_string() })?;
+    if robot.links.is_empty() {
+        return Err(ChainError::Empty);
+    }
+    Ok(robot)
+}
+
+/// An element or a substitution of xacro; a mere declaration of its name space is left behind by expanding.
+fn xacro(text: &str) -> bool {
+    text.contains("<xacro:") || text.contains("=\"${") || text.contains("=\"$(")
 }
 
 fn known_link(robot: &Robot, name: &str) -> Result<String, ChainError> {

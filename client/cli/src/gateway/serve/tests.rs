@@ -359,3 +359,18 @@ fn a_gateway_that_ends_says_so_to_its_client() {
     let text = ended.unwrap().to_string();
     assert!(text.contains("the gateway ends"), "{text}");
 }
+
+#[test]
+fn a_client_with_a_good_sample_now_and_then_gives_way_and_is_told_why() {
+    let rig = Rig::new(Policy { silence: Duration::from_millis(300), ..policy() });
+    let mut holder = rig.raw();
+    std::thread::sleep(Duration::from_millis(320));
+    holder.send(&Frame(sample()).encode());
+    until("the sample passes", || rig.passed() == 1);
+    let mut second = rig.feed();
+    assert!(holder.line().contains("and another client came"));
+    second.send(reading(1)).unwrap();
+    until("the second client's sample passes", || rig.passed() == 2);
+    second.finish().unwrap();
+    assert_eq!(rig.end().0.clients, 2);
+}

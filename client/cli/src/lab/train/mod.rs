@@ -17,12 +17,12 @@ use foretrace_control::pen::TARGET_RMS;
 use foretrace_lab::data::DataSet;
 use foretrace_lab::train::corpus::{self, Item};
 use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
-use crate::output::{may_draw, note, say};
+use crate::output::{note, say};
+use crate::progress::Progress;
 use options::Choice;
 pub(crate) use options::TrainArgs;
 
@@ -43,32 +43,30 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut fit = Fit::new(choice.plan.clone(), setup.clone(), parts, args.threads(), state);
     let begin = Instant::now();
     let earlier = fit.state().history.len();
+    // Patience may end it sooner.
+    let progress = Progress::of("lab train", choice.plan.epochs * fit.batches_per_epoch());
+    progress.skip(earlier * fit.batches_per_epoch());
     while !fit.is_finished() {
-        epoch(&mut fit, &interrupt, &choice)?;
+        epoch(&mut fit, &interrupt, &choice, &progress)?;
         checkpoint.save(&fit)?;
     }
+    drop(progress);
     let made = fit.state().history.len() - earlier;
     let us_per_step = (made > 0)
         .then(|| begin.elapsed().as_secs_f64() * 1e6 / (made * fit.steps_per_epoch()).max(1) as f64);
-    finish(args, out, &choice, &data, &setup, &fit, us_per_step)?;
+    // Where that fails, --resume goes through it once more.
+    finish(args, out, &choice, &data, &setup, &fit, us_per_step, &checkpoint.file)?;
     checkpoint.remove();
     Ok(())
 }
 
-/// One epoch with its progress bar and its line.
-fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Failure> {
+/// One epoch and its line.
+fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice, progress: &Progress) -> Result<(), Failure> {
     let number = fit.state().history.len() + 1;
-    let bar = may_draw().then(|| {
-        let style = ProgressStyle::with_template("{prefix} [{wide_bar}] {pos}/{len} batches {eta}");
-        let bar = ProgressBar::new(fit.batches_per_epoch() as u64);
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar.with_prefix(format!("epoch {number}/{}", choice.plan.epochs))
-    });
     let done = fit.epoch(|| {
-        bar.iter().for_each(|bar| bar.inc(1));
+        progress.step();
         if interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    bar.iter().for_each(ProgressBar::finish_and_clear);
     let done = done.map_err(|error| match error {
         FitError::Interrupted => {
             let what = format_args!("interrupted in epoch {number}").to_string();
@@ -80,7 +78,8 @@ fn epoch(fit: &mut Fit, interrupt: &Interrupt, choice: &Choice) -> Result<(), Fa
     let held_out = done.held_out.map_or_else(String::new, |s| {
         format!(", held out {:.5}, MSE {}, within strokes {}", s.loss, figure(s.mse), figure(s.within))
     });
-    note!("epoch {number:>3}/{}: loss {:.5}{held_out}", choice.plan.epochs, done.train_loss);
+    let (epochs, loss) = (choice.plan.epochs, done.train_loss);
+    progress.note(format_args!("epoch {number:>3}/{epochs}: loss {loss:.5}{held_out}"));
     Ok(())
 }
 
@@ -214,8 +213,18 @@ impl Checkpoint {
     }
 
     fn save(&self, fit: &Fit) -> Result<(), Failure> {
-        checkpoint::save(&self.file, &self.plan, fit.state())
-            .map_err(|error| Failure::failed(error, "make room, or give --out in a writable folder"))
+        checkpoint::save(&self.file, &self.plan, fit.state()).map_err(|error| {
+            let epochs = fit.state().history.len().saturating_sub(1);
+            let remedy = "make room, or give --out in a writable folder";
+            if epochs > 0 && self.file.exists() {
+                let kept = self.file.display();
+                let remedy = format!(
+                    "{remedy}; the first {epochs} epochs are saved in {kept}: --resume goes on from there"
+                );
+                return Failure::failed(error, remedy);
+            }
+            Failure::failed(error, remedy)
+        })
     }
 
     fn remove(&self) {
@@ -225,6 +234,7 @@ impl Checkpoint {
 }
 
 /// Model, curve and result.
+#[expect(clippy::too_many_arguments, reason = "everything that a training ends with")]
 fn finish(
     args: &TrainArgs,
     out: &Path,
@@ -233,6 +243,7 @@ fn finish(
     setup: &Setup,
     fit: &Fit,
     us_per_step: Option<f64>,
+    checkpoint: &Path,
 ) -> Result<(), Failure> {
     let (best, parameters) = fit.outcome();
     let history = &fit.state().history;
@@ -240,10 +251,23 @@ fn finish(
     let notes = notes(args, choice, data, history.len(), best, scores);
     let model = model(&out.display().to_string(), setup, parameters, data.step_ms, notes)
         .map_err(|error| Failure::failed(error, "lower --rate, or limit gradients (--limit-norm 1)"))?;
-    model.save(out, DType::F32).map_err(|error| Failure::failed(error, ""))?;
+    model.save(out, DType::F32).map_err(|error| {
+        let kept = checkpoint.display();
+        Failure::failed(
+            error,
+            format_args!("make room; the whole training is saved in {kept}: --resume writes the model"),
+        )
+    })?;
     let picture = out.with_extension("svg");
     let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
-    curve(&picture, &title, &data.title(), history).map_err(|error| Failure::failed(error, ""))?;
+    // From here on the model is there, and whoever fails says so.
+    curve(&picture, &title, &data.title(), history).map_err(|error| {
+        let saved = out.display();
+        Failure::failed(
+            error,
+            format_args!("the model is saved in {saved}: make room, and --resume draws the picture"),
+        )
+    })?;
     if let Some(s) = scores {
         let (mse, within) = (figure(s.mse), figure(s.within));
         say!("held out {:.5} after epoch {}: MSE {mse}, within strokes {within}", s.loss, best + 1);

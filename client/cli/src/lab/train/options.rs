@@ -166,7 +166,7 @@ impl TrainArgs {
         objective.padding = self.padding.unwrap_or(objective.padding);
         objective.gate = self.gate.or(objective.gate);
         if objective.padding == Padding::Counted && !augment.is_off() {
-            return Err(Failure::bad_input(
+            return Err(Failure::usage(
                 "--augment changes the lengths of sequences, and the padding that is counted with them",
                 "give --padding masked as well",
             ));

@@ -1,0 +1,111 @@
+//! Values of options that several commands take, judged while the command line is read.
+//!
+//! One rule for exit codes: what nothing but the command line can have got wrong (a number, a name of ours,
+//! two options that do not go together) is 2. What an input can have got wrong is 5: settings, also from
+//! `--set`, recordings, texts, data sets, files.
+
+use foretrace_config::presets;
+use foretrace_control::predict::PredictorKind;
+
+/// Longest path of `--root`: what the sockets of the middleware leave of their 108 bytes.
+const LONGEST_ROOT: usize = 60;
+
+/// A preset that there is.
+pub(crate) fn preset(text: &str) -> Result<String, String> {
+    match presets::text(text) {
+        Some(_) => Ok(text.to_owned()),
+        None => Err(format!("the presets are {}", presets::names())),
+    }
+}
+
+/// KEY=VALUE.
+pub(crate) fn pair(text: &str) -> Result<String, String> {
+    match text.split_once('=') {
+        Some((key, _)) if !key.trim().is_empty() => Ok(text.to_owned()),
+        _ => Err("write --set KEY=VALUE, for example --set loop.rate_hz=250".to_owned()),
+    }
+}
+
+/// A folder that the middleware can use.
+pub(crate) fn root(text: &str) -> Result<std::path::PathBuf, String> {
+    let path = std::path::PathBuf::from(text);
+    if !path.is_absolute() || text.len() > LONGEST_ROOT {
+        return Err(format!(
+            "an absolute path of at most {LONGEST_ROOT} bytes (this one has {})",
+            text.len()
+        ));
+    }
+    Ok(path)
+}
+
+/// A predictor that the loop can run with.
+pub(crate) fn predictor(text: &str) -> Result<PredictorKind, String> {
+    PredictorKind::LIVE.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+        if PredictorKind::from_name(text).is_some() {
+            return format!("{text} knows the future, so it runs in the lab only; one of {}", predictors());
+        }
+        format!("one of {}", predictors())
+    })
+}
+
+fn predictors() -> String {
+    PredictorKind::LIVE.map(PredictorKind::name).join(", ")
+}
+
+/// `auto`, or a number from 0 to 1 as it was written.
+pub(crate) fn trust(text: &str) -> Result<String, String> {
+    let share = || text.parse().is_ok_and(|value: f64| (0.0..=1.0).contains(&value));
+    if text == "auto" || share() {
+        return Ok(text.to_owned());
+    }
+    Err("a number from 0 (hold only) to 1 (prediction only), or auto".to_owned())
+}
+
+/// Seconds to wait, none included.
+pub(crate) fn wait(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=3600.0).contains(seconds));
+    seconds.ok_or_else(|| "a number of seconds from 0 to 3600".to_owned())
+}
+
+/// A length of time that something lasts [s].
+pub(crate) fn lasting(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (1e-3..=1e6).contains(seconds));
+    seconds.ok_or_else(|| "a number of seconds from 0.001 to 1000000".to_owned())
+}
+
+/// How many of something, at least one.
+pub(crate) fn count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|count| *count >= 1);
+    count.ok_or_else(|| "a whole number from 1; leave the option out for all of them".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_legal_is_taken_and_what_is_not_is_told_the_range() {
+        assert_eq!((wait("0"), lasting("0.5"), count("3")), (Ok(0.0), Ok(0.5), Ok(3)));
+        for wrong in ["nan", "inf", "-1", "", "1e9", "\u{1b}[2J"] {
+            assert!(wait(wrong).unwrap_err().contains("0 to 3600"), "{wrong}");
+            assert!(lasting(wrong).unwrap_err().contains("0.001"), "{wrong}");
+            assert!(trust(wrong).unwrap_err().contains("auto"), "{wrong}");
+        }
+        assert!(count("0").unwrap_err().contains("from 1"));
+        assert!(
+            root("tmp/x").is_err()
+                && root(&format!("/{}", "x".repeat(60))).is_err()
+                && root("/tmp/x").is_ok()
+        );
+    }
+
+    #[test]
+    fn only_predictors_that_are_granted_are_offered() {
+        for kind in PredictorKind::LIVE {
+            assert_eq!(predictor(kind.name()), Ok(kind));
+        }
+        let refused = predictor("oracle").unwrap_err();
+        assert!(refused.contains("lab") && refused.contains("ours"), "{refused}");
+        assert!(!predictor("x").unwrap_err().contains("oracle"));
+    }
+}

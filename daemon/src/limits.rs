@@ -1,0 +1,165 @@
+//! Limits that a shell or a service manager has put on this process (`ulimit`): heeded, and named where they
+//! are the reason.
+//!
+//! Contract: reads `/proc/self/limits` and changes nothing but the way in which SIGXFSZ is taken. Where that
+//! file cannot be read, nothing is known and nothing refused.
+
+use std::fmt::Write;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use signal_hook::consts::SIGXFSZ;
+
+/// Open files that a daemon with an arm, a pen and programs that watch needs, with room to spare (53
+/// measured).
+const FILES: u64 = 96;
+/// Largest file that a daemon makes: its shared memory (1 MB the largest measured), with room to spare.
+const FILE_BYTES: u64 = 4 << 20;
+/// A main thread with less than this gets a stack of its own.
+const STACK_BYTES: u64 = 4 << 20;
+/// That stack.
+const ROOM_BYTES: usize = 8 << 20;
+
+/// A limit, by its name in `/proc/self/limits`.
+struct Known {
+    name: &'static str,
+    words: &'static str,
+    option: &'static str,
+    /// Below this it may well be the reason of a failure.
+    low: u64,
+    /// Bytes per unit of `ulimit`.
+    unit: u64,
+}
+
+const KNOWN: [Known; 4] = [
+    Known { name: "Max open files", words: "open files", option: "-n", low: 256, unit: 1 },
+    Known { name: "Max file size", words: "size of a file in KiB", option: "-f", low: 256 << 20, unit: 1024 },
+    Known {
+        name: "Max address space",
+        words: "address space in KiB",
+        option: "-v",
+        low: 1 << 30,
+        unit: 1024,
+    },
+    Known { name: "Max processes", words: "processes and threads", option: "-u", low: 128, unit: 1 },
+];
+
+/// Why a daemon is not started.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the limit of this process on {words} is {now} (ulimit {option}), the daemon needs {least}: \
+     raise it before starting, for example `ulimit {option} {least}`"
+)]
+pub struct TooLow {
+    words: &'static str,
+    option: &'static str,
+    now: u64,
+    least: u64,
+}
+
+/// What a daemon cannot do without, before it makes anything.
+///
+/// *Errors*: the first limit that is too low.
+pub fn check() -> Result<(), TooLow> {
+    check_in(&table())
+}
+
+fn check_in(table: &str) -> Result<(), TooLow> {
+    for (known, least) in KNOWN.iter().zip([FILES, FILE_BYTES]) {
+        if let Some(now) = soft(table, known.name).filter(|now| *now < least) {
+            let Known { words, option, unit, .. } = *known;
+            return Err(TooLow { words, option, now: now / unit, least: least / unit });
+        }
+    }
+    Ok(())
+}
+
+/// Limits that may be the reason of a failure, in one sentence; none where all are high.
+#[must_use]
+pub fn low() -> Option<String> {
+    low_in(&table())
+}
+
+fn low_in(table: &str) -> Option<String> {
+    let mut list = String::new();
+    for Known { name, words, option, low, unit } in &KNOWN {
+        if let Some(now) = soft(table, name).filter(|now| now < low) {
+            let comma = if list.is_empty() { "" } else { ", " };
+            // Writing to a string does not fail.
+            let _ = write!(list, "{comma}{words} {} (ulimit {option})", now / unit);
+        }
+    }
+    (!list.is_empty())
+        .then(|| format!("limits of this process are low and may be the reason: {list}; raise them"))
+}
+
+/// From now on a file that grows beyond the limit is an error to whoever writes it, instead of the end of the
+/// process.
+pub fn hear_of_large_files() {
+    // Where that cannot be had, the process ends as it would have.
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
+}
+
+/// Runs `work` on the main thread's stack, or on a larger one where that is small (`ulimit -s`).
+///
+/// *Errors*: the system starts no thread.
+pub fn with_room<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
+    if soft(&table(), "Max stack size").is_none_or(|bytes| bytes >= STACK_BYTES) {
+        return Ok(work());
+    }
+    let thread =
+        std::thread::Builder::new().name("foretrace-main".into()).stack_size(ROOM_BYTES).spawn(work)?;
+    thread.join().map_err(|_| io::Error::other("the program failed"))
+}
+
+fn table() -> String {
+    std::fs::read_to_string("/proc/self/limits").unwrap_or_default()
+}
+
+/// The soft limit; none where it is unlimited or not known.
+fn soft(table: &str, name: &str) -> Option<u64> {
+    table.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(files: &str, file: &str, space: &str) -> String {
+        format!(
+            "Limit                     Soft Limit           Hard Limit           Units     \n\
+             Max file size             {file}            unlimited            bytes     \n\
+             Max stack size            262144              unlimited            bytes     \n\
+             Max processes             96365                96365                processes \n\
+             Max open files            {files}                20000                files     \n\
+             Max address space         {space}            unlimited            bytes     \n"
+        )
+    }
+
+    #[test]
+    fn what_is_too_low_is_named_with_its_option_and_the_least() {
+        let words = check_in(&table("32", "unlimited", "unlimited")).unwrap_err().to_string();
+        assert!(words.contains("open files is 32 (ulimit -n)") && words.contains("ulimit -n 96"), "{words}");
+        let words = check_in(&table("1024", "8192", "unlimited")).unwrap_err().to_string();
+        assert!(words.contains("in KiB is 8 (ulimit -f)") && words.contains("ulimit -f 4096"), "{words}");
+        assert_eq!(check_in(&table("1024", "unlimited", "unlimited")), Ok(()));
+        assert_eq!(check_in(""), Ok(()));
+    }
+
+    #[test]
+    fn limits_that_may_be_the_reason_are_listed() {
+        let words = low_in(&table("100", "unlimited", "60000000")).unwrap();
+        assert!(
+            words.contains("open files 100 (ulimit -n), address space in KiB 58593 (ulimit -v)"),
+            "{words}"
+        );
+        assert_eq!(low_in(&table("1024", "unlimited", "unlimited")), None);
+        assert_eq!(low_in(""), None);
+    }
+
+    #[test]
+    fn work_is_done_whatever_the_stack() {
+        assert_eq!(with_room(|| 7).unwrap(), 7);
+    }
+}
