@@ -93,6 +93,24 @@ def promised_tests_exist() -> None:
                 problems.append(f"docs/{doc.name} names the test {test}, which {name} does not have")
 
 
+def pictures_say_what_is_said_of_them() -> None:
+    """Figures in the text of a link to a picture stand in that picture, and the picture exists."""
+    link = re.compile(r"\[([^\]]*)\]\(((?:\.\./)?client/pictures/[\w.-]+\.svg)\)")
+    for doc in [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        name = doc.relative_to(ROOT)
+        for text, target in link.findall(doc.read_text(encoding="utf-8")):
+            picture = (doc.parent / target).resolve()
+            if not picture.is_file():
+                problems.append(f"{name} shows {target}, which does not exist")
+                continue
+            svg = re.sub(r"<style>.*?</style>|<[^>]*>", " ", picture.read_text(encoding="utf-8"), flags=re.DOTALL)
+            told = set(re.findall(r"(?<![\d.])\d+(?:\.\d+)?(?![\d.])", svg))
+            said = re.findall(r"(?<![\d.\w])\d+(?:\.\d+)?(?=(?:,| and|\s+mm|\s+ms|\s+µs))", text)
+            for figure in said:
+                if figure not in told:
+                    problems.append(f"{name} says {figure} of {target}, which does not: make it anew, or correct the text")
+
+
 def sizes_and_places() -> None:
     for folder in OUR_FOLDERS:
         for path in sources(folder):
@@ -116,6 +134,7 @@ def main() -> int:
     unsafe_code_is_justified()
     nowhere_but(r"\btracing::|\b(info|warn|error|debug|trace)!\(", "daemon/src/rt", set(), "the real-time thread does not log")
     promised_tests_exist()
+    pictures_say_what_is_said_of_them()
     sizes_and_places()
     for problem in problems:
         print(f"invariant broken: {problem}", file=sys.stderr)

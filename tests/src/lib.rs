@@ -11,6 +11,7 @@ pub mod holder;
 pub mod judge;
 pub mod leftovers;
 pub mod observer;
+pub mod page;
 mod process;
 pub use process::*;
 pub mod recorder;

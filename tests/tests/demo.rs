@@ -1,5 +1,6 @@
 //! `foretrace demo` from start to end, and when things go wrong in the middle.
 
+use foretrace_tests::page::Page;
 use foretrace_tests::{World, assert_refused, json, shared_data, told, until};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
@@ -35,6 +36,10 @@ fn check_report(world: &World, folder: &str) -> serde_json::Value {
         "/ghost/session/lag_ms",
         "/ghost/session/ghost_lag_ms",
         "/ghost/session/saved_ms",
+        "/ghost/max_m",
+        "/ghost/ghost_max_m",
+        "/joints/velocity_share/0",
+        "/joints/acceleration_share/5",
         "/commands/count",
         "/commands/limit_violations",
         "/commands/max_step_rad",
@@ -52,11 +57,19 @@ fn check_report(world: &World, folder: &str) -> serde_json::Value {
     }
     assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
     assert_eq!(report["pen"]["rejected"], 0, "{report}");
-    for page in ["path.svg", "error.svg", "times.svg", "report.md", "report.html"] {
-        let size = std::fs::metadata(world.file(folder).join(page)).unwrap().len();
-        assert!(size > 300, "{page} has {size} bytes");
-    }
+    assert_eq!(names(world, folder), ["report.html", "report.json"]);
+    let page = Page::read(&world.file(folder).join("report.html"));
+    assert_eq!(page.pictures.len(), 6, "one picture per claim");
+    assert_eq!(page.beside[..3], [true; 3], "path, error and lag show the arm and its ghost");
+    page.agrees_with(&report);
     report
+}
+
+fn names(world: &World, folder: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(world.file(folder)).unwrap().flatten();
+    let mut names: Vec<_> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
 }
 
 #[test]
@@ -89,6 +102,29 @@ fn at_trust_0_the_demo_and_its_ghost_agree_and_both_with_the_records() {
     let lag_ms = number("/ghost/session/lag_ms");
     assert!((lag_ms - number("/tracking/lag_ms")).abs() < 3.0, "{} {}", report["ghost"], report["tracking"]);
     assert!(number("/ghost/compared_share") > 0.5, "{}", report["ghost"]);
+}
+
+#[test]
+fn a_demo_that_is_stopped_reports_up_to_there_and_says_what_fired_and_what_to_do() {
+    let world = World::new(PROGRAM);
+    let fault = ["--arm-fault", "stuck@5"];
+    let demo = ["demo", "--seconds", "20", "--no-rights", "--out", "report"];
+    let output = world.run(0, &[demo.as_slice(), fault.as_slice()].concat());
+    assert_refused(
+        &output,
+        1,
+        &["stopped the arm by itself after", "\n  tracking error: ", "\n  the arm did not go"],
+    );
+    let report = json(&world.file("report").join("report.json"));
+    assert_eq!(report["loop"]["stops"][0]["reason"], "tracking error", "{report}");
+    let page = Page::read(&world.file("report").join("report.html"));
+    page.agrees_with(&report);
+    let alert = page.alert.as_deref().expect("a box on top");
+    let lines: Vec<&str> = alert.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    assert!(lines[0].starts_with("The daemon stopped the arm by itself after"), "{lines:?}");
+    assert!(lines[1].starts_with("What fired: tracking error: "), "{lines:?}");
+    assert!(lines[2].starts_with("What to do: the arm did not go where it was told"), "{lines:?}");
+    assert!(!page.pictures.is_empty(), "what was seen up to there is drawn");
 }
 
 #[test]

@@ -32,12 +32,14 @@ impl ExtentFigures {
 
 impl fmt::Display for ExtentFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Adding 0 takes the minus from a zero.
+        let mm = |m: f64| (m * 1e4).round() / 10.0 + 0.0;
         write!(
             f,
             "{:.1} to {:.1} mm over the paper, at most {:.1} mm outside the workspace, tilted by {:.3} rad",
-            self.height_min_m * 1e3,
-            self.height_max_m * 1e3,
-            self.outside_max_m * 1e3,
+            mm(self.height_min_m),
+            mm(self.height_max_m),
+            mm(self.outside_max_m),
             self.tilt_max_rad
         )
     }

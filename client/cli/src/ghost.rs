@@ -50,14 +50,6 @@ impl Comparison {
         }
     }
 
-    /// One line about everything since arming.
-    pub(crate) fn whole(&self) -> String {
-        match self.session.rms_m {
-            None => format!("not compared ({})", self.state),
-            Some(_) => self.session.words(),
-        }
-    }
-
     /// One line about the last seconds, for a screen that is looked at while it runs.
     pub(crate) fn now(&self) -> String {
         match self.recent.rms_m {
@@ -141,7 +133,6 @@ mod tests {
         let status = Status { tracking: Tracking::UNKNOWN, ghost: Tracking::UNKNOWN, ..Status::default() };
         let comparison = Comparison::of(&status);
         assert_eq!(comparison.now(), "not compared yet (off)");
-        assert_eq!(comparison.whole(), "not compared (off)");
         let json = serde_json::to_value(comparison).unwrap();
         for key in ["rms_m", "ghost_rms_m", "saved_m", "lag_ms", "ghost_lag_ms", "saved_ms"] {
             assert!(json["recent"][key].is_null() && json["session"][key].is_null(), "{json}");

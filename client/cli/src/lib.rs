@@ -31,6 +31,8 @@ mod demo;
 mod bench;
 mod doctor;
 mod lab;
+#[cfg(test)]
+mod documented;
 
 use std::process::ExitCode;
 

@@ -9,7 +9,7 @@ use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, Status
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::children::Child;
-use super::evidence::{Evidence, StopNote, TickNote};
+use super::evidence::{Evidence, JointUse, StopNote, TickNote};
 use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -56,9 +56,10 @@ impl Watch {
     /// Takes in what came since the last look.
     fn read(&mut self) {
         let Self { telemetry, evidence, stopped_ns, .. } = self;
-        let Evidence { ticks, stops, .. } = evidence;
+        let Evidence { ticks, stops, joints, .. } = evidence;
         telemetry.drain(|record| {
             ticks.push(TickNote::of(record));
+            joints.see(record);
             if record.stop.at_ns > *stopped_ns {
                 *stopped_ns = record.stop.at_ns;
                 stops.push(StopNote::of(record.fault, &record.stop));
@@ -77,6 +78,7 @@ impl Watch {
         self.read();
         self.evidence.ticks.clear();
         self.evidence.stops.clear();
+        self.evidence.joints = JointUse::default();
     }
 
     /// The last words of the daemon about itself.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_client::{FaultReason, GhostState, Stage, Status, StopDetail, TickRecord};
+use foretrace_client::{FaultReason, GhostState, Mode, Stage, Status, StopDetail, TickRecord};
 use foretrace_config::{Config, JOINTS};
 use foretrace_control::extent::{Extent, ExtentWatch};
 use foretrace_control::follower::Plane;
@@ -22,6 +22,8 @@ pub(crate) struct Evidence {
     pub(crate) stops: Vec<StopNote>,
     /// Where the measured tool has been.
     pub(crate) extent: Option<Extent>,
+    /// How near the commands came to the joints' limits.
+    pub(crate) joints: JointUse,
     /// Records that did not arrive here.
     pub(crate) ticks_lost: u64,
     /// The daemon's last words about itself.
@@ -30,6 +32,8 @@ pub(crate) struct Evidence {
     pub(crate) pen: Vec<PathSample>,
     /// The arm's tool as it was measured, in the plane frame, host's clock.
     pub(crate) tool: Vec<ToolSample>,
+    /// Its height over the paper: when [s], how high [m].
+    pub(crate) heights: Vec<(f64, f64)>,
     /// The arm's own report.
     pub(crate) arm: serde_json::Value,
     /// The player's own report.
@@ -60,12 +64,64 @@ pub(crate) struct TickNote {
     pub(crate) mode: u32,
     /// Distance between the commanded tool and the ghost's, where they can be compared [m].
     pub(crate) ghost_apart_m: Option<f64>,
+    /// Where the ghost's tool was and when, behind an arm as late as the real one; as long as they can be compared.
+    pub(crate) ghost: Option<ToolSample>,
+    /// Both errors at one instant.
+    pub(crate) compared: Option<ComparedNote>,
+}
+
+/// How far the tool and its ghost were from the pen at one instant.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ComparedNote {
+    /// [s]
+    pub(crate) t_s: f64,
+    /// [m]
+    pub(crate) error_m: f64,
+    /// [m]
+    pub(crate) ghost_error_m: f64,
+    pub(crate) contact: bool,
+}
+
+/// Largest velocity and acceleration that commands asked of each joint, and the command before.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct JointUse {
+    pub(crate) velocity_radps: [f64; JOINTS],
+    pub(crate) acceleration_radps2: [f64; JOINTS],
+    /// Tick, stamp [ns] and velocities [rad/s] of the last command.
+    last: Option<(u64, u64, [f64; JOINTS])>,
+}
+
+impl JointUse {
+    /// Takes in a tick; accelerations only between commands that follow each other.
+    pub(crate) fn see(&mut self, record: &TickRecord) {
+        let commanded = matches!(
+            Mode::try_from(record.mode),
+            Ok(Mode::Armed | Mode::Following | Mode::Holding | Mode::Stopped | Mode::Fault)
+        );
+        if !commanded {
+            self.last = None;
+            return;
+        }
+        let now = (record.tick, record.command_stamp_ns, record.qd);
+        let before = self.last.replace(now).filter(|last| last.0 + 1 == now.0 && last.1 < now.1);
+        for (most, speed) in self.velocity_radps.iter_mut().zip(now.2) {
+            *most = most.max(speed.abs());
+        }
+        let Some((_, stamp, qd)) = before else { return };
+        let elapsed_s = (now.1 - stamp) as f64 * 1e-9;
+        for (most, (new, old)) in self.acceleration_radps2.iter_mut().zip(now.2.iter().zip(qd)) {
+            *most = most.max((new - old).abs() / elapsed_s);
+        }
+    }
 }
 
 impl TickNote {
     pub(crate) fn of(record: &TickRecord) -> Self {
         let ([x, y, _], [ghost_x, ghost_y, _]) = (record.tool_m, record.ghost_tool_m);
         let comparable = record.ghost_state == u32::from(GhostState::Comparable);
+        let lag = &record.arm_lag;
+        let late_s = if lag.is_known() { lag.shift_s } else { lag.dead_time_ns as f64 * 1e-9 };
+        let judged = record.compared_ns > 0 && record.error_m >= 0.0 && record.ghost_error_m >= 0.0;
         Self {
             t_s: record.release_ns as f64 * 1e-9,
             stage_ns: record.stage_ns,
@@ -73,6 +129,17 @@ impl TickNote {
             health: record.health,
             mode: record.mode,
             ghost_apart_m: comparable.then(|| (x - ghost_x).hypot(y - ghost_y)),
+            ghost: comparable.then_some(ToolSample {
+                t_s: record.command_stamp_ns as f64 * 1e-9 + late_s,
+                x_m: ghost_x,
+                y_m: ghost_y,
+            }),
+            compared: judged.then_some(ComparedNote {
+                t_s: record.compared_ns as f64 * 1e-9,
+                error_m: record.error_m,
+                ghost_error_m: record.ghost_error_m,
+                contact: record.compared_contact == 1,
+            }),
         }
     }
 
@@ -92,18 +159,17 @@ pub(crate) fn pen(file: &Path, plane: &Plane) -> Result<Vec<PathSample>, Failure
     Ok(placed.collect())
 }
 
-/// The arm's record as positions of its tool in the plane frame, and where that tool has been.
-pub(crate) fn tool(
-    file: &Path,
-    config: &Config,
-    plane: &Plane,
-) -> Result<(Vec<ToolSample>, Option<Extent>), Failure> {
+/// Where a tool was, how high it was over the paper (when [s], how high [m]), and its extremes.
+pub(crate) type Tool = (Vec<ToolSample>, Vec<(f64, f64)>, Option<Extent>);
+
+/// The arm's record as positions and heights of its tool in the plane frame, and where that tool has been.
+pub(crate) fn tool(file: &Path, config: &Config, plane: &Plane) -> Result<Tool, Failure> {
     let wrong = |what: &dyn std::fmt::Display| {
         Failure::failed(format_args!("{}: {what}", file.display()), "the arm left no usable record")
     };
     let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
     let chain = &config.robot().chain;
-    let mut tool = Vec::new();
+    let (mut tool, mut heights) = (Vec::new(), Vec::new());
     let mut extent = ExtentWatch::new(&config.follower_settings());
     for (index, line) in text.lines().enumerate().skip(1) {
         let numbers: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
@@ -114,8 +180,9 @@ pub(crate) fn tool(
         extent.see(&q);
         let at: Vector3<f64> = plane.point_from_base(&chain.forward(&q).position);
         tool.push(ToolSample { t_s: *t_s, x_m: at.x, y_m: at.y });
+        heights.push((*t_s, at.z));
     }
-    Ok((tool, extent.extent()))
+    Ok((tool, heights, extent.extent()))
 }
 
 /// A child's own report.

@@ -4,12 +4,13 @@
 //! loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to the paper.
 
 use foretrace_client::{FaultReason, Mode, Stage, Status, health};
-use foretrace_config::Settings;
+use foretrace_config::{Config, JOINTS, Settings};
+use foretrace_control::ik::limit::JointLimits;
 use foretrace_lab::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::evidence::{Evidence, StopNote};
+use super::evidence::{Evidence, JointUse, StopNote};
 use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::ghost::Comparison;
@@ -27,6 +28,8 @@ pub(crate) struct Figures {
     /// As the daemon measured it while it ran; `session` is the whole run.
     pub(crate) ghost: GhostFigures,
     pub(crate) commands: Value,
+    /// Largest value that commands asked of each joint over its limit, base first; 1: at the limit.
+    pub(crate) joints: JointFigures,
     pub(crate) pen: PenFigures,
     pub(crate) learner: LearnerFigures,
     pub(crate) trust: TrustFigures,
@@ -105,6 +108,29 @@ pub(crate) struct GhostFigures {
     pub(crate) apart_max_m: Option<f64>,
     /// Share of the ticks in which the loop followed.
     pub(crate) compared_share: f64,
+    /// Largest distance from the pen while it wrote and both were compared.
+    pub(crate) max_m: Option<f64>,
+    pub(crate) ghost_max_m: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct JointFigures {
+    pub(crate) velocity_share: [f64; JOINTS],
+    pub(crate) acceleration_share: [f64; JOINTS],
+}
+
+impl JointFigures {
+    fn of(used: &JointUse, limits: &JointLimits<JOINTS>) -> Self {
+        let share = |used: &[f64; JOINTS], limit: &[f64; JOINTS]| {
+            let mut shares = *used;
+            shares.iter_mut().zip(limit).for_each(|(share, limit)| *share /= limit);
+            shares
+        };
+        Self {
+            velocity_share: share(&used.velocity_radps, limits.velocity()),
+            acceleration_share: share(&used.acceleration_radps2, limits.acceleration()),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -173,9 +199,10 @@ pub(crate) fn scored(evidence: &Evidence, settings: &Settings) -> Option<Scored>
 pub(crate) fn figures(
     evidence: &Evidence,
     scored: Option<&Scored>,
-    settings: &Settings,
+    config: &Config,
     setting: SettingFigures,
 ) -> Result<Figures, Failure> {
+    let settings = config.settings();
     let status = evidence.status.ok_or_else(|| {
         Failure::failed("the daemon said nothing about itself", "look at its messages above")
     })?;
@@ -223,6 +250,7 @@ pub(crate) fn figures(
         envelope: evidence.extent.map(ExtentFigures::from),
         ghost: ghost(evidence, &status),
         commands: evidence.arm.get("commands").cloned().unwrap_or(Value::Null),
+        joints: JointFigures::of(&evidence.joints, &config.robot().limits),
         pen: PenFigures {
             samples: number(&evidence.player, "samples"),
             rejected: counts.pen_rejected.total() + counts.pen_out_of_order + counts.pen_outliers,
@@ -253,7 +281,10 @@ fn ghost(evidence: &Evidence, status: &Status) -> GhostFigures {
             apart_m = Some(distance.max(apart_m.unwrap_or(0.0)));
         }
     }
+    let written = || evidence.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
     GhostFigures {
+        max_m: written().map(|note| note.error_m).reduce(f64::max),
+        ghost_max_m: written().map(|note| note.ghost_error_m).reduce(f64::max),
         comparison: Comparison::of(status),
         apart_max_m: apart_m,
         compared_share: compared as f64 / followed.max(1) as f64,
@@ -264,79 +295,6 @@ impl Figures {
     /// Commands that broke a limit, as the arm counted.
     pub(crate) fn limit_violations(&self) -> u64 {
         self.commands.get("limit_violations").and_then(Value::as_u64).unwrap_or(0)
-    }
-
-    /// The table for people: what and how much.
-    pub(crate) fn rows(&self) -> Vec<(&'static str, String)> {
-        let Self { control_loop, tracking, envelope, ghost, commands, pen, learner, trust, .. } = self;
-        let spread = |q: &Quantiles| {
-            format!("p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} µs", q.p50, q.p99, q.p99_9, q.max)
-        };
-        let number = |key: &str| commands.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
-        let mut rows = vec![
-            (
-                "loop",
-                format!(
-                    "{:.0} Hz, {} ticks, {} overruns ({} by late wake-up), {} periods skipped",
-                    control_loop.rate_hz,
-                    control_loop.ticks,
-                    control_loop.overruns,
-                    control_loop.overruns_by_wakeup,
-                    control_loop.skipped_ticks
-                ),
-            ),
-            ("step", spread(&control_loop.step_us)),
-            ("wake-up", spread(&control_loop.wakeup_us)),
-            (
-                "memory",
-                format!(
-                    "{:.4} allocations per tick, {} when ports connected",
-                    control_loop.allocations_per_tick, control_loop.connection_allocations
-                ),
-            ),
-            (
-                "tracking",
-                tracking.as_ref().map_or_else(
-                    || "not scored: the arm never came near a writing pen".to_owned(),
-                    |score| {
-                        format!(
-                            "rms {:.2} mm, max {:.2} mm, arm {:.1} ms behind the pen",
-                            score.rmse_m * 1e3,
-                            score.max_m * 1e3,
-                            score.lag_ms
-                        )
-                    },
-                ),
-            ),
-            ("tool", envelope.as_ref().map_or_else(|| "not measured".to_owned(), ToString::to_string)),
-            ("ghost", ghost.comparison.whole()),
-            (
-                "commands",
-                format!(
-                    "{} received, {} limit violations; at most {:.3} rad/s, {:.2} rad/s²",
-                    number("count"),
-                    self.limit_violations(),
-                    number("max_velocity_radps"),
-                    number("max_acceleration_radps2")
-                ),
-            ),
-            ("pen", format!("{} samples, {} rejected, {} dropped", pen.samples, pen.rejected, pen.dropped)),
-            (
-                "learner",
-                format!(
-                    "{} updates, {} promotions, {} rollbacks",
-                    learner.updates, learner.promotions, learner.rollbacks
-                ),
-            ),
-            ("trust", format!("{:.2} on average while following", trust.mean)),
-        ];
-        for stop in &control_loop.stops {
-            rows.push(("stopped", format!("after {:.1} s: {}", stop.at_s, stop.words())));
-        }
-        if !control_loop.missing_rights.is_empty() {
-            rows.push(("rights", format!("missing: {}", control_loop.missing_rights.join(", "))));
-        }
-        rows
     }
 }
 
@@ -361,6 +319,8 @@ mod tests {
             health: 0,
             mode: Mode::Following.into(),
             ghost_apart_m: None,
+            ghost: None,
+            compared: None,
         };
         Evidence { pen: pen.collect(), tool: tool.collect(), ticks: vec![tick], ..Evidence::default() }
     }

@@ -8,8 +8,11 @@ mod children;
 mod crew;
 mod evidence;
 mod figures;
-mod folder;
+mod told;
 mod verdict;
+mod drawings;
+mod page;
+mod folder;
 
 use std::path::{Path, PathBuf};
 
@@ -22,19 +25,22 @@ use crate::arm::options::StartedArmArgs;
 use crate::attach::instance_of;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::output::{JsonArgs, say};
+use crate::output::{JsonArgs, note, say};
 use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
 use crate::values;
 use crew::{Crew, Followed, Watch};
+use drawings::Drawings;
 use evidence::Evidence;
-use figures::SettingFigures;
-use scratch::{Leftovers, Scratch};
+use figures::{Figures, SettingFigures};
+use scratch::Leftovers;
+pub(crate) use scratch::Scratch;
+use verdict::Finding;
 
 /// Run everything together: daemon, simulated arm and handwriting, then show how it went
 ///
 /// Starts the daemon, a simulated UR5 and a pen player as separate processes on a private instance, arms the loop, lets
-/// the arm follow the pen, and ends by itself. Prints a short table and writes a report folder with pictures.
+/// the arm follow the pen, and ends by itself. Prints a short table and writes a report: one HTML file, and JSON.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -88,33 +94,66 @@ pub(crate) struct DemoArgs {
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
-    let interrupt = Interrupt::listen()?;
-    let scratch = Scratch::create()?;
-    let (source, config) = settings(args, &scratch)?;
-    let played = source::load(std::slice::from_ref(&args.pen), &args.path, config.settings())?;
-    let turn_s = played.path.closed().duration_s();
+    let stage = Stage::set(args)?;
     // A folder that cannot be written is better known before the run than after it, and one that nobody needs is not made.
     folder::prepare(&args.out)?;
-
-    let evidence = performed(args, &source, &config, &scratch, &interrupt)?;
-    let scored = figures::scored(&evidence, config.settings());
-    let setting = SettingFigures {
-        pen: args.pen.clone(),
-        predictor: config.settings().predictor.kind.word(),
-        seconds: args.seconds,
-        settings: config.name().to_owned(),
-        optimised_build: !cfg!(debug_assertions),
-    };
-    let figures = figures::figures(&evidence, scored.as_ref(), config.settings(), setting)?;
-    // Printing may end the program: nobody listens any more.
-    drop(scratch);
-    for (name, value) in figures.rows() {
+    let (figures, drawings, findings) = stage.performed(args)?;
+    for (name, value) in told::rows(&figures) {
         say!("{name:<10}{value}");
     }
     args.json.write(&figures)?;
-    whole(&args.out, |folder| folder::write(folder, &figures, &evidence, scored.as_ref(), turn_s))?;
+    let page = page::page(&figures, &drawings, &findings);
+    whole(&args.out, |folder| folder::write(folder, &figures, &page))?;
     say!("{:<10}{}", "report", args.out.join("report.html").display());
-    verdict::of(&evidence, &figures, &ExtentBounds::of(&config.follower_settings()))
+    let Some((worst, others)) = findings.split_first() else { return Ok(()) };
+    for other in others {
+        note!("demo: {}", other.what);
+    }
+    Err(worst.failure())
+}
+
+/// Figures, pictures and findings of a run, without a report.
+pub(crate) fn performed(args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
+    Stage::set(args)?.performed(args)
+}
+
+/// What is known before anything runs.
+struct Stage {
+    interrupt: Interrupt,
+    scratch: Scratch,
+    source: Source,
+    config: Config,
+    /// One repetition of the pen's path [s].
+    turn_s: f64,
+}
+
+impl Stage {
+    fn set(args: &DemoArgs) -> Result<Self, Failure> {
+        let interrupt = Interrupt::listen()?;
+        let scratch = Scratch::create()?;
+        let (source, config) = settings(args, &scratch)?;
+        let played = source::load(std::slice::from_ref(&args.pen), &args.path, config.settings())?;
+        Ok(Self { interrupt, scratch, source, config, turn_s: played.path.closed().duration_s() })
+    }
+
+    /// Nothing of the run is left but this: printing it may end the program, where nobody listens any more.
+    fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
+        let Self { interrupt, scratch, source, config, turn_s } = self;
+        let evidence = evidence_of(args, &source, &config, &scratch, &interrupt)?;
+        let scored = figures::scored(&evidence, config.settings());
+        let setting = SettingFigures {
+            pen: args.pen.clone(),
+            predictor: config.settings().predictor.kind.word(),
+            seconds: args.seconds,
+            settings: config.name().to_owned(),
+            optimised_build: !cfg!(debug_assertions),
+        };
+        let figures = figures::figures(&evidence, scored.as_ref(), &config, setting)?;
+        let bounds = ExtentBounds::of(&config.follower_settings());
+        let findings = verdict::of(&evidence, &figures, &bounds);
+        let drawings = Drawings::of(&evidence, &figures, scored.as_ref(), &bounds, turn_s);
+        Ok((figures, drawings, findings))
+    }
 }
 
 /// Lets `write` fill a folder of its own inside `out`, then moves the files: a report that fails leaves
@@ -158,7 +197,7 @@ fn settings(args: &DemoArgs, scratch: &Scratch) -> Result<(Source, Config), Fail
 }
 
 /// Runs the processes and collects what they leave behind.
-fn performed(
+fn evidence_of(
     args: &DemoArgs,
     source: &Source,
     config: &Config,
@@ -211,7 +250,8 @@ fn performed(
 
     let plane = config.follower_settings().plane;
     evidence.pen = evidence::pen(&scratch.file("pen.csv"), &plane)?;
-    (evidence.tool, evidence.extent) = evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
+    (evidence.tool, evidence.heights, evidence.extent) =
+        evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
     evidence.arm = evidence::report(&scratch.file("arm.json"))?;
     evidence.player = evidence::report(&scratch.file("pen.json"))?;
     Ok(evidence)

@@ -1,6 +1,6 @@
 //! Whether a run went as it should: what stopped the arm, where its tool was, which limits were kept.
 //!
-//! Contract: pure. The worst finding is told, the one that comes first here; the report has them all.
+//! Contract: pure. The program ends with the worst finding, the one that comes first; the report has them all.
 
 use foretrace_control::extent::ExtentBounds;
 
@@ -9,32 +9,71 @@ use super::figures::Figures;
 use crate::failure::Failure;
 use crate::stopped;
 
-/// `Ok` for a run without a finding.
-pub(crate) fn of(evidence: &Evidence, figures: &Figures, bounds: &ExtentBounds) -> Result<(), Failure> {
+/// What went wrong, why, and what to do about it: a line each.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Finding {
+    pub(crate) what: String,
+    /// What fired, with its evidence; empty where `what` says it.
+    pub(crate) reason: String,
+    pub(crate) remedy: String,
+}
+
+impl Finding {
+    fn new(what: String, remedy: &str) -> Self {
+        Self { what, reason: String::new(), remedy: remedy.to_owned() }
+    }
+
+    /// As the program ends with it.
+    pub(crate) fn failure(&self) -> Failure {
+        let Self { what, reason, remedy } = self;
+        if reason.is_empty() {
+            return Failure::failed(what, remedy);
+        }
+        Failure::failed(format_args!("{what}\n  {reason}\n  {remedy}"), "")
+    }
+}
+
+/// All findings, the worst first; none for a run as it should be. An arm that did not follow its commands may leave the
+/// envelope as well: the stop, which names the cause, comes first.
+pub(crate) fn of(evidence: &Evidence, figures: &Figures, bounds: &ExtentBounds) -> Vec<Finding> {
     let count = figures.limit_violations();
-    if count > 0 {
-        return Err(Failure::failed(
-            format_args!("{count} commands broke a limit"),
+    let illegal = (count > 0).then(|| {
+        Finding::new(
+            format!("{count} commands broke a limit"),
             "this is a fault of foretrace: please report it with the report folder",
-        ));
-    }
-    if let Some(breach) = evidence.extent.and_then(|extent| bounds.broken_by(&extent)) {
-        return Err(Failure::failed(
-            format_args!("the tool left its envelope: {breach}"),
+        )
+    });
+    let breach = evidence.extent.and_then(|extent| bounds.broken_by(&extent)).map(|breach| {
+        Finding::new(
+            format!("the tool left its envelope: {breach}"),
             "lower the speed of the pen or of plane.scale, or give the plan back its mpc.limits; the report has the picture",
-        ));
-    }
-    if let (Some(stop), Some(told)) = (evidence.stops.first(), figures.control_loop.stops.first()) {
-        return Err(Failure::failed(
-            format_args!("the daemon stopped the arm by itself after {:.1} s\n  {}", told.at_s, told.words()),
-            format_args!("\n  {}", stopped::remedy(stop.fault)),
-        ));
-    }
-    if figures.tracking.is_none() {
-        return Err(Failure::failed(
-            "the arm never came near the pen, or the pen never touched the paper",
+        )
+    });
+    let stops = evidence.stops.iter().zip(&figures.control_loop.stops).map(|(stop, told)| Finding {
+        what: format!("the daemon stopped the arm by itself after {:.1} s", told.at_s),
+        reason: told.words(),
+        remedy: stopped::remedy(stop.fault).to_owned(),
+    });
+    let mut findings: Vec<Finding> = illegal.into_iter().chain(stops).chain(breach).collect();
+    if findings.is_empty() && figures.tracking.is_none() {
+        findings.push(Finding::new(
+            "the arm never came near the pen, or the pen never touched the paper".to_owned(),
             "give it more --seconds, play something with ink, or look at the settings",
         ));
     }
-    Ok(())
+    findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fired_and_its_remedy_have_a_line_each() {
+        let mut finding = Finding::new("the daemon stopped the arm".to_owned(), "do this");
+        assert_eq!(finding.failure().to_string(), "foretrace: the daemon stopped the arm; do this");
+        finding.reason = "tracking error: joint 3".to_owned();
+        let told = finding.failure().to_string();
+        assert_eq!(told, "foretrace: the daemon stopped the arm\n  tracking error: joint 3\n  do this");
+    }
 }

@@ -7,6 +7,7 @@ mod table1;
 mod train;
 mod evaluate;
 mod leadtime;
+mod pictures;
 
 use std::path::PathBuf;
 
@@ -56,6 +57,11 @@ pub(crate) enum LabCommand {
     /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same seed, data and
     /// options give the same file. An interrupted training continues with --resume.
     Train(train::TrainArgs),
+    /// Make every picture of README and docs anew
+    ///
+    /// Those of the demo from a run of it; those of recordings where --recordings says where the data sets lie. What cannot
+    /// be made is named with the command that makes it. Prints each picture's figures.
+    Pictures(pictures::PicturesArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -108,6 +114,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),
         LabCommand::Train(args) => train::run(args),
+        LabCommand::Pictures(args) => pictures::run(args),
     }
 }
 

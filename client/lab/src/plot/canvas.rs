@@ -1,5 +1,6 @@
 //! The common look: palette, title block with legend, axes, and an SVG string that becomes a file.
 
+use super::page::escaped;
 use super::{PlotError, write_whole};
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
@@ -82,7 +83,19 @@ pub(super) fn picture(
         Ok::<(), Box<dyn std::error::Error>>(())
     })();
     drawn.map_err(|e| PlotError::Drawing { file: file.to_path_buf(), why: e.to_string() })?;
-    write_whole(file, &svg)
+    write_whole(file, &described(svg, title, subtitle))
+}
+
+/// With title and subtitle also as elements of their own, for readers of the picture that do not look at it.
+fn described(svg: String, title: &str, subtitle: &str) -> String {
+    let (title, subtitle) = (escaped(title), escaped(subtitle));
+    match svg.find(">\n") {
+        Some(end) if svg.starts_with("<svg") => {
+            let (head, body) = svg.split_at(end + 2);
+            format!("{head}<title>{title}</title>\n<desc>{subtitle}</desc>\n{body}")
+        }
+        _ => svg,
+    }
 }
 
 /// Height that the title block of a picture of this width takes [px].

@@ -10,12 +10,13 @@ mod histogram;
 mod bars;
 mod scatter;
 mod log_panels;
+pub mod page;
 
 pub use bars::{Bars, Best, bar_table};
-pub use histogram::{Distribution, histograms};
+pub use histogram::Distribution;
 pub use log_panels::{LogLine, LogPanel, log_panels};
-pub use overlay::{Cell, letter_grid, path_overlay};
-pub use panels::{Line, Mark, Panel, Rampup, error_over_time, lines, panels, panels_and_curve, trust_ramp};
+pub use overlay::{Cell, letter_grid};
+pub use panels::{Line, Mark, Panel, Rampup, lines, panels, panels_and_curve, trust_ramp};
 pub use scatter::{Named, scatter};
 
 use std::io::Write;

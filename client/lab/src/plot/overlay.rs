@@ -1,7 +1,7 @@
-//! Pen and robot path over each other: pen down thick, hover thin, millimetres, true to scale.
+//! Pen and robot path over each other, many small ones beside each other: pen down thick, hover thin, one scale.
 
 use super::PlotError;
-use super::canvas::{Area, DrawResult, INK, Key, MUTED, PEN, ROBOT, axes, extent, picture, text_at};
+use super::canvas::{Area, DrawResult, INK, Key, MUTED, PEN, ROBOT, extent, picture, text_at};
 use crate::metrics::{PEN_GAP_MAX_S, ToolSample};
 use crate::path::PathSample;
 use plotters::prelude::*;
@@ -26,48 +26,6 @@ pub struct Cell<'a> {
     pub pen: &'a [PathSample],
     /// The tool over the same stretch.
     pub tool: &'a [ToolSample],
-}
-
-/// Draws the pen and the tool that followed it, both in metres in the writing plane, in true proportions.
-///
-/// The tool is drawn thick where the pen was down at the same instant. Either may be empty, not both.
-///
-/// # Errors
-/// [`PlotError`]: nothing to draw, or the file cannot be written.
-pub fn path_overlay(
-    file: &Path,
-    title: &str,
-    subtitle: &str,
-    pen: &[PathSample],
-    tool: &[ToolSample],
-) -> Result<(), PlotError> {
-    let runs = Runs::new(pen, tool);
-    let Some(bounds) = runs.bounds() else {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no samples of pen or tool" });
-    };
-    let [[left, low], [right, high]] = padded(bounds, 0.06);
-    // Inner width left by margins and the y axis; the height follows, so that a circle stays a circle.
-    let inner_px = f64::from(WIDTH_PX) - 130.0;
-    let height_px = (inner_px * (high - low) / (right - left)).clamp(220.0, 1000.0);
-    // Where the clamp bites, the narrower direction is widened instead.
-    let (span_x, span_y) = (right - left, high - low);
-    let scale = (span_x / inner_px).max(span_y / height_px);
-    let (cx, cy) = ((left + right) / 2.0, (low + high) / 2.0);
-    let (half_x, half_y) = (scale * inner_px / 2.0, scale * height_px / 2.0);
-    let legend = runs.legend();
-    let head = super::canvas::head_px(subtitle, &legend, WIDTH_PX);
-    let size = (WIDTH_PX, height_px as u32 + head as u32 + 76);
-    picture(file, size, title, subtitle, &legend, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .x_label_area_size(48)
-            .y_label_area_size(62)
-            .build_cartesian_2d(cx - half_x..cx + half_x, cy - half_y..cy + half_y)?;
-        axes(&mut chart, "x [mm]", "y [mm]")?;
-        for (key, run) in runs.drawn(scale * NEAR_PX) {
-            chart.draw_series(std::iter::once(PathElement::new(run, key.stroke())))?;
-        }
-        Ok(())
-    })
 }
 
 /// Draws many short stretches (letters) as a grid of small pictures with one common scale.
@@ -179,10 +137,13 @@ impl Runs {
     }
 }
 
-type Polylines = Vec<Vec<(f64, f64)>>;
+pub(super) type Polylines = Vec<Vec<(f64, f64)>>;
 
 /// Splits rows (t [s], x [m], y [m], down) into runs of equal contact, broken at gaps; joined at their ends.
-fn split_runs(rows: impl Iterator<Item = (f64, f64, f64, bool)>, gap_s: f64) -> (Polylines, Polylines) {
+pub(super) fn split_runs(
+    rows: impl Iterator<Item = (f64, f64, f64, bool)>,
+    gap_s: f64,
+) -> (Polylines, Polylines) {
     let (mut down, mut up): (Polylines, Polylines) = (Vec::new(), Vec::new());
     let mut last: Option<(f64, bool, (f64, f64))> = None;
     for (t, x, y, contact) in rows.filter(|r| r.1.is_finite() && r.2.is_finite()) {
@@ -211,10 +172,4 @@ fn apart(run: &[(f64, f64)], near: f64) -> Vec<(f64, f64)> {
         kept.push(end);
     }
     kept
-}
-
-fn padded([low, high]: [[f64; 2]; 2], share: f64) -> [[f64; 2]; 2] {
-    // A path without extent still needs a picture: 1 mm at least.
-    let pad = ((high[0] - low[0]).max(high[1] - low[1]) * share).max(1.0);
-    [low.map(|v| v - pad), high.map(|v| v + pad)]
 }

@@ -1,11 +1,7 @@
-//! Lines over time or steps: the error with trust on a second axis, stacked panels, the trust ramp.
+//! Lines over time or steps: one chart, stacked panels, the trust ramp.
 
 use super::PlotError;
-use super::canvas::{
-    Area, DrawResult, FAINT, INK, Key, MUTED, ROBOT, SERIES, TRUST, axes, extent, picture, plain, text,
-    thinned,
-};
-use crate::metrics::ErrorSample;
+use super::canvas::{Area, DrawResult, INK, Key, SERIES, TRUST, axes, extent, picture, thinned};
 use plotters::prelude::*;
 use std::ops::Range;
 use std::path::Path;
@@ -57,80 +53,6 @@ pub struct Rampup<'a> {
     pub jerk_mps3: &'a [(f64, f64)],
     /// First and last step of the ramp.
     pub ramp: (f64, f64),
-}
-
-/// Draws the tracking error in millimetres over time (light while the pen hovers), trust on the right-hand axis.
-///
-/// `trust`: (t [s], α in [0, 1]) of the same clock; may be empty. Time starts at 0 in the picture.
-///
-/// # Errors
-/// [`PlotError`]: no errors to draw, or the file cannot be written.
-pub fn error_over_time(
-    file: &Path,
-    title: &str,
-    subtitle: &str,
-    errors: &[ErrorSample],
-    trust: &[(f64, f64)],
-) -> Result<(), PlotError> {
-    let start = errors.first().map_or(0.0, |e| e.t_s);
-    let rows: Vec<(f64, f64, bool)> = errors
-        .iter()
-        .map(|e| (e.t_s - start, e.error_m * 1e3, e.contact))
-        .filter(|r| r.0.is_finite() && r.1.is_finite())
-        .collect();
-    let (Some((_, end)), Some((_, largest))) =
-        (extent(rows.iter().map(|r| r.0)), extent(rows.iter().map(|r| r.1)))
-    else {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no tracking errors" });
-    };
-    let down = Key::solid("error, pen down", ROBOT);
-    let hover = Key { label: "error, pen up", colour: ROBOT, width_px: 1, opacity: 0.45 };
-    let alpha = Key { label: "trust (right axis)", colour: TRUST, width_px: 2, opacity: 0.9 };
-    let legend: Vec<Key<'_>> = if trust.is_empty() { vec![down, hover] } else { vec![down, hover, alpha] };
-    let trust: Vec<(f64, f64)> = trust
-        .iter()
-        .map(|(t, a)| (t - start, *a))
-        .filter(|(t, a)| (0.0..=end).contains(t) && a.is_finite())
-        .collect();
-    picture(file, SIZE_PX, title, subtitle, &legend, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .x_label_area_size(48)
-            .y_label_area_size(62)
-            .right_y_label_area_size(62)
-            .build_cartesian_2d(0.0..end.max(1e-3), 0.0..(largest * 1.08).max(1e-3))?
-            .set_secondary_coord(0.0..end.max(1e-3), 0.0..1.08);
-        chart
-            .configure_mesh()
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(FAINT.stroke_width(1))
-            .axis_style(MUTED.stroke_width(1))
-            .label_style(text(&MUTED))
-            .axis_desc_style(text(&INK))
-            .x_desc("time [s]")
-            .y_desc("distance between robot and pen [mm]")
-            .x_label_formatter(&plain)
-            .y_label_formatter(&plain)
-            .draw()?;
-        if !trust.is_empty() {
-            chart
-                .configure_secondary_axes()
-                .axis_style(MUTED.stroke_width(1))
-                .label_style(text(&TRUST))
-                .axis_desc_style(text(&TRUST))
-                .y_desc("trust α")
-                .y_label_formatter(&plain)
-                .draw()?;
-            let fill = AreaSeries::new(steps(&trust), 0.0, TRUST.mix(0.07));
-            chart.draw_secondary_series(fill)?;
-            let edge = PathElement::new(steps(&trust), alpha.stroke());
-            chart.draw_secondary_series(std::iter::once(edge))?;
-        }
-        for (contact, run) in contact_runs(&rows) {
-            let key = if contact { Key { width_px: 2, ..down } } else { hover };
-            chart.draw_series(std::iter::once(PathElement::new(run, key.stroke())))?;
-        }
-        Ok(())
-    })
 }
 
 /// Draws lines into one chart.
@@ -283,33 +205,4 @@ fn draw_panel(
         chart.draw_series(std::iter::once(PathElement::new(points, style.stroke())))?;
     }
     Ok(())
-}
-
-/// A value that holds until the next one, as a line with corners.
-fn steps(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let mut cornered: Vec<(f64, f64)> = Vec::new();
-    let mut before: Option<(f64, f64)> = None;
-    for (index, &(x, y)) in points.iter().enumerate() {
-        if before.is_some_and(|b| b.1 == y) && index + 1 < points.len() {
-            continue;
-        }
-        cornered.extend(before.map(|b| (x, b.1)));
-        cornered.push((x, y));
-        before = Some((x, y));
-    }
-    cornered
-}
-
-/// Runs of equal contact, thinned together to what a picture can show, joined at their ends.
-fn contact_runs(rows: &[(f64, f64, bool)]) -> Vec<(bool, Vec<(f64, f64)>)> {
-    let mut runs: Vec<(bool, Vec<(f64, f64)>)> = Vec::new();
-    for &(t, e, contact) in rows {
-        let joint = runs.last().and_then(|r| r.1.last().copied());
-        match runs.last_mut() {
-            Some((same, run)) if *same == contact => run.push((t, e)),
-            _ => runs.push((contact, joint.into_iter().chain([(t, e)]).collect())),
-        }
-    }
-    let share = |count: usize| (POINTS_MAX * 2 * count / rows.len().max(1)).max(8);
-    runs.into_iter().map(|(contact, run)| (contact, thinned(&run, share(run.len())))).collect()
 }
