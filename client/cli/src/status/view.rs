@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use foretrace_shm::{
-    FaultReason, Latency, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
+    FaultReason, Latency, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, WayHome,
+    missing_rights,
 };
 use serde_json::{Map, Value, json};
 
@@ -41,6 +42,15 @@ fn latency(latency: &Latency) -> Value {
     })
 }
 
+/// The way home; null where the joints are not known.
+fn way_home(way: &WayHome) -> Value {
+    let known = |value: f64| (value >= 0.0).then_some(value);
+    json!({
+        "farthest_rad": known(way.farthest_rad), "joint": known(way.farthest_rad).map(|_| way.joint),
+        "left_s": known(way.left_s), "share": known(way.share), "moving": way.moving != 0,
+    })
+}
+
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
 pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     let mut page = String::new();
@@ -57,6 +67,16 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         seconds(status.uptime_ns),
         milliseconds(age_ns),
     ));
+    if status.mode == u32::from(Mode::Homing) {
+        let way = &status.way_home;
+        line(format_args!(
+            "way home    {:.0} % gone, {:.1} s to go; joint {} is {:.3} rad from home",
+            100.0 * way.share.max(0.0),
+            way.left_s,
+            way.joint,
+            way.farthest_rad
+        ));
+    }
     if status.stop.at_ns != 0 {
         let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
         let stopped = matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault));
@@ -195,6 +215,7 @@ pub(crate) fn json(status: &Status) -> Value {
     json!({
         "mode": label::<Mode>(status.mode),
         "fault": label::<FaultReason>(status.fault),
+        "way_home": way_home(&status.way_home),
         "pid": status.pid,
         "daemon_id": format!("{:016x}", status.daemon_id),
         "uptime_s": status.uptime_ns as f64 * 1e-9,
