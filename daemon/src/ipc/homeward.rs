@@ -2,6 +2,7 @@
 
 use foretrace_control::follower::{FollowerSettings, Mode, WayBlocked};
 use foretrace_control::ik::Clearance;
+use foretrace_control::ik::clearance::way::MORE_M;
 use foretrace_shm::WayHome;
 
 use crate::ports::JOINTS;
@@ -52,7 +53,10 @@ impl Homeward {
     pub fn obstructed(&self, by: &WayBlocked) -> String {
         let pair = self.pairs.get(usize::from(by.pair)).map_or("something", String::as_str);
         let (near_mm, percent) = (f64::from(by.distance_um) * 1e-3, by.percent);
-        let kept_mm = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m * 1e3);
-        format!("{pair} would be {near_mm:.0} mm apart (kept: {kept_mm:.0}) {percent} % on: move it by hand")
+        let margin_m = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);
+        let kept_mm = 1e3 * (margin_m + MORE_M);
+        format!(
+            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % on: move it by hand"
+        )
     }
 }

@@ -8,6 +8,7 @@
 //! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per way. A pair that
 //! begins nearer than the margin may not come nearer than it begins, one that ends near it may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
 
+use super::watch::Watch;
 use super::{Clearance, Kinematics};
 use crate::ik::chain::Chain;
 
@@ -139,6 +140,8 @@ impl<const J: usize> Clearance<J> {
     #[must_use]
     pub fn damped(mut self, share: f64) -> Self {
         self.rate *= share;
+        // The copy of a list keeps no room for more.
+        self.watch = Watch::new(self.pairs.len());
         self
     }
 
