@@ -5,7 +5,7 @@ mod support;
 
 use foretrace_control::follower::{
     Budget, EnableReading, FollowerSettings, Health, HomeProgress, Mode, Refusal, Request, StepInput,
-    StepOutput, StopDetail, StopReason, WayBlocked,
+    StepOutput, StopCause, StopDetail, StopReason, WayBlocked,
 };
 use foretrace_control::ik::{Clearance, ClearanceSettings, JointLimits, Obstacle};
 use foretrace_control::predict::PredictorKind;
@@ -73,8 +73,9 @@ fn farthest(q: &[f64; 6], from: &[f64; 6]) -> f64 {
     q.iter().zip(from).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
 }
 
-/// Follows the whole way; every command on the straight line, no faster than gentle.
-fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> f64 {
+/// Follows the whole way; every command on the straight line, no faster than gentle. How long it took [s], and whether things
+/// nearby slowed it.
+fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> (f64, bool) {
     let h = PERIOD_NS as f64 * 1e-9;
     let (_, joint) =
         (0..6).map(|j| ((HOME[j] - start[j]).abs(), j)).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
@@ -104,7 +105,7 @@ fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> f64 {
             assert!(farthest(&command.q, &HOME) < 1e-9 && qd == [0.0; 6], "{command:?}");
             assert_eq!(output.home, None);
             assert!(bench.tick(&[]).command.is_none());
-            return f64::from(tick) * h;
+            return (f64::from(tick) * h, held_back);
         }
         let progress = output.home.expect("told while it moves");
         assert!(progress.share >= last.share && progress.left_s <= last.left_s.max(60.0));
@@ -128,7 +129,7 @@ fn from_anywhere_it_goes_home_gently_or_says_what_is_in_the_way() {
                 // Two starts in three stand clear; a start inside the margin is left, never deepened.
                 let at_start = judge(&settings).nearest(&settings.chain.forward(&start)).unwrap().distance_m;
                 assert!(smallest >= MARGIN_M.min(at_start) - 1e-5, "{smallest} of {at_start}");
-                let took = followed_home(&mut bench, &start);
+                let (took, _) = followed_home(&mut bench, &start);
                 assert!(took >= farthest(&start, &HOME) / VELOCITY);
                 assert_eq!(
                     bench.tick_with(&[], Some(Request::Arm), Budget::default()).answer,
@@ -181,6 +182,59 @@ fn a_way_through_itself_is_refused_with_both_links() {
     let Err(Refusal::WayBlocked(by)) = looked_along(&mut bench, first) else { panic!("it is not clear") };
     let name = &judge(&settings).pair_names()[usize::from(by.pair)];
     assert_eq!(name, "`upper_arm` and `wrist_1`", "{by:?}");
+}
+
+/// A wall that the arm, turned about its base, is nearest to one radian before home: it stands [m] from it there.
+fn passing_a_wall(settings: &mut FollowerSettings<6>, distance_m: f64) -> f64 {
+    let turned = |q0: f64| [q0, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
+    let wall = |angle: f64, far: f64| {
+        let out = [angle.cos(), angle.sin(), 0.0];
+        Obstacle::plane(out.map(|x| far * x), out.map(|x| -x)).unwrap()
+    };
+    let away = |settings: &mut FollowerSettings<6>, obstacle: Obstacle, q0: f64| {
+        let keep = settings.clearance.as_mut().unwrap();
+        (keep.obstacles, keep.itself) = (vec![obstacle], false);
+        judge(settings).nearest(&settings.chain.forward(&turned(q0))).unwrap().distance_m
+    };
+    let (mut low, mut high) = (-0.6, 0.6);
+    for _ in 0..80 {
+        let [a, b] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
+        if away(settings, wall(0.0, 2.0), a) < away(settings, wall(0.0, 2.0), b) { high = b } else { low = a }
+    }
+    // A wall turned with the base is passed as near, one radian before home.
+    let (nearest, angle) = (HOME[0] - 1.0, HOME[0] - 1.0 - low);
+    let far = 2.0 - away(settings, wall(angle, 2.0), nearest) + distance_m;
+    assert!((away(settings, wall(angle, far), nearest) - distance_m).abs() < 1e-9);
+    nearest
+}
+
+#[test]
+fn near_things_it_keeps_its_way_and_slows_down() {
+    let mut settings = careful();
+    let nearest = passing_a_wall(&mut settings, MARGIN_M + 0.0012);
+    let start = [nearest - 1.0, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
+    let seconds = settings.way_home(&start).unwrap().2;
+    let (mut bench, first) = asked(settings, start);
+    looked_along(&mut bench, first).unwrap();
+    let (took, slowed) = followed_home(&mut bench, &start);
+    // At home it is held for the longest lag, 0.2 s.
+    assert!(slowed && took > seconds + 0.3, "as fast as with nothing near: {took} s, {seconds} s");
+}
+
+#[test]
+fn what_holds_the_arm_up_stops_it_with_what_was_seen() {
+    let mut settings = careful();
+    // Inside the margin, and nearer still by less than the look along the way counts.
+    let nearest = passing_a_wall(&mut settings, MARGIN_M - 0.001);
+    let start = [nearest - 4e-4, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
+    let (mut bench, first) = asked(settings, start);
+    looked_along(&mut bench, first).unwrap();
+    let last = (0..1500).map(|_| bench.tick(&[])).last().unwrap();
+    assert_eq!((last.mode, last.stop_reason), (Mode::Stopped, StopReason::WayBlocked));
+    let StopDetail { cause, amount, limit, .. } = last.stop_detail;
+    assert_eq!((cause, limit), (StopCause::Clearance, MARGIN_M));
+    assert!((amount - (MARGIN_M - 0.001)).abs() < 1e-5, "{amount}");
+    assert!(farthest(&bench.joints.q, &start) < 1e-5);
 }
 
 /// Half a second on the way from `HOME` turned by half a radian at every joint.
@@ -337,7 +391,7 @@ fn limits_of_weak_joints_bound_the_way_too() {
     assert!((turn - 0.2).abs() < 1e-12 && (seconds - (2.0 + 0.1 / 0.225 + 0.225 / 2.0)).abs() < 1e-9);
     let (mut bench, first) = asked(settings, start);
     looked_along(&mut bench, first).unwrap();
-    let took = followed_home(&mut bench, &start);
+    let (took, _) = followed_home(&mut bench, &start);
     // Then it is held for as long as the arm may be late.
     assert!((took - seconds - 0.2).abs() < 0.02, "{took} {seconds}");
 }

@@ -4,6 +4,7 @@ mod alarm;
 mod chain;
 mod screen;
 mod view;
+mod way_home;
 
 use std::io::IsTerminal;
 use std::path::Path;

@@ -1,8 +1,11 @@
 //! A request for the way home is answered once, when the way has been looked along or a stop came before.
 
+use std::sync::Arc;
+
 use foretrace_control::follower::HomeProgress;
 
 use super::*;
+use crate::rt::stops::StopFlag;
 
 /// The arm stands with its base turned by a radian, and home is asked for; nothing is answered yet.
 fn asking() -> Bench {
@@ -46,4 +49,17 @@ fn a_stop_before_the_way_is_known_is_the_answer() {
     let both = [stopped, bench.ipc.answered.pop().unwrap()].map(|answer| (answer.token, answer.outcome));
     assert_eq!(both, [(6, Ok(())), (5, Err(Refusal::StopCame))]);
     assert!(bench.ipc.answered.pop().is_err());
+}
+
+#[test]
+fn a_request_that_was_sent_before_a_stop_moves_nothing() {
+    let flag = Arc::new(StopFlag::default());
+    let mut bench = Bench::new();
+    bench.tick.mind(Stops::new(flag.clone()), OverrunLimit::NONE);
+    flag.ask();
+    let (stamp, sent) = (Stamp(bench.release), Stamp(bench.release - 1_000_000));
+    bench.ipc.asked.push(Asked { token: 5, request: Request::MoveHome, stamp, sent }).unwrap();
+    let evidence = bench.run(0);
+    assert_eq!((evidence.output.mode, evidence.output.command), (Mode::Idle, None));
+    assert_eq!(bench.ipc.answered.pop().unwrap().outcome, Err(Refusal::StopCame));
 }
