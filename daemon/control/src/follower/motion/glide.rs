@@ -122,10 +122,10 @@ mod tests {
     #[test]
     fn every_kind_of_way_ends_at_one_inside_its_limits() {
         for (limits, seconds) in [
-            // Cruises: 1/V + V/A + A/K. Reaches A, not V. Reaches neither: 4·(1/2K)^⅓ · ½^⅓.
+            // Cruises: 1/V + V/A + A/K. Reaches A, not V. Reaches neither: (32/K)^⅓.
             (Pace { velocity: 0.2, acceleration: 0.5, jerk: 2.0 }, Some(5.0 + 0.4 + 0.25)),
             (Pace { velocity: 9.0, acceleration: 1.0, jerk: 100.0 }, None),
-            (Pace { velocity: 9.0, acceleration: 50.0, jerk: 4.0 }, Some(4.0)),
+            (Pace { velocity: 9.0, acceleration: 50.0, jerk: 4.0 }, Some(2.0)),
             (Pace { velocity: 1e-4, acceleration: 1.0, jerk: 1.0 }, None),
             (Pace { velocity: 1e6, acceleration: 1e6, jerk: 1e7 }, None),
         ] {
