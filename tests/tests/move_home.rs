@@ -73,6 +73,21 @@ fn an_arm_far_away_comes_home_through_a_stop_and_a_killed_daemon() {
 }
 
 #[test]
+fn without_a_daemon_or_with_joints_that_are_none_nothing_begins() {
+    let world = World::new(PROGRAM);
+    assert_refused(&world.run(0, &["move", "home", "--yes"]), 3, &["no daemon running", "foretrace daemon"]);
+    assert_refused(&world.run(0, &["move", "home"]), 2, &["no terminal", "--yes"]);
+    assert_refused(&world.run(0, &["move", "away"]), 2, &["away"]);
+    for (from, words) in [
+        ("--from=1,2", ["2 numbers", "6 joints"]),
+        ("--from=9,-1.3,1.8,-2.1,-1.6,0", ["joint 0 at 9 rad", "legal -6.283 to 6.283"]),
+        ("--from=nan,-1.3,1.8,-2.1,-1.6,0", ["joint 0 at NaN rad", "legal -6.283 to 6.283"]),
+    ] {
+        assert_refused(&world.run(0, &["arm", "sim", from]), 2, &words);
+    }
+}
+
+#[test]
 fn a_box_in_the_way_is_named_and_nothing_moves() {
     let world = World::new(PROGRAM);
     // Where the pen comes by when the base has turned half of the way.
@@ -82,7 +97,7 @@ fn a_box_in_the_way_is_named_and_nothing_moves() {
     heard(&world);
     let before = world.status(0)["way_home"]["farthest_rad"].clone();
     let refused = world.run(0, &["move", "home", "--yes"]);
-    assert_refused(&refused, 4, &["the way is not clear", "box 0 of clearance.boxes_m", "% on"]);
+    assert_refused(&refused, 4, &["the way is not clear", "box 0 of clearance.boxes_m", "% of the way on"]);
     let after = world.status(0);
     assert_eq!((&after["mode"], &after["way_home"]["farthest_rad"]), (&"idle".into(), &before));
     arm.end();

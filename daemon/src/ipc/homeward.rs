@@ -56,7 +56,7 @@ impl Homeward {
         let margin_m = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);
         let kept_mm = 1e3 * (margin_m + MORE_M);
         format!(
-            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % on: move it by hand"
+            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % of the way on: move it by hand"
         )
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Along q(s) = q₀ + s·Δq the distance d of a pair changes by Σ_j lever_j |Δq_j| per unit of s at most. From a place where
 //! it is (d − least) more than it must be, nothing can touch before s has grown by (d − least) / Σ_j lever_j |Δq_j|: the next
-//! place that has to be looked at is where the first pair's share of that ends. Steps are never shorter than [`STEP_M`] of way,
+//! place that has to be looked at is where the first pair's share of that ends. Steps are never shorter than `STEP_M` of way,
 //! or a thousandth of the whole; what may hide in one is less than [`MORE_M`], which is kept on top of the margin.
 //!
 //! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per way. A pair that
