@@ -46,6 +46,6 @@ pub use foretrace_shm::{
     FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState,
     LATENCY_BINS, Latency, Mode, PenSample, Percentiles, PredictorId, PublishError, Refused, RejectField,
     RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
-    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, command_flags,
-    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome,
+    command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -84,6 +84,11 @@ impl Requests {
         self.ask(ControlOp::Arm, 0, 0.0, timeout)
     }
 
+    /// Move the arm home, slowly and straight in joint space; the answer comes when the way has been looked along.
+    pub fn move_home(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
+        self.ask(ControlOp::MoveHome, 0, 0.0, timeout)
+    }
+
     /// Stop smoothly and go idle.
     pub fn disarm(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::Disarm, 0, 0.0, timeout)

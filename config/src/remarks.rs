@@ -1,6 +1,6 @@
 //! What right settings cost, do without, or will be refused for later; one line each, for people.
 
-use foretrace_control::follower::{FollowerSettings, Refusal, plan_limits};
+use foretrace_control::follower::{FollowerSettings, Refusal};
 use foretrace_control::ik::Chain;
 use foretrace_control::predict::Models;
 
@@ -40,9 +40,9 @@ fn rate(settings: &Settings) -> Option<String> {
 /// Says which limits of the plan are not the ones that were asked for.
 fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
     let limits = match settings.mpc.horizon {
-        10 => plan_limits::<10, JOINTS>(law),
-        20 => plan_limits::<20, JOINTS>(law),
-        _ => plan_limits::<30, JOINTS>(law),
+        10 => law.plan_limits::<10>(),
+        20 => law.plan_limits::<20>(),
+        _ => law.plan_limits::<30>(),
     };
     let horizon_ms = settings.plan_step_s() * 1e3 * f64::from(settings.mpc.horizon);
     let mut remarks = Vec::new();

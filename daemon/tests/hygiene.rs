@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+use foretrace_control::units::Stamp;
 use foretrace_shm::{ControlOp, ControlStatus, Mode, PredictorId, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
 use foretraced::rt::rehearsal::rehearse;
@@ -34,6 +36,27 @@ fn a_rehearsal_allocates_nothing_while_it_measures() {
     let seen = rehearse(settings, false, 0.2, quit).unwrap().join().unwrap();
     assert!(!seen.lateness.is_empty());
     assert_eq!(seen.allocations, 0);
+}
+
+#[test]
+fn no_tick_of_the_way_home_allocates() {
+    let settings = Source::preset("ur5").load().unwrap().follower_settings();
+    let mut q = settings.ik.home.map(|home| home + 0.2);
+    let mut follower = Follower::<20, 6>::new(settings).unwrap();
+    let (mut now, mut moved) = (Stamp(1_000_000_000), false);
+    let before = alloc_count::allocations();
+    for tick in 0..5000 {
+        let joints = JointReading { stamp: now, q, qd: [0.0; 6], motion_allowed: true };
+        let request = (tick == 0).then_some(Request::MoveHome);
+        let input = StepInput { joints: Some(&joints), request, ..StepInput::nothing(now) };
+        let output = follower.step(&input, Budget::default(), &mut NoClock);
+        moved |= output.home.is_some_and(|home| home.share > 0.9);
+        let Some(command) = output.command else { break };
+        q = command.q;
+        now = now.plus_ns(2_000_000);
+    }
+    assert_eq!(alloc_count::allocations(), before);
+    assert!(moved, "the arm went home");
 }
 
 #[test]

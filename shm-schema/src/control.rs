@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn unknown_operations_and_predictors_are_refused() {
-        let unknown = ControlRequest { op: 9, ..request(ControlOp::Query) };
+        let unknown = ControlRequest { op: 10, ..request(ControlOp::Query) };
         assert_eq!(unknown.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "op")));
         let unknown = ControlRequest { param: 8, ..request(ControlOp::SwitchPredictor) };
         assert_eq!(unknown.validate().unwrap_err().field, "param");

@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn unknown_modes_and_flags_are_refused() {
-        let command = JointCommand { mode: 6, ..Default::default() };
+        let command = JointCommand { mode: 7, ..Default::default() };
         assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
         let command = JointCommand { flags: 8, ..Default::default() };
         assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "flags")));

@@ -1,12 +1,15 @@
 //! `Status`: what the daemon says about itself ten times per second and on every change.
 
+use std::fmt;
+
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::check::{flags, known};
 use crate::layout::wire;
+use crate::vocabulary::{UnknownValue, wire_enum};
 use crate::{
-    ArmLag, Chain, Counters, FaultReason, GhostState, Header, Latency, Mode, PredictorId, Refused, Rejection,
-    STAGES, Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
+    ArmLag, Chain, Counters, FaultReason, Header, Latency, Mode, PredictorId, Refused, Rejection, STAGES,
+    Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
 };
 
 wire! {
@@ -54,8 +57,44 @@ impl Tracking {
 }
 
 wire! {
+    /// The straight way home, from the measured joints, or what is left of it while the arm moves along it.
+    "foretrace.WayHomeV1"
+    pub struct WayHome {
+        /// How far the joint that turns farthest is from home [rad]; negative: not known.
+        pub farthest_rad: f64,
+        /// How long the way takes, or the rest of it, with nothing near [s]; negative: not known.
+        pub left_s: f64,
+        /// In mode [`Mode::Homing`], the share of the way that was gone; negative: in another mode.
+        pub share: f64,
+        /// The joint that turns farthest, from 0, base first.
+        pub joint: u32,
+        /// In mode [`Mode::Homing`]: 1 once the way was found clear, and the motion has begun.
+        pub moving: u32,
+    }
+}
+
+impl WayHome {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self { farthest_rad: -1.0, left_s: -1.0, share: -1.0, joint: 0, moving: 0 };
+}
+
+wire_enum! {
+    /// Whether the ghost (what trust 0 would have done) can be compared with the loop.
+    pub enum GhostState: u32 {
+        /// The loop does not follow the pen, or there is no ghost.
+        Off = 0 => "off",
+        /// The tool or its ghost is still on its way to the pen.
+        Approaching = 1 => "approaching",
+        /// Ticks were missing; the ghost starts anew and is given time to settle.
+        Settling = 2 => "settling",
+        /// It can.
+        Comparable = 3 => "comparable",
+    }
+}
+
+wire! {
     /// State of the daemon. Spreads are over all ticks since start, after warm-up.
-    "foretrace.StatusV4"
+    "foretrace.StatusV5"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -153,6 +192,8 @@ wire! {
         pub enable_refused: Refused,
         /// The newest echo of a command that was not believed.
         pub echo_refused: Refused,
+        /// The way home.
+        pub way_home: WayHome,
         /// Reserved, zero.
         pub reserved: [u64; 2],
     }

@@ -36,6 +36,8 @@ wire_enum! {
         ToolSpeed = 11 => "tool speed",
         /// Too many of the recent ticks were late [1].
         LateTicks = 12 => "late ticks",
+        /// Something is nearer than the arm may come to it [m].
+        Clearance = 13 => "too near",
     }
 }
 
@@ -109,6 +111,9 @@ impl fmt::Display for StopDetail {
             }
             StopCause::Tilt => write!(f, "the tool is tilted by {amount:.3} rad, limit {limit:.3} rad"),
             StopCause::ToolSpeed => write!(f, "the tool moves at {amount:.3} m/s, limit {limit:.3} m/s"),
+            StopCause::Clearance => {
+                write!(f, "something is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
+            }
             StopCause::LateTicks => write!(
                 f,
                 "{:.0} % of the recent ticks ended after their deadline, limit {:.0} %",
@@ -156,7 +161,10 @@ mod tests {
                 StopDetail { cause: (*cause).into(), joint: 3, amount: 0.25, limit: 0.125, at_ns: 1 };
             let text = detail.to_string();
             let [amount, limit] = match cause {
-                StopCause::ToolDeviation | StopCause::Height | StopCause::Workspace => ["250.0", "125.0"],
+                StopCause::ToolDeviation
+                | StopCause::Height
+                | StopCause::Workspace
+                | StopCause::Clearance => ["250.0", "125.0"],
                 StopCause::SlowArm | StopCause::LateTicks => ["25 %", "12 %"],
                 _ => ["0.250", "0.125"],
             };

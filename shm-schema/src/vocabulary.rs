@@ -83,6 +83,8 @@ wire_enum! {
         Stopped = 4 => "stopped",
         /// Stopped by itself, see [`FaultReason`]; needs an explicit arm.
         Fault = 5 => "fault",
+        /// Moving the arm home, or about to; the pen leads nothing.
+        Homing = 6 => "moving home",
     }
 }
 
@@ -205,6 +207,8 @@ wire_enum! {
         Reload = 7 => "reload",
         /// Trust stays as it is.
         FreezeTrust = 8 => "freeze-trust",
+        /// Move the arm home from where it stands; answered when the way has been looked along.
+        MoveHome = 9 => "move-home",
     }
 }
 
@@ -255,6 +259,8 @@ wire_enum! {
         NotFollowing = -19 => "arm does not follow",
         /// A stop came after the request to arm was sent.
         StopCame = -20 => "a stop came",
+        /// The straight way home is not clear.
+        WayBlocked = -21 => "the way is not clear",
     }
 }
 
@@ -287,20 +293,8 @@ wire_enum! {
         Requested = 11 => "requested",
         /// The tool left its envelope: paper, workspace, tilt or speed.
         Envelope = 12 => "tool envelope",
-    }
-}
-
-wire_enum! {
-    /// Whether the ghost (what trust 0 would have done) can be compared with the loop.
-    pub enum GhostState: u32 {
-        /// The loop does not follow the pen, or there is no ghost.
-        Off = 0 => "off",
-        /// The tool or its ghost is still on its way to the pen.
-        Approaching = 1 => "approaching",
-        /// Ticks were missing; the ghost starts anew and is given time to settle.
-        Settling = 2 => "settling",
-        /// It can.
-        Comparable = 3 => "comparable",
+        /// Something held the arm up on its way home.
+        WayBlocked = 13 => "held up on the way home",
     }
 }
 
@@ -377,7 +371,7 @@ mod tests {
 
     #[test]
     fn unknown_numbers_are_refused_with_their_value() {
-        assert_eq!(Mode::try_from(6), Err(UnknownValue { kind: "Mode", value: 6 }));
+        assert_eq!(Mode::try_from(7), Err(UnknownValue { kind: "Mode", value: 7 }));
         assert_eq!(ControlStatus::try_from(-99).unwrap_err().to_string(), "-99 is not a known ControlStatus");
         assert!(PredictorId::try_from(u32::MAX).is_err());
     }

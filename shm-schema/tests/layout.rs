@@ -256,8 +256,14 @@ fn layouts_are_pinned() {
         &[("count", 0, 8), ("percentiles", 8, 16), ("bins", 24, 80)],
         0xe164e187ba0ec90a,
     );
+    pinned::<WayHome>(
+        32,
+        8,
+        &[("farthest_rad", 0, 8), ("left_s", 8, 8), ("share", 16, 8), ("joint", 24, 4), ("moving", 28, 4)],
+        0x795854b8ed6ab48c,
+    );
     pinned::<Status>(
-        1384,
+        1416,
         8,
         &[
             ("header", 0, 24),
@@ -305,9 +311,10 @@ fn layouts_are_pinned() {
             ("joints_refused", 1248, 40),
             ("enable_refused", 1288, 40),
             ("echo_refused", 1328, 40),
-            ("reserved", 1368, 16),
+            ("way_home", 1368, 32),
+            ("reserved", 1400, 16),
         ],
-        0x283bf4e1c3fe41dd,
+        0x88a0931ca87fe6bc,
     );
     pinned::<ControlRequest>(
         40,

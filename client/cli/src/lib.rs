@@ -23,6 +23,7 @@ mod play;
 mod gateway;
 mod record;
 mod request;
+mod move_home;
 mod calibrate;
 mod stopped;
 mod extent;
@@ -68,6 +69,9 @@ enum Command {
     #[command(subcommand)]
     Arm(arm::ArmCommand),
     Request(request::RequestArgs),
+    /// Move the arm where the pen does not lead it
+    #[command(subcommand)]
+    Move(move_home::MoveCommand),
     /// Measure what the settings need to know about the arm
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
@@ -121,6 +125,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),
+        Command::Move(command) => move_home::run(command),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Status(args) => status::run(args),
         Command::Bench(args) => bench::run(args),

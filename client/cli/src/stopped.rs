@@ -39,6 +39,9 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
         FaultReason::Envelope => {
             "the tool could not be kept over the paper and in the workspace (bounds: safety.envelope): look at plane.workspace_m and mpc.limits, then arm again"
         }
+        FaultReason::WayBlocked => {
+            "the arm came too near something on its way home (bounds: clearance): move it by hand, or take that away"
+        }
         FaultReason::CommandNotSent
         | FaultReason::NotFinite
         | FaultReason::ForeignPeer

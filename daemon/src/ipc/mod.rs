@@ -6,6 +6,7 @@
 pub mod allocation;
 pub mod chain;
 pub mod ghost;
+pub mod homeward;
 pub mod latency;
 pub mod narrator;
 pub mod requests;
@@ -22,7 +23,7 @@ use tracing::{debug, error};
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent};
+use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
@@ -35,6 +36,7 @@ use crate::rt::tick::IpcRings;
 use allocation::AllocationJudge;
 use chain::ChainWatch;
 use ghost::GhostShell;
+use homeward::Homeward;
 use latency::Latencies;
 use narrator::Narrator;
 use requests::{ReloadRequest, Requests};
@@ -93,6 +95,8 @@ pub struct IpcLinks {
     pub ghost: GhostShell,
     /// Where the measured tool has been since arming.
     pub extent: ExtentWatch<JOINTS>,
+    /// The way home.
+    pub homeward: Homeward,
     /// What the learner shows.
     pub board: Arc<LearnerBoard>,
     /// What the learner tells.
@@ -213,7 +217,7 @@ impl Ipc {
         }
         let (mode, trust) = self.mode_and_trust();
         self.requests.joints_refused(self.newest.as_ref().and_then(|newest| newest.ports.joints_refused));
-        self.requests.serve(&mut self.ports.control, &mut self.links.rings, mode, trust);
+        self.requests.serve(&mut self.ports.control, &mut self.links, mode, trust);
         if changed || now >= self.next_status {
             self.next_status = now.plus_ns(self.settings.status_period_ns);
             let status = self.status(now);
@@ -256,7 +260,9 @@ impl Ipc {
         if evidence.output.begins {
             self.links.extent.restart();
         }
-        if let (Some(_), Some((_, q))) = (evidence.output.command, &evidence.measured) {
+        // On its way home the tool may be anywhere.
+        let led = evidence.output.command.filter(|_| evidence.output.mode != Mode::Homing);
+        if let (Some(_), Some((_, q))) = (led, &evidence.measured) {
             self.links.extent.see(q);
         }
         let ghost = self.links.ghost.follow(evidence, self.links.rings.evidence.slots());
@@ -321,6 +327,7 @@ impl Ipc {
             echo_refused: convert::refused::wire(self.chain.refused()),
             extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| convert::extent(&extent)),
             arm_speed_share: -1.0,
+            way_home: self.newest.map_or(WayHome::UNKNOWN, |newest| self.links.homeward.told(&newest)),
             // Not a number where nobody counts: a zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()
@@ -353,47 +360,4 @@ impl Ipc {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use foretrace_control::follower::{Budget, Follower, JointCommand, NoClock, StepInput};
-    use foretrace_control::units::Stamp;
-
-    use crate::ports::{JOINTS, PortTally};
-    use crate::rt::cyclic::Wake;
-    use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
-
-    /// An uneventful tick that sends a command.
-    pub(crate) fn commanding(tick: u64) -> Evidence {
-        let mut evidence = evidence(tick);
-        let (stamp, q) = (evidence.deadline, [0.0; JOINTS]);
-        let valid_until = stamp.plus_ns(10_000_000);
-        evidence.output.command = Some(JointCommand { stamp, valid_until, q, qd: q, enabled: true });
-        evidence
-    }
-
-    /// An uneventful tick of an idle loop.
-    pub(crate) fn evidence(tick: u64) -> Evidence {
-        let settings = crate::testing::config().follower_settings();
-        let mut follower = Follower::<10, JOINTS>::new(settings).unwrap();
-        let now = Stamp(tick * 2_000_000);
-        let wake = Wake { index: tick, due: now, release: now, started: now, skipped: 0 };
-        Evidence {
-            tick,
-            wake,
-            finished: now,
-            deadline: now.plus_ns(2_000_000),
-            times: StageTimes::default(),
-            budget: Budget::default(),
-            pen_samples: 0,
-            measured: None,
-            published: now,
-            echo: None,
-            not_sent: false,
-            weights_since: None,
-            port_allocations: 0,
-            law_allocations: 0,
-            output: follower.step(&StepInput::nothing(now), Budget::default(), &mut NoClock),
-            tally: LoopTally { ticks: tick, ..LoopTally::default() },
-            ports: PortTally::default(),
-        }
-    }
-}
+pub(crate) mod tests;

@@ -12,6 +12,8 @@ use foretrace_control::follower::{Mode, Refusal, Request};
 use foretrace_control::units::{Stamp, Trust};
 use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now_ns};
 
+use super::IpcLinks;
+use super::homeward::Homeward;
 use crate::ports::Refused;
 use crate::ports::convert::{self, Asked as Meaning};
 use crate::rt::evidence::{Answered, Asked};
@@ -84,13 +86,14 @@ impl Requests {
     }
 
     /// Takes new requests, and answers those whose answer has come or is overdue.
-    pub fn serve(&mut self, server: &mut ControlServer, rings: &mut IpcRings, mode: Mode, trust: Trust) {
+    pub fn serve(&mut self, server: &mut ControlServer, links: &mut IpcLinks, mode: Mode, trust: Trust) {
+        let IpcLinks { rings, homeward, .. } = links;
         // Bounded by the places that the service has.
         for call in std::iter::from_fn(|| server.take()).take(16) {
             self.take(call, rings, mode, trust);
         }
         while let Ok(answer) = rings.answered.pop() {
-            self.loop_answered(&answer);
+            self.loop_answered(&answer, homeward);
         }
         self.supervisor_answered(mode, trust);
         self.overdue(mode, trust);
@@ -146,13 +149,13 @@ impl Requests {
         Ok(())
     }
 
-    fn loop_answered(&mut self, answer: &Answered) {
+    fn loop_answered(&mut self, answer: &Answered, homeward: &Homeward) {
         let Some(place) = self.at_loop.iter().position(|(token, ..)| *token == answer.token) else { return };
         let (_, _, asker) = self.at_loop.swap_remove(place);
         match (asker, answer.outcome) {
             (Asker::Operator(call), Ok(())) => {
-                // Stopping takes its time; everything else is done with the tick.
-                let follows = [u32::from(ControlOp::Disarm), u32::from(ControlOp::Stop)];
+                // Motion takes its time; everything else is done with the tick.
+                let follows = [ControlOp::Disarm, ControlOp::Stop, ControlOp::MoveHome].map(u32::from);
                 let status = if follows.contains(&call.request.op) && answer.mode != Mode::Idle {
                     ControlStatus::Accepted
                 } else {
@@ -162,10 +165,11 @@ impl Requests {
             }
             (Asker::Operator(call), Err(refusal)) => {
                 let (status, text) = convert::refusal(refusal);
-                let text = self.joints_refused.filter(|_| missing_joints(refusal)).map_or_else(
-                    || text.to_owned(),
-                    |refused| format!("the arm's joint states are refused: {}", refused.why),
-                );
+                let text = match (refusal, self.joints_refused.filter(|_| missing_joints(refusal))) {
+                    (Refusal::WayBlocked(by), _) => homeward.obstructed(&by),
+                    (_, Some(refused)) => format!("the arm's joint states are refused: {}", refused.why),
+                    _ => text.to_owned(),
+                };
                 self.answer(*call, status, answer.mode, answer.trust, &text);
             }
             (Asker::Settings(request), Ok(())) => info!("live setting in force: {request:?}"),

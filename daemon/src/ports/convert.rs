@@ -116,6 +116,7 @@ pub fn asked(request: &ControlRequest) -> Asked {
         ControlOp::Query => return Asked::Query,
         ControlOp::Reload => return Asked::Reload,
         ControlOp::Arm => Request::Arm,
+        ControlOp::MoveHome => Request::MoveHome,
         ControlOp::Disarm => Request::Disarm,
         ControlOp::Stop => Request::Stop,
         ControlOp::SetTrust => Request::SetTrust(request.value),
@@ -150,23 +151,32 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         }
         Refusal::ToolOutsideWorkspace => (
             ControlStatus::Jump,
-            "the tool stands outside the workspace: move it near the writing plane first",
+            "the tool stands outside the workspace: `foretrace move home`, or move it near the writing plane by hand",
         ),
         Refusal::ToolNotAligned => (
             ControlStatus::Jump,
-            "the tool does not point at the writing plane: turn it against the normal first",
+            "the tool does not point at the writing plane: `foretrace move home`, or turn it by hand",
         ),
         Refusal::EnableMissing => (ControlStatus::NotEnabled, "the dead-man switch is required and not held"),
         Refusal::StillStopping => (ControlStatus::WrongMode, "the arm is still being stopped: ask again"),
         Refusal::StopCame => (
             ControlStatus::StopCame,
-            "a stop came after this request was sent: arm again if that is still wanted",
+            "a stop came after this request was sent: ask again if that is still wanted",
         ),
         Refusal::NotFollowing => (
             ControlStatus::NotFollowing,
             "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm anew",
         ),
         Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),
+        Refusal::DisarmFirst => {
+            (ControlStatus::WrongMode, "the loop is armed: `foretrace request disarm` first")
+        }
+        Refusal::MovesHome => {
+            (ControlStatus::WrongMode, "the arm is moving home: wait until it is there, or stop it")
+        }
+        Refusal::WayBlocked(_) => {
+            (ControlStatus::WayBlocked, "something is in the straight way home: move the arm by hand")
+        }
         Refusal::BadValue => (ControlStatus::Invalid, "the value is not a number in its legal range"),
         Refusal::PredictorUnavailable => {
             (ControlStatus::PredictorUnavailable, "the predictor is not available in this daemon")
@@ -184,6 +194,7 @@ pub const fn mode(mode: Mode) -> shm::Mode {
         Mode::Holding => shm::Mode::Holding,
         Mode::Stopped => shm::Mode::Stopped,
         Mode::Fault => shm::Mode::Fault,
+        Mode::Homing => shm::Mode::Homing,
     }
 }
 
@@ -199,6 +210,7 @@ pub const fn fault(reason: StopReason) -> shm::FaultReason {
         StopReason::TrackingError => shm::FaultReason::TrackingError,
         StopReason::Envelope => shm::FaultReason::Envelope,
         StopReason::Overruns => shm::FaultReason::Overruns,
+        StopReason::WayBlocked => shm::FaultReason::WayBlocked,
     }
 }
 
@@ -219,6 +231,7 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
         StopCause::Tilt => shm::StopCause::Tilt,
         StopCause::ToolSpeed => shm::StopCause::ToolSpeed,
         StopCause::LateTicks => shm::StopCause::LateTicks,
+        StopCause::Clearance => shm::StopCause::Clearance,
     };
     shm::StopDetail {
         cause: cause.into(),

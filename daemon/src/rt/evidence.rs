@@ -185,10 +185,10 @@ pub struct Asked {
 const REQUEST_LIFE_NS: i64 = 1_000_000_000;
 
 impl Asked {
-    /// A request to arm that was sent before a stop that came at `stopped` must not undo it.
+    /// A request to take charge that was sent before a stop that came at `stopped` must not undo it.
     #[must_use]
     pub fn is_overtaken(&self, stopped: Stamp) -> bool {
-        self.request == Request::Arm && self.sent <= stopped
+        matches!(self.request, Request::Arm | Request::MoveHome) && self.sent <= stopped
     }
 
     /// Too old to be carried out at `now`. A stop is never too old.

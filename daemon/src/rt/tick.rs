@@ -101,6 +101,8 @@ pub struct Tick<const N: usize, P> {
     trust: Trust,
     tally: LoopTally,
     leaving: bool,
+    /// Who asked for the way home, which is still being looked along.
+    way_asked: Option<u64>,
     stops: Stops,
     overruns: OverrunBudget,
 }
@@ -125,6 +127,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             trust: Trust::NONE,
             tally: LoopTally::default(),
             leaving: false,
+            way_asked: None,
             stops: Stops::default(),
             overruns: OverrunBudget::new(OverrunLimit::NONE),
         }
@@ -210,8 +213,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.settle(wake, &output, budget, finished, &laps);
         self.teach(&output);
         if let (Some(asked), Some(outcome)) = (asked, output.answer) {
-            self.answer(asked.token, outcome, output.mode, output.trust.alpha);
+            if asked.request == Request::MoveHome && outcome.is_ok() {
+                self.way_asked = Some(asked.token);
+            } else {
+                self.answer(asked.token, outcome, output.mode, output.trust.alpha);
+            }
         }
+        self.answer_way(&output);
         if output.begins {
             self.overruns.forget();
         }
@@ -242,6 +250,15 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             self.tally.evidence_dropped += 1;
         }
         output.mode
+    }
+
+    /// Tells who asked whether the way home is clear, as soon as that is known, or that a stop came before.
+    fn answer_way(&mut self, output: &StepOutput<JOINTS>) {
+        let ended = (output.mode != Mode::Homing).then_some(Err(Refusal::StopCame));
+        let outcome = output.way.or(ended);
+        if let Some((token, outcome)) = outcome.and_then(|outcome| Some((self.way_asked.take()?, outcome))) {
+            self.answer(token, outcome, output.mode, output.trust.alpha);
+        }
     }
 
     /// As many answers fit as requests, and the ipc thread asks no faster than it hears.

@@ -18,6 +18,7 @@ use super::notify::Manager;
 use super::{Daemon, OPENING, settings_hash};
 use crate::error::DaemonError;
 use crate::ipc::ghost::GhostShell;
+use crate::ipc::homeward::Homeward;
 use crate::ipc::{self, IpcLinks, IpcOrder, IpcSettings};
 use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
@@ -101,6 +102,7 @@ impl Daemon {
             rings: ipc_rings,
             ghost,
             extent: ExtentWatch::new(&config.follower_settings()),
+            homeward: Homeward::new(config.follower_settings()),
             board,
             learner: learner_tells,
             orders: ipc_ordered,

@@ -10,9 +10,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use foretrace_client::{
-    Commands, Foretrace, JointState, JointStates, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
+    Commands, Foretrace, JointState, JointStates, Mode, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
 };
 use foretrace_control::extent::ExtentWatch;
+use foretrace_control::ik::JointLimits;
 use foretrace_control::units::Stamp;
 use foretrace_lab::arm::{ArmModel, JOINTS, Joints};
 
@@ -22,7 +23,7 @@ use super::refused::{Refused, Teller};
 use super::report::{ArmReport, CommandReport, DelaySeen, Report, ViolationReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::extent::ExtentFigures;
-use crate::failure::Failure;
+use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::os;
 use crate::output::{JsonArgs, note};
@@ -54,6 +55,10 @@ pub(crate) struct SimArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
+    /// Stand at these joints in the beginning, base first [rad], for example --from=0.5,-1.9,-1.7,-1.1,1.6,0 [default: home]
+    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1..)]
+    from: Option<Vec<f64>>,
+
     /// Write every joint state as CSV: t_s (monotonic clock), q1..q6 [rad]
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -72,10 +77,11 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let robot = config.robot();
     let rate_hz = args.rate.unwrap_or(config.settings().robot.controller_rate_hz);
     let cycle_s = 1.0 / f64::from(rate_hz);
-    let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, robot.home)
+    let from = args.from.as_deref().map_or(Ok(robot.home), |from| standing(from, &robot.limits))?;
+    let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, from)
         .ok_or_else(|| Failure::bad_input("robot.home_rad is not finite", "correct the settings"))?;
     let arm = args.lag.settings(cycle_s);
-    let model = ArmModel::at_rest(arm, robot.home);
+    let model = ArmModel::at_rest(arm, from);
     let record = args.record.as_ref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
@@ -108,6 +114,21 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let report = sim.report(f64::from(rate_hz));
     summary(&report);
     args.json.write(&report)
+}
+
+/// Where an arm is to stand that is given as `from` [rad].
+fn standing(from: &[f64], limits: &JointLimits<JOINTS>) -> Result<[f64; JOINTS], Failure> {
+    let wrong =
+        |why: String| Failure::new(Cause::Usage, why, "give --from=Q1,...,Q6, base first, in radians");
+    let q: [f64; JOINTS] = from
+        .try_into()
+        .map_err(|_| wrong(format!("--from has {} numbers, the arm {JOINTS} joints", from.len())))?;
+    for (joint, (q, [low, high])) in q.iter().zip(limits.position()).enumerate() {
+        if !(*q >= *low && *q <= *high) {
+            return Err(wrong(format!("--from puts joint {joint} at {q} rad, legal {low:.3} to {high:.3}")));
+        }
+    }
+    Ok(q)
 }
 
 /// The two handles of an arm.
@@ -209,7 +230,10 @@ impl Simulation {
         };
         if let Some((command, taken)) = self.intake.newest() {
             state.echo(command, taken.0);
-            self.extent.see(&joints.q);
+            // On its way home the tool may be anywhere.
+            if command.mode != u32::from(Mode::Homing) {
+                self.extent.see(&joints.q);
+            }
         }
         if let Some(ports) = &mut self.ports {
             // Without a daemon nobody listens; the lookout takes care of that.

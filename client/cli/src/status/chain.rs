@@ -3,7 +3,7 @@
 //! Contract: medians of about the last second, as the status carries them; what is not known is left out of the words and
 //! null in JSON.
 
-use foretrace_shm::Status;
+use foretrace_shm::{Latency, Status};
 use serde_json::{Value, json};
 
 use super::view::age_ms;
@@ -52,6 +52,22 @@ pub(crate) fn lag_json(status: &Status) -> Value {
         "std_ms": known(lag.std_s),
         "shift_ms": known(lag.shift_s),
         "dead_time_ms": lag.dead_time_ns as f64 * 1e-6,
+    })
+}
+
+/// Percentiles and histogram of a latency; null before it was measured.
+pub(super) fn latency(latency: &Latency) -> Value {
+    let spread = &latency.percentiles;
+    let us = |ns: u32| (latency.count > 0).then(|| f64::from(ns) / 1e3);
+    let bins = latency.bins.iter().enumerate().map(|(index, count)| {
+        let edge = Latency::edge_us(index);
+        json!({ "below_us": edge.is_finite().then_some(edge), "count": count })
+    });
+    json!({
+        "count": latency.count,
+        "p50_us": us(spread.p50_ns), "p99_us": us(spread.p99_ns),
+        "p99_9_us": us(spread.p99_9_ns), "max_us": us(spread.max_ns),
+        "histogram": bins.collect::<Vec<_>>(),
     })
 }
 

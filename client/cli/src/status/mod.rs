@@ -4,6 +4,7 @@ mod alarm;
 mod chain;
 mod screen;
 mod view;
+mod way_home;
 
 use std::path::Path;
 use std::time::Duration;

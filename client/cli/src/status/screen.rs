@@ -23,7 +23,7 @@ pub(crate) fn page(status: &Status, age_ns: u64) -> String {
     let mut lines = vec![format!(
         "{:<10}{:<22}daemon {}, up {}, status {} old",
         "mode",
-        label::<Mode>(status.mode),
+        mode_and_way(status),
         status.pid,
         seconds(status.uptime_ns),
         milliseconds(age_ns)
@@ -133,6 +133,17 @@ pub(crate) fn page(status: &Status, age_ns: u64) -> String {
     fitted.collect::<Vec<_>>().join("\n")
 }
 
+/// The mode, on the way home with how far that is.
+fn mode_and_way(status: &Status) -> String {
+    let mode = label::<Mode>(status.mode);
+    let share = status.way_home.share;
+    if status.mode == u32::from(Mode::Homing) && share >= 0.0 {
+        format!("{mode}, {:.0} %", 100.0 * share)
+    } else {
+        mode.to_owned()
+    }
+}
+
 /// What the person before the screen can do now.
 fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
     match mode {
@@ -141,6 +152,7 @@ fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
             "start the arm's program (`foretrace arm sim`), then `foretrace request arm`".to_owned()
         }
         Some(Mode::Idle) => "`foretrace request arm` takes the arm over".to_owned(),
+        Some(Mode::Homing) => "keep clear of the arm; Ctrl-C or `foretrace request stop` stops it".to_owned(),
         Some(Mode::Armed | Mode::Holding) => {
             "start the pen, or `foretrace play glyphs:hello --loop`".to_owned()
         }

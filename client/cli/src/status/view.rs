@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 
 use foretrace_shm::{
-    FaultReason, Latency, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
+    FaultReason, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
 };
 use serde_json::{Map, Value, json};
 
-use super::chain;
+use super::chain::{self, latency};
+use super::way_home;
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
@@ -25,22 +26,6 @@ const SHOWN: [Stage; 9] = [
     Stage::Step,
 ];
 
-/// Percentiles and histogram of a latency; null before it was measured.
-fn latency(latency: &Latency) -> Value {
-    let spread = &latency.percentiles;
-    let us = |ns: u32| (latency.count > 0).then(|| f64::from(ns) / 1e3);
-    let bins = latency.bins.iter().enumerate().map(|(index, count)| {
-        let edge = Latency::edge_us(index);
-        json!({ "below_us": edge.is_finite().then_some(edge), "count": count })
-    });
-    json!({
-        "count": latency.count,
-        "p50_us": us(spread.p50_ns), "p99_us": us(spread.p99_ns),
-        "p99_9_us": us(spread.p99_9_ns), "max_us": us(spread.max_ns),
-        "histogram": bins.collect::<Vec<_>>(),
-    })
-}
-
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
 pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     let mut page = String::new();
@@ -57,6 +42,9 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         seconds(status.uptime_ns),
         milliseconds(age_ns),
     ));
+    if let Some(words) = way_home::words(status) {
+        line(format_args!("way home    {words}"));
+    }
     if status.stop.at_ns != 0 {
         let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
         let stopped = matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault));
@@ -195,6 +183,7 @@ pub(crate) fn json(status: &Status) -> Value {
     json!({
         "mode": label::<Mode>(status.mode),
         "fault": label::<FaultReason>(status.fault),
+        "way_home": way_home::value(&status.way_home),
         "pid": status.pid,
         "daemon_id": format!("{:016x}", status.daemon_id),
         "uptime_s": status.uptime_ns as f64 * 1e-9,

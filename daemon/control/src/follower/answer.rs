@@ -19,6 +19,19 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 self.watch.arm(now);
                 self.learner_doubt_ns = 0;
             }
+            Request::MoveHome => {
+                let joints =
+                    self.watch.may_arm(now, self.mover.at_rest()).map_err(|refusal| match refusal {
+                        Refusal::AlreadyArmed => Refusal::DisarmFirst,
+                        other => other,
+                    })?;
+                if self.monitor.unsettled(self.settings.safety.arm_max_speed) {
+                    return Err(Refusal::NotFollowing);
+                }
+                self.mover.seed_home(now, &joints.q)?;
+                self.monitor.begin(now);
+                self.watch.move_home(now);
+            }
             Request::Disarm => {
                 self.watch.disarm(now);
                 self.monitor.acknowledge();

@@ -1,5 +1,6 @@
 //! What one tick sees and what it answers: plain data, no references kept.
 
+pub use super::request::{Refusal, Request};
 use crate::ik::IkReport;
 use crate::lag::LagEstimate;
 use crate::learn::LearnStep;
@@ -34,58 +35,6 @@ pub struct EnableReading {
     pub stop: bool,
 }
 
-/// What an operator may ask for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Request {
-    /// Take over the arm at its measured joints; also the way out of a latched stop.
-    Arm,
-    /// Stop smoothly and let go of the arm.
-    Disarm,
-    /// Stop smoothly and stay stopped until armed again.
-    Stop,
-    /// Fix the trust by hand.
-    SetTrust(f64),
-    /// Keep the trust where it is.
-    FreezeTrust,
-    /// Let the evidence decide the trust.
-    TrustAuto,
-    /// Change the predictor; trust goes through 0.
-    SwitchPredictor(PredictorKind),
-}
-
-/// Why a request was not carried out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Refusal {
-    /// No joint state was ever received.
-    NoJointState,
-    /// The newest joint state is too old.
-    JointStateStale,
-    /// The arm's safety system does not allow motion.
-    MotionNotAllowed,
-    /// The arm moves faster than the arming limit.
-    ArmMoves,
-    /// A joint stands outside its limits.
-    OutsideJointLimits,
-    /// The tool is outside the workspace by more than the arming margin.
-    ToolOutsideWorkspace,
-    /// The tool axis is too far from the plane's normal.
-    ToolNotAligned,
-    /// The dead-man switch is required and not held.
-    EnableMissing,
-    /// The arm is still being stopped.
-    StillStopping,
-    /// The loop is armed already.
-    AlreadyArmed,
-    /// The arm is not where it was told to be, or moves by itself.
-    NotFollowing,
-    /// A stop came after the request to arm was sent.
-    StopCame,
-    /// The value is not a number in its legal range.
-    BadValue,
-    /// The predictor asked for is not available in this loop.
-    PredictorUnavailable,
-}
-
 /// What the control law does at present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
@@ -102,6 +51,8 @@ pub enum Mode {
     Stopped,
     /// As `Stopped`, because the arm reported a safety stop.
     Fault,
+    /// Moving the arm home, or about to.
+    Homing,
 }
 
 /// Why the loop stopped by itself or was stopped.
@@ -126,6 +77,8 @@ pub enum StopReason {
     Envelope,
     /// Too many ticks were late.
     Overruns,
+    /// Something holds the arm up on its way home.
+    WayBlocked,
 }
 
 /// What exactly was seen when a stop latched.
@@ -158,6 +111,8 @@ pub enum StopCause {
     ToolSpeed,
     /// Too many of the recent ticks were late [1].
     LateTicks,
+    /// Something is nearer than the arm may come to it [m].
+    Clearance,
 }
 
 /// The evidence behind a latched stop.
@@ -327,6 +282,17 @@ pub struct JointCommand<const J: usize> {
     pub enabled: bool,
 }
 
+/// How far the way home is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct HomeProgress {
+    /// The way was found clear, and the motion has begun.
+    pub moving: bool,
+    /// Share of the way that was gone, 0 to 1.
+    pub share: f64,
+    /// How long the rest takes with nothing near [s].
+    pub left_s: f64,
+}
+
 /// Everything one tick decided.
 #[derive(Debug, Clone, Copy)]
 pub struct StepOutput<const J: usize> {
@@ -344,6 +310,10 @@ pub struct StepOutput<const J: usize> {
     pub arm_speed_share: Option<f64>,
     /// Answer to the request, if there was one.
     pub answer: Option<Result<(), Refusal>>,
+    /// While the arm is moved home, how far it is.
+    pub home: Option<HomeProgress>,
+    /// The way home was looked along: it is clear, or why not. Ticks after the request was taken.
+    pub way: Option<Result<(), Refusal>>,
     /// Which fallback made the command.
     pub rung: Rung,
     /// What degraded.

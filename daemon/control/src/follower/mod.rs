@@ -9,21 +9,24 @@
 //! straight pieces from command to command.
 
 mod answer;
+mod home;
 mod io;
 mod motion;
 mod plane;
 mod plans;
 mod reference;
+mod request;
 mod settings;
 mod tracking;
 mod watch;
 
 pub use io::{
-    Budget, EnableReading, Health, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode, NoClock, Refusal,
-    Request, Rung, Stage, StageClock, StepInput, StepOutput, StopCause, StopDetail, StopReason,
+    Budget, EnableReading, Health, HomeProgress, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode,
+    NoClock, Refusal, Request, Rung, Stage, StageClock, StepInput, StepOutput, StopCause, StopDetail,
+    StopReason,
 };
-pub use motion::plan_limits;
 pub use plane::Plane;
+pub use request::WayBlocked;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
 
 use motion::{Motion, Moved, Mover};
@@ -165,7 +168,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
-        let begins = matches!((input.request, answer), (Some(Request::Arm), Some(Ok(()))));
+        let begins =
+            matches!((input.request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));
         self.watch.check(now, &mut health);
         let news = self.read_pen(now, input.pen, &mut health);
         let pen_age = self.pen.age_ns(now);
@@ -215,6 +219,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(detail) = moved.breach {
             self.watch.latch_with(now, StopReason::Envelope, detail);
         }
+        let way = self.heed_home(now, moved.home);
         self.overtaxed = self.overtaxed_by(&moved, now, lost_ns);
         self.evidence.drove(moved.at_limit, self.settings.period_ns);
         if matches!(wanted, Some(Motion::Follow { .. })) {
@@ -243,6 +248,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             stop_detail: self.watch.detail(),
             arm_speed_share: self.monitor.speed_share(),
             answer,
+            home: (self.watch.mode() == Mode::Homing).then(|| self.mover.home_progress()),
+            way,
             rung: moved.rung,
             health,
             trust: trust.report,
@@ -376,6 +383,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     fn wanted(&self, now: Stamp, trust: Trust) -> Option<Motion<N>> {
         match self.watch.mode() {
             Mode::Idle => return None,
+            Mode::Homing => return Some(Motion::Home),
             Mode::Armed | Mode::Stopped | Mode::Fault => return Some(Motion::Stop),
             Mode::Following | Mode::Holding => {}
         }

@@ -10,7 +10,7 @@ use crate::guard::stop::LONGEST_EASE_S;
 use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
 use crate::lag::Following;
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
-use crate::mpc::{MpcError, MpcSettings};
+use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
@@ -238,6 +238,13 @@ impl<const J: usize> FollowerSettings<J> {
     #[must_use]
     pub fn valid_ns(&self) -> u64 {
         u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
+    }
+
+    /// The limits that plans of `N` steps are made with, x, y and z: as set, or less where the joints do not give them or the horizon
+    /// does not see a stop from them.
+    #[must_use]
+    pub fn plan_limits<const N: usize>(&self) -> [AxisLimits; 3] {
+        super::motion::paced::<N, J>(self).limits()
     }
 
     /// The latest that the arm may be without being blamed for it [ns].

@@ -66,7 +66,7 @@ impl<const J: usize> Watch<J> {
 
     /// In charge of an arm that obeys, moving or not.
     pub(super) fn engaged(&self) -> bool {
-        matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding)
+        matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding | Mode::Homing)
     }
 
     /// A stop is latched.
@@ -115,7 +115,7 @@ impl<const J: usize> Watch<J> {
         if lost {
             health.set(Health::ENABLE_MISSING);
         }
-        if !matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+        if !self.engaged() {
             return;
         }
         if self.joints.as_ref().is_some_and(|joints| !joints.motion_allowed) {
@@ -144,7 +144,7 @@ impl<const J: usize> Watch<J> {
 
     /// The same with the evidence.
     pub(super) fn latch_with(&mut self, now: Stamp, reason: StopReason, detail: StopDetail) {
-        if matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
+        if self.engaged() {
             self.mode = if reason == StopReason::ArmSafety { Mode::Fault } else { Mode::Stopped };
             self.reason = reason;
             self.detail = StopDetail { at: now, ..detail };
@@ -170,8 +170,10 @@ impl<const J: usize> Watch<J> {
 
     /// Checks everything about arming that needs no geometry; returns the joints to start from.
     pub(super) fn may_arm(&self, now: Stamp, at_rest: bool) -> Result<JointReading<J>, Refusal> {
-        if matches!(self.mode, Mode::Armed | Mode::Following | Mode::Holding) {
-            return Err(Refusal::AlreadyArmed);
+        match self.mode {
+            Mode::Armed | Mode::Following | Mode::Holding => return Err(Refusal::AlreadyArmed),
+            Mode::Homing => return Err(Refusal::MovesHome),
+            Mode::Idle | Mode::Stopped | Mode::Fault => {}
         }
         if !at_rest {
             return Err(Refusal::StillStopping);
@@ -193,9 +195,23 @@ impl<const J: usize> Watch<J> {
         Ok(*joints)
     }
 
-    /// Takes charge.
+    /// Takes charge, to follow the pen.
     pub(super) fn arm(&mut self, now: Stamp) {
-        self.mode = Mode::Armed;
+        self.take_charge(now, Mode::Armed);
+    }
+
+    /// Takes charge, to move the arm home.
+    pub(super) fn move_home(&mut self, now: Stamp) {
+        self.take_charge(now, Mode::Homing);
+    }
+
+    /// Gives an arm that stands still back.
+    pub(super) fn leave(&mut self) {
+        self.mode = Mode::Idle;
+    }
+
+    fn take_charge(&mut self, now: Stamp, mode: Mode) {
+        self.mode = mode;
         self.reason = StopReason::None;
         self.letting_go = false;
         self.enable_honoured = self.enable_held(now);

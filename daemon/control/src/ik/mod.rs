@@ -26,7 +26,8 @@ use offered::Offered;
 
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use clearance::{
-    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Obstacle,
+    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Looked, Obstacle,
+    Obstructed, Way,
 };
 pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
@@ -113,6 +114,8 @@ pub struct Ik<const J: usize> {
     clarabel: Option<Box<ClarabelBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
     envelope: Option<Box<Envelope<J>>>,
+    /// The envelope is out of force: the pen does not lead the tool.
+    unbound: bool,
     offered: Offered<J>,
 }
 
@@ -126,6 +129,7 @@ impl<const J: usize> Ik<J> {
             clarabel: None,
             clearance: None,
             envelope: None,
+            unbound: false,
             offered: Offered::default(),
         }
     }
@@ -157,9 +161,20 @@ impl<const J: usize> Ik<J> {
         self
     }
 
-    /// The tool's envelope, if there is one.
+    /// What it keeps clear of, if of anything.
+    #[must_use]
+    pub fn clearance(&self) -> Option<&Clearance<J>> {
+        self.clearance.as_deref()
+    }
+
+    /// Puts the tool's envelope in force, as it is from the beginning, or out of it.
+    pub const fn bind(&mut self, in_force: bool) {
+        self.unbound = !in_force;
+    }
+
+    /// The tool's envelope, if there is one in force.
     pub fn envelope(&mut self) -> Option<&mut Envelope<J>> {
-        self.envelope.as_deref_mut()
+        self.envelope.as_deref_mut().filter(|_| !self.unbound)
     }
 
     /// Limits kept.
@@ -286,7 +301,8 @@ impl<const J: usize> Ik<J> {
             held.clear = rows.len();
             held.broken = !rows.kept_by(wanted, ROW_TOLERANCE);
         }
-        if let Some(envelope) = &self.envelope {
+        let envelope = self.envelope.as_ref().filter(|_| !self.unbound);
+        if let Some(envelope) = envelope {
             held.broken |= envelope.may_break(kinematics, motion, wanted, elapsed);
         }
         if held.broken {
@@ -294,7 +310,7 @@ impl<const J: usize> Ik<J> {
                 Some(clearance) => self.offered.clone_from(clearance.found()),
                 None => self.offered.clear(),
             }
-            if let Some(envelope) = &self.envelope {
+            if let Some(envelope) = envelope {
                 envelope.offer(kinematics, motion, wanted, allowed, elapsed, &mut self.offered);
             }
         }

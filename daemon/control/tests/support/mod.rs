@@ -211,7 +211,7 @@ impl Bench {
         self.shown.extend(input.joints.map(|joints| joints.q));
         let output = self.follower.step(input, budget, &mut NoClock);
         if let Some(command) = output.command {
-            if input.request == Some(Request::Arm) && output.answer == Some(Ok(())) {
+            if output.begins {
                 // Armed anew: continuity is with the arm, not with commands of an earlier life.
                 self.checker.restart();
                 let distance = |q: &[f64; 6]| {

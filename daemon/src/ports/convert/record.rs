@@ -308,7 +308,7 @@ fn ik_report(record: &mut shm::TickRecord, report: &IkReport, output: &StepOutpu
 
 /// Whether the plan and the joints of this tick were solved in it.
 fn solves(output: &StepOutput<JOINTS>) -> bool {
-    output.command.is_some() && matches!(output.rung, Rung::FreshPlan)
+    output.command.is_some() && output.mode != Mode::Homing && matches!(output.rung, Rung::FreshPlan)
 }
 
 fn mpc_path(output: &StepOutput<JOINTS>) -> [u32; shm::AXES] {

@@ -1,6 +1,7 @@
 //! The tick on ports inside this process, in simulated time.
 
 mod halts;
+mod way_home;
 
 use std::cell::Cell;
 

@@ -14,6 +14,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (kinematics, tool) = self.arming.place(self.guard.limits(), &self.chain, q)?;
         let start = now.max(self.issued);
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
+        self.ik.bind(true);
         if let Some(envelope) = self.ik.envelope() {
             envelope.begin(&kinematics);
         }
@@ -31,6 +32,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     pub(in crate::follower) fn let_go(&mut self) {
         self.held = None;
         self.plan_start = None;
+        self.leave_home();
     }
 
     /// Nothing commanded moves.
@@ -57,6 +59,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
         self.resynchronise();
         self.arm = self.tool;
+        self.miss_home(lost);
         lost
     }
 }

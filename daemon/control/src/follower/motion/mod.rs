@@ -5,6 +5,8 @@
 
 mod arming;
 mod charge;
+mod glide;
+mod home;
 mod next;
 mod asked;
 mod parts;
@@ -13,8 +15,10 @@ mod rest;
 use nalgebra::Vector3;
 
 use arming::Arming;
-pub use parts::plan_limits;
-use parts::{inverse_kinematics, paced, planner};
+pub(super) use home::HomeNews;
+use home::Homing;
+pub(super) use parts::paced;
+use parts::{inverse_kinematics, planner};
 
 use super::Budget;
 use super::io::{Health, JointCommand, Rung, Stage, StageClock, StopDetail};
@@ -49,6 +53,8 @@ pub(super) enum Motion<const N: usize> {
     },
     /// Come to rest, and stay there.
     Stop,
+    /// Go on with the way home.
+    Home,
 }
 
 /// What came of it.
@@ -69,6 +75,8 @@ pub(super) struct Moved<const J: usize> {
     pub(super) follows: bool,
     /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in motion.
     pub(super) at_limit: Option<bool>,
+    /// What the way home came to.
+    pub(super) home: HomeNews,
 }
 
 /// The commanded state and everything that changes it.
@@ -87,6 +95,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     ik: Ik<J>,
     guard: Guard<J>,
     stop: StopProfile<J>,
+    homing: Box<Homing<J>>,
     held: Option<Held<J>>,
     /// Stamp of the newest command; stamps never go back, not even over an arming.
     issued: Stamp,
@@ -135,6 +144,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// The same, whether it comes to rest or not.
     fn built(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let safety = &settings.safety;
+        let ik = inverse_kinematics(settings)?;
         Ok(Self {
             period_ns: settings.period_ns,
             period_s: settings.period_ns as f64 * 1e-9,
@@ -146,7 +156,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             plane: settings.plane,
             chain: settings.chain.clone(),
             mpc: planner(settings)?,
-            ik: inverse_kinematics(settings)?,
+            homing: Box::new(Homing::new(settings, ik.clearance().cloned())),
+            ik,
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
             held: None,
@@ -198,9 +209,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         };
         clock.lap(Stage::Mpc);
 
-        let qd = next.and_then(|next| self.joint_velocities(&next, health));
-        if next.is_some() && qd.is_none() {
-            rung = Rung::Stop;
+        let (qd, home) = match wanted {
+            Some(Motion::Home) => self.homeward(start, health),
+            _ => (next.and_then(|next| self.joint_velocities(&next, health)), HomeNews::None),
+        };
+        if next.is_some() != qd.is_some() {
+            rung = if qd.is_some() { Rung::FreshPlan } else { Rung::Stop };
         }
         if matches!(wanted, Some(Motion::Follow { .. })) && rung == Rung::Stop {
             health.set(Health::FALLBACK);
@@ -259,8 +273,9 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             ik: self.reports.ik,
             guard_altered,
             breach,
-            follows: follows_plan,
-            at_limit: (rung == Rung::FreshPlan && moving).then_some(at_limit),
+            follows: follows_plan && next.is_some(),
+            at_limit: (rung == Rung::FreshPlan && moving && next.is_some()).then_some(at_limit),
+            home,
         }
     }
 
@@ -280,6 +295,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             breach: None,
             follows: false,
             at_limit: None,
+            home: HomeNews::None,
         }
     }
 

@@ -6,7 +6,7 @@ use crate::envelope::Envelope;
 use crate::follower::{FollowerError, FollowerSettings};
 use crate::ik::task::{self, ToolTarget};
 use crate::ik::{Clearance, Ik};
-use crate::mpc::{AxisLimits, Mpc, MpcSettings};
+use crate::mpc::{Mpc, MpcSettings};
 use crate::qp::cholesky::Cholesky;
 
 /// A plan may ask for so many times the acceleration that the joints give along one axis at home, by themselves: in most places
@@ -27,7 +27,9 @@ const LEAST_MPS3: f64 = 1.0;
 ///
 /// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its target and comes
 /// back, for ever.
-pub(super) fn paced<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> MpcSettings {
+pub(in crate::follower) fn paced<const N: usize, const J: usize>(
+    settings: &FollowerSettings<J>,
+) -> MpcSettings {
     let mut mpc = settings.mpc;
     if mpc.unlimited {
         return mpc;
@@ -52,13 +54,6 @@ pub(super) fn paced<const N: usize, const J: usize>(settings: &FollowerSettings<
         limits.jerk_mps3 = limits.jerk_mps3.max(LEAST_MPS3);
     }
     mpc
-}
-
-/// The limits that plans of `N` steps are made with, x, y and z: those of the settings, or less where the joints do not give them or
-/// the horizon does not see a stop from them.
-#[must_use]
-pub fn plan_limits<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> [AxisLimits; 3] {
-    paced::<N, J>(settings).limits()
 }
 
 /// Refuses a jerk with which a plan sees no stop from a speed that is of any use: it would swing, slowly and widely.

@@ -130,6 +130,8 @@ fn swing<const N: usize, const J: usize>(
     // The exact solvers find the optimum that the others come near to, a hundred times as fast.
     let mut exact = settings.clone();
     (exact.mpc.backend, exact.ik_backend) = (Backend::Exact, IkBackend::Exact);
+    // The way of the step is not looked at for things to keep clear of; in front of them the arm waits.
+    exact.clearance = None;
     let mut mover = Box::new(Mover::<N, J>::built(&exact)?);
     let horizon_s = mover.mpc.step_s() * N as f64;
     let (mut from, mut to) = ([0.0; 3], [0.0; 3]);

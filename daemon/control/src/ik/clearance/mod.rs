@@ -30,6 +30,7 @@ mod motion;
 mod pairs;
 pub mod shape;
 mod watch;
+pub mod way;
 
 use thiserror::Error;
 
@@ -44,6 +45,7 @@ use crate::qp::row_qp::RowSet;
 use motion::{Moving, Silence};
 use pairs::Pair;
 use watch::{Reach, Watch};
+pub use way::{Looked, Obstructed, Way};
 
 /// Most capsules of one arm.
 pub const MAX_CAPSULES: usize = 24;

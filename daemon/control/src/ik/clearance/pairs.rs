@@ -30,6 +30,8 @@ pub(super) struct Pair<const J: usize> {
     pub(super) levers: [f64; J],
     /// Farthest that two of their points can be apart while both turn with the arm [m]; 0 beside what stands still.
     pub(super) span: f64,
+    /// Which of the planes or of the boxes the other side is, as listed; 0 for a capsule.
+    number: usize,
 }
 
 /// The other side of a pair.
@@ -80,6 +82,16 @@ impl<const J: usize> Pair<J> {
         nearest
     }
 
+    /// Both sides for people, as the settings number them.
+    pub(super) fn called(&self) -> String {
+        let (link, number) = (&self.first.name, self.number);
+        match &self.other {
+            Other::Plane(_) => format!("`{link}` and plane {number} of clearance.planes_m"),
+            Other::Cuboid(_) => format!("`{link}` and box {number} of clearance.boxes_m"),
+            Other::Capsule(second) => format!("`{link}` and `{}`", second.name),
+        }
+    }
+
     pub(super) fn nearest(&self, distance_m: f64) -> Nearest {
         let other = match &self.other {
             Other::Capsule(second) => Some(second.name.clone()),
@@ -94,9 +106,18 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
     let first_axis = chain.forward(&[0.0; J]).jacobian.fixed_view::<3, 1>(3, 0).into_owned();
     // The base cannot be moved away from anything.
     let moving = chain.capsules().iter().filter(|capsule| capsule.link > 0);
-    let pairs = moving.flat_map(|capsule| obstacles.iter().map(move |obstacle| (capsule, obstacle)));
+    let (mut planes, mut boxes) = (0.., 0..);
+    let numbers: Vec<usize> = obstacles
+        .iter()
+        .filter_map(|obstacle| match obstacle {
+            Obstacle::HalfSpace(_) => planes.next(),
+            Obstacle::Cuboid(_) => boxes.next(),
+        })
+        .collect();
+    let numbered = || obstacles.iter().zip(numbers.iter().copied());
+    let pairs = moving.flat_map(|capsule| numbered().map(move |(obstacle, n)| (capsule, obstacle, n)));
     pairs
-        .filter_map(|(capsule, obstacle)| {
+        .filter_map(|(capsule, obstacle, number)| {
             let other = match obstacle {
                 // The first link turns in parallel to a table that the arm stands on: no joint changes that gap.
                 Obstacle::HalfSpace(plane)
@@ -107,7 +128,7 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
                 Obstacle::HalfSpace(plane) => Other::Plane(*plane),
                 Obstacle::Cuboid(cuboid) => Other::Cuboid(*cuboid),
             };
-            Some(Pair { first: capsule.clone(), other, levers: chain.levers(capsule), span: 0.0 })
+            Some(Pair { first: capsule.clone(), other, levers: chain.levers(capsule), span: 0.0, number })
         })
         .collect()
 }
@@ -129,7 +150,7 @@ pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J
             let turns_at = chain.next_origin(first.link);
             let Segment { from, to } = first.segment;
             let span = span + (from - turns_at).norm().max((to - turns_at).norm());
-            Pair { first: first.clone(), other: Other::Capsule(second.clone()), levers, span }
+            Pair { first: first.clone(), other: Other::Capsule(second.clone()), levers, span, number: 0 }
         })
         .collect()
 }

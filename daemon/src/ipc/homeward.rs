@@ -1,0 +1,62 @@
+//! The way home in words and figures: how far it is, and what is in it.
+
+use foretrace_control::follower::{FollowerSettings, Mode, WayBlocked};
+use foretrace_control::ik::Clearance;
+use foretrace_control::ik::clearance::way::MORE_M;
+use foretrace_shm::WayHome;
+
+use crate::ports::JOINTS;
+use crate::rt::evidence::Evidence;
+
+/// What has to be known of the arm for that.
+#[derive(Debug)]
+pub struct Homeward {
+    settings: FollowerSettings<JOINTS>,
+    /// Of the pairs of bodies that may meet, as the law numbers them.
+    pairs: Vec<String>,
+}
+
+impl Homeward {
+    /// For the arm of these settings, which the law was built from.
+    #[must_use]
+    pub fn new(settings: FollowerSettings<JOINTS>) -> Self {
+        let period_s = settings.period_ns as f64 * 1e-9;
+        let clearance = settings
+            .clearance
+            .as_ref()
+            .and_then(|wanted| Clearance::new(&settings.chain, &settings.limits, period_s, wanted).ok());
+        let pairs = clearance.map_or_else(Vec::new, |clearance| clearance.pair_names());
+        Self { settings, pairs }
+    }
+
+    /// The way from where the arm was measured, or what is left of it while it moves.
+    #[must_use]
+    pub fn told(&self, newest: &Evidence) -> WayHome {
+        let way = newest.measured.and_then(|(_, q)| self.settings.way_home(&q));
+        let Some((joint, farthest_rad, left_s)) = way else { return WayHome::UNKNOWN };
+        let way = WayHome {
+            farthest_rad,
+            left_s,
+            joint: u32::try_from(joint).unwrap_or(u32::MAX),
+            ..WayHome::UNKNOWN
+        };
+        match newest.output.home.filter(|_| newest.output.mode == Mode::Homing) {
+            Some(home) => {
+                WayHome { left_s: home.left_s, share: home.share, moving: home.moving.into(), ..way }
+            }
+            None => way,
+        }
+    }
+
+    /// What is in the way, what it would come to, and what can be done: fits into an answer.
+    #[must_use]
+    pub fn obstructed(&self, by: &WayBlocked) -> String {
+        let pair = self.pairs.get(usize::from(by.pair)).map_or("something", String::as_str);
+        let (near_mm, percent) = (f64::from(by.distance_um) * 1e-3, by.percent);
+        let margin_m = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);
+        let kept_mm = 1e3 * (margin_m + MORE_M);
+        format!(
+            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % of the way on: move it by hand"
+        )
+    }
+}

@@ -1,0 +1,51 @@
+//! Ticks that tests of this thread's parts are fed with.
+
+use std::sync::OnceLock;
+
+use foretrace_control::follower::{Budget, Follower, JointCommand, NoClock, StepInput, StepOutput};
+use foretrace_control::units::Stamp;
+
+use crate::ports::{JOINTS, PortTally};
+use crate::rt::cyclic::Wake;
+use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+
+/// An uneventful tick that sends a command.
+pub(crate) fn commanding(tick: u64) -> Evidence {
+    let mut evidence = evidence(tick);
+    let (stamp, q) = (evidence.deadline, [0.0; JOINTS]);
+    let valid_until = stamp.plus_ns(10_000_000);
+    evidence.output.command = Some(JointCommand { stamp, valid_until, q, qd: q, enabled: true });
+    evidence
+}
+
+/// An uneventful tick of an idle loop.
+pub(crate) fn evidence(tick: u64) -> Evidence {
+    // Of an idle loop the output does not tell when it was.
+    static IDLE: OnceLock<StepOutput<JOINTS>> = OnceLock::new();
+    let output = *IDLE.get_or_init(|| {
+        let settings = crate::testing::config().follower_settings();
+        let mut follower = Follower::<10, JOINTS>::new(settings).unwrap();
+        follower.step(&StepInput::nothing(Stamp(0)), Budget::default(), &mut NoClock)
+    });
+    let now = Stamp(tick * 2_000_000);
+    let wake = Wake { index: tick, due: now, release: now, started: now, skipped: 0 };
+    Evidence {
+        tick,
+        wake,
+        finished: now,
+        deadline: now.plus_ns(2_000_000),
+        times: StageTimes::default(),
+        budget: Budget::default(),
+        pen_samples: 0,
+        measured: None,
+        published: now,
+        echo: None,
+        not_sent: false,
+        weights_since: None,
+        port_allocations: 0,
+        law_allocations: 0,
+        output,
+        tally: LoopTally { ticks: tick, ..LoopTally::default() },
+        ports: PortTally::default(),
+    }
+}
