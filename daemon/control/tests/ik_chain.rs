@@ -287,7 +287,7 @@ fn every_unusable_description_is_refused_by_name() {
         SKEW.replacen(from, to, 1)
     };
     says(refused("not xml", None, None), &["URDF"]);
-    says(refused("<robot name=\"x\"></robot>", None, None), &["0 root"]);
+    says(refused("<robot name=\"x\"></robot>", None, None), &["no links"]);
     says(refused(SKEW, Some("b"), None), &["branches", "`l7`", "`tip`", "`g`"]);
     says(refused(SKEW, Some("b"), Some("finger")), &["`g`", "prismatic"]);
     says(refused(SKEW, Some("nowhere"), Some("t")), &["`nowhere`", "`l1`"]);

@@ -51,6 +51,12 @@ impl Homeward {
     /// What is in the way, what it would come to, and what can be done: fits into an answer.
     #[must_use]
     pub fn obstructed(&self, by: &WayBlocked) -> String {
+        if by.pair == WayBlocked::PAPER {
+            let (below_mm, percent) = (-1e-3 * f64::from(by.distance_um), by.percent);
+            return format!(
+                "the pen's tip would be {below_mm:.1} mm below the paper {percent} % of the way on: move it by hand"
+            );
+        }
         let pair = self.pairs.get(usize::from(by.pair)).map_or("something", String::as_str);
         let (near_mm, percent) = (f64::from(by.distance_um) * 1e-3, by.percent);
         let margin_m = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);

@@ -23,10 +23,15 @@ pub enum Request {
     SwitchPredictor(PredictorKind),
 }
 
+impl WayBlocked {
+    /// In place of a pair: the tip would be below the paper, and the distance is its height.
+    pub const PAPER: u16 = u16::MAX - 1;
+}
+
 /// What is in the way home, in whole numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WayBlocked {
-    /// Number of the pair, see [`crate::ik::Clearance::pair_names`].
+    /// Number of the pair, see [`crate::ik::Clearance::pair_names`], or [`Self::PAPER`].
     pub pair: u16,
     /// Where on the way [%].
     pub percent: u8,

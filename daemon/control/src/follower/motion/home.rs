@@ -9,6 +9,7 @@
 //! force until the arm is armed, because the pen does not lead here.
 
 use super::glide::{Glide, Pace};
+use super::paper::Paper;
 use super::{Held, Mover};
 use crate::follower::FollowerSettings;
 use crate::follower::io::{Health, HomeProgress, Refusal};
@@ -64,6 +65,7 @@ pub(super) struct Homing<const J: usize> {
     home: [f64; J],
     paces: [Pace; J],
     clearance: Option<Clearance<J>>,
+    paper: Paper,
     way: Way<J>,
     glide: Glide,
     phase: Phase,
@@ -126,6 +128,7 @@ impl<const J: usize> Homing<J> {
             home: settings.ik.home,
             paces: paces(&settings.limits),
             way: Way::new(clearance.as_ref()),
+            paper: Paper::new(settings),
             clearance,
             glide: Glide::OVER,
             phase: Phase::Over,
@@ -142,6 +145,7 @@ impl<const J: usize> Homing<J> {
     /// Looks along the way from `q` before anything moves.
     fn check(&mut self, q: [f64; J]) {
         self.way.begin(q, self.home);
+        self.paper.begin();
         self.glide = glide(&self.paces, &q, &self.home);
         (self.phase, self.elapsed_s, self.pace, self.held_s) = (Phase::Checking, 0.0, 1.0, 0.0);
     }
@@ -149,9 +153,9 @@ impl<const J: usize> Homing<J> {
     /// So many looks along the way.
     fn look(&mut self, chain: &Chain<J>) -> HomeNews {
         for _ in 0..self.looks {
-            let looked =
-                self.clearance.as_ref().map_or(Looked::Clear, |c| c.look_along(chain, &mut self.way));
-            match looked {
+            let near = self.clearance.as_ref().map_or(Looked::Clear, |c| c.look_along(chain, &mut self.way));
+            let low = self.paper.look(chain, &self.way);
+            match if matches!(near, Looked::Blocked(_)) || low == Looked::Clear { near } else { low } {
                 Looked::SoFar => {}
                 Looked::Clear => {
                     self.phase = Phase::Moving;

@@ -8,6 +8,7 @@ mod charge;
 mod glide;
 mod home;
 mod next;
+mod paper;
 mod asked;
 mod parts;
 mod rest;

@@ -1,0 +1,58 @@
+//! Whether the tip stays over the paper on a way through the joints: the paper is there, whether the settings keep clear of things or not.
+//!
+//! Looked at in a thousand places. Between two of them the tip goes a few millimetres, along which its height bends by less
+//! than [`ROUNDING_M`] from the line between both.
+//!
+//! Contract: pure, no allocation, one forward kinematics a look. Absent: the table around the workspace, which only `[clearance]` knows.
+
+use crate::follower::{FollowerSettings, Plane, WayBlocked};
+use crate::ik::{Chain, Looked, Obstructed, Way};
+
+/// Places looked at.
+const LOOKS: u32 = 1000;
+/// An arm that was stopped in the paper may leave it from this deep [m].
+const DEEPEST_M: f64 = 0.02;
+const ROUNDING_M: f64 = 1e-4;
+
+/// The paper, and how far a way over it was looked along.
+#[derive(Debug, Clone)]
+pub(super) struct Paper {
+    plane: Plane,
+    /// Along the plane's axes [m].
+    workspace: [[f64; 2]; 3],
+    looked: u32,
+    /// The tip may be so low [m], plane frame.
+    lowest: f64,
+}
+
+impl Paper {
+    pub(super) fn new<const J: usize>(settings: &FollowerSettings<J>) -> Self {
+        let workspace = settings.mpc.limits().map(|axis| axis.position_m);
+        let [_, _, [lowest, _]] = workspace;
+        Self { plane: settings.plane, workspace, looked: 0, lowest }
+    }
+
+    /// Begins to look along a way.
+    pub(super) fn begin(&mut self) {
+        self.looked = 0;
+    }
+
+    /// Looks at one more place of `way`.
+    pub(super) fn look<const J: usize>(&mut self, chain: &Chain<J>, way: &Way<J>) -> Looked {
+        let share = f64::from(self.looked) / f64::from(LOOKS);
+        let tip = self.plane.point_from_base(&chain.forward(&way.at(share)).position);
+        let [across @ .., [low, _]] = self.workspace;
+        if self.looked == 0 {
+            self.lowest = low.min(tip.z.max(low - DEEPEST_M)) - ROUNDING_M;
+        }
+        let over = across.iter().zip(tip.iter()).all(|([low, high], at)| (low..=high).contains(&at));
+        if over && !(tip.z >= self.lowest) {
+            return Looked::Blocked(Obstructed { pair: WayBlocked::PAPER, share, distance_m: tip.z });
+        }
+        if self.looked >= LOOKS {
+            return Looked::Clear;
+        }
+        self.looked += 1;
+        Looked::SoFar
+    }
+}
