@@ -177,20 +177,36 @@ fn nobody_to_stop_is_said_in_time() {
     assert!(matches!(error, StopError::NoDaemon { .. }), "{error}");
 }
 
+/// The slowest solver at the highest rate, solving for both plan and joints: late on every machine there is.
+const TOO_SLOW: [&str; 8] = [
+    "--rate",
+    "1000",
+    "--set",
+    "mpc.backend=\"clarabel\"",
+    "--set",
+    "ik.backend=\"clarabel\"",
+    "--set",
+    "mpc.horizon=30",
+];
+
+/// As many late ticks allowed as there are ticks: the overruns go on. Nobody waits for such a loop to follow again.
+#[test]
+fn stop_under_persistent_overruns() {
+    let lasting = [&TOO_SLOW[..], &["--set", "safety.late_ticks_max=1.0"]].concat();
+    let mut times = Vec::new();
+    for _ in 0..rounds() {
+        let scene = Scene::following_with(World::new(PROGRAM), &lasting);
+        let since = monotonic_now_ns();
+        let stopped = foretrace_client::stop(&scene.world.instance(0), TIMEOUT);
+        assert_eq!(stopped.unwrap_or_else(|error| panic!("{error}")).mode, Mode::Stopped);
+        times.push(until("a braking command", || scene.stopped_at(since)));
+    }
+    say_quantiles("persistent overruns", times);
+}
+
 #[test]
 fn a_loop_that_cannot_keep_its_rate_is_stopped_and_answers() {
-    // The slowest solver at the highest rate, solving for both plan and joints: late on every machine there is.
-    let words = [
-        "--rate",
-        "1000",
-        "--set",
-        "mpc.backend=\"clarabel\"",
-        "--set",
-        "ik.backend=\"clarabel\"",
-        "--set",
-        "mpc.horizon=30",
-    ];
-    let mut scene = Scene::idle_with(World::new(PROGRAM), &words);
+    let mut scene = Scene::idle_with(World::new(PROGRAM), &TOO_SLOW);
     scene.start_arm();
     let since = monotonic_now_ns();
     scene.player = Some(scene.world.start(0, &super::scene::PLAY));
