@@ -41,7 +41,8 @@ fn a_rehearsal_allocates_nothing_while_it_measures() {
 #[test]
 fn no_tick_of_the_way_home_allocates() {
     let settings = Source::preset("ur5").load().unwrap().follower_settings();
-    let mut q = settings.ik.home.map(|home| home + 0.2);
+    let mut q = settings.ik.home;
+    q[0] += 0.4;
     let mut follower = Follower::<20, 6>::new(settings).unwrap();
     let (mut now, mut moved) = (Stamp(1_000_000_000), false);
     let before = alloc_count::allocations();

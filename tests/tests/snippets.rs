@@ -61,7 +61,7 @@ fn pen() -> Result<(), Box<dyn Error>> {
 
 #[rustfmt::skip]
 fn pen_of_another_user(x_m: f64, y_m: f64, contact: bool) -> Result<(), Box<dyn Error>> {
-    let mut pen = foretrace_client::GatewayFeed::connect("/run/foretrace-pen/socket")?;    // instead of attach and pen_feed
+    let mut pen = foretrace_client::GatewayFeed::connect("/tmp/foretrace-pen.socket")?;    // instead of attach and pen_feed
     pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m, y_m, contact, ..Default::default() })?;
     println!("{}", pen.finish()?);          // ... closed: ended by the client; 802 samples passed on, 0 refused
     Ok(())
