@@ -138,6 +138,24 @@ fn a_silent_pen_ends_in_a_smooth_hold_and_its_return_resumes() {
     assert_eq!(bench.tick(&[]).mode, Mode::Following);
 }
 
+/// A device whose clock runs slow falls behind by 0.3 s a second.
+#[test]
+fn stamps_that_fall_behind_end_in_one_hold_and_do_not_flap() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    follow(&mut bench, 1.0);
+    let begin = bench.now;
+    let (mut mode, mut changes) = (Mode::Following, 0);
+    for tick in 0..1500 {
+        let elapsed = bench.now.seconds_since(begin);
+        let mut pen = bench.pen([0.01 * elapsed.sin(), 0.0]);
+        pen.stamp = begin.plus_ns((elapsed * 0.7e9) as u64);
+        let output = bench.tick(if tick % 3 == 0 { std::slice::from_ref(&pen) } else { &[] });
+        changes += u32::from(output.mode != mode);
+        mode = output.mode;
+    }
+    assert_eq!((mode, changes), (Mode::Holding, 1));
+}
+
 #[test]
 fn shedding_falls_back_to_the_previous_plan_then_stops_then_recovers() {
     let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));

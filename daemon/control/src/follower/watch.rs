@@ -129,10 +129,13 @@ impl<const J: usize> Watch<J> {
 
     /// Follows while the pen speaks, holds when it falls silent.
     pub(super) fn heed_pen(&mut self, pen_age_ns: Option<u64>) {
-        let speaks = pen_age_ns.is_some_and(|age| age <= self.settings.hold_after_ns);
+        let younger_than = |most_ns: u64| pen_age_ns.is_some_and(|age| age <= most_ns);
+        let hold_after_ns = self.settings.hold_after_ns;
+        // Stamps that fall behind would otherwise hold in every tick before a sample and follow in every one after it.
+        let again_ns = hold_after_ns / 2;
         self.mode = match self.mode {
-            Mode::Armed | Mode::Holding if speaks => Mode::Following,
-            Mode::Following if !speaks => Mode::Holding,
+            Mode::Armed | Mode::Holding if younger_than(again_ns) => Mode::Following,
+            Mode::Following if !younger_than(hold_after_ns) => Mode::Holding,
             other => other,
         };
     }
