@@ -1,4 +1,4 @@
-//! Tunes the ways of today (`foretrace_lab::today`) in their own favour on the training writers of a set.
+//! Tunes the baselines (`foretrace_lab::today`) in their own favour on the training writers of a set.
 //!
 //! `cargo run --release -p foretrace-lab --example tune_today -- FOLDER [WAY [EVERY [limited]]]`
 //!

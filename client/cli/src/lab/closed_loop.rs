@@ -25,7 +25,7 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "WORD")]
     split: Option<Split>,
 
-    /// Who takes part, comma-separated; a way of today with -legal behind its name keeps its commands inside the
+    /// Which take part, comma-separated; a baseline with -legal behind its name keeps its commands inside the
     /// joints' limits [default: all, none of them -legal]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,

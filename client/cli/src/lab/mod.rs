@@ -35,7 +35,7 @@ pub(crate) enum LabCommand {
     ///
     /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
     Fig3(figures::Fig3Args),
-    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against today's ways, four arms
+    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against baselines, four arms
     ///
     /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and letters of
     /// 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of 0.03 m.

@@ -155,7 +155,7 @@ mod tests {
             assert!(arguments(&format!("lab {} --out x", line.replace("{}", sets))).is_ok(), "{line}");
         }
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let documents = ["README.md", "docs/closed-loop.md"]
+        let documents = ["README.md", "docs/closed-loop.md", "docs/results.md", "docs/predictors.md"]
             .map(|name| std::fs::read_to_string(root.join(name)).unwrap());
         let mut files: Vec<String> = std::fs::read_dir(root.join("client/pictures"))
             .unwrap()

@@ -1,4 +1,4 @@
-//! Who takes part: predictors in the daemon's control law, and the ways of today.
+//! What takes part: predictors in the daemon's control law, and the baselines.
 
 use foretrace_control::predict::PredictorKind;
 
