@@ -1,12 +1,14 @@
 //! Turns plain data about ticks into lines of the log.
 //!
-//! Contract: changes are told at once, floods once per second with their number.
+//! Contract: changes are told at once, floods once per second with their number. What is refused for a reason that was never
+//! told is told at once too, whatever else was said in that second.
 
 use foretrace_control::follower::{Mode, StopReason};
 use foretrace_control::learn::{Promotion, PromotionCause};
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
+use foretrace_shm::RejectReason;
 use tracing::{debug, info, warn};
 
 use crate::learner::LearnerEvent;
@@ -117,6 +119,8 @@ pub struct Narrator {
     /// The end of the last tick heard of.
     now: Stamp,
     lessons: [Lessons; PredictorKind::ALL.len()],
+    /// Whose messages were told to be refused, for which reason and field.
+    reasons: Vec<(&'static str, RejectReason, &'static str)>,
 }
 
 impl Narrator {
@@ -176,20 +180,33 @@ impl Narrator {
         if now == self.told {
             return;
         }
-        let since = *self.since.get_or_insert(evidence.finished);
-        if evidence.finished.since(self.told_at) < FLOOD_NS || evidence.finished.since(since) < GATHER_NS {
-            return;
-        }
-        self.since = None;
-        let mut lines = now.since(&self.told).join(", ");
         // Who sent what was refused can mend it only if told what was wrong with it.
         let refusals = [
             ("pen", convert::refused::pen(evidence), now.pen_rejected > self.told.pen_rejected),
             ("arm", evidence.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
             ("dead man", evidence.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
         ];
-        for (who, refused, more) in refusals {
-            if let Some(refused) = refused.filter(|_| more) {
+        let refusals = refusals.map(|(who, refused, more)| (who, refused.filter(|_| more)));
+        let mut unheard = false;
+        for (who, refused) in refusals {
+            let Some(why) = refused.map(|refused| refused.why) else { continue };
+            let reason = (who, why.reason, why.field);
+            // There are three senders, nine reasons and some twenty fields.
+            if !self.reasons.contains(&reason) {
+                self.reasons.push(reason);
+                unheard = true;
+            }
+        }
+        let since = *self.since.get_or_insert(evidence.finished);
+        let soon =
+            evidence.finished.since(self.told_at) < FLOOD_NS || evidence.finished.since(since) < GATHER_NS;
+        if soon && !unheard {
+            return;
+        }
+        self.since = None;
+        let mut lines = now.since(&self.told).join(", ");
+        for (who, refused) in refusals {
+            if let Some(refused) = refused {
                 lines = format!("{lines}; {who}: {}", refused.why);
             }
         }
@@ -260,6 +277,29 @@ mod tests {
         let lines = Troubles::of(&later).since(&Troubles::of(&evidence(1)));
         assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
         assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
+    }
+
+    #[test]
+    fn what_is_refused_for_another_reason_is_told_at_once() {
+        let mut narrator = Narrator::default();
+        let mut evidence = evidence(1);
+        let refused = |reason, field| {
+            Some(crate::ports::Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) })
+        };
+        let (degrees, future) =
+            (refused(RejectReason::OutOfRange, "q"), refused(RejectReason::FromTheFuture, "stamp_ns"));
+        // All within one second of a line about late ticks.
+        let mut told = Vec::new();
+        for (ms, newest) in [(2000, None), (2100, degrees), (2200, degrees), (2300, future), (2400, degrees)]
+        {
+            evidence.finished = Stamp(ms * 1_000_000);
+            evidence.tally.overruns = 5;
+            evidence.ports.joints_refused = newest;
+            evidence.ports.joints_rejected[0] += u64::from(newest.is_some());
+            narrator.tick(&evidence);
+            told.push(narrator.told.joints_rejected);
+        }
+        assert_eq!(told, [0, 1, 1, 3, 3]);
     }
 
     #[test]

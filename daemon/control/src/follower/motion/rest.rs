@@ -18,8 +18,9 @@ use crate::units::{AxisState, Stamp, Trust};
 
 /// Longest look at one step [s].
 const LONGEST_S: f64 = 1.6;
-/// Swings below this do not count [m].
-const SWING_M: f64 = 1e-3;
+/// Swings below this do not count [m]. At long periods the tool may chatter from tick to tick by less than a millimetre and, as the
+/// joints are at their limits all the time, drift to the pen for seconds.
+const SWING_M: f64 = 1e-4;
 /// So many turns have to follow one another, and the last swing be no smaller than this share of the one four turns before.
 const TURNS: usize = 7;
 const LASTING: f64 = 0.8;
