@@ -1,6 +1,6 @@
 //! Helpers of the process-level tests: a world of its own per test, and processes that never outlive it.
 //!
-//! Contract: one test at a time on this machine (file lock), each with its own root, number and names in /dev/shm. All
+//! Contract: two tests at a time on this machine, or one that asks to be alone ([`turn`]), each with its own root, number and names in /dev/shm. All
 //! processes are killed and everything is removed when the [`World`] goes. Started as root, the processes run as `nobody`
 //! where that user can run the program at all; with FORETRACE_TESTS_AS_ROOT=1 they stay root. Real-time rights are asked for
 //! with FORETRACE_RT_TESTS=1 only, and by tests that say so.
@@ -19,8 +19,9 @@ mod stranger;
 pub use stranger::*;
 pub mod tool;
 pub mod trespass;
+pub mod turn;
 
-use std::fs::{File, Permissions};
+use std::fs::Permissions;
 use std::io::Write as _;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
@@ -31,11 +32,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use foretrace_client::Instance;
 use serde_json::Value;
 
+use turn::Turn;
+
 const NOBODY: u32 = 65534;
 
 /// A place for one test, and the processes in it.
 pub struct World {
-    _turn: File,
+    _turn: Turn,
     program: PathBuf,
     folder: PathBuf,
     number: u32,
@@ -51,24 +54,30 @@ impl World {
     /// No folder can be made below /tmp.
     #[must_use]
     pub fn new(program: &str) -> Self {
-        Self::made(program, is_set("FORETRACE_TESTS_AS_ROOT"))
+        Self::made(program, is_set("FORETRACE_TESTS_AS_ROOT"), Turn::beside_another())
     }
 
-    /// The same with processes that keep the user of this one, root or not.
+    /// The same with no other test beside it: for what measures, and for what needs all cores.
+    ///
+    /// # Panics
+    /// As above.
+    #[must_use]
+    pub fn alone(program: &str) -> Self {
+        Self::made(program, is_set("FORETRACE_TESTS_AS_ROOT"), Turn::alone())
+    }
+
+    /// Alone, with processes that keep the user of this one, root or not.
     ///
     /// # Panics
     /// As above.
     #[must_use]
     pub fn with_rights_kept(program: &str) -> Self {
-        Self::made(program, true)
+        Self::made(program, true, Turn::alone())
     }
 
-    fn made(program: &str, keeps_rights: bool) -> Self {
+    fn made(program: &str, keeps_rights: bool, turn: Turn) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let user = own_user();
-        let lock = std::env::temp_dir().join(format!("foretrace-tests-{user}.lock"));
-        let turn = File::create(lock).expect("a lock file in the temporary directory");
-        turn.lock().expect("a file lock");
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let folder = PathBuf::from(format!("/tmp/ftt-{}-{count}", std::process::id()));
         std::fs::create_dir(&folder).expect("a folder below /tmp");

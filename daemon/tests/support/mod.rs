@@ -1,7 +1,9 @@
 //! A daemon with an instance of its own, an arm that obeys it exactly, and a pen that draws circles.
 #![allow(dead_code, unreachable_pub)]
 
-use std::fs::File;
+#[path = "../../../tests/src/turn.rs"]
+mod places;
+
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -25,11 +27,8 @@ pub fn rights() -> Rights {
 }
 
 /// One daemon test at a time on this machine: they all want the processor.
-pub fn turn() -> File {
-    let path = std::env::temp_dir().join(format!("foretrace-tests-{}.lock", foretrace_shm::effective_user()));
-    let file = File::create(path).unwrap();
-    file.lock().unwrap();
-    file
+pub fn turn() -> places::Turn {
+    places::Turn::alone()
 }
 
 /// A directory that no other test uses; removed in the end.

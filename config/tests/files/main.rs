@@ -1,0 +1,5 @@
+//! Settings and models as files, good ones and broken ones.
+
+mod models;
+mod models_fuzz;
+mod settings_fuzz;

@@ -1,0 +1,124 @@
+//! Arms driven hard into table, wall, box and themselves: nothing is touched, nothing is illegal, and they slide.
+
+use crate::support::reaching;
+
+use reaching::*;
+
+use foretrace_control::ik::clearance::{Clearance, ClearanceSettings, Obstacle};
+use foretrace_control::ik::{IkSource, ToolTarget};
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const MARGIN_M: f64 = 0.01;
+/// How much of the margin what first order leaves out may use up.
+const STATED_M: f64 = 1e-3;
+
+fn settings(itself: bool, obstacles: Vec<Obstacle>) -> ClearanceSettings {
+    ClearanceSettings { margin_m: MARGIN_M, itself, obstacles }
+}
+
+fn arm<'a>(
+    chain: &'a foretrace_control::ik::Chain<6>,
+    home: [f64; 6],
+    wanted: &ClearanceSettings,
+) -> Arm<'a> {
+    let mut arm = Arm::new(chain, home, 40.0);
+    let kept = Clearance::new(chain, &limits(chain, 40.0), TICK_S, wanted).unwrap();
+    let settings = *arm.ik.settings();
+    arm.ik = foretrace_control::ik::Ik::new(limits(chain, 40.0), settings).keeping_clear(kept);
+    arm
+}
+
+fn wall(point: [f64; 3], normal: [f64; 3]) -> Obstacle {
+    Obstacle::plane(point, normal).unwrap()
+}
+
+/// `Arm::tick` asserts that the guard finds nothing to alter: every command is legal.
+#[test]
+fn random_motion_into_everything_never_comes_nearer_than_stated() {
+    let mut rng = Pcg64::seed_from_u64(1);
+    let mut smallest = f64::INFINITY;
+    let (mut held, mut yielded, mut braked, mut travelled) = (0u32, 0u32, 0u32, 0.0);
+    for (text, home) in [(UR5, UR5_HOME), (UR5E, UR5E_HOME)] {
+        let chain = chain(text);
+        let everything = settings(
+            true,
+            vec![
+                wall([0.0; 3], [0.0, 0.0, 1.0]),
+                wall([0.0, -0.5, 0.0], [0.0, 1.0, 0.0]),
+                Obstacle::cuboid([-0.55, 0.2, 0.1], [0.2, 0.2, 0.3], [0.0, 0.2, 0.5]).unwrap(),
+            ],
+        );
+        let judge = Clearance::new(&chain, &limits(&chain, 40.0), TICK_S, &everything).unwrap();
+        let mut arm = arm(&chain, home, &everything);
+        let start = judge.nearest(&chain.forward(&home)).unwrap();
+        assert!(start.distance_m > MARGIN_M, "{start:?}");
+        let mut target = ToolTarget::at_rest(arm.tool().0, -Vector3::z(), None);
+        for tick in 0..100_000 {
+            if tick % 250 == 0 {
+                let mut around = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));
+                target.position = around(0.9);
+                target.axis = around(1.0).normalize();
+                let speed = [0.0, 0.3, 1.5, 3.0][(tick / 250) % 4];
+                target.velocity = around(1.0).normalize() * speed;
+            }
+            let before = *arm.last.q();
+            let report = arm.tick(&target);
+            travelled += before.iter().zip(arm.last.q()).map(|(a, b)| (a - b).abs()).sum::<f64>();
+            held += u32::from(report.clearance.held > 0);
+            yielded += u32::from(report.clearance.yielded > 0);
+            braked += u32::from(report.source == IkSource::Brake);
+            let nearest = judge.nearest(&chain.forward(arm.last.q())).unwrap();
+            smallest = smallest.min(nearest.distance_m);
+            assert!(nearest.distance_m > MARGIN_M - STATED_M, "{tick}: {nearest:?} {report:?}");
+        }
+    }
+    println!(
+        "smallest {smallest} m; held {held}, yielded {yielded}, braked {braked}, travelled {travelled} rad"
+    );
+    assert!(held > 20_000 && travelled > 100.0, "{held} {travelled}");
+    assert_eq!(braked, 0, "a certified answer in every tick");
+}
+
+/// Pressed against a wall while told to go along it: the tool keeps going along.
+#[test]
+fn the_arm_slides_along_a_plane() {
+    let chain = chain(UR5);
+    let table = settings(true, vec![wall([0.0; 3], [0.0, 0.0, 1.0])]);
+    let mut arm = arm(&chain, UR5_HOME, &table);
+    let start = arm.tool().0;
+    let (mut slowest, mut lowest) = (f64::INFINITY, f64::INFINITY);
+    for tick in 0..4_000 {
+        let t = f64::from(tick) * TICK_S;
+        let path =
+            |t: f64| start + Vector3::new(0.0, 0.1 * (1.0 - (t * 1.5).cos()), -0.3 * (t / 2.0).min(1.0));
+        let (before, _) = arm.tool();
+        arm.tick(&along(path, t));
+        let (after, axis) = arm.tool();
+        let wanted = (path(t + TICK_S) - path(t)).y;
+        if t > 3.0 && wanted.abs() > 1e-4 {
+            slowest = slowest.min((after - before).y / wanted);
+        }
+        lowest = lowest.min(after.z);
+        assert!((after.y - path(t + TICK_S).y).abs() < 0.02 && axis.z < -0.7, "{t}: {after} {axis}");
+    }
+    assert!(slowest > 0.5, "{slowest}");
+    assert!(lowest < 0.2 - 0.05, "it went down as far as it may: {lowest}");
+}
+
+/// Rows that nothing breaks change nothing: the same bits with and without them.
+#[test]
+fn far_from_everything_the_answers_are_the_same_bits() {
+    let chain = chain(UR5);
+    let far = settings(true, vec![wall([0.0, 0.0, -0.5], [0.0, 0.0, 1.0])]);
+    let (mut with, mut without) = (arm(&chain, UR5_HOME, &far), Arm::new(&chain, UR5_HOME, 40.0));
+    let start = with.tool().0;
+    let path = |t: f64| start + Vector3::new((7.0 * t).sin(), 1.0 - (5.0 * t).cos(), 0.0) * 0.06;
+    for tick in 0..5_000 {
+        let target = along(path, f64::from(tick) * TICK_S);
+        let (mut a, b) = (with.tick(&target), without.tick(&target));
+        a.clearance = b.clearance;
+        assert_eq!((with.last, a), (without.last, b));
+    }
+}

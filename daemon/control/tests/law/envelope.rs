@@ -1,0 +1,198 @@
+//! The tool's envelope through the whole step: inside it whatever the pen does, from outside only inward, and a latched stop
+//! that says why where it cannot be kept.
+
+use crate::support::{Bench, HOME, PERIOD_NS, settings};
+use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
+use foretrace_control::follower::{Budget, FollowerSettings, Mode, Refusal, Request, StopCause, StopReason};
+use foretrace_control::ik::{ToolTarget, solve_pose};
+use foretrace_control::predict::PredictorKind;
+use nalgebra::{Rotation3, Vector3};
+
+const MARGIN_M: f64 = 0.001;
+
+fn within(envelope: EnvelopeSettings) -> FollowerSettings<6> {
+    let mut settings = settings(PredictorKind::ConstantVelocity);
+    settings.safety.envelope = envelope;
+    settings
+}
+
+fn usual() -> EnvelopeSettings {
+    EnvelopeSettings { margin_m: MARGIN_M, max_tilt_rad: 0.35, max_speed_mps: None }
+}
+
+/// Four corners beyond the workspace, a quarter of a second each.
+fn corner(tick: u64) -> [f64; 2] {
+    [[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]][(tick / 125 % 4) as usize]
+}
+
+fn tilt(settings: &FollowerSettings<6>, q: &[f64; 6]) -> f64 {
+    let tool = settings.chain.forward(q).rotation.column(2).into_owned();
+    tool.dot(&settings.plane.tool_axis()).clamp(-1.0, 1.0).acos()
+}
+
+/// Farthest beyond the workspace, fastest, most tilted, over leaps from corner to corner; nothing may latch.
+fn worst(settings: &FollowerSettings<6>) -> [f64; 3] {
+    let mut bench = Bench::armed(settings.clone());
+    let [mut outside, mut speed, mut tilted] = [0.0_f64; 3];
+    let mut before = None;
+    for tick in 0..3000 {
+        let mut pen = bench.pen(corner(tick));
+        pen.contact = tick / 60 % 2 == 0;
+        let output = bench.tick(&[pen]);
+        assert!(matches!(output.mode, Mode::Following), "{tick}: {:?}", output.stop_detail);
+        for (at, axis) in output.tool.iter().zip(&settings.mpc.axes) {
+            let [low, high] = axis.position_m;
+            outside = outside.max(at - high).max(low - at);
+        }
+        let tool = Vector3::from(output.tool);
+        if let Some(before) = before.replace(tool) {
+            speed = speed.max((tool - before).norm() / (PERIOD_NS as f64 * 1e-9));
+        }
+        tilted = tilted.max(tilt(settings, &output.command.unwrap().q));
+    }
+    println!("{:.3} mm outside, {speed:.3} m/s, {tilted:.3} rad", outside * 1e3);
+    [outside, speed, tilted]
+}
+
+#[test]
+fn leaps_stay_inside_with_joints_far_weaker_than_the_plan() {
+    for acceleration in [30.0, 5.0, 0.5] {
+        let mut settings = within(usual());
+        let limits = settings.limits;
+        settings.limits = foretrace_control::ik::JointLimits::new(
+            *limits.position(),
+            *limits.velocity(),
+            [acceleration; 6],
+        )
+        .unwrap()
+        .with_stale_braking(limits.hold_s(), [0.5 * acceleration; 6])
+        .unwrap();
+        let [outside, ..] = worst(&settings);
+        assert!(outside <= MARGIN_M, "{acceleration} rad/s²: {outside} m");
+    }
+}
+
+#[test]
+fn tilt_and_speed_are_kept() {
+    let [_, speed, tilted] =
+        worst(&within(EnvelopeSettings { max_tilt_rad: 0.05, max_speed_mps: Some(0.2), ..usual() }));
+    assert!(speed < 0.2 * 1.1, "{speed} m/s");
+    assert!(tilted < 0.05 + 0.03, "{tilted} rad");
+}
+
+#[test]
+fn ticks_far_from_every_bound_keep_their_bits() {
+    let wide = EnvelopeSettings { margin_m: 0.1, max_tilt_rad: 1.6, max_speed_mps: Some(50.0) };
+    let [mut a, mut b] = [usual(), wide].map(|envelope| Bench::armed(within(envelope)));
+    for tick in 0..2000 {
+        let t = f64::from(tick) * 2e-3;
+        let at = [0.02 * (11.0 * t).sin(), 0.015 * (17.0 * t).cos()];
+        let (a, b) = (a.tick(&[a.pen(at)]), b.tick(&[b.pen(at)]));
+        assert_eq!(a.command, b.command, "{tick}");
+        assert_eq!(a.ik.envelope, [0; 2], "{tick}");
+    }
+}
+
+/// Armed outside, in the plane or above, or tilted: never farther out, and inside in the end, without a stop.
+#[test]
+fn from_outside_the_way_leads_only_inward() {
+    let tilts = |by: f64| Rotation3::from_euler_angles(by, 0.0, 0.0);
+    for (place, turned) in [
+        ([0.14, 0.0, 0.01], 0.0),
+        ([-0.13, -0.15, 0.02], 0.0),
+        ([0.0, 0.0, 0.08], 0.0),
+        ([0.0, 0.0, -0.09], 0.0),
+        ([0.0, 0.0, 0.01], 0.3),
+    ] {
+        let envelope = EnvelopeSettings { max_tilt_rad: 0.1, ..usual() };
+        let mut settings = within(envelope);
+        // The plan's own bounds are where the tool is led back to.
+        settings.safety.arm_workspace_margin = 0.06;
+        let plane = settings.plane;
+        let axis = plane.rotation * (tilts(turned) * -Vector3::z());
+        let target = ToolTarget::at_rest(plane.point_to_base(&Vector3::from(place)), axis, None);
+        let q = solve_pose(&settings.chain, &HOME, &target).unwrap();
+        let mut bench = Bench::new(settings.clone());
+        bench.joints.q = q;
+        let far = |tool: [f64; 3]| {
+            let axes = tool.into_iter().zip(&settings.mpc.axes);
+            axes.map(|(at, axis)| (at - axis.position_m[1]).max(axis.position_m[0] - at)).fold(0.0, f64::max)
+        };
+        let (mut outside, mut tilted) = (f64::INFINITY, f64::INFINITY);
+        for tick in 0..2500 {
+            let request = (tick == 0).then_some(Request::Arm);
+            let pen = bench.pen([0.01, 0.01]);
+            let output = bench.tick_with(&[pen], request, Budget::default());
+            assert!(output.answer.is_none_or(|answer: Result<(), Refusal>| answer.is_ok()), "{output:?}");
+            assert_eq!(output.stop_reason, StopReason::None, "{place:?}, {tick}: {:?}", output.stop_detail);
+            let now = far(output.tool);
+            assert!(now <= outside.max(MARGIN_M) + 1e-6, "{place:?}, {tick}: {now} after {outside}");
+            outside = outside.min(now);
+            let now = tilt(&settings, &output.command.unwrap().q);
+            assert!(now <= tilted.max(0.13) + 1e-6, "{place:?}, {tick}: {now} after {tilted}");
+            tilted = tilted.min(now);
+        }
+        assert!(outside < 1e-6 && tilted < 0.1, "{place:?}: {outside} m, {tilted} rad");
+    }
+}
+
+/// A consumer that heard nothing for a while is where it went by itself: no row could keep that.
+#[test]
+fn what_no_row_can_keep_latches_a_stop_that_says_what_was_seen() {
+    let mut bench = Bench::armed(within(usual()));
+    let mut latched = None;
+    for tick in 0..6000 {
+        let t = f64::from(tick) * 2e-3;
+        let output = bench.tick(&[bench.pen([0.2 * (9.0 * t).sin(), 0.0])]);
+        if output.stop_reason == StopReason::Envelope {
+            latched = Some(output);
+            break;
+        }
+        let velocity = output.setpoint[0].velocity;
+        let room = 0.12 - output.tool[0].abs();
+        // Lost on the way out, so near that silence leads farther than the margin.
+        let outward = velocity * output.tool[0] > 0.0;
+        if outward && room < velocity.abs() * 0.012 && velocity.abs() > 0.12 {
+            bench.now = bench.now + 40 * PERIOD_NS;
+        }
+    }
+    let output = latched.expect("the tool left the workspace");
+    let detail = output.stop_detail;
+    assert_eq!(detail.cause, StopCause::Workspace);
+    assert!(
+        (detail.limit.abs() - 0.121).abs() < 1e-9 && detail.amount.abs() > detail.limit.abs(),
+        "{detail:?}"
+    );
+    assert_eq!(output.mode, Mode::Stopped);
+    for _ in 0..500 {
+        let output = bench.tick(&[]);
+        assert_eq!(output.mode, Mode::Stopped);
+    }
+}
+
+#[test]
+fn every_bound_names_itself() {
+    let settings = within(usual());
+    let workspace = settings.mpc.axes.map(|axis| axis.position_m);
+    let build = || Envelope::<6>::new(&usual(), settings.plane, workspace, 1.0, &settings.limits).unwrap();
+    let inside = EnvelopeFigures { tool: [0.0, 0.0, 0.01], tilt: 0.1, speed: 0.5 };
+    assert_eq!(build().judge(&inside), None);
+    for (figures, cause, limit) in [
+        (EnvelopeFigures { tool: [0.0, 0.0, -0.052], ..inside }, StopCause::Height, -0.051),
+        (EnvelopeFigures { tool: [0.0, 0.0, 0.052], ..inside }, StopCause::Height, 0.051),
+        (EnvelopeFigures { tool: [0.0, -0.122, 0.0], ..inside }, StopCause::Workspace, -0.121),
+        (EnvelopeFigures { tilt: 0.4, ..inside }, StopCause::Tilt, 0.38),
+        (EnvelopeFigures { speed: 1.2, ..inside }, StopCause::ToolSpeed, 1.1),
+        (EnvelopeFigures { speed: f64::NAN, ..inside }, StopCause::ToolSpeed, 1.1),
+    ] {
+        let detail = build().judge(&figures).unwrap();
+        assert_eq!(detail.cause, cause);
+        assert!((detail.limit - limit).abs() < 1e-12, "{detail:?}");
+    }
+    for (margin_m, max_tilt_rad, max_speed_mps) in
+        [(0.0, 0.3, None), (f64::NAN, 0.3, None), (0.001, 2.0, None), (0.001, 0.3, Some(0.0))]
+    {
+        let wrong = EnvelopeSettings { margin_m, max_tilt_rad, max_speed_mps };
+        assert!(Envelope::<6>::new(&wrong, settings.plane, workspace, 1.0, &settings.limits).is_err());
+    }
+}

@@ -1,0 +1,208 @@
+//! Hostile inputs through the whole step: whatever comes in, every command is legal and continuous.
+//! The judge is `CommandChecker` (inside `support::Bench`), which shares no code with the guard.
+
+use crate::support::{Bench, PERIOD_NS, settings};
+use foretrace_control::follower::{Budget, EnableReading, JointReading, Mode, Request, StepInput};
+use foretrace_control::pen::PenReading;
+use foretrace_control::predict::bands::BAND_LEADS;
+use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::units::Stamp;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const POISON: [f64; 9] =
+    [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 1e-310, 0.0, f64::MAX, f64::MIN_POSITIVE];
+
+/// Mostly plausible handwriting; sometimes poison, jumps, repeats, backwards or far stamps.
+fn pen(rng: &mut Pcg64, now: Stamp, t: f64, spite: f64) -> PenReading {
+    let mut reading = PenReading {
+        stamp: Stamp(now.0 - rng.random_range(0..4_000_000)),
+        position: [0.015 * (11.0 * t).sin(), 0.012 * (17.0 * t).cos()],
+        contact: rng.random_bool(0.9),
+        ..PenReading::default()
+    };
+    if rng.random_bool(spite) {
+        match rng.random_range(0..7) {
+            0 => reading.position[0] = POISON[rng.random_range(0..POISON.len())],
+            1 => reading.position[1] = POISON[rng.random_range(0..POISON.len())],
+            2 => reading.position = [rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)],
+            3 => reading.stamp = Stamp(now.0.saturating_sub(rng.random_range(0..10_000_000_000))),
+            4 => reading.stamp = Stamp(now.0 + rng.random_range(0..10_000_000_000)),
+            5 => reading.stamp = Stamp(rng.next_u64()),
+            _ => reading.position = [rng.random_range(-1e6..1e6); 2],
+        }
+    }
+    reading
+}
+
+fn poisoned_joints(rng: &mut Pcg64, good: JointReading<6>) -> JointReading<6> {
+    let mut bad = good;
+    match rng.random_range(0..5) {
+        0 => bad.q[rng.random_range(0..6)] = POISON[rng.random_range(0..POISON.len())],
+        1 => bad.qd[rng.random_range(0..6)] = POISON[rng.random_range(0..POISON.len())],
+        2 => bad.stamp = Stamp(rng.next_u64()),
+        _ => bad.motion_allowed = false,
+    }
+    bad
+}
+
+/// Breaks one model's parameters, or the bands, under a new version.
+fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
+    weights.version += 1;
+    match rng.random_range(0..5) {
+        0 => {
+            weights.dybm.version = weights.version;
+            weights.dybm.parameters.fifo[0][rng.random_range(0..2)][rng.random_range(0..2)] = value;
+        }
+        1 => {
+            weights.dybm_esn.dybm.version = weights.version;
+            weights.dybm_esn.readout[rng.random_range(0..50)][rng.random_range(0..2)] = value;
+        }
+        2 => {
+            weights.ar_rls.version = weights.version;
+            weights.ar_rls.coefficients[rng.random_range(0..8)][rng.random_range(0..2)]
+                [rng.random_range(0..2)] = value;
+        }
+        3 => {
+            weights.ours.version = weights.version;
+            weights.ours.ar.coefficients[rng.random_range(0..8)][rng.random_range(0..2)][1] = value;
+        }
+        _ => {
+            weights.bands.factors[rng.random_range(0..PredictorKind::ALL.len())]
+                [rng.random_range(0..BAND_LEADS)] = value as f32
+        }
+    }
+}
+
+fn request(rng: &mut Pcg64) -> Request {
+    match rng.random_range(0..9) {
+        0 => Request::Stop,
+        5 => Request::FreezeTrust,
+        1 => Request::Disarm,
+        2 => Request::SetTrust(if rng.random_bool(0.5) { rng.random() } else { f64::NAN }),
+        3 => Request::TrustAuto,
+        4 => Request::SwitchPredictor(PredictorKind::ALL[rng.random_range(0..PredictorKind::ALL.len())]),
+        _ => Request::Arm,
+    }
+}
+
+/// One life of a follower in front of a servo that its plan reckons with, if that is not 0; returns how many commands moved.
+fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
+    let mut settings = settings(kind);
+    settings.dead_time_ns = rng.random_range(0..80_000_000);
+    settings.mpc.servo_s = servo_ns as f64 * 1e-9;
+    settings.velocity_lead_ns = [0, 100_000_000][seed as usize % 2];
+    settings.safety.enable_required = rng.random_bool(0.1);
+    let mut bench = Bench::new(settings);
+    let start = bench.now;
+    let mut moving = 0;
+    for tick in 0..ticks {
+        let t = bench.now.seconds_since(start);
+        let flood = if rng.random_bool(0.01 * spite) { 64 } else { usize::from(rng.random_bool(0.4)) };
+        let samples: Vec<_> = (0..flood).map(|_| pen(&mut rng, bench.now, t, spite)).collect();
+        bench.joints.stamp = bench.now;
+        let good = bench.joints;
+        let joints = if rng.random_bool(0.02 * spite) { poisoned_joints(&mut rng, good) } else { good };
+        let mut weights = bench.follower.weights();
+        let sabotage = rng.random_bool(0.02 * spite);
+        if sabotage {
+            let value = if rng.random_bool(0.5) {
+                POISON[rng.random_range(0..POISON.len())]
+            } else {
+                rng.random_range(-99.0..99.0)
+            };
+            sabotaged(&mut rng, &mut weights, value);
+        }
+        let restless = bench.last.is_none() || rng.random_bool(0.02 * spite);
+        let input = StepInput {
+            now: bench.now,
+            pen: &samples,
+            joints: (!rng.random_bool(0.05 * spite)).then_some(&joints),
+            enable: rng
+                .random_bool(0.5)
+                .then(|| EnableReading { stamp: bench.now, stop: rng.random_bool(0.001) }),
+            request: if tick == 0 {
+                Some(Request::Arm)
+            } else {
+                (restless && rng.random_bool(0.2)).then(|| request(&mut rng))
+            },
+            halt: None,
+            weights: sabotage.then_some(&weights),
+        };
+        let budget = Budget {
+            max_iterations: if rng.random_bool(0.1 * spite) { rng.random_range(0..3) } else { 100 },
+            shed: rng.random_bool(0.05 * spite),
+        };
+        let output = bench.step(&input, budget);
+        moving += u32::from(output.command.is_some_and(|command| command.qd.iter().any(|qd| *qd != 0.0)));
+        let named = output.tool.iter().chain(&output.reference).all(|x| x.is_finite());
+        assert!(output.predictor_band.is_none_or(|band| band >= 0.0 && band.is_finite()));
+        assert!(named && output.trust.alpha.alpha().is_finite(), "seed {seed}, tick {tick}: {output:?}");
+        assert!(
+            output.command.is_some() || output.mode == Mode::Idle,
+            "seed {seed}, tick {tick}: no command in charge"
+        );
+        if rng.random_bool(0.01 * spite) {
+            // Time lost, time standing still, or time running backwards.
+            bench.now = match rng.random_range(0..4) {
+                0 => Stamp(bench.now.0 - 2 * PERIOD_NS),
+                1 => Stamp(bench.now.0 - PERIOD_NS),
+                2 => bench.now + rng.random_range(1..50_000_000),
+                _ => bench.now + rng.random_range(1..400_000_000),
+            };
+        }
+    }
+    moving
+}
+
+fn lives(seeds: std::ops::Range<u64>, servo_ns: u64) {
+    let (mut ticks, mut moving) = (0, 0);
+    for seed in seeds {
+        let spite = [0.05, 0.3, 1.0][(seed % 3) as usize];
+        moving += live(seed, 600, spite, servo_ns);
+        ticks += 600;
+    }
+    println!("{moving} of {ticks} commands moved");
+    assert!(moving > ticks / 4, "a test in which the arm stands still proves nothing: {moving} of {ticks}");
+}
+
+#[test]
+fn every_command_is_legal_whatever_comes_in() {
+    lives(0..400, 0);
+}
+
+#[test]
+fn every_command_is_legal_where_a_servo_is_made_up_for() {
+    lives(400..600, 30_000_000);
+}
+
+#[test]
+fn a_scribble_of_pure_noise_is_survived() {
+    for seed in 0..60 {
+        let mut rng = Pcg64::seed_from_u64(1000 + seed);
+        let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
+        let mut bench = Bench::armed(settings(kind));
+        for _ in 0..800 {
+            let noise = [rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2)];
+            let pen = [PenReading::new(bench.now, noise, rng.random_bool(0.5))];
+            bench.tick(&pen);
+        }
+    }
+}
+
+#[test]
+fn a_step_of_the_pen_across_the_workspace_stays_inside_the_workspace() {
+    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let corners = [[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]];
+    let mut beyond = 0.0f64;
+    for tick in 0..3000u64 {
+        let pen = [bench.pen(corners[(tick / 250 % 4) as usize])];
+        let output = bench.tick_with(&pen, None, Budget::default());
+        beyond = beyond.max(output.tool[0].abs() - 0.12).max(output.tool[1].abs() - 0.12);
+    }
+    println!("farthest beyond the workspace: {beyond} m");
+    // The box is soft (the plan must never be infeasible) and the horizon shorter than the way to stop from full speed.
+    assert!(beyond < 2e-3, "left the workspace by {beyond} m");
+}

@@ -1,0 +1,161 @@
+//! Trust behind an arm that is at its limits, seen from outside the whole step.
+
+use crate::support::writing::{curve, oracle, scribble, write};
+use crate::support::{Bench, PERIOD_NS, settings};
+use foretrace_control::follower::FollowerSettings;
+use foretrace_control::predict::PredictorKind;
+use foretrace_control::trust::{TrustReason, TrustRequest};
+use foretrace_control::units::Trust;
+
+/// Dead time of the arm [s].
+const DEAD_S: f64 = 0.03;
+
+/// How an arm did in the time that was looked at, after the way to the pen.
+struct Hurried {
+    /// RMS distance [m] of a perfect arm from where the pen is the dead time later.
+    rms: f64,
+    /// Trust at the end, and whether it was lowered because of the arm.
+    alpha: f64,
+    lowered: bool,
+    /// Share of the ticks at a limit of acceleration.
+    at_limit: f64,
+}
+
+/// `path` until `seconds[1]`, looked at from `seconds[0]`; `exact`: with a perfect preview.
+fn hurried(
+    wanted: &FollowerSettings<6>,
+    path: fn(f64) -> [f64; 2],
+    exact: bool,
+    seconds: [f64; 2],
+) -> Hurried {
+    let mut bench = Bench::armed(wanted.clone());
+    let start = bench.now;
+    if exact {
+        bench.follower.use_oracle(oracle(start, 3000, path));
+    }
+    let mut seen = Hurried { rms: 0.0, alpha: 0.0, lowered: false, at_limit: 0.0 };
+    let mut count = 0.0;
+    let [begin, end] = seconds;
+    write(&mut bench, start, (end * 1e9) as u64 / PERIOD_NS, path, |_, output| {
+        let t = output.command.unwrap().stamp.seconds_since(start);
+        let [x, y] = path(t + DEAD_S);
+        seen.alpha = output.trust.alpha.alpha();
+        if t > begin {
+            seen.lowered |= output.trust.reason == TrustReason::ArmLimited;
+            seen.rms += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
+            let limited = output.axes.iter().any(|axis| axis.active.acceleration > 0);
+            seen.at_limit += f64::from(u8::from(limited));
+            count += 1.0;
+        }
+    });
+    Hurried { rms: (seen.rms / count).sqrt(), at_limit: seen.at_limit / count, ..seen }
+}
+
+/// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by so much.
+fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
+    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    wanted.dead_time_ns = (DEAD_S * 1e9) as u64;
+    for axis in &mut wanted.mpc.axes {
+        axis.acceleration_mps2 = acceleration_mps2;
+    }
+    wanted
+}
+
+/// Automatic trust, and RMS [m] of the same believed fully and not at all.
+fn beside_manual(
+    wanted: &FollowerSettings<6>,
+    path: fn(f64) -> [f64; 2],
+    exact: bool,
+    seconds: [f64; 2],
+) -> (Hurried, [f64; 2]) {
+    let manual = [Trust::FULL, Trust::NONE].map(|trust| {
+        let wanted = FollowerSettings { trust_request: TrustRequest::Manual(trust), ..wanted.clone() };
+        hurried(&wanted, path, exact, seconds).rms
+    });
+    let auto = hurried(wanted, path, exact, seconds);
+    let [rms, full, none] = [auto.rms, manual[0], manual[1]].map(|rms| rms * 1e3);
+    println!(
+        "{rms:.2} mm at trust {:.2}, {full:.2} at 1, {none:.2} at 0; {:.2} at a limit",
+        auto.alpha, auto.at_limit
+    );
+    (auto, manual)
+}
+
+#[test]
+fn an_arm_too_weak_for_what_is_foreseen_is_better_off_than_with_all_trust_or_none() {
+    for acceleration_mps2 in [3.0, 4.0, 6.0] {
+        // Strokes that nobody foresees take trust away; sines become known, and what is right keeps it.
+        for (path, unforeseen) in [(scribble as fn(f64) -> [f64; 2], true), (curve, false)] {
+            let wanted = weak(acceleration_mps2);
+            let (Hurried { rms, lowered, .. }, [believed, held]) =
+                beside_manual(&wanted, path, false, [4.0, 12.0]);
+            let told = format!("{acceleration_mps2} m/s², unforeseen: {unforeseen}");
+            assert!(rms < 0.8 * believed && rms < held, "{told}: {rms} m, {believed} and {held} m");
+            assert!(lowered || !unforeseen, "{told}");
+        }
+    }
+}
+
+#[test]
+fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
+    let Hurried { rms, alpha, lowered, at_limit } = hurried(&weak(5.0), curve, true, [4.0, 12.0]);
+    assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
+    assert!(alpha == 1.0 && !lowered && rms < 4e-3, "{rms} m at trust {alpha}");
+    let Hurried { alpha, lowered, at_limit, .. } = hurried(&weak(20.0), curve, false, [4.0, 12.0]);
+    assert!(alpha == 1.0 && !lowered && at_limit == 0.0, "{alpha} {at_limit}");
+}
+
+#[test]
+fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
+    // The tool goes along the edge, as far out as it can be.
+    fn beyond(t: f64) -> [f64; 2] {
+        [(0.05 * t).min(0.15), 0.012 * (22.0 * t + 0.4).sin()]
+    }
+    // 40 ms lost now and then: the arm is late by as much, and for as long as that lasts.
+    for (path, lost_every) in [(beyond as fn(f64) -> [f64; 2], u64::MAX), (curve, 300)] {
+        let mut bench = Bench::armed(weak(5.0));
+        let start = bench.now;
+        bench.follower.use_oracle(oracle(start, 2000, path));
+        let (mut limited, mut lowered, mut ticks, mut judged) = (0.0, 0.0, 0, 0.0);
+        while bench.now.seconds_since(start) < 12.0 {
+            ticks += 1;
+            if ticks % lost_every == 0 {
+                bench.now = bench.now + 20 * PERIOD_NS;
+            }
+            let due = ticks % 5 == 0 || ticks % 5 == 3;
+            let samples = [bench.pen(path(bench.now.seconds_since(start)))];
+            let output = bench.tick(if due { &samples } else { &[] });
+            if bench.now.seconds_since(start) > 4.0 {
+                limited += f64::from(u8::from(output.axes.iter().any(|axis| axis.active.acceleration > 0)));
+                lowered += f64::from(u8::from(output.trust.reason == TrustReason::ArmLimited));
+                judged += 1.0;
+            }
+        }
+        println!("at a limit in {:.2}, lowered in {:.2} of the ticks", limited / judged, lowered / judged);
+        assert!(
+            limited > 0.8 * judged,
+            "{limited} of {judged}: an arm that is not at its limits proves nothing"
+        );
+        assert!(lowered == 0.0, "{lowered} of {judged}");
+    }
+}
+
+/// Little trust makes following hardly better than feedback, which is what takes trust away from an arm at its limits.
+#[test]
+fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
+    /// First far too fast for the arm, then something that a believed preview follows within millimetres.
+    fn eased(t: f64) -> [f64; 2] {
+        let [x, y] = curve(t);
+        let hard = if t < 6.0 { 4.0 } else { 1.0 };
+        [hard * x, hard * y]
+    }
+    for acceleration_mps2 in [3.0, 4.0, 5.0] {
+        let (Hurried { rms, alpha, at_limit, .. }, [believed, held]) =
+            beside_manual(&weak(acceleration_mps2), eased, true, [14.0, 24.0]);
+        assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
+        assert!(
+            alpha == 1.0 && rms < 1.1 * believed && rms < 0.5 * held,
+            "{acceleration_mps2} m/s²: {rms} m"
+        );
+    }
+}

@@ -1,0 +1,203 @@
+//! `foretrace demo` from start to end, and when things go wrong in the middle.
+
+use foretrace_tests::page::Page;
+use foretrace_tests::{World, assert_refused, json, shared_data, told, until};
+
+use crate::PROGRAM;
+
+/// Names of the demo's own in /dev/shm and /tmp.
+fn leftovers(pid: u32) -> Vec<String> {
+    let named = format!("foretrace-demo-{pid}");
+    let in_tmp = std::fs::read_dir("/tmp").unwrap().flatten().map(|entry| entry.file_name());
+    in_tmp.map(|name| name.to_string_lossy().into_owned()).filter(|name| name.starts_with(&named)).collect()
+}
+
+fn check_report(world: &World, folder: &str) -> serde_json::Value {
+    let report = json(&world.file(folder).join("report.json"));
+    for key in [
+        "/loop/rate_hz",
+        "/loop/ticks",
+        "/loop/overruns",
+        "/loop/allocations_per_tick",
+        "/loop/connection_allocations",
+        "/loop/step_us/p50",
+        "/loop/step_us/p99_9",
+        "/loop/wakeup_us/max",
+        "/tracking/mse_m2",
+        "/tracking/rmse_m",
+        "/tracking/max_m",
+        "/tracking/lag_ms",
+        "/ghost/compared_s",
+        "/ghost/compared_share",
+        "/ghost/cost_us",
+        "/ghost/session/rms_m",
+        "/ghost/session/ghost_rms_m",
+        "/ghost/session/saved_m",
+        "/ghost/session/lag_ms",
+        "/ghost/session/ghost_lag_ms",
+        "/ghost/session/saved_ms",
+        "/ghost/max_m",
+        "/ghost/ghost_max_m",
+        "/joints/velocity_share/0",
+        "/joints/acceleration_share/5",
+        "/commands/count",
+        "/commands/limit_violations",
+        "/commands/max_step_rad",
+        "/commands/max_velocity_radps",
+        "/commands/max_acceleration_radps2",
+        "/pen/samples",
+        "/pen/rejected",
+        "/pen/dropped",
+        "/learner/updates",
+        "/learner/promotions",
+        "/learner/rollbacks",
+    ] {
+        let value = report.pointer(key).unwrap_or_else(|| panic!("{key} is missing in {report}"));
+        assert!(value.is_number(), "{key} = {value}");
+    }
+    assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
+    assert_eq!(report["pen"]["rejected"], 0, "{report}");
+    assert_eq!(names(world, folder), ["report.html", "report.json"]);
+    let page = Page::read(&world.file(folder).join("report.html"));
+    assert_eq!(page.pictures.len(), 6, "one picture per claim");
+    assert_eq!(page.beside[..3], [true; 3], "path, error and lag show the arm and its ghost");
+    page.agrees_with(&report);
+    report
+}
+
+fn names(world: &World, folder: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(world.file(folder)).unwrap().flatten();
+    let mut names: Vec<_> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn demo_ends_by_itself_with_a_whole_report_and_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let demo = world.start(0, &["demo", "--seconds", "3", "--no-rights", "--out", "report", "--json", "-"]);
+    let pid = demo.pid();
+    let output = demo.output();
+    assert!(output.status.success(), "{}", told(&output));
+    let printed: serde_json::Value =
+        serde_json::from_slice(&output.stdout).expect("stdout carries JSON only");
+    assert_eq!(printed, check_report(&world, "report"));
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn at_trust_0_the_demo_and_its_ghost_agree_and_both_with_the_records() {
+    let world = World::new(PROGRAM);
+    let arguments = ["demo", "--seconds", "5", "--trust", "0", "--no-rights", "--out", "report"];
+    let output = world.run(0, &arguments);
+    assert!(output.status.success(), "{}", told(&output));
+    let report = check_report(&world, "report");
+    let number = |key: &str| report.pointer(key).and_then(serde_json::Value::as_f64).unwrap();
+    let (real, ghost) = (number("/ghost/session/rms_m"), number("/ghost/session/ghost_rms_m"));
+    assert!((ghost / real - 1.0).abs() < 0.03, "{}", report["ghost"]);
+    assert!(number("/ghost/session/saved_ms").abs() < 2.0, "{}", report["ghost"]);
+    // The daemon measured live what the demo works out afterwards from the records of arm and player.
+    let afterwards = number("/tracking/rmse_m");
+    assert!((real / afterwards - 1.0).abs() < 0.05, "{real} m live, {afterwards} m afterwards");
+    let lag_ms = number("/ghost/session/lag_ms");
+    assert!((lag_ms - number("/tracking/lag_ms")).abs() < 3.0, "{} {}", report["ghost"], report["tracking"]);
+    assert!(number("/ghost/compared_share") > 0.5, "{}", report["ghost"]);
+}
+
+#[test]
+fn a_demo_that_is_stopped_reports_up_to_there_and_says_what_fired_and_what_to_do() {
+    let world = World::new(PROGRAM);
+    let fault = ["--arm-fault", "stuck@5"];
+    let demo = ["demo", "--seconds", "20", "--no-rights", "--out", "report"];
+    let output = world.run(0, &[demo.as_slice(), fault.as_slice()].concat());
+    assert_refused(
+        &output,
+        1,
+        &["stopped the arm by itself after", "\n  tracking error: ", "\n  the arm did not go"],
+    );
+    let report = json(&world.file("report").join("report.json"));
+    assert_eq!(report["loop"]["stops"][0]["reason"], "tracking error", "{report}");
+    let page = Page::read(&world.file("report").join("report.html"));
+    page.agrees_with(&report);
+    let alert = page.alert.as_deref().expect("a box on top");
+    let lines: Vec<&str> = alert.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    assert!(lines[0].starts_with("The daemon stopped the arm by itself after"), "{lines:?}");
+    assert!(lines[1].starts_with("What fired: tracking error: "), "{lines:?}");
+    assert!(lines[2].starts_with("What to do: the arm did not go where it was told"), "{lines:?}");
+    assert!(!page.pictures.is_empty(), "what was seen up to there is drawn");
+}
+
+#[test]
+fn demo_whose_output_nobody_reads_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "1", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    demo.close_stdout();
+    let output = demo.output();
+    assert!(output.status.success(), "{}", told(&output));
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn demo_plays_recorded_handwriting_of_both_sets() {
+    let world = World::new(PROGRAM);
+    for set in ["unipen-ced", "unipen-tos"] {
+        let Some(folder) = shared_data(set) else { continue };
+        let table = std::fs::read_to_string(folder.join("split.tsv")).unwrap();
+        let file =
+            table.lines().skip(1).flat_map(|line| line.split('\t')).find(|cell| cell.ends_with(".dat"));
+        let pen = folder.join(file.expect("a file in the split table")).display().to_string();
+        let output = world.run(0, &["demo", "--seconds", "3", "--no-rights", "--out", set, "--pen", &pen]);
+        assert!(output.status.success(), "{set}: {}", told(&output));
+        check_report(&world, set);
+    }
+}
+
+#[test]
+fn refused_demo_makes_no_folder() {
+    let world = World::new(PROGRAM);
+    for refused in [["--set", "mpc.velocity_lead_ms=abc"], ["--pen", "nowhere.csv"], ["--predictor", "luck"]]
+    {
+        let output = world.run(0, &[&["demo", "--out", "report"], refused.as_slice()].concat());
+        assert!(!output.status.success(), "{refused:?}: {}", told(&output));
+        assert!(!world.file("report").exists(), "{refused:?}");
+    }
+}
+
+#[test]
+fn interrupted_demo_ends_its_children_and_leaves_nothing() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "60", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    let children = || {
+        let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+        list.split_whitespace().filter_map(|pid| pid.parse::<u32>().ok()).collect::<Vec<_>>()
+    };
+    let family = until("the demo has its three children", || {
+        demo.expect_alive();
+        Some(children()).filter(|family| family.len() == 3)
+    });
+    demo.signal("-INT");
+    let output = demo.output();
+    assert_refused(&output, 130, &["interrupted"]);
+    for child in family {
+        assert!(!std::path::Path::new(&format!("/proc/{child}")).exists(), "child {child} is still there");
+    }
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}
+
+#[test]
+fn demo_whose_child_is_killed_says_which_and_ends() {
+    let world = World::new(PROGRAM);
+    let mut demo = world.start(0, &["demo", "--seconds", "60", "--no-rights", "--out", "report"]);
+    let pid = demo.pid();
+    let arm = until("the demo has its arm", || {
+        demo.expect_alive();
+        let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+        list.split_whitespace().nth(1).map(str::to_owned)
+    });
+    let killed = std::process::Command::new("kill").args(["-KILL", &arm]).status().unwrap();
+    assert!(killed.success());
+    assert_refused(&demo.output(), 1, &["the arm ended early"]);
+    assert_eq!(leftovers(pid), Vec::<String>::new());
+}

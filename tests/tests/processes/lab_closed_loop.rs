@@ -1,0 +1,145 @@
+//! `lab closed-loop` as somebody types it, on a small made-up set.
+
+use std::path::Path;
+
+use foretrace_tests::{World, assert_refused, told};
+use serde_json::Value;
+
+use crate::PROGRAM;
+
+/// Two hands of two characters each at 200 Hz.
+fn set(world: &World) -> String {
+    let mut folder = String::new();
+    std::fs::create_dir_all(world.file("set")).unwrap();
+    for file in 0..2_u32 {
+        let mut text =
+            String::from(".VERSION 1.0\n.COORD X Y\n.POINTS_PER_SECOND 200\n.HIERARCHY CHARACTER\n");
+        for character in 0..2_u32 {
+            let points: String = (0..80_u32)
+                .map(|i| {
+                    let angle = 0.08 * f64::from(i) * (1.0 + 0.1 * f64::from(character + file));
+                    format!("{:.0} {:.0}\n", 90.0 * angle.cos() + f64::from(i), 90.0 * angle.sin())
+                })
+                .collect();
+            text += &format!(".PEN_DOWN\n{points}.PEN_UP\n");
+        }
+        text += ".SEGMENT CHARACTER 0 OK \"o\"\n.SEGMENT CHARACTER 1 OK \"C\"\n";
+        folder = world.write(&format!("set/w{file}.dat"), &text);
+    }
+    Path::new(&folder).parent().unwrap().display().to_string()
+}
+
+fn result(world: &World, arguments: &[&str]) -> Value {
+    let output = world.run_plain(arguments);
+    assert!(output.status.success(), "{}", told(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn closed_loop_gives_a_table_json_and_pictures() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let names = "hold,ours,servoj-ros,oracle";
+    let arguments = ["lab", "closed-loop", "--data", &set, "--predictors", names, "--arms", "ideal,ur5"];
+    let json = result(&world, &[&arguments[..], &["--limit", "1", "--out", &out, "--json", "-"]].concat());
+    let rows = json["rows"].as_array().unwrap();
+    let order: Vec<_> =
+        rows.iter().map(|row| format!("{} {}", row["predictor"], row["arm"]).replace('"', "")).collect();
+    let wanted = ["ideal", "ur5"].map(|arm| names.split(',').map(move |name| format!("{name} {arm}")));
+    assert_eq!(order, wanted.into_iter().flatten().collect::<Vec<_>>());
+    for row in rows {
+        assert_eq!(row["sequences"], 2);
+        for key in [
+            "mse_m2",
+            "median_mse_m2",
+            "pen_down_mse_m2",
+            "max_m",
+            "lag_ms",
+            "rms_jerk",
+            "saturated_pct",
+            "illegal_pct",
+            "worse_than_hold_pct",
+        ] {
+            assert!(row[key].is_number(), "{key}: {row}");
+        }
+    }
+    for picture in ["errors", "letters-ideal", "letters-ur5"] {
+        let text = std::fs::read_to_string(world.file(&format!("report/closed-loop-{picture}.svg"))).unwrap();
+        assert!(text.contains("hold") && text.contains("ours"), "{picture}");
+    }
+    let text = std::fs::read_to_string(world.file("report/closed-loop-errors.svg")).unwrap();
+    assert!(names.split(',').all(|name| text.contains(name)));
+}
+
+#[test]
+fn each_sequence_has_scores_of_its_own_that_add_up_to_the_rows() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let arguments =
+        ["lab", "closed-loop", "--data", &set, "--predictors", "hold,ours", "--arms", "ideal,ur5"];
+    // The folder of the file is the one that the pictures will make.
+    let file = world.file("report/all.json");
+    let written = world.run_plain(
+        &[&arguments[..], &["--out", &out, "--json", &file.display().to_string(), "--each"]].concat(),
+    );
+    assert!(written.status.success(), "{}", told(&written));
+    let json: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+    let each = json["sequences"].as_array().unwrap();
+    assert_eq!(each.len(), 2 * 2 * 4);
+    for row in json["rows"].as_array().unwrap() {
+        let own: Vec<_> = each
+            .iter()
+            .filter(|one| one["predictor"] == row["predictor"] && one["arm"] == row["arm"])
+            .collect();
+        let mean = own.iter().map(|one| one["mse_m2"].as_f64().unwrap()).sum::<f64>() / 4.0;
+        assert!((mean / row["mse_m2"].as_f64().unwrap() - 1.0).abs() < 1e-12, "{mean} {row}");
+        let named =
+            |one: &&Value| format!("{} {} {}", one["file"], one["index"], one["label"]).replace('"', "");
+        let names: Vec<_> = own.iter().map(named).collect();
+        assert_eq!(names, ["w0.dat 0 o", "w0.dat 1 C", "w1.dat 0 o", "w1.dat 1 C"]);
+    }
+    let file = world.file("no/such/folder.json").display().to_string();
+    let refused = world.run_plain(&[&arguments[..], &["--json", &file]].concat());
+    assert_refused(&refused, 5, &["there is no folder", "--json"]);
+    assert!(world.run_plain(&[&arguments[..], &["--each"]].concat()).status.code() == Some(2));
+}
+
+#[test]
+fn pareto_gives_points_json_and_a_picture() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let arguments = ["lab", "closed-loop", "--pareto", "--data", &set, "--arms", "ideal", "--limit", "1"];
+    let json = result(&world, &[&arguments[..], &["--out", &out, "--json", "-"]].concat());
+    let points = json["pareto"].as_array().unwrap();
+    for method in ["hold", "ours", "servoj-gello", "servoj-ros", "otg", "kalman"] {
+        let swept: Vec<_> = points.iter().filter(|point| point["method"] == method).collect();
+        assert!(swept.len() >= 6, "{method}: {swept:?}");
+        assert_eq!(swept.iter().filter(|point| point["default"] == true).count(), 1, "{method}");
+        for point in swept {
+            assert!(point["rms_m"].is_number() && point["rms_jerk"].is_number(), "{point}");
+            assert!(point["label"].is_string() && point["arm"] == "ideal", "{point}");
+        }
+    }
+    let text = std::fs::read_to_string(world.file("report/closed-loop-pareto.svg")).unwrap();
+    assert!(text.contains("otg") && text.contains("RMS error [mm]"));
+}
+
+#[test]
+fn names_that_nobody_has_are_answered_with_those_that_there_are() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let base = ["lab", "closed-loop", "--data", &set];
+    let cases = [
+        (["--predictors", "hold,ruckig"], 2, "ruckig", "servoj-gello servoj-ros otg kalman oracle"),
+        (["--arms", "ur10"], 2, "ur10", "ideal delay30 ur5 slow"),
+        // Which parts there are, the set says.
+        (["--split", "tset"], 5, "tset", "all"),
+    ];
+    for (wrong, code, value, legal) in cases {
+        let output = world.run_plain(&[&base[..], &wrong[..]].concat());
+        assert_refused(&output, code, &[value, legal]);
+    }
+}

@@ -1,0 +1,20 @@
+//! Whole programs, from outside.
+
+mod calibrate;
+mod chain;
+mod chaos;
+mod demo;
+mod doctor;
+mod lab_closed_loop;
+mod lab_tables;
+mod move_home;
+mod page_faults;
+mod record;
+mod refused;
+mod security;
+mod snippets;
+mod syscalls;
+mod train;
+mod wrong_input;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");

@@ -1,0 +1,178 @@
+//! Every Rust snippet of the documents is compiled, and is what the document says.
+//!
+//! The functions below are the documents' snippets with what their readers bring themselves (a tablet, an arm, a proposal).
+//! Nobody calls them: they would need a daemon and never end. A snippet that no function here has, letter for letter, fails
+//! the test; one that does not compile fails the build. Settings snippets must be accepted.
+
+#![allow(dead_code, reason = "compiled, not run")]
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use foretrace_client::{JOINTS, PenReading, monotonic_now_ns};
+use foretrace_control::guard::Commanded as Command;
+use foretrace_control::units::Stamp;
+
+/// What a reader has.
+struct Arm;
+
+impl Arm {
+    fn servo(&mut self, _q: [f64; JOINTS], _qd: [f64; JOINTS]) {}
+    fn brake(&mut self) {}
+    fn measured(&self) -> ([f64; JOINTS], [f64; JOINTS]) {
+        ([0.0; JOINTS], [0.0; JOINTS])
+    }
+    fn may_move(&self) -> bool {
+        true
+    }
+    fn has_power(&self) -> bool {
+        true
+    }
+}
+
+fn read_my_tablet() -> (f64, f64, bool) {
+    (0.01, 0.02, true)
+}
+
+fn now() -> Stamp {
+    Stamp(monotonic_now_ns())
+}
+
+fn my_proposal() -> [f64; 2] {
+    [0.1, f64::NAN]
+}
+
+fn send(_command: &Command<2>) {}
+
+const PERIOD_NS: u64 = 2_000_000;
+const VALID_NS: u64 = 10_000_000;
+
+#[rustfmt::skip]
+fn pen() -> Result<(), Box<dyn Error>> {
+    use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
+
+    let foretrace = Foretrace::attach(0)?;              // instance 0; says what to do if no daemon runs
+    let mut pen = foretrace.pen_feed()?;
+    loop {
+        let (x_m, y_m, contact) = read_my_tablet();     // metres in the tablet's own plane
+        pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m, y_m, contact, ..Default::default() })?;
+    }
+}
+
+#[rustfmt::skip]
+fn pen_of_another_user(x_m: f64, y_m: f64, contact: bool) -> Result<(), Box<dyn Error>> {
+    let mut pen = foretrace_client::GatewayFeed::connect("/tmp/foretrace-pen.socket")?;    // instead of attach and pen_feed
+    pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m, y_m, contact, ..Default::default() })?;
+    println!("{}", pen.finish()?);          // ... closed: ended by the client; 802 samples passed on, 0 refused
+    Ok(())
+}
+
+#[rustfmt::skip]
+fn watch() -> Result<(), Box<dyn Error>> {
+    use foretrace_client::{Foretrace, Stage};
+
+    let foretrace = Foretrace::attach(0)?;
+    let mut telemetry = foretrace.telemetry()?;
+    telemetry.drain(|record| {                          // one TickRecord per tick: what it saw, decided and cost
+        println!("{} ns late, {} ns of work", record.stage(Stage::Wakeup), record.stage(Stage::Step));
+        println!("pen sample {} is {} ns old", record.pen_sequence, record.chain.pen_age_ns);
+    });
+    println!("{} records lost", telemetry.lost());
+    Ok(())
+}
+
+#[rustfmt::skip]
+fn hardware(mut my_arm: Arm) -> Result<(), Box<dyn Error>> {
+    use foretrace_client::{Demand, Foretrace, JointState, RobotMode, SafetyMode, demand_at, monotonic_now_ns};
+
+    let foretrace = Foretrace::attach(0)?;
+    let (mut commands, mut states) = (foretrace.commands(1)?, foretrace.joint_states()?);
+    loop {                                              // at your controller's rate
+        let now = monotonic_now_ns();
+        match commands.latest().map_or(Demand::Brake, |command| demand_at(command, now)) {
+            Demand::Follow { q, qd } => my_arm.servo(q, qd),   // q + q̇·(now − stamp), until valid_until
+            Demand::Brake => my_arm.brake(),                   // no command, or an old one: stop by yourself
+        }
+        let (q, qd) = my_arm.measured();                       // rad, rad/s
+        let safety_mode = if my_arm.may_move() { SafetyMode::Normal } else { SafetyMode::ProtectiveStop };
+        let robot_mode = if my_arm.has_power() { RobotMode::Running } else { RobotMode::PowerOff };
+        let modes = JointState { safety_mode: safety_mode.into(), robot_mode: robot_mode.into(), ..commands.echo() };
+        states.publish(now, JointState { q, qd, ..modes })?;
+    }
+}
+
+#[rustfmt::skip]
+fn guard_alone(position: [[f64; 2]; 2], [velocity, acceleration, braking, measured]: [[f64; 2]; 4]) -> Result<(), Box<dyn Error>> {
+    use foretrace_control::guard::{Commanded, Guard, consumer_state};
+    use foretrace_control::ik::JointLimits;
+
+    let limits = JointLimits::new(position, velocity, acceleration)?    // any number of joints; rad, rad/s, rad/s²
+        .with_stale_braking(0.010, braking)?;           // how the arm stops by itself: extrapolates for 10 ms, then brakes
+    let guard = Guard::new(limits);
+    let mut last = Commanded::at_rest(now(), measured).ok_or("not finite")?;
+    loop {
+        let at = now();
+        if at >= last.stamp() + PERIOD_NS {             // time was lost: go on from where the arm braked to by itself
+            let arm = consumer_state(&last, last.stamp() + VALID_NS, limits.deceleration(), at);
+            last = Commanded::new(at, arm).ok_or("not finite")?;
+        }
+        let verdict = guard.clamp(&last, &my_proposal(), last.stamp() + PERIOD_NS);    // and `verdict.reasons` says what was wrong
+        send(&verdict.command);                         // q, q̇, and the stamp at which they hold
+        last = verdict.command;
+    }
+}
+
+/// The documents with their place.
+fn documents() -> Vec<(PathBuf, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let folders = ["", "docs", "config", "config/models", "client", "daemon", "shm-schema", "tests"];
+    let mut found = Vec::new();
+    for entry in folders.iter().flat_map(|folder| std::fs::read_dir(root.join(folder)).unwrap()) {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|ending| ending == "md") {
+            let text = std::fs::read_to_string(&path).unwrap();
+            found.push((path, text));
+        }
+    }
+    found
+}
+
+#[test]
+fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
+    let compiled = include_str!("snippets.rs");
+    let mut count = 0;
+    for (path, text) in documents() {
+        for snippet in text.split("```rust\n").skip(1) {
+            let snippet = snippet.split("```").next().unwrap();
+            let indented: String = snippet
+                .lines()
+                .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
+                .collect();
+            assert!(
+                compiled.contains(&indented),
+                "{}: this snippet is not compiled; put it into a function of tests/tests/processes/snippets.rs:\n{snippet}",
+                path.display()
+            );
+            count += 1;
+        }
+    }
+    assert!(count >= 5, "only {count} snippets were found");
+}
+
+#[test]
+fn every_settings_snippet_of_the_documents_is_accepted() {
+    let mut count = 0;
+    for (path, text) in documents() {
+        for snippet in text.split("```toml\n").skip(1) {
+            let snippet = snippet.split("```").next().unwrap();
+            if !snippet.contains("preset = ") {
+                continue;
+            }
+            if let Err(error) = foretrace_config::Config::parse(snippet, "a snippet", "/") {
+                panic!("{}: {error}\n{snippet}", path.display());
+            }
+            count += 1;
+        }
+    }
+    assert!(count >= 2, "only {count} snippets were found");
+}
