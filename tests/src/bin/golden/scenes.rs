@@ -77,7 +77,7 @@ fn lives() -> Vec<Life> {
             ours,
             "QR",
             Events::None,
-            &[("mpc.horizon", "20"), ("arm.dead_time_ms", "30")],
+            &[("mpc.horizon", "20"), ("timing.dead_time_ms", "30")],
             "dead time",
         );
         for seed in 0..HOSTILE_LIVES {
