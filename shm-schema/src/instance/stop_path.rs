@@ -10,7 +10,10 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
-use crate::{DaemonMark, Instance, Mode, host_boot_id};
+use super::occupancy::DaemonMark;
+use super::root::Instance;
+use crate::wire::clock::host_boot_id;
+use crate::wire::vocabulary::Mode;
 
 /// Bytes of a [`StopFrame`].
 pub const STOP_FRAME_BYTES: usize = 32;
@@ -267,7 +270,7 @@ mod tests {
         assert!(error.to_string().contains("does not catch SIGUSR1"), "{error}");
         // The lock file names a process that does not hold it: its number was given to another.
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        let stamp = crate::monotonic_now_ns();
+        let stamp = crate::wire::clock::monotonic_now_ns();
         fs::write(instance.root().join("lock"), format!("{} {stamp}\n", child.id())).unwrap();
         let error = instance.signal_stop().unwrap_err();
         assert!(error.to_string().contains("does not hold the lock"), "{error}");

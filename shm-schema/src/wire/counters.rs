@@ -3,8 +3,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::Rejections;
-use crate::layout::wire;
+use super::check::Rejections;
+use super::layout::wire;
 
 wire! {
     /// Totals since the daemon started.

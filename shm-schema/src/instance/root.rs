@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::{Config, FileName, SemanticString};
 
-use crate::layout::fnv1a;
+use crate::wire::layout::fnv1a;
 
 /// Bytes a Unix socket address can hold, its final zero included. Source: unix(7).
 const SOCKET_PATH_BYTES: usize = 108;
@@ -122,13 +122,15 @@ pub enum InstanceError {
     },
 }
 
+crate::debug_is_sentence!(InstanceError);
+
 impl Instance {
     /// The instance of this user with this number: `$XDG_RUNTIME_DIR/foretrace-N`, else `/tmp/foretrace-UID-N`.
     ///
     /// *Errors*: `RootTooLong`, `RootNotPlain`. Touches no file.
     pub fn new(number: u32) -> Result<Self, InstanceError> {
         let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
-        Self::at(number, default_root(number, runtime.as_deref(), crate::effective_user()))
+        Self::at(number, default_root(number, runtime.as_deref(), crate::os::effective_user()))
     }
 
     /// An instance whose files live in `root`; for tests and for runtime directories made by a service manager.
@@ -172,7 +174,7 @@ impl Instance {
     /// seen: directories below `/run/user` show nothing to others.
     #[must_use]
     pub fn foreign_owner(&self) -> Option<u32> {
-        let user = crate::effective_user();
+        let user = crate::os::effective_user();
         let end = format!("-{}", self.number);
         fs::read_dir("/tmp").ok()?.flatten().find_map(|entry| {
             let name = entry.file_name();
@@ -190,7 +192,7 @@ impl Instance {
         let root = self.root.clone();
         // Not `metadata`: a link set by another user must not lead us elsewhere.
         let found = fs::symlink_metadata(&root).map_err(io)?;
-        let (owner, user, mode) = (found.uid(), crate::effective_user(), found.mode() & 0o777);
+        let (owner, user, mode) = (found.uid(), crate::os::effective_user(), found.mode() & 0o777);
         if !found.is_dir() {
             return Err(InstanceError::NotADirectory { root });
         }
@@ -231,7 +233,7 @@ fn default_root(number: u32, runtime: Option<&Path>, user: u32) -> PathBuf {
 /// The roots of this user's instances at the usual places, whatever their numbers.
 pub(crate) fn usual_roots() -> Vec<(u32, PathBuf)> {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
-    let user = crate::effective_user();
+    let user = crate::os::effective_user();
     let mut folders = vec![(PathBuf::from("/tmp"), format!("foretrace-{user}-"))];
     folders.extend(
         runtime.filter(|folder| folder.is_absolute()).map(|folder| (folder, "foretrace-".to_owned())),
@@ -311,7 +313,7 @@ mod tests {
         // As root the own directories of others are at hand; otherwise root's are.
         let instance = Instance::at(0, "/proc/1").unwrap();
         let owner = fs::metadata("/proc/1").unwrap().uid();
-        if owner == crate::effective_user() {
+        if owner == crate::os::effective_user() {
             let (_folder, instance) = scratch();
             instance.lock().unwrap();
             std::os::unix::fs::chown(instance.root(), Some(65534), None).unwrap();

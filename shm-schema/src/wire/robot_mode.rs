@@ -2,8 +2,7 @@
 
 use std::fmt;
 
-use crate::UnknownValue;
-use crate::vocabulary::wire_enum;
+use super::vocabulary::{UnknownValue, wire_enum};
 
 wire_enum! {
     /// Safety mode of the robot, numbered as Universal Robots do (RTDE `safety_mode`); 0 is ours.

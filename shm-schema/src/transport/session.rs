@@ -8,7 +8,8 @@ use std::path::PathBuf;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, NodeName, SignalHandlingMode, ipc, set_log_level};
 
-use crate::{Instance, InstanceError, InstanceLock};
+use crate::instance::occupancy::InstanceLock;
+use crate::instance::root::{Instance, InstanceError};
 
 /// Why a service could not be created, opened or used.
 #[derive(thiserror::Error)]
@@ -128,6 +129,8 @@ pub enum ServiceError {
     },
 }
 
+crate::debug_is_sentence!(ServiceError);
+
 impl ServiceError {
     /// Nobody runs `instance`; looks whether another user does.
     #[must_use]
@@ -182,7 +185,7 @@ impl Session {
             checked => checked?,
         }
         instance.daemon().ok_or_else(no_daemon)?;
-        match crate::shared_memory_free_bytes() {
+        match crate::os::shared_memory_free_bytes() {
             Some(free) if free < PEER_MEMORY_LIMIT_BYTES => {
                 Err(ServiceError::NoSpace { free, needed: PEER_MEMORY_LIMIT_BYTES })
             }
@@ -219,5 +222,36 @@ impl Session {
 
     pub(crate) fn damaged(&self, service: &'static str) -> ServiceError {
         ServiceError::Damaged { service, root: self.instance.root().to_path_buf() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::check::Rejection;
+    use crate::wire::vocabulary::RejectReason;
+
+    #[test]
+    fn what_main_prints_is_a_sentence_with_a_remedy() {
+        let root = std::path::PathBuf::from("/tmp/foretrace-0-3");
+        let errors: [Box<dyn std::error::Error>; 3] = [
+            Box::new(ServiceError::NoDaemon { number: 3, root: root.clone(), foreign: None }),
+            Box::new(ServiceError::from(InstanceError::NotADirectory { root })),
+            Box::new(Rejection::new(RejectReason::NotFinite, "q").because(f64::NAN, 1.0)),
+        ];
+        for (error, words) in
+            errors.iter().zip(["start it with `foretrace daemon", "remove it or", "must be a finite"])
+        {
+            let printed = format!("{error:?}");
+            assert!(printed.contains(words) && !printed.contains('{'), "{printed}");
+        }
+    }
+
+    #[test]
+    fn daemon_of_another_user_is_recognised_and_the_gateway_named() {
+        let root = std::path::PathBuf::from("/tmp/foretrace-0-0");
+        let error = ServiceError::NoDaemon { number: 0, root, foreign: Some(1001) };
+        let words = error.to_string();
+        assert!(words.contains("user 1001") && words.contains("foretrace gateway"), "{words}");
     }
 }

@@ -3,7 +3,7 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::layout::wire;
+use super::layout::wire;
 
 wire! {
     /// The arm's lag from a command's stamp to the motion, measured while it works.

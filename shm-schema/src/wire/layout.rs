@@ -140,35 +140,35 @@ macro_rules! wire {
             $($(#[$field_meta])* pub $field: $field_type,)+
         }
 
-        impl $crate::layout::Wire for $type {
-            const FIELDS: &'static [$crate::layout::Field] = &[$($crate::layout::Field {
+        impl $crate::wire::layout::Wire for $type {
+            const FIELDS: &'static [$crate::wire::layout::Field] = &[$($crate::wire::layout::Field {
                 name: stringify!($field),
                 offset: ::std::mem::offset_of!($type, $field),
                 size: ::std::mem::size_of::<$field_type>(),
-                type_hash: <$field_type as $crate::layout::Wire>::LAYOUT_HASH,
+                type_hash: <$field_type as $crate::wire::layout::Wire>::LAYOUT_HASH,
             }),+];
             const LAYOUT_HASH: u64 =
-                $crate::layout::layout_hash($name, ::std::mem::size_of::<$type>(), Self::FIELDS);
-            const ZERO: Self = Self { $($field: <$field_type as $crate::layout::Wire>::ZERO),+ };
+                $crate::wire::layout::layout_hash($name, ::std::mem::size_of::<$type>(), Self::FIELDS);
+            const ZERO: Self = Self { $($field: <$field_type as $crate::wire::layout::Wire>::ZERO),+ };
 
             fn put(&self, bytes: &mut Vec<u8>) {
-                $($crate::layout::Wire::put(&self.$field, bytes);)+
+                $($crate::wire::layout::Wire::put(&self.$field, bytes);)+
             }
 
             fn get(bytes: &mut &[u8]) -> Option<Self> {
-                Some(Self { $($field: <$field_type as $crate::layout::Wire>::get(bytes)?),+ })
+                Some(Self { $($field: <$field_type as $crate::wire::layout::Wire>::get(bytes)?),+ })
             }
         }
 
         impl Default for $type {
             fn default() -> Self {
-                <Self as $crate::layout::Wire>::ZERO
+                <Self as $crate::wire::layout::Wire>::ZERO
             }
         }
 
         const _: () = assert!(
-            $crate::layout::is_gapless(
-                <$type as $crate::layout::Wire>::FIELDS,
+            $crate::wire::layout::is_gapless(
+                <$type as $crate::wire::layout::Wire>::FIELDS,
                 ::std::mem::size_of::<$type>()
             ),
             "a wire type has implicit padding: add an explicit field"

@@ -8,8 +8,10 @@ use iceoryx2::service::builder::request_response::{
 };
 use iceoryx2::service::port_factory::request_response;
 
-use crate::topic::{layout_required, service_name, verify_exactly, verify_hash};
-use crate::{ControlRequest, ControlResponse, MAX_PEERS, ServiceError, Session, Wire};
+use super::session::{ServiceError, Session};
+use super::topic::{MAX_PEERS, layout_required, service_name, verify_exactly, verify_hash};
+use crate::wire::control::{ControlRequest, ControlResponse};
+use crate::wire::layout::Wire;
 
 /// Name of the request-response service.
 pub const CONTROL_SERVICE: &str = "foretrace/control";

@@ -2,9 +2,10 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::{flags, number};
-use crate::layout::wire;
-use crate::{Header, Rejection, Validate, pen_flags};
+use super::check::{Rejection, Validate, flags, number};
+use super::flags::pen_flags;
+use super::header::Header;
+use super::layout::wire;
 
 wire! {
     /// One reading of the pen. Positions are in metres in the device's plane, x right, y away from the writer.
@@ -55,7 +56,7 @@ impl Validate for PenSample {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RejectReason;
+    use crate::wire::vocabulary::RejectReason;
 
     fn good() -> PenSample {
         PenSample {

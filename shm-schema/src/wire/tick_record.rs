@@ -6,12 +6,16 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::{flags, known};
-use crate::layout::wire;
-use crate::{
-    AXES, ArmLag, Counters, FaultReason, GhostState, Header, JOINTS, Mode, PredictorId, Rejection, Rung,
-    STAGES, SolverPath, Stage, StopCause, StopDetail, TrustReason, Validate, guard_mask, health,
-};
+use super::arm_lag::ArmLag;
+use super::check::{Rejection, Validate, flags, known};
+use super::counters::Counters;
+use super::flags::{guard_mask, health, pen_flags};
+use super::header::Header;
+use super::layout::wire;
+use super::status::GhostState;
+use super::stop_detail::{StopCause, StopDetail};
+use super::vocabulary::{FaultReason, Mode, PredictorId, Rung, STAGES, SolverPath, Stage, TrustReason};
+use super::{AXES, JOINTS};
 
 wire! {
     /// Where the time goes between the pen and the arm, part by part [ns]; `u64::MAX`: not known.
@@ -228,7 +232,7 @@ impl Validate for TickRecord {
         }
         flags("health", self.health, health::ALL)?;
         flags("guard_mask", self.guard_mask, guard_mask::ALL)?;
-        flags("pen_flags", self.pen_flags, crate::pen_flags::ALL)
+        flags("pen_flags", self.pen_flags, pen_flags::ALL)
     }
 }
 

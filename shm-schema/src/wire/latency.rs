@@ -2,8 +2,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::Percentiles;
-use crate::layout::wire;
+use super::layout::wire;
+use super::status::Percentiles;
 
 /// Bins of a [`Latency`].
 pub const LATENCY_BINS: usize = 20;

@@ -3,9 +3,9 @@
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
 
-use crate::check::{known, number};
-use crate::layout::wire;
-use crate::{ControlOp, ControlStatus, PredictorId, RejectReason, Rejection, Validate};
+use super::check::{Rejection, Validate, known, number};
+use super::layout::wire;
+use super::vocabulary::{ControlOp, ControlStatus, PredictorId, RejectReason};
 
 /// Bytes of the text in a response.
 pub const MESSAGE_BYTES: usize = 160;

@@ -4,8 +4,8 @@ use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::layout::wire;
-use crate::vocabulary::{UnknownValue, wire_enum};
+use super::layout::wire;
+use super::vocabulary::{UnknownValue, wire_enum};
 
 wire_enum! {
     /// What exactly was seen when a stop latched; the unit of `StopDetail::amount` and `limit` depends on it.

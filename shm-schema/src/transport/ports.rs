@@ -10,10 +10,12 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{LoanError, SendError};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 
-use crate::{
-    Header, HeaderBounds, HeaderCheck, Message, Rejection, Rejections, ServiceError, Topic, Wire,
-    host_boot_id,
-};
+use super::session::ServiceError;
+use super::topic::{Message, Topic};
+use crate::wire::check::{Rejection, Rejections};
+use crate::wire::clock::host_boot_id;
+use crate::wire::header::{Header, HeaderBounds, HeaderCheck};
+use crate::wire::layout::Wire;
 
 /// Why a message did not go out.
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -28,6 +30,8 @@ pub enum PublishError {
     #[error("the middleware failed to deliver")]
     Middleware,
 }
+
+crate::debug_is_sentence!(PublishError);
 
 /// Sends messages of one type.
 #[derive(Debug)]

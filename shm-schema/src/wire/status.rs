@@ -4,12 +4,18 @@ use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::{flags, known};
-use crate::layout::wire;
-use crate::vocabulary::{UnknownValue, wire_enum};
-use crate::{
-    ArmLag, Chain, Counters, FaultReason, Header, Latency, Mode, PredictorId, Refused, Rejection, STAGES,
-    Stage, StopCause, StopDetail, ToolExtent, TrustReason, Validate, missing_rights,
+use super::arm_lag::ArmLag;
+use super::check::{Rejection, Validate, flags, known};
+use super::counters::Counters;
+use super::flags::missing_rights;
+use super::header::Header;
+use super::latency::Latency;
+use super::layout::wire;
+use super::refused::Refused;
+use super::stop_detail::{StopCause, StopDetail, ToolExtent};
+use super::tick_record::Chain;
+use super::vocabulary::{
+    FaultReason, Mode, PredictorId, STAGES, Stage, TrustReason, UnknownValue, wire_enum,
 };
 
 wire! {
@@ -221,7 +227,7 @@ impl Validate for Status {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RejectReason;
+    use crate::wire::vocabulary::RejectReason;
 
     #[test]
     fn unknown_modes_and_rights_are_refused() {

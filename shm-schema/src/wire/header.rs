@@ -5,8 +5,9 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::layout::wire;
-use crate::{RejectReason, Rejection};
+use super::check::Rejection;
+use super::layout::wire;
+use super::vocabulary::RejectReason;
 
 wire! {
     /// First field of every message.

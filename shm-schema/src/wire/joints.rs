@@ -5,9 +5,13 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::{flags, known, within};
-use crate::layout::wire;
-use crate::{Header, JOINTS, Mode, Rejection, RobotMode, SafetyMode, Validate, command_flags};
+use super::JOINTS;
+use super::check::{Rejection, Validate, flags, known, within};
+use super::flags::command_flags;
+use super::header::Header;
+use super::layout::wire;
+use super::robot_mode::{RobotMode, SafetyMode};
+use super::vocabulary::Mode;
 
 wire! {
     /// Joint positions to be reached at `header.stamp_ns`, one control period after the tick that made them.
@@ -129,7 +133,7 @@ impl Validate for Enable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RejectReason;
+    use crate::wire::vocabulary::RejectReason;
 
     #[test]
     fn any_single_bad_joint_refuses_the_whole_message() {

@@ -4,9 +4,9 @@ use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::check::Rejection;
-use crate::layout::wire;
-use crate::vocabulary::{RejectReason, UnknownValue, wire_enum};
+use super::check::Rejection;
+use super::layout::wire;
+use super::vocabulary::{RejectReason, UnknownValue, wire_enum};
 
 wire_enum! {
     /// The fields that a refusal may name; labels are the fields' names.
@@ -112,7 +112,9 @@ impl fmt::Display for Refused {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{JointState, PenSample, Validate};
+    use crate::wire::check::Validate;
+    use crate::wire::joints::JointState;
+    use crate::wire::pen::PenSample;
 
     #[test]
     fn refusals_survive_the_wire_with_their_evidence() {

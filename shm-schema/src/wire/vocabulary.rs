@@ -15,6 +15,8 @@ pub struct UnknownValue {
     pub value: i64,
 }
 
+crate::debug_is_sentence!(UnknownValue);
+
 macro_rules! wire_enum {
     ($(#[$meta:meta])* pub enum $type:ident: $repr:ident {
         $($(#[$variant_meta:meta])* $variant:ident = $number:literal => $label:literal),+ $(,)?

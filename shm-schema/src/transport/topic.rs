@@ -11,10 +11,14 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::publish_subscribe;
 
-use crate::{
-    ControlTopic, Enable, Header, JointCommand, JointState, PenSample, ServiceError, Session, Status,
-    TickRecord, Validate,
-};
+use super::control_topic::ControlTopic;
+use super::session::{ServiceError, Session};
+use crate::wire::check::Validate;
+use crate::wire::header::Header;
+use crate::wire::joints::{Enable, JointCommand, JointState};
+use crate::wire::pen::PenSample;
+use crate::wire::status::Status;
+use crate::wire::tick_record::TickRecord;
 
 /// Quality of service of a topic. Overflow is always on: the oldest message gives way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,8 +9,9 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::instance::MIDDLEWARE_FOLDER;
-use crate::{Instance, InstanceError, SHARED_MEMORY};
+use super::SHARED_MEMORY;
+use super::root::{Instance, InstanceError, MIDDLEWARE_FOLDER};
+use crate::wire::clock::monotonic_now_ns;
 
 /// What a purge did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -196,7 +197,7 @@ impl InstanceLock {
     pub fn announce(&mut self) -> io::Result<()> {
         self.file.set_len(0)?;
         self.file.rewind()?;
-        writeln!(self.file, "{} {}", std::process::id(), crate::monotonic_now_ns())?;
+        writeln!(self.file, "{} {}", std::process::id(), monotonic_now_ns())?;
         self.file.flush()
     }
 
@@ -212,7 +213,7 @@ impl InstanceLock {
 fn own_segment(path: &Path) -> Result<(), InstanceError> {
     // Not `metadata`: a link of another user must not borrow the owner of what it points to.
     let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
-    let (owner, mode, user) = (found.uid(), found.mode() & 0o777, crate::effective_user());
+    let (owner, mode, user) = (found.uid(), found.mode() & 0o777, crate::os::effective_user());
     if owner == user && mode & 0o077 == 0 {
         return Ok(());
     }

@@ -7,8 +7,9 @@ use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::layout::wire;
-use crate::{PEN_POSITION_LIMIT_M, REJECT_REASONS, RejectReason, UnknownValue, Wire};
+use super::layout::{Wire, wire};
+use super::pen::PEN_POSITION_LIMIT_M;
+use super::vocabulary::{REJECT_REASONS, RejectReason, UnknownValue};
 
 /// One refusal. Two are equal when reason and field are: the evidence differs from message to message.
 #[derive(Clone, Copy, thiserror::Error)]
@@ -24,6 +25,8 @@ pub struct Rejection {
     /// The bound that was broken, in the same unit; NaN where there is none.
     pub bound: f64,
 }
+
+crate::debug_is_sentence!(Rejection);
 
 impl PartialEq for Rejection {
     fn eq(&self, other: &Self) -> bool {

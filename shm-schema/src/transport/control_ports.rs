@@ -11,11 +11,13 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::server::ServerCreateError;
 
-use crate::{
-    CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlOp, ControlRequest, ControlResponse,
-    ControlStatus, ControlTopic, RejectReason, Rejection, Rejections, ServiceError, Validate, Wire,
-    host_boot_id,
-};
+use super::control_topic::{CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlTopic};
+use super::session::ServiceError;
+use crate::wire::check::{Rejection, Rejections, Validate};
+use crate::wire::clock::{host_boot_id, monotonic_now_ns};
+use crate::wire::control::{ControlRequest, ControlResponse};
+use crate::wire::layout::Wire;
+use crate::wire::vocabulary::{ControlOp, ControlStatus, RejectReason};
 
 /// How often a waiting client looks for the answer.
 const POLL: Duration = Duration::from_micros(500);
@@ -64,6 +66,8 @@ pub enum AskError {
     Middleware,
 }
 
+crate::debug_is_sentence!(AskError);
+
 impl ControlTopic {
     /// The server, to be used in the calling thread. `daemon_id` goes into every answer.
     ///
@@ -100,7 +104,7 @@ impl ControlTopic {
                 other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
             })?;
         // Tokens of one process never repeat; the clock keeps those of different processes apart.
-        Ok(ControlClient { port, boot_id: host_boot_id(), token: crate::monotonic_now_ns() })
+        Ok(ControlClient { port, boot_id: host_boot_id(), token: monotonic_now_ns() })
     }
 }
 
@@ -176,7 +180,7 @@ impl ControlClient {
         let deadline = Instant::now() + timeout;
         // A request that reached nobody may be sent again; one that reached a server may not.
         let pending = loop {
-            request.sent_ns = crate::monotonic_now_ns();
+            request.sent_ns = monotonic_now_ns();
             let pending = self.port.send_copy(request).map_err(|_| AskError::Middleware)?;
             if pending.number_of_server_connections() > 0 {
                 break pending;

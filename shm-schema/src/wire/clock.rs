@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::layout::fnv1a;
+use super::layout::fnv1a;
 
 /// Now on CLOCK_MONOTONIC [ns]. No system call on common machines (vDSO), no allocation.
 pub fn monotonic_now_ns() -> u64 {

@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState, ipc};
 
-use crate::instance::{MIDDLEWARE_FOLDER, usual_roots};
-use crate::{Instance, InstanceError, Purge, SharedMemory};
+use super::SHARED_MEMORY;
+use super::occupancy::{Purge, SharedMemory};
+use super::root::{Instance, InstanceError, MIDDLEWARE_FOLDER, usual_roots};
 
 /// Who is, and who was, in an instance.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -77,7 +78,7 @@ impl Instance {
     pub fn in_sight(roots: &[PathBuf]) -> Vec<Self> {
         let mut found: Vec<Self> =
             usual_roots().into_iter().filter_map(|(number, root)| Self::at(number, root).ok()).collect();
-        let prefixed = prefixed(Path::new(crate::SHARED_MEMORY)).unwrap_or_default();
+        let prefixed = prefixed(Path::new(SHARED_MEMORY)).unwrap_or_default();
         let numbers: std::collections::BTreeSet<u32> = prefixed.iter().map(|group| group.number).collect();
         for root in roots {
             let here = numbers.iter().filter_map(|number| Self::at(*number, root).ok());
@@ -217,7 +218,7 @@ mod tests {
     }
 
     fn segment(instance: &Instance) -> PathBuf {
-        PathBuf::from(format!("{}/{}x.data", crate::SHARED_MEMORY, instance.prefix()))
+        PathBuf::from(format!("{SHARED_MEMORY}/{}x.data", instance.prefix()))
     }
 
     #[test]
