@@ -1,23 +1,16 @@
 //! Ticks as others see them: records, counters and the newest tick's part of the status.
 
-use foretrace_control::extent::Extent;
-use foretrace_control::follower::{Health, Mode, Rung, StepOutput};
-use foretrace_control::ghost::{GhostFigures, GhostReport, GhostState, Tracking};
-use foretrace_control::guard::Reasons;
-use foretrace_control::ik::{IkReport, IkSource};
-use foretrace_control::lag::LagEstimate;
-use foretrace_control::mpc::{AxisReport, SolvePath};
+use foretrace_control::ghost::GhostReport;
+use foretrace_control::mpc::AxisReport;
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
-use foretrace_shm::{SolverPath, Stage};
+use foretrace_shm::Stage;
 
-use super::{fault, flag, mode, predictor, refused, stop_detail, trust_reason};
-use crate::ipc::chain::Parts;
-use crate::ports::{JOINTS, PortTally};
+use super::chain::Parts;
+use super::refused;
+use crate::ports::PortTally;
 use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
-
-/// Stands for an unknown age or a residual that was not computed.
-const UNKNOWN: f64 = -1.0;
+use crate::wire::{self, JOINTS, UNKNOWN, flag, known};
 
 /// What the ipc thread counts, or adds to what the loop counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -145,30 +138,30 @@ pub fn tick_record(
         trust: output.trust.alpha.alpha(),
         trust_target: output.trust.target.alpha(),
         confidence: UNKNOWN,
-        trust_reason: trust_reason(output.trust.reason).into(),
-        rung: rung(output.rung).into(),
-        mode: mode(output.mode).into(),
-        fault: fault(output.stop_reason).into(),
+        trust_reason: wire::trust_reason(output.trust.reason).into(),
+        rung: wire::rung(output.rung).into(),
+        mode: wire::mode(output.mode).into(),
+        fault: wire::fault(output.stop_reason).into(),
         health: health(evidence),
-        guard_mask: guard_mask(output.guard_altered),
+        guard_mask: wire::guard_mask(output.guard_altered),
         mpc_active: output.axes.map(|axis| axis.active.total()),
         mpc_iterations: output.axes.map(|axis| axis.iterations),
-        mpc_path: mpc_path(output),
+        mpc_path: wire::mpc_path(output),
         mpc_residual: output.axes.map(|axis: AxisReport| known(axis.kkt_residual)),
         predictor_error_m: output.predictor_error.map_or(UNKNOWN, known),
         predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
         learner_version: output.weights_version,
         learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
-        predictor: predictor(output.predictor).into(),
+        predictor: wire::predictor(output.predictor).into(),
         allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
         connections_changed: (evidence.port_allocations > 0).into(),
         counters: counters(evidence, ipc),
-        arm_lag: arm_lag(output),
+        arm_lag: wire::arm_lag(output),
         ghost_tool_m: ghost.tool.unwrap_or_default(),
-        ghost_state: ghost_state(ghost.state).into(),
+        ghost_state: wire::ghost_state(ghost.state).into(),
         error_m: UNKNOWN,
         ghost_error_m: UNKNOWN,
-        stop: stop_detail(&output.stop_detail),
+        stop: wire::stop_detail(&output.stop_detail),
         arm_speed_share: output.arm_speed_share.unwrap_or(UNKNOWN),
         ..Default::default()
     };
@@ -178,34 +171,11 @@ pub fn tick_record(
         record.ghost_error_m = compared.ghost_error_m;
         record.compared_contact = compared.contact.into();
     }
-    ik_report(&mut record, &output.ik, output);
+    wire::ik_report(&mut record, &output.ik, output);
     for (stage, ns) in stages(&evidence.times) {
         record.set_stage(stage, ns);
     }
     record
-}
-
-/// Where the measured tool has been.
-#[must_use]
-pub const fn extent(extent: &Extent) -> shm::ToolExtent {
-    let [height_min_m, height_max_m] = extent.height_m;
-    shm::ToolExtent {
-        height_min_m,
-        height_max_m,
-        outside_max_m: extent.outside_m,
-        tilt_max_rad: extent.tilt_rad,
-    }
-}
-
-/// How late the arm is, and what the plan makes of it.
-fn arm_lag(output: &StepOutput<JOINTS>) -> shm::ArmLag {
-    let unknown = shm::ArmLag::unknown(output.dead_time_ns);
-    output.lag.map_or(unknown, |LagEstimate { lag_s, std_s, shift_s }| shm::ArmLag {
-        lag_s,
-        std_s,
-        shift_s,
-        ..unknown
-    })
 }
 
 /// Latencies part by part as they stand on the wire.
@@ -221,55 +191,25 @@ pub fn chain(parts: &Parts) -> shm::Chain {
     }
 }
 
-/// Fills in what the prediction saves.
-pub fn ghost_figures(status: &mut shm::Status, figures: &GhostFigures, cost_ns: u32) {
-    status.tracking = tracking(&figures.real);
-    status.ghost = tracking(&figures.ghost);
-    status.compared_s = figures.seconds;
-    status.ghost_state = ghost_state(figures.state).into();
-    status.ghost_cost_ns = cost_ns;
-}
-
-fn tracking(tracking: &Tracking) -> shm::Tracking {
-    let metres = |value: Option<f64>| value.unwrap_or(UNKNOWN);
-    let seconds = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    shm::Tracking {
-        recent_rms_m: metres(tracking.recent_rms),
-        session_rms_m: metres(tracking.session_rms),
-        hover_rms_m: metres(tracking.hover_rms),
-        recent_lag_s: seconds(tracking.recent_lag),
-        session_lag_s: seconds(tracking.session_lag),
-    }
-}
-
-const fn ghost_state(state: GhostState) -> shm::GhostState {
-    match state {
-        GhostState::Off => shm::GhostState::Off,
-        GhostState::Approaching => shm::GhostState::Approaching,
-        GhostState::Settling => shm::GhostState::Settling,
-        GhostState::Comparable => shm::GhostState::Comparable,
-    }
-}
-
 /// Fills in what a status says about the newest tick; ages are taken at `now`.
 pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, now: Stamp) {
     let output = &newest.output;
-    status.mode = mode(output.mode).into();
-    status.fault = fault(output.stop_reason).into();
+    status.mode = wire::mode(output.mode).into();
+    status.fault = wire::fault(output.stop_reason).into();
     status.tick = newest.tick;
     status.counters = counters(newest, ipc);
     status.trust = output.trust.alpha.alpha();
     status.trust_target = output.trust.target.alpha();
-    status.trust_reason = trust_reason(output.trust.reason).into();
-    status.predictor = predictor(output.predictor).into();
+    status.trust_reason = wire::trust_reason(output.trust.reason).into();
+    status.predictor = wire::predictor(output.predictor).into();
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
-    status.pen_refused = refused::wire(refused::pen(newest));
-    status.joints_refused = refused::wire(newest.ports.joints_refused);
-    status.enable_refused = refused::wire(newest.ports.enable_refused);
-    status.arm_lag = arm_lag(output);
-    status.stop = stop_detail(&output.stop_detail);
+    status.pen_refused = wire::refused(refused::pen(newest));
+    status.joints_refused = wire::refused(newest.ports.joints_refused);
+    status.enable_refused = wire::refused(newest.ports.enable_refused);
+    status.arm_lag = wire::arm_lag(output);
+    status.stop = wire::stop_detail(&output.stop_detail);
     status.arm_speed_share = output.arm_speed_share.unwrap_or(UNKNOWN);
     status.learner_version = output.weights_version;
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
@@ -292,89 +232,13 @@ pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
     ]
 }
 
-fn ik_report(record: &mut shm::TickRecord, report: &IkReport, output: &StepOutput<JOINTS>) {
-    let planned = solves(output);
-    record.ik_active = report.active.lower | report.active.upper;
-    record.ik_iterations = report.iterations;
-    record.ik_residual = known(report.kkt_residual);
-    record.ik_path = match report.source {
-        _ if !planned => SolverPath::NotRun,
-        IkSource::Optimum if report.iterations == 0 => SolverPath::Gain,
-        IkSource::Optimum => SolverPath::ActiveSet,
-        IkSource::Clamped | IkSource::Brake => SolverPath::Fallback,
-    }
-    .into();
-}
-
-/// Whether the plan and the joints of this tick were solved in it.
-fn solves(output: &StepOutput<JOINTS>) -> bool {
-    output.command.is_some() && output.mode != Mode::Homing && matches!(output.rung, Rung::FreshPlan)
-}
-
-fn mpc_path(output: &StepOutput<JOINTS>) -> [u32; shm::AXES] {
-    let run = matches!(output.mode, Mode::Following | Mode::Holding);
-    output.axes.map(|axis| {
-        match axis.path {
-            _ if !run => SolverPath::NotRun,
-            _ if !solves(output) => SolverPath::Fallback,
-            SolvePath::Gain => SolverPath::Gain,
-            SolvePath::ActiveSet => SolverPath::ActiveSet,
-            SolvePath::Clarabel => SolverPath::Clarabel,
-            SolvePath::Failed => SolverPath::Fallback,
-        }
-        .into()
-    })
-}
-
-const fn rung(rung: Rung) -> shm::Rung {
-    match rung {
-        Rung::FreshPlan => shm::Rung::FreshPlan,
-        Rung::PreviousPlan => shm::Rung::PreviousPlan,
-        Rung::Stop => shm::Rung::Stop,
-        Rung::Hold => shm::Rung::Hold,
-    }
-}
-
 fn health(evidence: &Evidence) -> u32 {
-    use shm::health as wire;
-    let of = |bit, wire| flag(evidence.output.health.has(bit), wire);
-    of(Health::PEN_STALE, wire::PEN_STALE)
-        | of(Health::PEN_REJECTED, wire::PEN_REJECTED)
-        | of(Health::PEN_JUMP, wire::PEN_JUMP)
-        | of(Health::PREDICTOR_INVALID, wire::PREDICTOR_UNHEALTHY)
-        | of(Health::WEIGHTS_REFUSED, wire::WEIGHTS_REFUSED)
-        | of(Health::MPC_FAILED, wire::MPC_CAP)
-        | of(Health::FALLBACK, wire::MPC_FALLBACK)
-        | of(Health::IK_FAILED, wire::IK_CAP)
-        | of(Health::IK_LIMITED, wire::IK_CLIPPED)
-        | of(Health::GUARD_ALTERED, wire::GUARD_CLIPPED)
-        | of(Health::CLEARANCE, wire::CLEARANCE)
-        | of(Health::RESYNCHRONISED, wire::RESYNCHRONISED)
-        | of(Health::SHED, wire::SHED)
-        | of(Health::JOINTS_STALE, wire::JOINT_STATE_STALE)
-        | of(Health::ENABLE_MISSING, wire::DEAD_MAN)
-        | of(Health::TIME_LOST, wire::TIME_LOST)
-        | flag(evidence.finished > evidence.deadline, wire::OVERRUN)
-        | flag(evidence.not_sent, wire::COMMAND_NOT_SENT)
-        | flag(evidence.port_allocations > 0 || evidence.law_allocations > 0, wire::ALLOCATED)
-}
-
-fn guard_mask(reasons: u32) -> u32 {
-    use shm::guard_mask as wire;
-    let of = |reason: Reasons, bit| flag(reasons & u32::from(reason.bits()) != 0, bit);
-    of(Reasons::NOT_FINITE, wire::NOT_FINITE)
-        | of(Reasons::POSITION, wire::POSITION)
-        | of(Reasons::VELOCITY, wire::VELOCITY)
-        | of(Reasons::ACCELERATION, wire::ACCELERATION)
-        | of(Reasons::JERK, wire::JERK)
-        | of(Reasons::STAMP, wire::DISCONTINUOUS)
-        | of(Reasons::GAP, wire::DISCONTINUOUS)
+    wire::health(evidence.output.health)
+        | flag(evidence.finished > evidence.deadline, shm::health::OVERRUN)
+        | flag(evidence.not_sent, shm::health::COMMAND_NOT_SENT)
+        | flag(evidence.port_allocations > 0 || evidence.law_allocations > 0, shm::health::ALLOCATED)
 }
 
 fn age_ns(now: Stamp, stamp: Option<Stamp>) -> u64 {
     stamp.map_or(u64::MAX, |stamp| now.0.saturating_sub(stamp.0))
-}
-
-const fn known(value: f64) -> f64 {
-    if value.is_nan() { UNKNOWN } else { value }
 }

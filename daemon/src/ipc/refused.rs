@@ -1,25 +1,7 @@
-//! The newest refusal of each kind of message as the status shows it: what the ports refused and what the law refused.
+//! The newest pen sample that was refused, whoever refused it: a port or the grid of the law.
 
-use foretrace_control::pen::{PenRefusal, PenRejection};
-use foretrace_shm as shm;
-use foretrace_shm::{RejectReason, Rejection};
-
-use crate::ports::Refused;
 use crate::rt::evidence::Evidence;
-
-/// What the pen grid refused, in the words of the wire; `None` for what no sender can mend.
-#[must_use]
-pub fn pen_rejection(refusal: &PenRefusal) -> Option<Rejection> {
-    let coordinate = if refusal.axis == Some(1) { "y_m" } else { "x_m" };
-    let (reason, field) = match refusal.why {
-        PenRejection::NonFinite => (RejectReason::NotFinite, coordinate),
-        PenRejection::OutOfRange => (RejectReason::OutOfRange, coordinate),
-        PenRejection::FromFuture => (RejectReason::FromTheFuture, "device_stamp_ns"),
-        PenRejection::TimeBackwards => (RejectReason::TimeBackwards, "device_stamp_ns"),
-        PenRejection::Repeat | PenRejection::Outlier => return None,
-    };
-    Some(Rejection::new(reason, field).because(refusal.value, refusal.bound))
-}
+use crate::wire::{Refused, pen_rejection};
 
 /// The newest pen sample refused, at the port or by the grid.
 #[must_use]
@@ -34,15 +16,11 @@ pub fn pen(evidence: &Evidence) -> Option<Refused> {
     }
 }
 
-/// As it stands on the wire.
-#[must_use]
-pub fn wire(refused: Option<Refused>) -> shm::Refused {
-    refused.map_or(shm::Refused::NONE, |Refused { why, at }| shm::Refused::of(&why, at.0))
-}
-
 #[cfg(test)]
 mod tests {
+    use foretrace_control::pen::{PenRefusal, PenRejection};
     use foretrace_control::units::Stamp;
+    use foretrace_shm::{RejectReason, Rejection};
 
     use super::*;
     use crate::ipc::tests::evidence;
@@ -59,7 +37,7 @@ mod tests {
             at: Stamp(20),
         };
         tick.output.pen_refused = Some(grid);
-        let told = |tick: &_| wire(pen(tick)).to_string();
+        let told = |tick: &_| crate::wire::refused(pen(tick)).to_string();
         assert!(
             told(&tick).starts_with("y_m = 3.2000 m, beyond the edge of the device at 0.5000 m"),
             "{}",
