@@ -9,6 +9,11 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 OUR_FOLDERS = {"daemon", "client", "shm-schema", "config", "tests"}
 UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/src/os.rs", "client/cli/src/os.rs"}
+# Rooms inside a crate (source folder: its modules in order): each names only those before it. What is not listed is not checked.
+ROOMS = {
+    "shm-schema/src": ["os", "wire", "instance", "transport"],
+    "daemon/src": ["wire", "ports", "rt", "learner", "ipc", "supervisor"],
+}
 problems: list[str] = []
 
 
@@ -58,6 +63,36 @@ def layers_point_downwards() -> None:
         extra = wanted - below.get(package["name"], wanted)
         if extra:
             problems.append(f"{package['name']} depends on {sorted(extra)}, which is not a layer below it")
+
+
+def rooms_point_downwards() -> None:
+    """No file of a room of ROOMS has a path to a later one, tests aside."""
+    for folder, rooms in ROOMS.items():
+        # A name that lib.rs takes out of a room counts as that room: `crate::Name` is no way around.
+        library = (ROOT / folder / "lib.rs").read_text(encoding="utf-8")
+        taken = re.findall(r"^(?:pub(?:\(crate\))? )?use (\w+)::([^;]*);", library, re.MULTILINE)
+        room_of = {name: room for room, names in taken if room in rooms for name in re.findall(r"\w+", names)}
+        room_of |= {room: room for room in rooms}
+        for room in rooms:
+            if not re.search(rf"^(?:pub(?:\(crate\))? )?mod {room};", library, re.MULTILINE):
+                problems.append(f"{folder}/lib.rs has no module {room}, which is a room of .ci/invariants.py")
+        for path in sources(folder):
+            name, parts = str(path.relative_to(ROOT)), path.relative_to(ROOT / folder).with_suffix("").parts
+            if parts[0] not in rooms or "/tests" in name:
+                continue
+            text = re.sub(r"^[ \t]*//.*$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+            text = re.split(r"^#\[cfg\(test\)\]\n(?:#.*\n)*(?:pub(?:\(crate\))? )?mod \w+ \{", text, flags=re.MULTILINE)[0]
+            depth = len(parts) - (parts[-1] == "mod")
+            to_root = rf"(?<!\w)(?<!super::)(?:crate|super(?:::super){{{depth - 1}}})::(?=(\{{)|(\w+))"
+            for found in re.finditer(to_root, text):
+                inside, before = text[found.end() + 1 :], None
+                while found[1] and inside != before:
+                    before, inside = inside, re.sub(r"\{[^{}]*\}", "", inside)
+                named = re.findall(r"(?:^|,)\s*(\w+)", inside.split("}")[0]) if found[1] else [found[2]]
+                for other in named:
+                    if other in room_of and rooms.index(room_of[other]) > rooms.index(parts[0]):
+                        line = text.count("\n", 0, found.start()) + 1
+                        problems.append(f"{name}:{line}: {parts[0]} names {room_of[other]}, which is a later room")
 
 
 def opponents_stay_in_the_lab() -> None:
@@ -126,6 +161,7 @@ def sizes_and_places() -> None:
 def main() -> int:
     control_reaches_no_outside_world()
     layers_point_downwards()
+    rooms_point_downwards()
     opponents_stay_in_the_lab()
     nowhere_but(r"\biceoryx2\b", "daemon/src", {"daemon/src/ports/shm.rs"}, "only ports/shm.rs names iceoryx2 in the daemon")
     nowhere_but(r"\bclarabel::(algebra|solver)\b", "daemon/control/src", {"daemon/control/src/qp/clarabel.rs"}, "only qp/clarabel.rs names Clarabel")

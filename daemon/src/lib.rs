@@ -1,8 +1,9 @@
 //! The real-time daemon of foretrace: one real-time thread, a learner, an ipc thread and a supervisor.
 //!
 //! [`run`] is the whole of it; `foretraced` and `foretrace daemon` are thin shells around it. In the order of a
-//! message's way: [`ports`] bring it in and out, [`rt`] is the loop around the pure follower, [`learner`] improves its
-//! weights, [`ipc`] tells others and hears them, [`supervisor`] starts and ends everything.
+//! message's way: [`wire`] says it in the law's types, [`ports`] bring it in and out, [`rt`] is the loop around the pure
+//! follower, [`learner`] improves its weights, [`ipc`] tells others and hears them, [`supervisor`] starts and ends everything.
+//! Each of these rooms knows only those before it.
 //!
 //! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting allocator).
 
@@ -10,8 +11,9 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod alloc_count;
-pub mod rt;
+pub mod wire;
 pub mod ports;
+pub mod rt;
 pub mod learner;
 pub mod ipc;
 pub mod limits;

@@ -6,71 +6,58 @@
 //! A receiver copies a message once and validates the copy; what is refused is counted by reason.
 //! No domain mathematics, no threads, no policy lives here.
 //!
+//! Three rooms, each of which knows only those before it: `wire` (the messages), `instance` (names, root, occupancy, leftovers,
+//! the way to stop) and `transport` (sessions, services, ports). Below them `os` makes the calls to the system.
+//!
 //! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
-pub mod layout;
-pub use layout::Wire;
-mod sentence;
-mod vocabulary;
-pub use vocabulary::*;
-mod robot_mode;
-pub use robot_mode::*;
-mod flags;
-pub use flags::*;
-mod check;
-pub use check::*;
-mod header;
-pub use header::*;
-mod pen;
-pub use pen::*;
-mod joints;
-pub use joints::*;
-mod counters;
-pub use counters::*;
-mod arm_lag;
-pub use arm_lag::*;
-mod tick_record;
-pub use tick_record::*;
-mod refused;
-pub use refused::*;
-mod stop_detail;
-pub use stop_detail::*;
-mod latency;
-pub use latency::*;
-mod status;
-pub use status::*;
-mod control;
-pub use control::*;
-mod clock;
-pub use clock::*;
 mod os;
-pub use os::{effective_user, shared_memory_free_bytes};
+mod wire;
 mod instance;
-pub use instance::*;
-mod occupancy;
-pub use occupancy::*;
-mod leftovers;
-pub use leftovers::*;
-mod stop_path;
-pub use stop_path::*;
-mod session;
-pub use session::*;
-mod topic;
-pub use topic::*;
-mod control_topic;
-pub use control_topic::*;
-mod ports;
-pub use ports::*;
-mod control_ports;
-pub use control_ports::*;
+mod transport;
 
-/// Joints on the wire. The control law may use fewer; unused joints are zero.
-pub const JOINTS: usize = 6;
+pub use os::{effective_user, shared_memory_free_bytes};
 
-/// Axes of a position on the wire: x, y in the writing plane, z along its normal.
-pub const AXES: usize = 3;
+pub use wire::{
+    AXES, JOINTS,
+    arm_lag::ArmLag,
+    check::{Rejection, Rejections, Validate},
+    clock::{host_boot_id, monotonic_now_ns},
+    control::{ControlRequest, ControlResponse, MESSAGE_BYTES},
+    counters::Counters,
+    flags::{command_flags, guard_mask, health, missing_rights, pen_flags},
+    header::{Header, HeaderBounds, HeaderCheck},
+    joints::{
+        EFFORT_LIMIT, Enable, JOINT_POSITION_LIMIT_RAD, JOINT_VELOCITY_LIMIT_RADPS, JointCommand, JointState,
+    },
+    latency::{LATENCY_BINS, Latency},
+    layout::{self, Wire},
+    pen::{PEN_POSITION_LIMIT_M, PenSample},
+    refused::{Refused, RejectField},
+    robot_mode::{RobotMode, SafetyMode},
+    status::{GhostState, Percentiles, Status, Tracking, WayHome},
+    stop_detail::{StopCause, StopDetail, ToolExtent},
+    tick_record::{Chain, TickRecord},
+    vocabulary::{
+        ControlOp, ControlStatus, FaultReason, Mode, PredictorId, REJECT_REASONS, RejectReason, Rung, STAGES,
+        SolverPath, Stage, TrustReason, UnknownValue,
+    },
+};
 
-/// Where the middleware keeps its segments.
-pub const SHARED_MEMORY: &str = "/dev/shm";
+pub use instance::{
+    SHARED_MEMORY,
+    leftovers::{Cleaned, Leftovers, Prefixed, prefixed},
+    occupancy::{DaemonMark, InstanceLock, Purge, SharedMemory},
+    root::{Instance, InstanceError},
+    stop_path::{STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, StopAnswer, StopFrame, StopFrameError},
+};
+
+pub use transport::{
+    control_ports::{AskError, Call, ControlClient, ControlServer},
+    control_topic::{CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlTopic},
+    ports::{PublishError, Publisher, Subscriber},
+    session::{PEER_MEMORY_LIMIT_BYTES, ServiceError, Session},
+    topic::{MAX_PEERS, Message, Qos, SHARED_MEMORY_LIMIT_BYTES, Services, Topic},
+};

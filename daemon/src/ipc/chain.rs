@@ -10,8 +10,8 @@ use hdrhistogram::Histogram;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{RejectReason, Rejection};
 
-use crate::ports::{Echo, Refused};
 use crate::rt::evidence::Evidence;
+use crate::wire::{Echo, Refused};
 
 /// Commands that an echo may still name: a second at 1 kHz.
 const KEPT: usize = 1024;

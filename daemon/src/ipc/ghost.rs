@@ -10,9 +10,9 @@ use hdrhistogram::Histogram;
 use foretrace_control::follower::{FollowerError, FollowerSettings};
 use foretrace_control::ghost::{Ghost, GhostFigures, GhostReport, GhostTick};
 
-use crate::ports::JOINTS;
 use crate::rt::evidence::Evidence;
 use crate::rt::os;
+use crate::wire::JOINTS;
 
 /// With more records waiting than this the ghost stands back: an eighth of the ring.
 const TOO_MANY_WAITING: usize = 64;

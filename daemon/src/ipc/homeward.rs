@@ -5,8 +5,8 @@ use foretrace_control::ik::Clearance;
 use foretrace_control::ik::clearance::way::MORE_M;
 use foretrace_shm::WayHome;
 
-use crate::ports::JOINTS;
 use crate::rt::evidence::Evidence;
+use crate::wire::JOINTS;
 
 /// What has to be known of the arm for that.
 #[derive(Debug)]

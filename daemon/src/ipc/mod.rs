@@ -9,6 +9,8 @@ pub mod ghost;
 pub mod homeward;
 pub mod latency;
 pub mod narrator;
+pub mod record;
+pub mod refused;
 pub mod requests;
 pub mod statistics;
 
@@ -27,18 +29,18 @@ use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, Tool
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
-use crate::ports::JOINTS;
-use crate::ports::convert::{self, IpcTally};
 use crate::ports::shm::IpcPorts;
 use crate::rt::evidence::Evidence;
 use crate::rt::os;
 use crate::rt::tick::IpcRings;
+use crate::wire::{self, JOINTS};
 use allocation::AllocationJudge;
 use chain::ChainWatch;
 use ghost::GhostShell;
 use homeward::Homeward;
 use latency::Latencies;
 use narrator::Narrator;
+use record::IpcTally;
 use requests::{ReloadRequest, Requests};
 use statistics::{RateMeter, RunningRms, Spreads};
 
@@ -267,7 +269,7 @@ impl Ipc {
         }
         let ghost = self.links.ghost.follow(evidence, self.links.rings.evidence.slots());
         if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
-            let record = convert::tick_record(evidence, &parts, &ghost, &self.tally());
+            let record = record::tick_record(evidence, &parts, &ghost, &self.tally());
             if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
                 self.telemetry_failed += 1;
             }
@@ -311,7 +313,7 @@ impl Ipc {
             stages: self.spreads.percentiles(),
             pen_age_ns: u64::MAX,
             joint_state_age_ns: u64::MAX,
-            chain: convert::chain(&self.chain.recent()),
+            chain: record::chain(&self.chain.recent()),
             pen_to_command: self.latencies.pen_to_command(),
             command_to_motion: self.latencies.command_to_motion(),
             learner_updates: learner.updates,
@@ -324,18 +326,18 @@ impl Ipc {
             pen_refused: Refused::NONE,
             joints_refused: Refused::NONE,
             enable_refused: Refused::NONE,
-            echo_refused: convert::refused::wire(self.chain.refused()),
-            extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| convert::extent(&extent)),
+            echo_refused: wire::refused(self.chain.refused()),
+            extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| wire::extent(&extent)),
             arm_speed_share: -1.0,
             way_home: self.newest.map_or(WayHome::UNKNOWN, |newest| self.links.homeward.told(&newest)),
             // Not a number where nobody counts: a zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()
         };
-        convert::ghost_figures(&mut status, &self.links.ghost.figures(), self.links.ghost.cost_ns());
+        wire::ghost_figures(&mut status, &self.links.ghost.figures(), self.links.ghost.cost_ns());
         if let Some(newest) = &self.newest {
             let tally = self.tally();
-            convert::newest_tick(&mut status, newest, &tally, now);
+            record::newest_tick(&mut status, newest, &tally, now);
             let warm = newest.tally.ticks.saturating_sub(self.settings.warm_after_ticks);
             if self.counted {
                 status.allocations_per_tick = tally.allocations as f64 / warm.max(1) as f64;

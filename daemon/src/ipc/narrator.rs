@@ -11,9 +11,10 @@ use foretrace_control::units::Stamp;
 use foretrace_shm::RejectReason;
 use tracing::{debug, info, warn};
 
+use super::refused;
 use crate::learner::LearnerEvent;
-use crate::ports::convert;
 use crate::rt::evidence::Evidence;
+use crate::wire;
 
 /// Time between two lines about the same flood [ns].
 const FLOOD_NS: i64 = 1_000_000_000;
@@ -132,13 +133,13 @@ impl Narrator {
         self.worst_step_ns = self.worst_step_ns.max(evidence.times.step);
         let changed = output.mode != self.mode;
         if changed {
-            let (from, to) = (convert::mode(self.mode).label(), convert::mode(output.mode).label());
+            let (from, to) = (wire::mode(self.mode).label(), wire::mode(output.mode).label());
             match output.stop_reason {
                 StopReason::None => info!(tick = evidence.tick, "mode {from} -> {to}"),
                 StopReason::Requested => info!(tick = evidence.tick, "mode {from} -> {to}: as requested"),
                 reason => {
-                    let mut why = convert::fault(reason).label().to_owned();
-                    let detail = convert::stop_detail(&output.stop_detail).to_string();
+                    let mut why = wire::fault(reason).label().to_owned();
+                    let detail = wire::stop_detail(&output.stop_detail).to_string();
                     if !detail.is_empty() {
                         why = format!("{why}: {detail}");
                     }
@@ -182,7 +183,7 @@ impl Narrator {
         }
         // Who sent what was refused can mend it only if told what was wrong with it.
         let refusals = [
-            ("pen", convert::refused::pen(evidence), now.pen_rejected > self.told.pen_rejected),
+            ("pen", refused::pen(evidence), now.pen_rejected > self.told.pen_rejected),
             ("arm", evidence.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
             ("dead man", evidence.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
         ];
@@ -284,7 +285,7 @@ mod tests {
         let mut narrator = Narrator::default();
         let mut evidence = evidence(1);
         let refused = |reason, field| {
-            Some(crate::ports::Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) })
+            Some(crate::wire::Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) })
         };
         let (degrees, future) =
             (refused(RejectReason::OutOfRange, "q"), refused(RejectReason::FromTheFuture, "stamp_ns"));

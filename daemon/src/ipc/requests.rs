@@ -14,10 +14,9 @@ use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now
 
 use super::IpcLinks;
 use super::homeward::Homeward;
-use crate::ports::Refused;
-use crate::ports::convert::{self, Asked as Meaning};
 use crate::rt::evidence::{Answered, Asked};
 use crate::rt::tick::IpcRings;
+use crate::wire::{self, Asked as Meaning, Refused};
 
 /// Longest time an operator waits for the loop or the supervisor.
 pub const PATIENCE: Duration = Duration::from_secs(2);
@@ -107,7 +106,7 @@ impl Requests {
     }
 
     fn take(&mut self, call: Call, rings: &mut IpcRings, mode: Mode, trust: Trust) {
-        match convert::asked(&call.request) {
+        match wire::asked(&call.request) {
             Meaning::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
             Meaning::Unsupported => {
                 let text = "this daemon does not know how to do that";
@@ -164,7 +163,7 @@ impl Requests {
                 self.answer(*call, status, answer.mode, answer.trust, "");
             }
             (Asker::Operator(call), Err(refusal)) => {
-                let (status, text) = convert::refusal(refusal);
+                let (status, text) = wire::refusal(refusal);
                 let text = match (refusal, self.joints_refused.filter(|_| missing_joints(refusal))) {
                     (Refusal::WayBlocked(by), _) => homeward.obstructed(&by),
                     (_, Some(refused)) => format!("the arm's joint states are refused: {}", refused.why),
@@ -174,7 +173,7 @@ impl Requests {
             }
             (Asker::Settings(request), Ok(())) => info!("live setting in force: {request:?}"),
             (Asker::Settings(request), Err(refusal)) => {
-                warn!("live setting refused: {request:?}: {}", convert::refusal(refusal).1);
+                warn!("live setting refused: {request:?}: {}", wire::refusal(refusal).1);
             }
         }
     }
@@ -210,7 +209,7 @@ impl Requests {
             info!("request {op}: {status}");
         }
         // An operator who has gone away needs no answer.
-        let _ = call.answer(status, trust.alpha(), convert::mode(mode).into(), text);
+        let _ = call.answer(status, trust.alpha(), wire::mode(mode).into(), text);
     }
 }
 

@@ -5,7 +5,7 @@ use hdrhistogram::Histogram;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{Percentiles, STAGES};
 
-use crate::ports::convert;
+use super::record;
 use crate::rt::evidence::{Evidence, StageTimes};
 
 /// Longer times count as this [ns].
@@ -30,7 +30,7 @@ impl Spreads {
 
     /// Adds one tick.
     pub fn add(&mut self, times: &StageTimes) {
-        for (histogram, (_, ns)) in self.stages.iter_mut().zip(convert::stages(times)) {
+        for (histogram, (_, ns)) in self.stages.iter_mut().zip(record::stages(times)) {
             histogram.saturating_record(ns.max(1));
         }
     }

@@ -5,9 +5,10 @@ use std::sync::OnceLock;
 use foretrace_control::follower::{Budget, Follower, JointCommand, NoClock, StepInput, StepOutput};
 use foretrace_control::units::Stamp;
 
-use crate::ports::{JOINTS, PortTally};
+use crate::ports::PortTally;
 use crate::rt::cyclic::Wake;
 use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+use crate::wire::JOINTS;
 
 /// An uneventful tick that sends a command.
 pub(crate) fn commanding(tick: u64) -> Evidence {

@@ -9,7 +9,8 @@ use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
 
-use super::{Inbox, JOINTS, Outgoing, PortTally, Ports};
+use super::{Inbox, PortTally, Ports};
+use crate::wire::{JOINTS, Outgoing};
 
 /// Messages that wait in each direction.
 const CAPACITY: usize = 256;

@@ -3,36 +3,17 @@
 //! Contract: a [`Ports`] copies each message once, validates the copy, counts every refusal by reason and hands over
 //! domain types only. Neither call blocks; neither allocates while the set of connected peers stays the same.
 
-pub mod convert;
 pub mod memory;
 pub mod shm;
 
-use foretrace_control::follower::{EnableReading, JointCommand, JointReading, Mode, Rung};
+use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
-use foretrace_shm::Rejection;
 
-/// Joints of the arms this daemon moves; the wire carries as many.
-pub const JOINTS: usize = 6;
+use crate::wire::{Echo, JOINTS, Outgoing, REJECT_REASONS, Refused};
 
 /// Most pen samples that one tick takes; what is left waits for the next tick.
 pub const PEN_PER_TICK: usize = 64;
-
-/// Reasons for refusing a message, as many as the wire distinguishes.
-pub const REJECT_REASONS: usize = 9;
-
-/// The newest command that the arm has accepted, as it says itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Echo {
-    /// The tick that made the command.
-    pub tick: u64,
-    /// When the arm accepted it, if it says so.
-    pub accepted: Option<Stamp>,
-    /// The pen sample behind the command: its number in its sender's sequence; 0: none.
-    pub pen_sequence: u64,
-    /// The pen sample behind the command: its stamp.
-    pub pen_stamp: Option<Stamp>,
-}
 
 /// What arrived since the last tick.
 #[derive(Debug, Clone, Copy)]
@@ -82,34 +63,6 @@ impl Inbox {
     pub fn pen(&self) -> &[PenReading] {
         self.pen.get(..self.pen_count).unwrap_or_default()
     }
-}
-
-/// A command on its way out, with what a consumer wants to know about it.
-#[derive(Debug, Clone, Copy)]
-pub struct Outgoing {
-    /// The tick that made it, from 1.
-    pub tick: u64,
-    /// What the arm shall do.
-    pub command: JointCommand<JOINTS>,
-    /// Mode of the loop.
-    pub mode: Mode,
-    /// Which fallback made it.
-    pub rung: Rung,
-    /// It is the first since arming.
-    pub begins: bool,
-    /// Newest pen sample behind it: its number in its sender's sequence; 0: none.
-    pub pen_sequence: u64,
-    /// Newest pen sample behind it: its stamp.
-    pub pen_stamp: Option<Stamp>,
-}
-
-/// The newest refusal of one kind of message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Refused {
-    /// Reason, field, value and bound.
-    pub why: Rejection,
-    /// When.
-    pub at: Stamp,
 }
 
 /// Counts of what came and went since the start.

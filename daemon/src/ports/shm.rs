@@ -15,7 +15,8 @@ use foretrace_shm::{
     ControlServer, HeaderBounds, Instance, Message, Publisher, ServiceError, Services, Subscriber,
 };
 
-use super::{Inbox, Outgoing, PEN_PER_TICK, PortTally, Ports, Refused, convert};
+use super::{Inbox, PEN_PER_TICK, PortTally, Ports};
+use crate::wire::{self, Outgoing, Refused};
 
 /// The real-time thread's ports.
 #[derive(Debug)]
@@ -51,19 +52,19 @@ impl Ports for ShmPorts {
         {
             taken += 1;
             if let Ok(sample) = sample {
-                inbox.push_pen(convert::pen_reading(&sample, now));
+                inbox.push_pen(wire::pen_reading(&sample, now));
             }
         }
         // The newest counts, but a stop between two ticks must not be overtaken by what followed it.
         let (mut allowed, mut stop) = (true, false);
         self.joints.drain(now.0, |state| {
-            let reading = convert::joint_reading(&state);
+            let reading = wire::joint_reading(&state);
             allowed &= reading.motion_allowed;
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
-            inbox.echo = convert::echo(&state);
+            inbox.echo = wire::echo(&state);
         });
         self.enable.drain(now.0, |enable| {
-            let reading = convert::enable_reading(&enable);
+            let reading = wire::enable_reading(&enable);
             stop |= reading.stop;
             inbox.enable = Some(EnableReading { stop, ..reading });
         });
@@ -87,7 +88,7 @@ impl Ports for ShmPorts {
     }
 
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {
-        let message = convert::joint_command(outgoing, now);
+        let message = wire::joint_command(outgoing, now);
         let sent = self.commands.publish(outgoing.command.stamp.0, message).is_ok();
         *(if sent { &mut self.tally.commands_sent } else { &mut self.tally.commands_failed }) += 1;
         sent

@@ -5,7 +5,8 @@ use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use crate::ports::{Echo, JOINTS, PortTally};
+use crate::ports::PortTally;
+use crate::wire::{Echo, JOINTS};
 
 /// What each part of a tick cost [ns].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

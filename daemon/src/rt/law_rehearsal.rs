@@ -15,7 +15,7 @@ use foretrace_control::units::Stamp;
 
 use super::os;
 use crate::error::DaemonError;
-use crate::ports::JOINTS;
+use crate::wire::JOINTS;
 
 /// Ticks that are judged at most, and after how many a slow law is known well enough.
 const TICKS: usize = 400;

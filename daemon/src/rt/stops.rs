@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use foretrace_control::follower::Mode;
 use foretrace_control::units::{Stamp, Trust};
 
-use crate::ports::convert;
+use crate::wire;
 
 /// Between those who ask for a stop, and the loop.
 #[derive(Debug, Default)]
@@ -71,7 +71,7 @@ impl StopFlag {
 
     /// For the loop: tells what the stop has led to.
     pub fn tell(&self, taken: Taken, mode: Mode, trust: Trust) {
-        self.mode.store(convert::mode(mode).into(), Ordering::Relaxed);
+        self.mode.store(wire::mode(mode).into(), Ordering::Relaxed);
         self.trust.store(trust.alpha().to_bits(), Ordering::Relaxed);
         self.taken.store(taken.0, Ordering::Release);
     }
@@ -127,7 +127,7 @@ mod tests {
         let taken = flag.take().unwrap();
         flag.tell(taken, Mode::Stopped, Trust::new(0.25));
         for number in [first, second] {
-            assert_eq!(flag.outcome(number), Some((convert::mode(Mode::Stopped).into(), 0.25)));
+            assert_eq!(flag.outcome(number), Some((wire::mode(Mode::Stopped).into(), 0.25)));
         }
         assert_eq!((flag.take(), flag.counts()), (None, (2, 0)));
     }

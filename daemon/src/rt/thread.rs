@@ -17,7 +17,8 @@ use super::os::{self, Missing};
 use super::overruns::OverrunLimit;
 use super::stops::{StopFlag, Stops};
 use super::tick::{Tick, TickRings};
-use crate::ports::{JOINTS, Ports};
+use crate::ports::Ports;
+use crate::wire::JOINTS;
 
 /// Rights and rhythm of the thread.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -22,7 +22,8 @@ use super::os;
 use super::overruns::{OverrunBudget, OverrunLimit, Solve, Verdict};
 use super::stops::Stops;
 use crate::alloc_count::allocations;
-use crate::ports::{Echo, Inbox, JOINTS, Outgoing, Ports};
+use crate::ports::{Inbox, Ports};
+use crate::wire::{Echo, JOINTS, Outgoing};
 
 /// Ticks between two looks at the page-fault counters, which cost a system call.
 const FAULT_TICKS: u64 = 64;

@@ -11,7 +11,7 @@ use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::Follower;
 use foretrace_control::learn::Learner;
 use foretrace_shm::layout::fnv1a;
-use foretrace_shm::{Instance, InstanceLock, Services, Session};
+use foretrace_shm::{Instance, InstanceLock, Services, Session, missing_rights};
 
 use super::hearing::Hearing;
 use super::notify::Manager;
@@ -24,12 +24,12 @@ use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
 use crate::options::{Options, Rights};
 use crate::ports::shm::{IpcPorts, ShmPorts};
-use crate::ports::{JOINTS, convert};
-use crate::rt::os;
+use crate::rt::os::{self, Right};
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::{self, RtNews, RtOrders};
 use crate::rt::tick::{self, TickRings};
 use crate::stop_socket::StopTally;
+use crate::wire::JOINTS;
 
 /// Ticks that count neither in spreads nor in allocations: this much time after the start.
 const WARM_UP_S: f64 = 0.5;
@@ -206,7 +206,7 @@ impl Daemon {
         for right in &missing {
             warn!("{right}");
         }
-        let mask = missing.iter().fold(0, |mask, missing| mask | convert::missing_right(missing.right));
+        let mask = missing.iter().fold(0, |mask, missing| mask | missing_right(missing.right));
         let _ = self.ipc_orders.send(IpcOrder::Missing(mask));
         Ok(())
     }
@@ -228,6 +228,17 @@ impl Daemon {
             self.signals.push(id);
         }
         Ok(())
+    }
+}
+
+/// The bit of a right that is missing.
+const fn missing_right(right: Right) -> u32 {
+    match right {
+        Right::Fifo => missing_rights::FIFO,
+        Right::Affinity => missing_rights::AFFINITY,
+        Right::MemoryLock => missing_rights::MEMORY_LOCK,
+        Right::TimerSlack => missing_rights::TIMER_SLACK,
+        Right::SharedMemory => missing_rights::SHARED_MEMORY_RESERVED,
     }
 }
 

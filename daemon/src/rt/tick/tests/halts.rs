@@ -61,7 +61,7 @@ fn a_flag_set_at_any_moment_latches_in_the_next_tick_and_is_told() {
         let last = bench.run(0);
         assert_eq!((last.output.mode, last.output.stop_reason), (Mode::Stopped, StopReason::Requested));
         if !by_signal {
-            let stopped = u32::from(crate::ports::convert::mode(Mode::Stopped));
+            let stopped = u32::from(crate::wire::mode(Mode::Stopped));
             assert_eq!(flag.outcome(number).unwrap().0, stopped);
         }
         to_rest(&mut bench);

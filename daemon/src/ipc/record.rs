@@ -1,0 +1,244 @@
+//! Ticks as others see them: records, counters and the newest tick's part of the status.
+
+use foretrace_control::ghost::GhostReport;
+use foretrace_control::mpc::AxisReport;
+use foretrace_control::units::Stamp;
+use foretrace_shm as shm;
+use foretrace_shm::Stage;
+
+use super::chain::Parts;
+use super::refused;
+use crate::ports::PortTally;
+use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+use crate::wire::{self, JOINTS, UNKNOWN, flag, known};
+
+/// What the ipc thread counts, or adds to what the loop counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct IpcTally {
+    /// Records that could not be published.
+    pub telemetry_failed: u64,
+    /// Requests answered.
+    pub requests: u64,
+    /// Requests answered with a refusal.
+    pub requests_refused: u64,
+    /// Allocations of the loop after warm-up without a connection to explain them.
+    pub allocations: u64,
+    /// Allocations of the loop explained by a connection.
+    pub connection_allocations: u64,
+    /// Changes of the set of connected ports.
+    pub connection_ticks: u64,
+    /// Sets of weights overtaken before they were in the ring.
+    pub weights_overtaken: u64,
+    /// Events of the learner that were lost.
+    pub learner_events_lost: u64,
+}
+
+/// All counters as they stand on the wire.
+#[must_use]
+pub fn counters(evidence: &Evidence, ipc: &IpcTally) -> shm::Counters {
+    let (
+        LoopTally { ticks, overruns, skipped, shed, joints_stale, evidence_dropped, learn_dropped, .. },
+        PortTally { pen_received, pen_dropped, joints_received, joints_dropped, commands_sent, .. },
+    ) = (evidence.tally, evidence.ports);
+    let pen = &evidence.output.pen_counters;
+    shm::Counters {
+        ticks,
+        overruns,
+        skipped_ticks: skipped,
+        shed_ticks: shed,
+        commands_sent,
+        commands_failed: evidence.ports.commands_failed,
+        pen_received,
+        pen_dropped,
+        pen_out_of_order: pen.repeats + pen.time_backwards,
+        pen_outliers: pen.outliers,
+        // The very first sample starts the grid too, and is no gap.
+        pen_gaps: pen.restarts.saturating_sub(1),
+        pen_deferred_ticks: evidence.ports.pen_deferred,
+        pen_rejected: pen_rejected(evidence),
+        joint_state_received: joints_received,
+        joint_state_dropped: joints_dropped,
+        joint_state_stale: joints_stale,
+        joint_state_rejected: shm::Rejections { by_reason: evidence.ports.joints_rejected },
+        enable_rejected: evidence.ports.enable_rejected,
+        enable_dropped: evidence.ports.enable_dropped,
+        receive_failures: evidence.ports.receive_failures,
+        telemetry_ring_dropped: evidence_dropped,
+        telemetry_failed: ipc.telemetry_failed,
+        learner_ring_dropped: learn_dropped + pen.overwritten,
+        weights_refused: evidence.tally.weights_refused,
+        weights_overtaken: evidence.tally.weights_overtaken + ipc.weights_overtaken,
+        learner_events_lost: ipc.learner_events_lost,
+        requests: ipc.requests,
+        requests_refused: ipc.requests_refused,
+        allocations: ipc.allocations,
+        connection_allocations: ipc.connection_allocations,
+        connection_ticks: ipc.connection_ticks,
+        page_faults_minor: evidence.tally.faults_minor,
+        page_faults_major: evidence.tally.faults_major,
+    }
+}
+
+/// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of their own.
+fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
+    let pen = &evidence.output.pen_counters;
+    let mut rejected = shm::Rejections { by_reason: evidence.ports.pen_rejected };
+    let by_grid = [
+        (shm::RejectReason::NotFinite, pen.non_finite),
+        (shm::RejectReason::OutOfRange, pen.out_of_range),
+        (shm::RejectReason::FromTheFuture, pen.from_future),
+    ];
+    for (reason, count) in by_grid {
+        if let Some(total) = rejected.by_reason.get_mut(reason as usize) {
+            *total = total.saturating_add(count);
+        }
+    }
+    rejected
+}
+
+/// One tick's evidence as it is published.
+#[must_use]
+pub fn tick_record(
+    evidence: &Evidence,
+    parts: &Parts,
+    ghost: &GhostReport,
+    ipc: &IpcTally,
+) -> shm::TickRecord {
+    let output = &evidence.output;
+    let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
+    let [pen_x, pen_y] = output.pen_position;
+    let now = evidence.wake.release;
+    let mut record = shm::TickRecord {
+        tick: evidence.tick,
+        release_ns: evidence.wake.release.0,
+        command_stamp_ns: output.command.map_or(0, |command| command.stamp.0),
+        slack_ns: evidence.deadline.since(evidence.finished),
+        budget_mpc_iterations: evidence.budget.max_iterations,
+        budget_ik_iterations: evidence.budget.max_iterations,
+        shed: evidence.budget.shed.into(),
+        skipped_ticks: u32::try_from(evidence.wake.skipped).unwrap_or(u32::MAX),
+        pen_sequence: output.pen_origin.sequence,
+        pen_stamp_ns: output.pen_stamp.map_or(0, |stamp| stamp.0),
+        chain: chain(parts),
+        pen_m: [pen_x, pen_y, 0.0],
+        pen_samples: evidence.pen_samples,
+        pen_flags: flag(output.pen_contact, shm::pen_flags::CONTACT),
+        joint_state_age_ns: age_ns(now, evidence.measured.map(|(stamp, _)| stamp)),
+        measured_q: evidence.measured.map_or([0.0; JOINTS], |(_, q)| q),
+        echo_tick: evidence.echo.map_or(0, |echo| echo.tick),
+        echo_pen_sequence: evidence.echo.map_or(0, |echo| echo.pen_sequence),
+        echo_pen_stamp_ns: evidence.echo.and_then(|echo| echo.pen_stamp).map_or(0, |stamp| stamp.0),
+        reference_m: output.reference,
+        setpoint_m: output.setpoint.map(|axis| axis.position),
+        setpoint_mps: output.setpoint.map(|axis| axis.velocity),
+        setpoint_mps2: output.setpoint.map(|axis| axis.acceleration),
+        tool_m: output.tool,
+        q,
+        qd,
+        trust: output.trust.alpha.alpha(),
+        trust_target: output.trust.target.alpha(),
+        confidence: UNKNOWN,
+        trust_reason: wire::trust_reason(output.trust.reason).into(),
+        rung: wire::rung(output.rung).into(),
+        mode: wire::mode(output.mode).into(),
+        fault: wire::fault(output.stop_reason).into(),
+        health: health(evidence),
+        guard_mask: wire::guard_mask(output.guard_altered),
+        mpc_active: output.axes.map(|axis| axis.active.total()),
+        mpc_iterations: output.axes.map(|axis| axis.iterations),
+        mpc_path: wire::mpc_path(output),
+        mpc_residual: output.axes.map(|axis: AxisReport| known(axis.kkt_residual)),
+        predictor_error_m: output.predictor_error.map_or(UNKNOWN, known),
+        predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
+        learner_version: output.weights_version,
+        learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
+        predictor: wire::predictor(output.predictor).into(),
+        allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
+        connections_changed: (evidence.port_allocations > 0).into(),
+        counters: counters(evidence, ipc),
+        arm_lag: wire::arm_lag(output),
+        ghost_tool_m: ghost.tool.unwrap_or_default(),
+        ghost_state: wire::ghost_state(ghost.state).into(),
+        error_m: UNKNOWN,
+        ghost_error_m: UNKNOWN,
+        stop: wire::stop_detail(&output.stop_detail),
+        arm_speed_share: output.arm_speed_share.unwrap_or(UNKNOWN),
+        ..Default::default()
+    };
+    if let Some(compared) = ghost.compared {
+        record.compared_ns = compared.instant.0;
+        record.error_m = compared.error_m;
+        record.ghost_error_m = compared.ghost_error_m;
+        record.compared_contact = compared.contact.into();
+    }
+    wire::ik_report(&mut record, &output.ik, output);
+    for (stage, ns) in stages(&evidence.times) {
+        record.set_stage(stage, ns);
+    }
+    record
+}
+
+/// Latencies part by part as they stand on the wire.
+#[must_use]
+pub fn chain(parts: &Parts) -> shm::Chain {
+    let known = |ns: Option<u64>| ns.unwrap_or(u64::MAX);
+    shm::Chain {
+        pen_reader_ns: known(parts.pen_reader),
+        pen_transport_ns: known(parts.pen_transport),
+        pen_age_ns: known(parts.pen_age),
+        compute_ns: known(parts.compute),
+        command_transport_ns: known(parts.command_transport),
+    }
+}
+
+/// Fills in what a status says about the newest tick; ages are taken at `now`.
+pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, now: Stamp) {
+    let output = &newest.output;
+    status.mode = wire::mode(output.mode).into();
+    status.fault = wire::fault(output.stop_reason).into();
+    status.tick = newest.tick;
+    status.counters = counters(newest, ipc);
+    status.trust = output.trust.alpha.alpha();
+    status.trust_target = output.trust.target.alpha();
+    status.trust_reason = wire::trust_reason(output.trust.reason).into();
+    status.predictor = wire::predictor(output.predictor).into();
+    status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
+    status.pen_age_ns = age_ns(now, output.pen_stamp);
+    status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
+    status.pen_refused = wire::refused(refused::pen(newest));
+    status.joints_refused = wire::refused(newest.ports.joints_refused);
+    status.enable_refused = wire::refused(newest.ports.enable_refused);
+    status.arm_lag = wire::arm_lag(output);
+    status.stop = wire::stop_detail(&output.stop_detail);
+    status.arm_speed_share = output.arm_speed_share.unwrap_or(UNKNOWN);
+    status.learner_version = output.weights_version;
+    status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
+}
+
+/// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.
+#[must_use]
+pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
+    [
+        (Stage::Wakeup, times.wakeup),
+        (Stage::Receive, times.receive),
+        (Stage::Pen, times.pen),
+        (Stage::Predict, times.predict),
+        (Stage::Trust, 0),
+        (Stage::Mpc, times.mpc),
+        (Stage::Ik, times.ik),
+        (Stage::Guard, times.guard),
+        (Stage::Send, times.send),
+        (Stage::Step, times.step),
+    ]
+}
+
+fn health(evidence: &Evidence) -> u32 {
+    wire::health(evidence.output.health)
+        | flag(evidence.finished > evidence.deadline, shm::health::OVERRUN)
+        | flag(evidence.not_sent, shm::health::COMMAND_NOT_SENT)
+        | flag(evidence.port_allocations > 0 || evidence.law_allocations > 0, shm::health::ALLOCATED)
+}
+
+fn age_ns(now: Stamp, stamp: Option<Stamp>) -> u64 {
+    stamp.map_or(u64::MAX, |stamp| now.0.saturating_sub(stamp.0))
+}

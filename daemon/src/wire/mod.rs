@@ -1,0 +1,34 @@
+//! Between the wire and the domain: value by value, what a message says in the types of the law, and the other way round.
+//!
+//! Contract: pure, total, no allocation on the paths that the real-time thread takes (pen, joints, dead-man, command).
+//! Messages arrive validated; numbers that the wire has no place for are left out here and nowhere else. Whole records and the
+//! status are put together of these by the ipc thread (`ipc/record.rs`), which alone knows everything that they tell.
+
+mod messages;
+mod requests;
+mod words;
+mod outcome;
+mod refused;
+
+pub use messages::{Echo, Outgoing, echo, enable_reading, joint_command, joint_reading, pen_reading};
+pub use outcome::{UNKNOWN, arm_lag, extent, ghost_figures, guard_mask, health, ik_report, known, mpc_path};
+pub use refused::{Refused, pen_rejection, refused};
+pub use requests::{Asked, asked, refusal};
+pub use words::{fault, ghost_state, mode, predictor, rung, stop_detail, trust_reason};
+
+use foretrace_shm as shm;
+
+/// Joints of the arms this daemon moves; the wire carries as many.
+pub const JOINTS: usize = 6;
+
+/// Reasons for refusing a message, as many as the wire distinguishes.
+pub const REJECT_REASONS: usize = 9;
+
+const _: () = assert!(JOINTS == shm::JOINTS);
+const _: () = assert!(REJECT_REASONS == shm::REJECT_REASONS);
+
+/// The bit, if it is set.
+#[must_use]
+pub const fn flag(set: bool, bit: u32) -> u32 {
+    if set { bit } else { 0 }
+}

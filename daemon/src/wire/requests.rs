@@ -1,0 +1,96 @@
+//! What operators ask for, and what a refusal is called on the wire.
+
+use foretrace_control::follower::{Refusal, Request};
+use foretrace_shm as shm;
+use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
+
+use super::words::kind;
+
+/// What the ports of the real-time thread are asked for by an operator's request.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Asked {
+    /// Mode and trust.
+    Query,
+    /// Read the settings again.
+    Reload,
+    /// Something for the loop.
+    Loop(Request),
+    /// Known, but not built into this daemon.
+    Unsupported,
+}
+
+/// What a validated request asks for.
+#[must_use]
+pub fn asked(request: &ControlRequest) -> Asked {
+    let Ok(op) = ControlOp::try_from(request.op) else { return Asked::Unsupported };
+    Asked::Loop(match op {
+        ControlOp::Query => return Asked::Query,
+        ControlOp::Reload => return Asked::Reload,
+        ControlOp::Arm => Request::Arm,
+        ControlOp::MoveHome => Request::MoveHome,
+        ControlOp::Disarm => Request::Disarm,
+        ControlOp::Stop => Request::Stop,
+        ControlOp::SetTrust => Request::SetTrust(request.value),
+        ControlOp::TrustAuto => Request::TrustAuto,
+        ControlOp::FreezeTrust => Request::FreezeTrust,
+        ControlOp::SwitchPredictor => match shm::PredictorId::try_from(request.param).ok().and_then(kind) {
+            Some(kind) => Request::SwitchPredictor(kind),
+            None => return Asked::Unsupported,
+        },
+    })
+}
+
+/// What a refusal is called on the wire, and what a person should know about it.
+#[must_use]
+pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
+    match refusal {
+        Refusal::NoJointState => (
+            ControlStatus::NoJointState,
+            "no joint state has arrived: start the arm (or `foretrace arm sim`)",
+        ),
+        Refusal::JointStateStale => (
+            ControlStatus::JointStateStale,
+            "the arm's newest joint state is too old: is the arm still running?",
+        ),
+        Refusal::MotionNotAllowed => (
+            ControlStatus::RobotNotReady,
+            "the arm's safety system does not allow motion: clear it at the arm first",
+        ),
+        Refusal::ArmMoves => (ControlStatus::RobotNotReady, "the arm moves: wait until it stands still"),
+        Refusal::OutsideJointLimits => {
+            (ControlStatus::OutsideLimits, "a joint stands outside its limits: move it back by hand")
+        }
+        Refusal::ToolOutsideWorkspace => (
+            ControlStatus::Jump,
+            "the tool stands outside the workspace: `foretrace move home`, or move it near the writing plane by hand",
+        ),
+        Refusal::ToolNotAligned => (
+            ControlStatus::Jump,
+            "the tool does not point at the writing plane: `foretrace move home`, or turn it by hand",
+        ),
+        Refusal::EnableMissing => (ControlStatus::NotEnabled, "the dead-man switch is required and not held"),
+        Refusal::StillStopping => (ControlStatus::WrongMode, "the arm is still being stopped: ask again"),
+        Refusal::StopCame => (
+            ControlStatus::StopCame,
+            "a stop came after this request was sent: ask again if that is still wanted",
+        ),
+        Refusal::NotFollowing => (
+            ControlStatus::NotFollowing,
+            "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm anew",
+        ),
+        Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),
+        Refusal::DisarmFirst => {
+            (ControlStatus::WrongMode, "the loop is armed: `foretrace request disarm` first")
+        }
+        Refusal::MovesHome => {
+            (ControlStatus::WrongMode, "the arm is moving home: wait until it is there, or stop it")
+        }
+        Refusal::WayBlocked(_) => {
+            (ControlStatus::WayBlocked, "something is in the straight way home: move the arm by hand")
+        }
+        Refusal::BadValue => (ControlStatus::Invalid, "the value is not a number in its legal range"),
+        Refusal::PredictorUnavailable => {
+            (ControlStatus::PredictorUnavailable, "the predictor is not available in this daemon")
+        }
+    }
+}

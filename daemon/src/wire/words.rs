@@ -1,0 +1,140 @@
+//! Words of the law and their numbers on the wire: modes, reasons, causes, predictors.
+
+use foretrace_control::follower::{Mode, Rung, StopCause, StopDetail, StopReason};
+use foretrace_control::ghost::GhostState;
+use foretrace_control::predict::PredictorKind;
+use foretrace_control::trust::TrustReason;
+use foretrace_shm as shm;
+
+/// Mode of the loop on the wire.
+#[must_use]
+pub const fn mode(mode: Mode) -> shm::Mode {
+    match mode {
+        Mode::Idle => shm::Mode::Idle,
+        Mode::Armed => shm::Mode::Armed,
+        Mode::Following => shm::Mode::Following,
+        Mode::Holding => shm::Mode::Holding,
+        Mode::Stopped => shm::Mode::Stopped,
+        Mode::Fault => shm::Mode::Fault,
+        Mode::Homing => shm::Mode::Homing,
+    }
+}
+
+/// Why the loop stopped by itself; a requested stop is none.
+#[must_use]
+pub const fn fault(reason: StopReason) -> shm::FaultReason {
+    match reason {
+        StopReason::None | StopReason::Requested => shm::FaultReason::None,
+        StopReason::EnableLost => shm::FaultReason::DeadMan,
+        StopReason::JointStateLost => shm::FaultReason::JointStateStale,
+        StopReason::TimeLost => shm::FaultReason::TimeLost,
+        StopReason::ArmSafety => shm::FaultReason::RobotStopped,
+        StopReason::TrackingError => shm::FaultReason::TrackingError,
+        StopReason::Envelope => shm::FaultReason::Envelope,
+        StopReason::Overruns => shm::FaultReason::Overruns,
+        StopReason::WayBlocked => shm::FaultReason::WayBlocked,
+    }
+}
+
+/// The evidence behind a latched stop.
+#[must_use]
+pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
+    let cause = match detail.cause {
+        StopCause::None => shm::StopCause::None,
+        StopCause::JointDeviation => shm::StopCause::JointDeviation,
+        StopCause::ToolDeviation => shm::StopCause::ToolDeviation,
+        StopCause::WrongDirection => shm::StopCause::WrongDirection,
+        StopCause::NoMotion => shm::StopCause::NoMotion,
+        StopCause::Runaway => shm::StopCause::Runaway,
+        StopCause::Oscillation => shm::StopCause::Oscillation,
+        StopCause::SlowArm => shm::StopCause::SlowArm,
+        StopCause::Height => shm::StopCause::Height,
+        StopCause::Workspace => shm::StopCause::Workspace,
+        StopCause::Tilt => shm::StopCause::Tilt,
+        StopCause::ToolSpeed => shm::StopCause::ToolSpeed,
+        StopCause::LateTicks => shm::StopCause::LateTicks,
+        StopCause::Clearance => shm::StopCause::Clearance,
+    };
+    shm::StopDetail {
+        cause: cause.into(),
+        joint: detail.joint.map_or(-1, i32::from),
+        amount: detail.amount,
+        limit: detail.limit,
+        at_ns: detail.at.0,
+    }
+}
+
+/// A predictor's number.
+#[must_use]
+pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
+    match kind {
+        PredictorKind::Hold => shm::PredictorId::Hold,
+        PredictorKind::ConstantVelocity => shm::PredictorId::ConstantVelocity,
+        PredictorKind::Dybm => shm::PredictorId::Dybm,
+        PredictorKind::Oracle => shm::PredictorId::Oracle,
+        PredictorKind::Lstm => shm::PredictorId::Lstm,
+        PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
+        PredictorKind::ArRls => shm::PredictorId::ArRls,
+        PredictorKind::Ours => shm::PredictorId::Ours,
+    }
+}
+
+/// The law's predictor of that number, if it has it.
+pub(super) const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
+    match id {
+        shm::PredictorId::Hold => Some(PredictorKind::Hold),
+        shm::PredictorId::ConstantVelocity => Some(PredictorKind::ConstantVelocity),
+        shm::PredictorId::Dybm => Some(PredictorKind::Dybm),
+        shm::PredictorId::Oracle => Some(PredictorKind::Oracle),
+        shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
+        shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
+        shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
+        shm::PredictorId::Ours => Some(PredictorKind::Ours),
+    }
+}
+
+/// Why trust is what it is.
+#[must_use]
+pub const fn trust_reason(reason: TrustReason) -> shm::TrustReason {
+    match reason {
+        TrustReason::Disarmed => shm::TrustReason::Inactive,
+        TrustReason::Stale => shm::TrustReason::PenStale,
+        TrustReason::PredictorInvalid => shm::TrustReason::PredictorUnhealthy,
+        TrustReason::SwitchingPredictor => shm::TrustReason::PredictorSwitched,
+        TrustReason::Jump => shm::TrustReason::PenJump,
+        TrustReason::Warmup => shm::TrustReason::WarmUp,
+        TrustReason::Manual => shm::TrustReason::Manual,
+        TrustReason::Frozen => shm::TrustReason::Frozen,
+        TrustReason::SolverUnhealthy => shm::TrustReason::SolverUnhealthy,
+        TrustReason::LearnerUnhealthy => shm::TrustReason::LearnerUnhealthy,
+        TrustReason::Unproven => shm::TrustReason::Unproven,
+        TrustReason::Surprised => shm::TrustReason::Surprised,
+        TrustReason::WorseThanHold => shm::TrustReason::WorseThanHold,
+        TrustReason::ArmLimited => shm::TrustReason::ArmLimited,
+        TrustReason::WorseThanSteady => shm::TrustReason::WorseThanConstantVelocity,
+        TrustReason::Hysteresis => shm::TrustReason::Hysteresis,
+        TrustReason::Auto => shm::TrustReason::Evidence,
+    }
+}
+
+/// Which fallback made the command.
+#[must_use]
+pub const fn rung(rung: Rung) -> shm::Rung {
+    match rung {
+        Rung::FreshPlan => shm::Rung::FreshPlan,
+        Rung::PreviousPlan => shm::Rung::PreviousPlan,
+        Rung::Stop => shm::Rung::Stop,
+        Rung::Hold => shm::Rung::Hold,
+    }
+}
+
+/// How far the ghost is.
+#[must_use]
+pub const fn ghost_state(state: GhostState) -> shm::GhostState {
+    match state {
+        GhostState::Off => shm::GhostState::Off,
+        GhostState::Approaching => shm::GhostState::Approaching,
+        GhostState::Settling => shm::GhostState::Settling,
+        GhostState::Comparable => shm::GhostState::Comparable,
+    }
+}

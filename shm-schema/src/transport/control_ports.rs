@@ -1,0 +1,211 @@
+//! Both ends of the request-response service. Not for the real-time thread: a round trip allocates.
+//!
+//! Contract: the server answers malformed requests itself and counts them; every answer carries the token of its
+//! request. The client waits no longer than it is told.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
+use iceoryx2::service::port_factory::client::ClientCreateError;
+use iceoryx2::service::port_factory::server::ServerCreateError;
+
+use super::control_topic::{CONTROL_CLIENTS, CONTROL_OPEN_REQUESTS, CONTROL_SERVICE, ControlTopic};
+use super::session::ServiceError;
+use crate::wire::check::{Rejection, Rejections, Validate};
+use crate::wire::clock::{host_boot_id, monotonic_now_ns};
+use crate::wire::control::{ControlRequest, ControlResponse};
+use crate::wire::layout::Wire;
+use crate::wire::vocabulary::{ControlOp, ControlStatus, RejectReason};
+
+/// How often a waiting client looks for the answer.
+const POLL: Duration = Duration::from_micros(500);
+
+/// Answers requests.
+#[derive(Debug)]
+pub struct ControlServer {
+    port: iceoryx2::port::server::Server<ipc::Service, ControlRequest, (), ControlResponse, ()>,
+    boot_id: u64,
+    daemon_id: u64,
+    rejections: Rejections,
+}
+
+/// A valid request, waiting for its answer. Dropping it without one makes the client wait in vain.
+#[derive(Debug)]
+pub struct Call {
+    /// What is asked.
+    pub request: ControlRequest,
+    open: ActiveRequest<ipc::Service, ControlRequest, (), ControlResponse, ()>,
+    boot_id: u64,
+    daemon_id: u64,
+}
+
+/// Sends requests.
+#[derive(Debug)]
+pub struct ControlClient {
+    port: iceoryx2::port::client::Client<ipc::Service, ControlRequest, (), ControlResponse, ()>,
+    boot_id: u64,
+    token: u64,
+}
+
+/// Why a request got no usable answer.
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum AskError {
+    /// The daemon is gone.
+    #[error("no daemon answers requests: is it running?")]
+    NoServer,
+    /// It is there, but silent.
+    #[error("the daemon did not answer within {} ms", .0.as_millis())]
+    Timeout(Duration),
+    /// The answer makes no sense.
+    #[error("the daemon's answer is malformed: {0}")]
+    BadAnswer(Rejection),
+    /// The middleware failed.
+    #[error("the middleware failed to deliver the request")]
+    Middleware,
+}
+
+crate::debug_is_sentence!(AskError);
+
+impl ControlTopic {
+    /// The server, to be used in the calling thread. `daemon_id` goes into every answer.
+    ///
+    /// *Errors*: `NoPlace` when another one lives, `Middleware`.
+    pub fn server(&self, daemon_id: u64) -> Result<ControlServer, ServiceError> {
+        let port = self
+            .factory
+            .server_builder()
+            .max_loaned_responses_per_request(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|error| match error {
+                ServerCreateError::ExceedsMaxSupportedServers => {
+                    ServiceError::NoPlace { service: CONTROL_SERVICE, what: "servers", limit: 1 }
+                }
+                other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
+            })?;
+        Ok(ControlServer { port, boot_id: host_boot_id(), daemon_id, rejections: Rejections::ZERO })
+    }
+
+    /// A client, to be used in the calling thread.
+    ///
+    /// *Errors*: `NoPlace`, `Middleware`.
+    pub fn client(&self) -> Result<ControlClient, ServiceError> {
+        let port = self
+            .factory
+            .client_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|error| match error {
+                ClientCreateError::ExceedsMaxSupportedClients => {
+                    ServiceError::NoOperatorPlace { limit: CONTROL_CLIENTS, pids: self.operators() }
+                }
+                other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
+            })?;
+        // Tokens of one process never repeat; the clock keeps those of different processes apart.
+        Ok(ControlClient { port, boot_id: host_boot_id(), token: monotonic_now_ns() })
+    }
+}
+
+impl ControlTopic {
+    /// Processes that hold a place for operators, ascending, one for each place.
+    #[must_use]
+    pub fn operators(&self) -> Vec<u32> {
+        let mut pids = Vec::with_capacity(CONTROL_CLIENTS);
+        self.factory.dynamic_config().list_clients(|client| {
+            pids.push(client.node_id.pid().value() as u32);
+            CallbackProgression::Continue
+        });
+        pids.sort_unstable();
+        pids
+    }
+}
+
+impl ControlServer {
+    /// The next valid request; malformed and foreign ones are answered here and counted.
+    pub fn take(&mut self) -> Option<Call> {
+        for _ in 0..CONTROL_CLIENTS * CONTROL_OPEN_REQUESTS {
+            let open = self.port.receive().ok()??;
+            let call = Call { request: *open, open, boot_id: self.boot_id, daemon_id: self.daemon_id };
+            let foreign = Rejection::new(RejectReason::ForeignBoot, "boot_id");
+            let checked =
+                if call.request.boot_id == self.boot_id { call.request.validate() } else { Err(foreign) };
+            let Err(rejection) = checked else {
+                // Who asked has given up, or is gone. A stop counts all the same.
+                let stops = [ControlOp::Disarm, ControlOp::Stop].map(u32::from).contains(&call.request.op);
+                if stops || call.open.is_connected() {
+                    return Some(call);
+                }
+                continue;
+            };
+            self.rejections.count(rejection);
+            let status =
+                if rejection == foreign { ControlStatus::ForeignBoot } else { ControlStatus::Invalid };
+            call.answer(status, 0.0, 0, &rejection.to_string());
+        }
+        None
+    }
+
+    /// Malformed requests by reason.
+    pub fn rejections(&self) -> &Rejections {
+        &self.rejections
+    }
+}
+
+impl Call {
+    /// Answer it. Returns whether the client was still there.
+    pub fn answer(self, status: ControlStatus, value: f64, detail: u32, message: &str) -> bool {
+        let mut response = ControlResponse::to(&self.request, status, message);
+        response.boot_id = self.boot_id;
+        response.daemon_id = self.daemon_id;
+        response.value = value;
+        response.detail = detail;
+        self.open.send_copy(response).is_ok()
+    }
+}
+
+impl ControlClient {
+    /// Send `request` (token and boot id are filled in) and wait for its answer.
+    ///
+    /// *Errors*: see [`AskError`]. A refusal by the daemon is an answer, not an error.
+    pub fn ask(
+        &mut self,
+        mut request: ControlRequest,
+        timeout: Duration,
+    ) -> Result<ControlResponse, AskError> {
+        self.token = self.token.wrapping_add(1);
+        request.token = self.token;
+        request.boot_id = self.boot_id;
+        let deadline = Instant::now() + timeout;
+        // A request that reached nobody may be sent again; one that reached a server may not.
+        let pending = loop {
+            request.sent_ns = monotonic_now_ns();
+            let pending = self.port.send_copy(request).map_err(|_| AskError::Middleware)?;
+            if pending.number_of_server_connections() > 0 {
+                break pending;
+            }
+            if Instant::now() >= deadline {
+                return Err(AskError::NoServer);
+            }
+            drop(pending);
+            std::thread::sleep(POLL);
+        };
+        loop {
+            // Looked at before the answer is: a server that has answered lets go at once.
+            let connected = pending.is_connected();
+            match pending.receive() {
+                Ok(Some(response)) => {
+                    let response = *response;
+                    if response.token == request.token {
+                        return response.validate().map(|()| response).map_err(AskError::BadAnswer);
+                    }
+                }
+                Ok(None) if !connected => return Err(AskError::NoServer),
+                Ok(None) if Instant::now() >= deadline => return Err(AskError::Timeout(timeout)),
+                Ok(None) => std::thread::sleep(POLL),
+                Err(_) => return Err(AskError::Middleware),
+            }
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! `ArmLag`: how late the arm is, as measured, and what the plan makes of it. Part of [`crate::TickRecord`] and
+//! [`crate::Status`].
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::layout::wire;
+
+wire! {
+    /// The arm's lag from a command's stamp to the motion, measured while it works.
+    "foretrace.ArmLagV1"
+    pub struct ArmLag {
+        /// Dead time that the plan looks ahead by [ns].
+        pub dead_time_ns: u64,
+        /// Group delay at low frequency [s].
+        pub lag_s: f64,
+        /// Its standard deviation [s]; negative: the lag is not known, and the two beside it mean nothing.
+        pub std_s: f64,
+        /// Shift of the commands that fits the recent motion best [s]; shorter than the group delay where the arm is a filter.
+        pub shift_s: f64,
+    }
+}
+
+impl ArmLag {
+    /// Planned for `dead_time_ns`, nothing measured.
+    pub const fn unknown(dead_time_ns: u64) -> Self {
+        Self { dead_time_ns, lag_s: 0.0, std_s: -1.0, shift_s: 0.0 }
+    }
+
+    /// Something was measured.
+    pub fn is_known(&self) -> bool {
+        self.std_s >= 0.0
+    }
+}

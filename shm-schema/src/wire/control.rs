@@ -1,0 +1,169 @@
+//! `ControlRequest` and `ControlResponse`: the operator's questions and the daemon's answers.
+
+use iceoryx2::prelude::ZeroCopySend;
+use std::fmt;
+
+use super::check::{Rejection, Validate, known, number};
+use super::layout::wire;
+use super::vocabulary::{ControlOp, ControlStatus, PredictorId, RejectReason};
+
+/// Bytes of the text in a response.
+pub const MESSAGE_BYTES: usize = 160;
+
+wire! {
+    /// One request.
+    "foretrace.ControlRequestV2"
+    pub struct ControlRequest {
+        /// Chosen by the client, given back in the response.
+        pub token: u64,
+        /// When it was sent, on the monotonic clock [ns]: a request to arm does not undo a stop that came after it.
+        pub sent_ns: u64,
+        /// The client's `host_boot_id()`.
+        pub boot_id: u64,
+        /// For `SetTrust`: α in [0, 1]; else 0.
+        pub value: f64,
+        /// [`ControlOp`].
+        pub op: u32,
+        /// For `SwitchPredictor`: a [`PredictorId`]; else 0.
+        pub param: u32,
+    }
+}
+
+wire! {
+    /// One answer.
+    "foretrace.ControlResponseV1"
+    pub struct ControlResponse {
+        /// The request's token.
+        pub token: u64,
+        /// The daemon's `host_boot_id()`.
+        pub boot_id: u64,
+        /// The daemon's `daemon_id`, as in its status.
+        pub daemon_id: u64,
+        /// A number that belongs to the answer: trust α for most, the offending value for refusals.
+        pub value: f64,
+        /// [`ControlStatus`].
+        pub status: i32,
+        /// A number that belongs to the answer: the [`crate::Mode`] for `Ok`, joint or line for refusals.
+        pub detail: u32,
+        /// Bytes of `message` in use.
+        pub message_len: u32,
+        /// Zero.
+        pub reserved: u32,
+        /// Reason for people, UTF-8.
+        pub message: [u8; MESSAGE_BYTES],
+    }
+}
+
+impl ControlRequest {
+    /// A request without parameters.
+    pub fn new(token: u64, boot_id: u64, op: ControlOp) -> Self {
+        Self { token, boot_id, op: op.into(), param: 0, value: 0.0, sent_ns: 0 }
+    }
+}
+
+impl ControlResponse {
+    /// An answer to `request`; `message` is cut at a character border if it does not fit.
+    pub fn to(request: &ControlRequest, status: ControlStatus, message: &str) -> Self {
+        let mut response = Self { token: request.token, status: status.into(), ..Self::default() };
+        let len = (0..=message.len().min(MESSAGE_BYTES))
+            .rev()
+            .find(|&end| message.is_char_boundary(end))
+            .unwrap_or(0);
+        if let (Some(slot), Some(text)) = (response.message.get_mut(..len), message.as_bytes().get(..len)) {
+            slot.copy_from_slice(text);
+            response.message_len = len as u32;
+        }
+        response
+    }
+
+    /// The text; what is not UTF-8 is replaced, whatever a foreign daemon wrote.
+    pub fn text(&self) -> String {
+        let len = (self.message_len as usize).min(MESSAGE_BYTES);
+        String::from_utf8_lossy(self.message.get(..len).unwrap_or_default()).into_owned()
+    }
+
+    /// The status; an unknown number counts as an internal error.
+    pub fn outcome(&self) -> ControlStatus {
+        ControlStatus::try_from(self.status).unwrap_or(ControlStatus::Internal)
+    }
+
+    /// Whether the request was fulfilled or taken.
+    pub fn is_success(&self) -> bool {
+        self.status >= 0 && ControlStatus::try_from(self.status).is_ok()
+    }
+}
+
+impl fmt::Display for ControlResponse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.outcome())?;
+        if self.message_len > 0 { write!(f, ": {}", self.text()) } else { Ok(()) }
+    }
+}
+
+impl Validate for ControlRequest {
+    fn validate(&self) -> Result<(), Rejection> {
+        let op = known::<_, ControlOp>("op", self.op)?;
+        number("value", self.value, 1e6)?;
+        match op {
+            // Compared as it is: a difference would round the smallest negative numbers to legal ones.
+            ControlOp::SetTrust if !(0.0..=1.0).contains(&self.value) => {
+                Err(Rejection::new(RejectReason::OutOfRange, "value"))
+            }
+            ControlOp::SwitchPredictor => known::<_, PredictorId>("param", self.param).map(|_| ()),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Validate for ControlResponse {
+    fn validate(&self) -> Result<(), Rejection> {
+        known::<_, ControlStatus>("status", self.status)?;
+        number("message_len", f64::from(self.message_len), MESSAGE_BYTES as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(op: ControlOp) -> ControlRequest {
+        ControlRequest::new(1, 2, op)
+    }
+
+    #[test]
+    fn trust_outside_zero_to_one_is_refused() {
+        for (value, ok) in
+            [(0.0, true), (1.0, true), (-0.01, false), (1.01, false), (-5e-324, false), (f64::NAN, false)]
+        {
+            let request = ControlRequest { value, ..request(ControlOp::SetTrust) };
+            assert_eq!(request.validate().is_ok(), ok, "{value}");
+        }
+    }
+
+    #[test]
+    fn unknown_operations_and_predictors_are_refused() {
+        let unknown = ControlRequest { op: 10, ..request(ControlOp::Query) };
+        assert_eq!(unknown.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "op")));
+        let unknown = ControlRequest { param: 8, ..request(ControlOp::SwitchPredictor) };
+        assert_eq!(unknown.validate().unwrap_err().field, "param");
+    }
+
+    #[test]
+    fn a_long_message_is_cut_at_a_character_border() {
+        let long = "é".repeat(MESSAGE_BYTES);
+        let response = ControlResponse::to(&request(ControlOp::Arm), ControlStatus::WrongMode, &long[..]);
+        assert_eq!(response.text(), "é".repeat(MESSAGE_BYTES / 2));
+        let odd = format!("a{long}");
+        let response = ControlResponse::to(&request(ControlOp::Arm), ControlStatus::WrongMode, &odd);
+        assert_eq!(response.message_len as usize, MESSAGE_BYTES - 1);
+    }
+
+    #[test]
+    fn foreign_text_and_lengths_cannot_hurt() {
+        let response =
+            ControlResponse { message: [0xff; MESSAGE_BYTES], message_len: u32::MAX, ..Default::default() };
+        assert_eq!(response.text().chars().count(), MESSAGE_BYTES);
+        assert!(response.validate().is_err());
+        assert_eq!(ControlResponse { status: 9, ..Default::default() }.outcome(), ControlStatus::Internal);
+    }
+}

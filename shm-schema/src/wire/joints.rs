@@ -1,0 +1,161 @@
+//! `JointCommand` (daemon to arm), `JointState` (arm to daemon) and the dead-man `Enable`.
+//!
+//! Consumer rule for commands: follow q + q̇·(now − stamp) until `valid_until_ns`, then brake by itself. Until the
+//! stamp this interpolates between two commands, after it it extrapolates.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::JOINTS;
+use super::check::{Rejection, Validate, flags, known, within};
+use super::flags::command_flags;
+use super::header::Header;
+use super::layout::wire;
+use super::robot_mode::{RobotMode, SafetyMode};
+use super::vocabulary::Mode;
+
+wire! {
+    /// Joint positions to be reached at `header.stamp_ns`, one control period after the tick that made them.
+    "foretrace.JointCommandV2"
+    pub struct JointCommand {
+        /// Stamp: the instant `q` holds for; in the future by up to one period.
+        pub header: Header,
+        /// When it was sent [ns].
+        pub published_ns: u64,
+        /// The tick that made it.
+        pub tick: u64,
+        /// From here on the consumer brakes by itself [ns].
+        pub valid_until_ns: u64,
+        /// Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none.
+        pub pen_sequence: u64,
+        /// Identity of the newest pen sample behind it: its device stamp [ns]; 0: none.
+        pub pen_stamp_ns: u64,
+        /// Joint positions at the stamp [rad].
+        pub q: [f64; JOINTS],
+        /// Joint velocities up to the stamp [rad/s].
+        pub qd: [f64; JOINTS],
+        /// [`Mode`].
+        pub mode: u32,
+        /// [`command_flags`].
+        pub flags: u32,
+    }
+}
+
+wire! {
+    /// What the arm measured.
+    "foretrace.JointStateV2"
+    pub struct JointState {
+        /// Stamp: when it was measured, on this host's clock.
+        pub header: Header,
+        /// The robot's own clock [ns]; 0: none.
+        pub robot_stamp_ns: u64,
+        /// Tick of the newest command accepted; 0: none. This and the next three are filled in by `echo`.
+        pub command_tick: u64,
+        /// When that command was accepted, on this host's clock [ns]; 0: not known.
+        pub command_accepted_ns: u64,
+        /// `pen_sequence` of that command.
+        pub pen_sequence: u64,
+        /// `pen_stamp_ns` of that command.
+        pub pen_stamp_ns: u64,
+        /// Commands accepted so far.
+        pub commands_received: u64,
+        /// Commands refused so far (stale, foreign, malformed).
+        pub commands_refused: u64,
+        /// Joint positions [rad].
+        pub q: [f64; JOINTS],
+        /// Joint velocities [rad/s].
+        pub qd: [f64; JOINTS],
+        /// Joint currents [A] or torques [Nm], whichever the arm reports; 0: none.
+        pub effort: [f64; JOINTS],
+        /// [`SafetyMode`].
+        pub safety_mode: u32,
+        /// [`RobotMode`].
+        pub robot_mode: u32,
+    }
+}
+
+wire! {
+    /// The operator's dead-man, 50 times per second. Its absence stops too.
+    "foretrace.EnableV1"
+    pub struct Enable {
+        /// Stamp: when it was sent.
+        pub header: Header,
+        /// 0: go on; anything else: stop.
+        pub stop: u32,
+        /// Zero.
+        pub reserved: u32,
+    }
+}
+
+/// Largest joint position on the wire [rad]: two turns, one more than any joint of a UR has. An arm that speaks degrees is
+/// found by it wherever a joint stands beyond 12.6 degrees.
+pub const JOINT_POSITION_LIMIT_RAD: f64 = 4.0 * std::f64::consts::PI;
+/// Largest joint velocity on the wire [rad/s].
+pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
+/// Largest effort on the wire [A] or [Nm].
+pub const EFFORT_LIMIT: f64 = 1e5;
+
+impl JointState {
+    /// Echo `command`, accepted at `accepted_ns` on this host's clock: the way back of its pen sample's identity.
+    pub fn echo(&mut self, command: &JointCommand, accepted_ns: u64) {
+        self.command_tick = command.tick;
+        self.command_accepted_ns = accepted_ns;
+        self.pen_sequence = command.pen_sequence;
+        self.pen_stamp_ns = command.pen_stamp_ns;
+    }
+}
+
+impl Validate for JointCommand {
+    fn validate(&self) -> Result<(), Rejection> {
+        within("q", &self.q, JOINT_POSITION_LIMIT_RAD)?;
+        within("qd", &self.qd, JOINT_VELOCITY_LIMIT_RADPS)?;
+        known::<_, Mode>("mode", self.mode)?;
+        flags("flags", self.flags, command_flags::ALL)
+    }
+}
+
+impl Validate for JointState {
+    fn validate(&self) -> Result<(), Rejection> {
+        within("q", &self.q, JOINT_POSITION_LIMIT_RAD)?;
+        within("qd", &self.qd, JOINT_VELOCITY_LIMIT_RADPS)?;
+        within("effort", &self.effort, EFFORT_LIMIT)?;
+        known::<_, SafetyMode>("safety_mode", self.safety_mode)?;
+        known::<_, RobotMode>("robot_mode", self.robot_mode)?;
+        Ok(())
+    }
+}
+
+impl Validate for Enable {
+    fn validate(&self) -> Result<(), Rejection> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::vocabulary::RejectReason;
+
+    #[test]
+    fn any_single_bad_joint_refuses_the_whole_message() {
+        for joint in 0..JOINTS {
+            let mut command = JointCommand::default();
+            command.q[joint] = f64::NAN;
+            assert_eq!(command.validate().unwrap_err().reason, RejectReason::NotFinite);
+            let mut state = JointState::default();
+            state.qd[joint] = -101.0;
+            assert_eq!(state.validate(), Err(Rejection::new(RejectReason::OutOfRange, "qd")));
+        }
+    }
+
+    #[test]
+    fn unknown_modes_and_flags_are_refused() {
+        let command = JointCommand { mode: 7, ..Default::default() };
+        assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
+        let command = JointCommand { flags: 8, ..Default::default() };
+        assert_eq!(command.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "flags")));
+        let state = JointState { safety_mode: 99, ..Default::default() };
+        assert_eq!(state.validate().unwrap_err().field, "safety_mode");
+        let state = JointState { robot_mode: 10, ..Default::default() };
+        assert_eq!(state.validate().unwrap_err().field, "robot_mode");
+    }
+}

@@ -1,0 +1,29 @@
+//! Messages: what crosses a process border, byte for byte, and what a receiver checks of it.
+//!
+//! Contract: pure but for the clock and the boot id that every header carries. Nothing here knows where an instance keeps its
+//! files or how a message travels.
+
+pub mod layout;
+pub(crate) mod sentence;
+pub(crate) mod vocabulary;
+pub(crate) mod robot_mode;
+pub(crate) mod flags;
+pub(crate) mod check;
+pub(crate) mod clock;
+pub(crate) mod header;
+pub(crate) mod pen;
+pub(crate) mod joints;
+pub(crate) mod counters;
+pub(crate) mod arm_lag;
+pub(crate) mod tick_record;
+pub(crate) mod refused;
+pub(crate) mod stop_detail;
+pub(crate) mod latency;
+pub(crate) mod status;
+pub(crate) mod control;
+
+/// Joints on the wire. The control law may use fewer; unused joints are zero.
+pub const JOINTS: usize = 6;
+
+/// Axes of a position on the wire: x, y in the writing plane, z along its normal.
+pub const AXES: usize = 3;

@@ -1,0 +1,240 @@
+//! `Status`: what the daemon says about itself ten times per second and on every change.
+
+use std::fmt;
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::arm_lag::ArmLag;
+use super::check::{Rejection, Validate, flags, known};
+use super::counters::Counters;
+use super::flags::missing_rights;
+use super::header::Header;
+use super::latency::Latency;
+use super::layout::wire;
+use super::refused::Refused;
+use super::stop_detail::{StopCause, StopDetail, ToolExtent};
+use super::tick_record::Chain;
+use super::vocabulary::{
+    FaultReason, Mode, PredictorId, STAGES, Stage, TrustReason, UnknownValue, wire_enum,
+};
+
+wire! {
+    /// Spread of a duration [ns], saturated.
+    "foretrace.PercentilesV1"
+    pub struct Percentiles {
+        /// Median.
+        pub p50_ns: u32,
+        /// 99 of 100 are at most this.
+        pub p99_ns: u32,
+        /// 999 of 1000 are at most this.
+        pub p99_9_ns: u32,
+        /// The largest.
+        pub max_ns: u32,
+    }
+}
+
+wire! {
+    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: not known. Lags are the
+    /// shift of the pen that fits the tool best, −0.05 to 0.2; NaN: not known.
+    "foretrace.TrackingV1"
+    pub struct Tracking {
+        /// Root mean square distance while the pen writes, over the last seconds of writing [m].
+        pub recent_rms_m: f64,
+        /// The same since arming [m].
+        pub session_rms_m: f64,
+        /// The same since arming, hovering included [m].
+        pub hover_rms_m: f64,
+        /// How late the tool is behind the pen, over the last seconds of writing [s].
+        pub recent_lag_s: f64,
+        /// The same since arming [s].
+        pub session_lag_s: f64,
+    }
+}
+
+impl Tracking {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self {
+        recent_rms_m: -1.0,
+        session_rms_m: -1.0,
+        hover_rms_m: -1.0,
+        recent_lag_s: f64::NAN,
+        session_lag_s: f64::NAN,
+    };
+}
+
+wire! {
+    /// The straight way home, from the measured joints, or what is left of it while the arm moves along it.
+    "foretrace.WayHomeV1"
+    pub struct WayHome {
+        /// How far the joint that turns farthest is from home [rad]; negative: not known.
+        pub farthest_rad: f64,
+        /// How long the way takes, or the rest of it, with nothing near [s]; negative: not known.
+        pub left_s: f64,
+        /// In mode [`Mode::Homing`], the share of the way that was gone; negative: in another mode.
+        pub share: f64,
+        /// The joint that turns farthest, from 0, base first.
+        pub joint: u32,
+        /// In mode [`Mode::Homing`]: 1 once the way was found clear, and the motion has begun.
+        pub moving: u32,
+    }
+}
+
+impl WayHome {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self { farthest_rad: -1.0, left_s: -1.0, share: -1.0, joint: 0, moving: 0 };
+}
+
+wire_enum! {
+    /// Whether the ghost (what trust 0 would have done) can be compared with the loop.
+    pub enum GhostState: u32 {
+        /// The loop does not follow the pen, or there is no ghost.
+        Off = 0 => "off",
+        /// The tool or its ghost is still on its way to the pen.
+        Approaching = 1 => "approaching",
+        /// Ticks were missing; the ghost starts anew and is given time to settle.
+        Settling = 2 => "settling",
+        /// It can.
+        Comparable = 3 => "comparable",
+    }
+}
+
+wire! {
+    /// State of the daemon. Spreads are over all ticks since start, after warm-up.
+    "foretrace.StatusV5"
+    pub struct Status {
+        /// Stamp: when it was sent.
+        pub header: Header,
+        /// Differs from start to start of a daemon.
+        pub daemon_id: u64,
+        /// Process number.
+        pub pid: u32,
+        /// [`Mode`].
+        pub mode: u32,
+        /// [`FaultReason`].
+        pub fault: u32,
+        /// [`mod@missing_rights`].
+        pub missing_rights: u32,
+        /// Ticks per second, configured [Hz].
+        pub rate_hz: f64,
+        /// Ticks per second over the last second, measured [Hz].
+        pub measured_rate_hz: f64,
+        /// Newest tick.
+        pub tick: u64,
+        /// Since the daemon started [ns].
+        pub uptime_ns: u64,
+        /// Counts changes of live settings.
+        pub settings_revision: u64,
+        /// Hash of the settings file.
+        pub settings_hash: u64,
+
+        /// Spread of each [`Stage`].
+        pub stages: [Percentiles; STAGES],
+        /// Totals.
+        pub counters: Counters,
+
+        /// Trust α.
+        pub trust: f64,
+        /// Where α is going.
+        pub trust_target: f64,
+        /// [`TrustReason`].
+        pub trust_reason: u32,
+        /// [`PredictorId`].
+        pub predictor: u32,
+        /// Age of the newest pen sample [ns]; `u64::MAX`: none.
+        pub pen_age_ns: u64,
+        /// Age of the newest joint state [ns]; `u64::MAX`: none.
+        pub joint_state_age_ns: u64,
+        /// Latencies part by part, each the median over about the last second.
+        pub chain: Chain,
+        /// From the device stamp of a pen sample to the first command handed over after it was taken in.
+        pub pen_to_command: Latency,
+        /// From a command handed over to the motion that it asks for: to its stamp, and on by the arm's measured lag.
+        pub command_to_motion: Latency,
+
+        /// Version of the weights in use.
+        pub learner_version: u64,
+        /// Grid steps learnt from.
+        pub learner_updates: u64,
+        /// Sets of weights handed to the loop.
+        pub learner_promotions: u64,
+        /// Sets of weights taken back.
+        pub learner_rollbacks: u64,
+        /// Sets of weights not handed over: not finite or worse.
+        pub learner_refused: u64,
+        /// Age of the weights in use [ns].
+        pub learner_age_ns: u64,
+        /// Root mean square of the one-step prediction error, recent [m]; negative: none.
+        pub predictor_rms_m: f64,
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
+        /// not known.
+        pub predictor_band_m: f64,
+
+        /// The arm's lag, and what the plan makes of it.
+        pub arm_lag: ArmLag,
+        /// The arm as it is measured.
+        pub tracking: Tracking,
+        /// The arm as it would be had the loop always held (trust 0), at the same instants.
+        pub ghost: Tracking,
+        /// How long the pen wrote while both were compared [s].
+        pub compared_s: f64,
+        /// [`GhostState`].
+        pub ghost_state: u32,
+        /// Median cost of the ghost per tick, on a thread that no tick waits for [ns].
+        pub ghost_cost_ns: u32,
+
+        /// Heap allocations per tick after warm-up, ticks with a connection change left out.
+        pub allocations_per_tick: f64,
+        /// Evidence behind the newest latched stop.
+        pub stop: StopDetail,
+        /// Where the measured tool has been.
+        pub extent: ToolExtent,
+        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        pub arm_speed_share: f64,
+        /// The newest pen sample that was refused.
+        pub pen_refused: Refused,
+        /// The newest joint state that was refused.
+        pub joints_refused: Refused,
+        /// The newest dead-man message that was refused.
+        pub enable_refused: Refused,
+        /// The newest echo of a command that was not believed.
+        pub echo_refused: Refused,
+        /// The way home.
+        pub way_home: WayHome,
+        /// Reserved, zero.
+        pub reserved: [u64; 2],
+    }
+}
+
+impl Status {
+    /// Spread of a stage.
+    pub fn stage(&self, stage: Stage) -> Percentiles {
+        self.stages.get(stage as usize).copied().unwrap_or_default()
+    }
+}
+
+impl Validate for Status {
+    fn validate(&self) -> Result<(), Rejection> {
+        known::<_, Mode>("mode", self.mode)?;
+        known::<_, FaultReason>("fault", self.fault)?;
+        known::<_, StopCause>("stop.cause", self.stop.cause)?;
+        known::<_, TrustReason>("trust_reason", self.trust_reason)?;
+        known::<_, PredictorId>("predictor", self.predictor)?;
+        known::<_, GhostState>("ghost_state", self.ghost_state)?;
+        flags("missing_rights", self.missing_rights, missing_rights::ALL)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::vocabulary::RejectReason;
+
+    #[test]
+    fn unknown_modes_and_rights_are_refused() {
+        assert_eq!(Status::default().validate(), Ok(()));
+        let status = Status { mode: 77, ..Default::default() };
+        assert_eq!(status.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
+        let status = Status { missing_rights: u32::MAX, ..Default::default() };
+        assert_eq!(status.validate().unwrap_err().reason, RejectReason::UnknownFlags);
+    }
+}

@@ -1,0 +1,268 @@
+//! `TickRecord`: everything one tick saw, decided and cost. Evidence, at most 2 KiB.
+//!
+//! Contract: unlike inputs, its numbers may be anything, NaN included, so that a fault can be seen; only enums and
+//! flags are checked. `u64::MAX` stands for an unknown age, a negative number for an unknown residual or error.
+//! Positions are in the writing plane's frame unless said otherwise.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::arm_lag::ArmLag;
+use super::check::{Rejection, Validate, flags, known};
+use super::counters::Counters;
+use super::flags::{guard_mask, health, pen_flags};
+use super::header::Header;
+use super::layout::wire;
+use super::status::GhostState;
+use super::stop_detail::{StopCause, StopDetail};
+use super::vocabulary::{FaultReason, Mode, PredictorId, Rung, STAGES, SolverPath, Stage, TrustReason};
+use super::{AXES, JOINTS};
+
+wire! {
+    /// Where the time goes between the pen and the arm, part by part [ns]; `u64::MAX`: not known.
+    ///
+    /// No sum: a command is stamped one control period after its tick, so what compute and transport take within that
+    /// period delays nothing. The arm's own lag, from a command's stamp to the motion, is told apart from these.
+    "foretrace.ChainV1"
+    pub struct Chain {
+        /// Device stamp to sent, of the newest pen sample: what the reader and its device took.
+        pub pen_reader_ns: u64,
+        /// Sent to taken in by a tick, of the newest pen sample: shared memory, and waiting for the tick.
+        pub pen_transport_ns: u64,
+        /// Device stamp of the newest pen sample to the release of the tick.
+        pub pen_age_ns: u64,
+        /// Start of the tick to the command handed to the middleware.
+        pub compute_ns: u64,
+        /// Handed to the middleware to accepted by the arm, of the newest command that the arm has echoed.
+        pub command_transport_ns: u64,
+    }
+}
+
+impl Chain {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self {
+        pen_reader_ns: u64::MAX,
+        pen_transport_ns: u64::MAX,
+        pen_age_ns: u64::MAX,
+        compute_ns: u64::MAX,
+        command_transport_ns: u64::MAX,
+    };
+}
+
+wire! {
+    /// One tick's evidence.
+    "foretrace.TickRecordV4"
+    pub struct TickRecord {
+        /// Stamp: end of the tick.
+        pub header: Header,
+        /// Number of the tick, from 1.
+        pub tick: u64,
+        /// When it should have started [ns].
+        pub release_ns: u64,
+        /// The instant its command holds for [ns].
+        pub command_stamp_ns: u64,
+        /// Time left to the deadline [ns]; negative after an overrun.
+        pub slack_ns: i64,
+        /// Cost of each [`Stage`] [ns], saturated.
+        pub stage_ns: [u32; STAGES],
+
+        /// Caps of iterations the tick was given: MPC.
+        pub budget_mpc_iterations: u32,
+        /// Caps of iterations the tick was given: IK.
+        pub budget_ik_iterations: u32,
+        /// 1: the budget was shed.
+        pub shed: u32,
+        /// Whole periods dropped before this tick.
+        pub skipped_ticks: u32,
+
+        /// Identity of the newest pen sample: its number in its publisher's sequence; 0: none yet.
+        pub pen_sequence: u64,
+        /// Identity of the newest pen sample: its device stamp [ns]; 0: none yet.
+        pub pen_stamp_ns: u64,
+        /// Latencies, part by part.
+        pub chain: Chain,
+        /// Newest pen position [m].
+        pub pen_m: [f64; AXES],
+        /// Pen samples accepted in this tick.
+        pub pen_samples: u32,
+        /// [`crate::pen_flags`] of the newest sample.
+        pub pen_flags: u32,
+
+        /// Age of the newest joint state [ns].
+        pub joint_state_age_ns: u64,
+        /// Newest measured joint positions [rad].
+        pub measured_q: [f64; JOINTS],
+        /// Tick of the newest command that the arm has echoed; 0: none.
+        pub echo_tick: u64,
+        /// Identity of the pen sample behind that command, as echoed: its number.
+        pub echo_pen_sequence: u64,
+        /// Identity of the pen sample behind that command, as echoed: its device stamp [ns].
+        pub echo_pen_stamp_ns: u64,
+
+        /// Where the tool should be at the command's stamp [m].
+        pub reference_m: [f64; AXES],
+        /// Setpoint: position [m].
+        pub setpoint_m: [f64; AXES],
+        /// Setpoint: velocity [m/s].
+        pub setpoint_mps: [f64; AXES],
+        /// Setpoint: acceleration [m/s²].
+        pub setpoint_mps2: [f64; AXES],
+        /// Jerk applied [m/s³].
+        pub jerk_mps3: [f64; AXES],
+        /// Tool position of the published command [m].
+        pub tool_m: [f64; AXES],
+        /// Published joint positions [rad].
+        pub q: [f64; JOINTS],
+        /// Published joint velocities [rad/s].
+        pub qd: [f64; JOINTS],
+
+        /// Trust α: 1 prediction only, 0 hold only.
+        pub trust: f64,
+        /// Where α is going.
+        pub trust_target: f64,
+        /// The predictor's own score, [0, 1].
+        pub confidence: f64,
+        /// [`TrustReason`].
+        pub trust_reason: u32,
+        /// [`Rung`].
+        pub rung: u32,
+        /// [`Mode`].
+        pub mode: u32,
+        /// [`FaultReason`].
+        pub fault: u32,
+        /// [`mod@health`].
+        pub health: u32,
+        /// [`mod@guard_mask`].
+        pub guard_mask: u32,
+        /// Joints the guard altered, one bit per joint.
+        pub guard_joints: u32,
+        /// Soft limits of the MPC exceeded, all axes.
+        pub mpc_soft: u32,
+
+        /// Active limits of the MPC, per axis.
+        pub mpc_active: [u32; AXES],
+        /// Solver iterations, per axis.
+        pub mpc_iterations: [u32; AXES],
+        /// [`SolverPath`], per axis.
+        pub mpc_path: [u32; AXES],
+        /// Joints at a limit in the IK, one bit per joint.
+        pub ik_active: u32,
+        /// Solver iterations.
+        pub ik_iterations: u32,
+        /// [`SolverPath`].
+        pub ik_path: u32,
+        /// KKT residual, normalised, per axis; negative: not computed.
+        pub mpc_residual: [f64; AXES],
+        /// KKT residual, normalised; negative: not computed.
+        pub ik_residual: f64,
+        /// Length of the orientation error [rad].
+        pub orientation_error_rad: f64,
+        /// Distance to the nearest singularity [m]; negative: not computed.
+        pub singularity_m: f64,
+
+        /// One-step error of the predictor at the newest closed grid step [m]; negative: none.
+        pub predictor_error_m: f64,
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
+        /// not known.
+        pub predictor_band_m: f64,
+        /// Version of the weights in use.
+        pub learner_version: u64,
+        /// Age of the weights in use [ns].
+        pub learner_age_ns: u64,
+        /// [`PredictorId`].
+        pub predictor: u32,
+        /// Steps of the roll-out.
+        pub preview_steps: u32,
+
+        /// Heap allocations in this tick.
+        pub allocations: u32,
+        /// 1: a port connected or disconnected in this tick.
+        pub connections_changed: u32,
+        /// Totals up to this tick.
+        pub counters: Counters,
+        /// The arm's lag, and what the plan makes of it.
+        pub arm_lag: ArmLag,
+
+        /// Where the tool would be at the command's stamp had the loop always held (trust 0) [m]; zero without a ghost.
+        pub ghost_tool_m: [f64; AXES],
+        /// The instant for which the next two distances hold, a tenth of a second back [ns]; 0: none in this tick.
+        pub compared_ns: u64,
+        /// Distance of the measured tool from the pen at that instant, in the plane [m]; negative: none in this tick.
+        pub error_m: f64,
+        /// The same for the ghost's tool, behind an arm of the same lag [m]; negative: none in this tick.
+        pub ghost_error_m: f64,
+        /// [`GhostState`].
+        pub ghost_state: u32,
+        /// 1: the pen wrote at that instant.
+        pub compared_contact: u32,
+        /// Evidence behind the newest latched stop.
+        pub stop: StopDetail,
+        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        pub arm_speed_share: f64,
+    }
+}
+
+const _: () = assert!(size_of::<TickRecord>() <= 2048);
+
+impl TickRecord {
+    /// Cost of a stage [ns].
+    pub fn stage(&self, stage: Stage) -> u32 {
+        self.stage_ns.get(stage as usize).copied().unwrap_or(0)
+    }
+
+    /// Set the cost of a stage, saturated to 4.29 s.
+    pub fn set_stage(&mut self, stage: Stage, ns: u64) {
+        if let Some(cost) = self.stage_ns.get_mut(stage as usize) {
+            *cost = u32::try_from(ns).unwrap_or(u32::MAX);
+        }
+    }
+}
+
+impl Validate for TickRecord {
+    fn validate(&self) -> Result<(), Rejection> {
+        known::<_, TrustReason>("trust_reason", self.trust_reason)?;
+        known::<_, Rung>("rung", self.rung)?;
+        known::<_, Mode>("mode", self.mode)?;
+        known::<_, FaultReason>("fault", self.fault)?;
+        known::<_, StopCause>("stop.cause", self.stop.cause)?;
+        known::<_, PredictorId>("predictor", self.predictor)?;
+        known::<_, SolverPath>("ik_path", self.ik_path)?;
+        known::<_, GhostState>("ghost_state", self.ghost_state)?;
+        for path in self.mpc_path {
+            known::<_, SolverPath>("mpc_path", path)?;
+        }
+        flags("health", self.health, health::ALL)?;
+        flags("guard_mask", self.guard_mask, guard_mask::ALL)?;
+        flags("pen_flags", self.pen_flags, pen_flags::ALL)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evidence_of_a_fault_may_hold_nan() {
+        let record = TickRecord { setpoint_m: [f64::NAN; AXES], ..Default::default() };
+        assert_eq!(record.validate(), Ok(()));
+    }
+
+    #[test]
+    fn an_unknown_solver_path_on_any_axis_is_refused() {
+        for axis in 0..AXES {
+            let mut record = TickRecord::default();
+            record.mpc_path[axis] = 5;
+            assert_eq!(record.validate().unwrap_err().field, "mpc_path");
+        }
+    }
+
+    #[test]
+    fn stage_costs_saturate() {
+        let mut record = TickRecord::default();
+        record.set_stage(Stage::Ik, 1 << 40);
+        record.set_stage(Stage::Step, 3);
+        assert_eq!(
+            (record.stage(Stage::Ik), record.stage(Stage::Step), record.stage(Stage::Mpc)),
+            (u32::MAX, 3, 0)
+        );
+    }
+}
