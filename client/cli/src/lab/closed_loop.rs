@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Row, hands};
-use foretrace_lab::data::{DataSet, Split, median_glyph_height};
-use foretrace_lab::path::Lift;
+use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::path::Lift;
 use serde_json::json;
 
 use crate::failure::Failure;

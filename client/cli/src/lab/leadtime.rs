@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use foretrace_lab::data::{DataSet, Split};
-use foretrace_lab::plot::{Line, Mark, Panel, panels};
 use foretrace_lab::prediction::lead_time::{
     Board, BoardError, Entrant, LeadRow, Predictions, Standing, compare, export,
 };
 use foretrace_lab::prediction::{Model, Set};
+use foretrace_sim::data::{DataSet, Split};
+use foretrace_sim::plot::{Line, Mark, Panel, panels};
 use serde_json::json;
 
 use super::table;

@@ -12,9 +12,9 @@ mod pictures;
 use std::path::PathBuf;
 
 use foretrace_config::Config;
-use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::experiments::{Labels, Letter, letters};
-use foretrace_lab::path::{Anchor, Layout, Placement};
+use foretrace_sim::data::{DataSet, Split};
+use foretrace_sim::path::{Anchor, Layout, Placement};
 
 use crate::failure::Failure;
 use crate::interrupt::ends_at_once;

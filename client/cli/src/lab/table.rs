@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use foretrace_lab::data::Split;
-use foretrace_lab::plot::{Bars, Best, bar_table};
 use foretrace_lab::prediction::{ByLead, Model, ModelError, Row, Scored, Set, score, work};
+use foretrace_sim::data::Split;
+use foretrace_sim::plot::{Bars, Best, bar_table};
 use serde_json::{Value, json};
 
 use crate::failure::Failure;

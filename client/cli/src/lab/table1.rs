@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::data::Split;
-use foretrace_lab::plot::{Named, scatter};
 use foretrace_lab::prediction::{
     Correlation, LabelRow, MIN_SEQUENCES, Model, ORDER, RetrainError, Scored, Set, TRAINABLE, by_label,
     correlations, gains, retrain, retrain_epochs,
 };
+use foretrace_sim::data::Split;
+use foretrace_sim::plot::{Named, scatter};
 use serde_json::json;
 
 use super::table;

@@ -14,9 +14,9 @@ use std::time::Instant;
 
 use foretrace_config::models::DType;
 use foretrace_control::pen::TARGET_RMS;
-use foretrace_lab::data::DataSet;
 use foretrace_lab::train::corpus::{self, Item};
 use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
+use foretrace_sim::data::DataSet;
 use serde_json::json;
 
 use crate::failure::{Cause, Failure};
