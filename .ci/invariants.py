@@ -62,9 +62,11 @@ def layers_point_downwards() -> None:
 
 
 def opponents_stay_in_the_lab() -> None:
-    for package in ("foretrace-control", "foretrace-config", "foretraced", "foretrace-sim"):
-        if re.search(r"^rsruckig ", cargo("tree", "-p", package, "-e", "normal", "--prefix", "none"), re.MULTILINE):
-            problems.append(f"{package} reaches rsruckig: what foretrace is compared with belongs to the lab only")
+    for package in ("foretrace-control", "foretrace-config", "foretraced", "foretrace-sim", "foretrace"):
+        # The program has the lab as a feature that is on by default.
+        tree = cargo("tree", "-p", package, "-e", "normal", "--no-default-features", "--prefix", "none")
+        for banned in re.findall(r"^(rsruckig|foretrace-lab) ", tree, re.MULTILINE):
+            problems.append(f"{package} reaches {banned}: what foretrace is compared with belongs to the lab only")
 
 
 def unsafe_code_is_justified() -> None:

@@ -10,9 +10,9 @@ use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
+use super::progress::Progress;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
-use crate::progress::Progress;
 use crate::settings::SettingsArgs;
 
 #[derive(Debug, clap::Args)]
@@ -44,7 +44,7 @@ pub(crate) struct ClosedLoopArgs {
     pareto: bool,
 
     /// At most this many sequences of each hand, every writer of every file, in the order of the file
-    #[arg(long, value_name = "N", value_parser = crate::values::count)]
+    #[arg(long, value_name = "N", value_parser = super::count)]
     limit: Option<usize>,
 
     /// Every sequence's own scores in the JSON too, for paired comparisons

@@ -11,10 +11,10 @@ use foretrace_lab::plot::{Rampup, trust_ramp};
 use foretrace_sim::plot::{Cell, letter_grid};
 use serde_json::{Map, Value, json};
 
+use super::progress::Progress;
 use super::{LabArgs, Session};
 use crate::failure::Failure;
 use crate::output::{note, say};
-use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Fig2Args {

@@ -93,7 +93,7 @@ fn of_the_demo(out: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), Failure>
     let Arguments { command: Command::Demo(args) } = arguments("demo")? else {
         return Err(failed("demo is not the demo"));
     };
-    let (_, drawings, _) = demo::performed(&args)?;
+    let (_, drawings, _) = demo::Stage::set(&args)?.performed(&args)?;
     for (file, picture) in
         OF_THE_DEMO.iter().zip([drawings.path, drawings.error, drawings.lag, drawings.times])
     {

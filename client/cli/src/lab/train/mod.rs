@@ -19,10 +19,10 @@ use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, cit
 use foretrace_sim::data::DataSet;
 use serde_json::json;
 
+use super::progress::Progress;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
-use crate::progress::Progress;
 use options::Choice;
 pub(crate) use options::TrainArgs;
 
