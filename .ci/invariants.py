@@ -56,7 +56,8 @@ def layers_point_downwards() -> None:
         "foretrace-config": {"foretrace-control"},
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
-        "foretrace-lab": {"foretrace-config", "foretrace-control"},
+        "foretrace-sim": {"foretrace-config", "foretrace-control"},
+        "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:
         wanted = {d["name"] for d in package["dependencies"] if d["kind"] is None and d["name"].startswith("foretrace")}
@@ -96,9 +97,11 @@ def rooms_point_downwards() -> None:
 
 
 def opponents_stay_in_the_lab() -> None:
-    for package in ("foretrace-control", "foretrace-config", "foretraced"):
-        if re.search(r"^rsruckig ", cargo("tree", "-p", package, "-e", "normal", "--prefix", "none"), re.MULTILINE):
-            problems.append(f"{package} reaches rsruckig: what foretrace is compared with belongs to the lab only")
+    for package in ("foretrace-control", "foretrace-config", "foretraced", "foretrace-sim", "foretrace"):
+        # The program has the lab as a feature that is on by default.
+        tree = cargo("tree", "-p", package, "-e", "normal", "--no-default-features", "--prefix", "none")
+        for banned in re.findall(r"^(rsruckig|foretrace-lab) ", tree, re.MULTILINE):
+            problems.append(f"{package} reaches {banned}: what foretrace is compared with belongs to the lab only")
 
 
 def unsafe_code_is_justified() -> None:

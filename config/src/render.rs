@@ -3,6 +3,8 @@
 use std::fmt::Write as _;
 
 use crate::config::Config;
+#[cfg(test)]
+use crate::layers::PRESET;
 use crate::layers::table;
 use crate::live::values;
 use crate::schema::{Change, Key, Presence};
@@ -138,18 +140,28 @@ fn one_line(text: &str) -> String {
 }
 
 /// A preset's text: its own head (the comment up to the first empty line), then every key with its comment;
-/// keys that the preset leaves alone stand as comments.
+/// keys that the preset leaves alone stand as comments. A preset that names another has only what it puts over that.
 #[cfg(test)]
 pub(crate) fn commented(text: &str, config: &Config) -> String {
     let values = values(config.settings());
-    let head: String = text
+    let own = |place: &Place| matches!(place, Place::Preset { name, .. } if config.name() == format!("preset {name}"));
+    let given = |key: &Key| config.origin(&key.path).is_some_and(own);
+    let over = text.lines().find(|line| line.starts_with(PRESET));
+    let mut out: String = text
         .lines()
         .take_while(|line| line.starts_with('#'))
         .fold(String::new(), |all, line| all + line + "\n");
-    let mut out = head;
+    if let Some(line) = over {
+        let _ = write!(out, "\n{line}\n");
+    }
     for (section, title) in &table().sections {
+        let here = table().keys.iter().filter(|key| key.section == *section);
+        let shown: Vec<&Key> = here.filter(|key| over.is_none() || given(key)).collect();
+        if over.is_some() && shown.is_empty() {
+            continue;
+        }
         let _ = write!(out, "\n{}[{section}]\n", comment(title));
-        for key in table().keys.iter().filter(|key| key.section == *section) {
+        for key in shown {
             let name = key.path.rsplit('.').next().unwrap_or_default();
             out.push_str(&comment(&key.meaning));
             out.push_str(&comment(&format!(
@@ -158,11 +170,10 @@ pub(crate) fn commented(text: &str, config: &Config) -> String {
                 when(key.change),
                 key.start_with
             )));
-            let given = config.origin(&key.path).is_some_and(|place| *place != Place::Default);
-            match (values.get(&key.path).and_then(Option::as_ref), key.presence) {
-                (Some(value), _) if given => drop(writeln!(out, "{name} = {value}")),
-                (Some(value), _) => drop(writeln!(out, "# {name} = {value}")),
-                (None, _) => drop(writeln!(out, "# {name} =")),
+            match values.get(&key.path).and_then(Option::as_ref) {
+                Some(value) if given(key) => drop(writeln!(out, "{name} = {value}")),
+                Some(value) => drop(writeln!(out, "# {name} = {value}")),
+                None => drop(writeln!(out, "# {name} =")),
             }
         }
     }

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::live::values;
 use crate::render::commented;
-use crate::{Config, ConfigError, Draft, Problem, key_table, presets};
+use crate::{Config, ConfigError, Draft, Place, Problem, key_table, presets};
 
 mod wrong;
 mod arm;
@@ -37,6 +38,28 @@ fn presets_explain_every_key_as_the_table_does() {
             assert!(text == wanted, "{} is out of step: run with FORETRACE_BLESS=1", path.display());
         }
     }
+}
+
+#[test]
+fn a_preset_over_another_has_only_what_differs_and_says_where_each_value_stands() {
+    let (below, above) = (Config::preset("ur5").unwrap(), Config::preset("ur5e").unwrap());
+    let [of_below, of_above] = [&below, &above].map(|config| values(config.settings()));
+    let mut own = Vec::new();
+    for key in crate::keys() {
+        let Some(Place::Preset { name, line }) = above.origin(&key.path) else { continue };
+        let text = presets::text(name).unwrap().lines().nth(line - 1).unwrap();
+        let bare = key.path.rsplit('.').next().unwrap();
+        assert!(text.starts_with(&format!("{bare} = ")), "{}: {name}:{line} is {text}", key.path);
+        if name.as_ref() == "ur5e" {
+            own.push(key.path.as_str());
+        }
+    }
+    let differing = crate::keys().iter().map(|key| key.path.as_str());
+    let differing: Vec<&str> = differing.filter(|key| of_below[*key] != of_above[*key]).collect();
+    assert_eq!(own, differing);
+    let shown = above.render();
+    assert!(shown.contains("dead_time_ms = 35.0  # from preset ur5e:"), "{shown}");
+    assert!(shown.contains("tip_link = \"tool0\"  # from preset ur5:"), "{shown}");
 }
 
 #[test]

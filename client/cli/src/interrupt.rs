@@ -5,31 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
 use crate::failure::{Cause, Failure};
-use crate::output::note;
-
-/// For commands that only compute and write files: Ctrl-C, SIGTERM or SIGHUP ends them at once, without
-/// half-written files.
-pub(crate) fn ends_at_once() -> Result<(), Failure> {
-    let refused = |error: std::io::Error| {
-        Failure::failed(
-            format_args!("cannot listen to Ctrl-C: {error}"),
-            "free some memory, threads or files",
-        )
-    };
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
-    let ends = move || {
-        if signals.forever().next().is_some() {
-            foretrace_lab::whole::give_up();
-            note!("foretrace: interrupted");
-            std::process::exit(i32::from(Cause::Interrupted as u8));
-        }
-    };
-    std::thread::Builder::new().name("foretrace-signals".to_owned()).spawn(ends).map_err(refused)?;
-    Ok(())
-}
 
 /// Set once the user wants the program to end.
 #[derive(Debug, Clone)]

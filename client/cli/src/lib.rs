@@ -2,6 +2,7 @@
 //!
 //! Contract: one file per command; a command prints its result on stdout, or as JSON where `--json` says, and fails
 //! with one line on stderr and a documented exit code. Nothing here panics on input, on a closed pipe or on Ctrl-C.
+//! Without the feature `lab` (on by default) there is no `foretrace lab`, and nothing of `foretrace-lab` is built.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -9,7 +10,6 @@ mod os;
 mod failure;
 mod output;
 mod interrupt;
-mod progress;
 mod values;
 mod settings;
 mod attach;
@@ -31,8 +31,10 @@ mod status;
 mod demo;
 mod bench;
 mod doctor;
+#[cfg(feature = "lab")]
 mod lab;
-#[cfg(test)]
+// The documents also name commands of the lab.
+#[cfg(all(test, feature = "lab"))]
 mod documented;
 
 use std::process::ExitCode;
@@ -79,6 +81,7 @@ enum Command {
     Bench(bench::BenchArgs),
     Doctor(doctor::DoctorArgs),
     /// The paper's experiments on a data set
+    #[cfg(feature = "lab")]
     #[command(subcommand)]
     Lab(lab::LabCommand),
     /// Judge a settings file, show the settings in force, or propose shapes for the links of an arm
@@ -130,6 +133,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Status(args) => status::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Doctor(args) => doctor::run(args),
+        #[cfg(feature = "lab")]
         Command::Lab(command) => lab::run(command),
         Command::Config(command) => config::run(command),
     }

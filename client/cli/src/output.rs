@@ -83,7 +83,7 @@ impl JsonArgs {
             put(&text);
             return Ok(());
         }
-        foretrace_lab::whole::write(path, |out| out.write_all(text.as_bytes())).map_err(|error| {
+        foretrace_sim::whole::write(path, |out| out.write_all(text.as_bytes())).map_err(|error| {
             Failure::failed(
                 format_args!("cannot write {}: {error}", path.display()),
                 "give a writable --json FILE",

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Foretrace, PenWatch};
-use foretrace_lab::data::PenLog;
+use foretrace_sim::data::PenLog;
 use serde::Serialize;
 
 use crate::attach::{Lookout, News, unattached};

@@ -73,25 +73,18 @@ pub(crate) fn lasting(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "a number of seconds from 0.001 to 1000000".to_owned())
 }
 
-/// How many of something, at least one.
-pub(crate) fn count(text: &str) -> Result<usize, String> {
-    let count = text.parse().ok().filter(|count| *count >= 1);
-    count.ok_or_else(|| "a whole number from 1; leave the option out for all of them".to_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn what_is_legal_is_taken_and_what_is_not_is_told_the_range() {
-        assert_eq!((wait("0"), lasting("0.5"), count("3")), (Ok(0.0), Ok(0.5), Ok(3)));
+        assert_eq!((wait("0"), lasting("0.5")), (Ok(0.0), Ok(0.5)));
         for wrong in ["nan", "inf", "-1", "", "1e9", "\u{1b}[2J"] {
             assert!(wait(wrong).unwrap_err().contains("0 to 3600"), "{wrong}");
             assert!(lasting(wrong).unwrap_err().contains("0.001"), "{wrong}");
             assert!(trust(wrong).unwrap_err().contains("auto"), "{wrong}");
         }
-        assert!(count("0").unwrap_err().contains("from 1"));
         assert!(
             root("tmp/x").is_err()
                 && root(&format!("/{}", "x".repeat(60))).is_err()

@@ -18,9 +18,9 @@ use foretrace_control::predict::Previewer;
 use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
 use foretrace_control::units::Stamp;
 use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
-use foretrace_lab::data::{DataSet, Split, median_glyph_height};
-use foretrace_lab::path::{Lift, PathSample};
 use foretrace_lab::today::{Limits, WayKind, WaySettings, build};
+use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::path::{Lift, PathSample};
 
 const LEADS_S: [f64; 6] = [0.004, 0.007, 0.017, 0.035, 0.037, 0.055];
 const PERIOD_S: f64 = 0.002;

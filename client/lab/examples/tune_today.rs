@@ -10,12 +10,12 @@
 
 use std::path::Path;
 
-use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::experiments::{Labels, letters};
-use foretrace_lab::path::{PathSample, Placement};
 use foretrace_lab::today::{
     Feed, Limits, OneEuroKnobs, OpenLoop, Origin, OtgKnobs, PostFilter, WayKind, WaySettings, open_loop,
 };
+use foretrace_sim::data::{DataSet, Split};
+use foretrace_sim::path::{PathSample, Placement};
 
 const PERIOD_S: f64 = 0.002;
 /// Limits of the shipped settings for a tool before a UR5.

@@ -1,6 +1,6 @@
 //! What kind of arm to simulate: how late, how unevenly late, how fast.
 
-use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
+use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
 
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
@@ -137,7 +137,7 @@ fn within(text: &str, most: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use clap::Parser;
-    use foretrace_lab::arm::FaultKind;
+    use foretrace_sim::arm::FaultKind;
 
     #[derive(Debug, Parser)]
     struct Line {

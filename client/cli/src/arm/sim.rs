@@ -15,7 +15,7 @@ use foretrace_client::{
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::ik::JointLimits;
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, JOINTS, Joints};
+use foretrace_sim::arm::{ArmModel, JOINTS, Joints};
 
 use super::intake::Intake;
 use super::options::LagArgs;

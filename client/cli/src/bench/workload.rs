@@ -8,7 +8,7 @@ use foretrace_control::follower::{Budget, Follower, JointReading, Mode, NoClock,
 use foretrace_control::ik::{JointMotion, ToolTarget};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::{AxisState, Stamp};
-use foretrace_lab::path::{PathSample, PenPath};
+use foretrace_sim::path::{PathSample, PenPath};
 use nalgebra::Vector3;
 
 use crate::failure::Failure;

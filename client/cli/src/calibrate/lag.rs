@@ -11,8 +11,8 @@ use foretrace_client::{
     monotonic_now_ns, pen_flags,
 };
 use foretrace_config::Config;
-use foretrace_lab::lag::{LagError, identify};
-use foretrace_lab::path::PathSample;
+use foretrace_sim::lag::{LagError, identify};
+use foretrace_sim::path::PathSample;
 
 use super::listen::Listener;
 use super::motion::{Place, motion};

@@ -1,7 +1,7 @@
 //! Everything that goes to the arm and comes back from it while the test motion runs.
 
 use foretrace_client::{Commands, Foretrace, JointCommand, JointWatch, command_flags};
-use foretrace_lab::lag::Sample;
+use foretrace_sim::lag::Sample;
 use serde::Serialize;
 
 use crate::attach::unattached;

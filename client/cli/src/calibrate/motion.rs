@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use foretrace_control::follower::Plane;
-use foretrace_lab::path::PathSample;
+use foretrace_sim::path::PathSample;
 
 use crate::failure::Failure;
 
@@ -103,7 +103,7 @@ fn minimum_jerk(part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foretrace_lab::path::PenPath;
+    use foretrace_sim::path::PenPath;
     use nalgebra::{Rotation3, Vector3};
 
     fn plane() -> Plane {

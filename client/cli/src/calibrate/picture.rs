@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use foretrace_lab::lag::{Identified, Sample, Servo, modelled};
-use foretrace_lab::plot::{Line, Mark, Panel, PlotError, panels_and_curve};
+use foretrace_sim::lag::{Identified, Sample, Servo, modelled};
+use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels_and_curve};
 
 /// Length of the motion that is shown [s]: in a longer one nobody sees milliseconds.
 const SHOWN_S: f64 = 2.0;

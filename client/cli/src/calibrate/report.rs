@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_lab::lag::{Identified, Servo, Shift, Spread, Verdict};
+use foretrace_sim::lag::{Identified, Servo, Shift, Spread, Verdict};
 use serde::Serialize;
 
 use super::listen::Heard;

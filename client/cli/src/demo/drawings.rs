@@ -5,10 +5,10 @@
 
 use foretrace_client::Stage;
 use foretrace_control::extent::ExtentBounds;
-use foretrace_lab::metrics::ToolSample;
-use foretrace_lab::path::PathSample;
-use foretrace_lab::plot::Distribution;
-use foretrace_lab::plot::page::{
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::path::PathSample;
+use foretrace_sim::plot::Distribution;
+use foretrace_sim::plot::page::{
     Bound, Curve, CurvePanel, Picture, Shares, Shown, Traced, curves, durations, paths, shares,
 };
 

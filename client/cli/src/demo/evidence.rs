@@ -6,9 +6,9 @@ use foretrace_client::{FaultReason, GhostState, Mode, Stage, Status, StopDetail,
 use foretrace_config::{Config, JOINTS};
 use foretrace_control::extent::{Extent, ExtentWatch};
 use foretrace_control::follower::Plane;
-use foretrace_lab::data::load_csv;
-use foretrace_lab::metrics::ToolSample;
-use foretrace_lab::path::PathSample;
+use foretrace_sim::data::load_csv;
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::path::PathSample;
 use nalgebra::Vector3;
 
 use crate::failure::Failure;

@@ -6,7 +6,7 @@
 use foretrace_client::{FaultReason, Mode, Stage, Status, health};
 use foretrace_config::{Config, JOINTS, Settings};
 use foretrace_control::ik::limit::JointLimits;
-use foretrace_lab::metrics::{ErrorSample, ToolSample, error_series, tracking};
+use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -302,7 +302,7 @@ impl Figures {
 mod tests {
     use super::*;
     use crate::demo::evidence::TickNote;
-    use foretrace_lab::path::PathSample;
+    use foretrace_sim::path::PathSample;
 
     /// The pen stands still at 0; the tool comes from 100 mm away at 0.1 m/s and stays from t = 1 s on.
     fn run() -> Evidence {

@@ -29,7 +29,7 @@ pub(crate) fn write(folder: &Path, figures: &Figures, page: &str) -> Result<(), 
     let mut json = serde_json::to_string_pretty(figures).map_err(|error| unwritable(&error))?;
     json.push('\n');
     for (name, text) in [("report.json", json.as_str()), ("report.html", page)] {
-        foretrace_lab::whole::write(&folder.join(name), |out| out.write_all(text.as_bytes()))
+        foretrace_sim::whole::write(&folder.join(name), |out| out.write_all(text.as_bytes()))
             .map_err(|error| unwritable(&error))?;
     }
     Ok(())

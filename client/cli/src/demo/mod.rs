@@ -112,13 +112,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     Err(worst.failure())
 }
 
-/// Figures, pictures and findings of a run, without a report.
-pub(crate) fn performed(args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
-    Stage::set(args)?.performed(args)
-}
-
 /// What is known before anything runs.
-struct Stage {
+pub(crate) struct Stage {
     interrupt: Interrupt,
     scratch: Scratch,
     source: Source,
@@ -128,7 +123,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn set(args: &DemoArgs) -> Result<Self, Failure> {
+    pub(crate) fn set(args: &DemoArgs) -> Result<Self, Failure> {
         let interrupt = Interrupt::listen()?;
         let scratch = Scratch::create()?;
         let (source, config) = settings(args, &scratch)?;
@@ -136,8 +131,10 @@ impl Stage {
         Ok(Self { interrupt, scratch, source, config, turn_s: played.path.closed().duration_s() })
     }
 
+    /// Figures, pictures and findings of a run, without a report.
+    ///
     /// Nothing of the run is left but this: printing it may end the program, where nobody listens any more.
-    fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
+    pub(crate) fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
         let Self { interrupt, scratch, source, config, turn_s } = self;
         let evidence = evidence_of(args, &source, &config, &scratch, &interrupt)?;
         let scored = figures::scored(&evidence, config.settings());

@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-use foretrace_lab::plot::page::{Picture, STYLE, escaped};
+use foretrace_sim::plot::page::{Picture, STYLE, escaped};
 use serde_json::Value;
 
 use super::drawings::Drawings;

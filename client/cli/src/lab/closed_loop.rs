@@ -6,13 +6,13 @@ use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Row, hands};
-use foretrace_lab::data::{DataSet, Split, median_glyph_height};
-use foretrace_lab::path::Lift;
+use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::path::Lift;
 use serde_json::json;
 
+use super::progress::Progress;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
-use crate::progress::Progress;
 use crate::settings::SettingsArgs;
 
 #[derive(Debug, clap::Args)]
@@ -44,7 +44,7 @@ pub(crate) struct ClosedLoopArgs {
     pareto: bool,
 
     /// At most this many sequences of each hand, every writer of every file, in the order of the file
-    #[arg(long, value_name = "N", value_parser = crate::values::count)]
+    #[arg(long, value_name = "N", value_parser = super::count)]
     limit: Option<usize>,
 
     /// Every sequence's own scores in the JSON too, for paired comparisons

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::data::Split;
 use foretrace_lab::prediction::Model;
+use foretrace_sim::data::Split;
 
 use super::table;
 use crate::failure::Failure;

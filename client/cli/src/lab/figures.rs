@@ -7,13 +7,14 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_lab::experiments::{
     Fig2, Fig2Arm, Fig2Row, Fig3, LawEntrant, fig2, fig2_entrant, fig2_names, fig3,
 };
-use foretrace_lab::plot::{Cell, Rampup, letter_grid, trust_ramp};
+use foretrace_lab::plot::{Rampup, trust_ramp};
+use foretrace_sim::plot::{Cell, letter_grid};
 use serde_json::{Map, Value, json};
 
+use super::progress::Progress;
 use super::{LabArgs, Session};
 use crate::failure::Failure;
 use crate::output::{note, say};
-use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Fig2Args {

@@ -2,18 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use foretrace_lab::data::{DataSet, Split};
-use foretrace_lab::plot::{Line, Mark, Panel, panels};
 use foretrace_lab::prediction::lead_time::{
     Board, BoardError, Entrant, LeadRow, Predictions, Standing, compare, export,
 };
 use foretrace_lab::prediction::{Model, Set};
+use foretrace_sim::data::{DataSet, Split};
+use foretrace_sim::plot::{Line, Mark, Panel, panels};
 use serde_json::json;
 
+use super::progress::Progress;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
-use crate::progress::Progress;
 
 /// Look-ahead times that the text shows [ms].
 const SHOWN_MS: [u32; 5] = [10, 20, 50, 100, 200];

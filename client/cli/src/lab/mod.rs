@@ -8,16 +8,18 @@ mod train;
 mod evaluate;
 mod leadtime;
 mod pictures;
+mod progress;
 
 use std::path::PathBuf;
 
 use foretrace_config::Config;
-use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::experiments::{Labels, Letter, letters};
-use foretrace_lab::path::{Anchor, Layout, Placement};
+use foretrace_sim::data::{DataSet, Split};
+use foretrace_sim::path::{Anchor, Layout, Placement};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 
-use crate::failure::Failure;
-use crate::interrupt::ends_at_once;
+use crate::failure::{Cause, Failure};
 use crate::output::{JsonArgs, note};
 use crate::play::source::Workspace;
 use crate::settings::SettingsArgs;
@@ -83,7 +85,7 @@ pub(crate) struct LabArgs {
     label: String,
 
     /// At most this many letters, in the order of the set
-    #[arg(long, value_name = "N", value_parser = crate::values::count)]
+    #[arg(long, value_name = "N", value_parser = count)]
     limit: Option<usize>,
 
     /// Height of a median letter in metres of the pen's plane
@@ -116,6 +118,33 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Train(args) => train::run(args),
         LabCommand::Pictures(args) => pictures::run(args),
     }
+}
+
+/// For commands that only compute and write files: Ctrl-C, SIGTERM or SIGHUP ends them at once, without
+/// half-written files.
+fn ends_at_once() -> Result<(), Failure> {
+    let refused = |error: std::io::Error| {
+        Failure::failed(
+            format_args!("cannot listen to Ctrl-C: {error}"),
+            "free some memory, threads or files",
+        )
+    };
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
+    let ends = move || {
+        if signals.forever().next().is_some() {
+            foretrace_sim::whole::give_up();
+            note!("foretrace: interrupted");
+            std::process::exit(i32::from(Cause::Interrupted as u8));
+        }
+    };
+    std::thread::Builder::new().name("foretrace-signals".to_owned()).spawn(ends).map_err(refused)?;
+    Ok(())
+}
+
+/// How many of something, at least one.
+fn count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|count| *count >= 1);
+    count.ok_or_else(|| "a whole number from 1; leave the option out for all of them".to_owned())
 }
 
 /// Settings and letters of an experiment.
@@ -154,5 +183,18 @@ impl Session {
         };
         note!("lab: {title}");
         Ok(Self { config, letters, title })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::count;
+
+    #[test]
+    fn none_of_something_is_not_a_count() {
+        assert_eq!(count("3"), Ok(3));
+        for wrong in ["0", "-1", "nan", "", "1e9"] {
+            assert!(count(wrong).unwrap_err().contains("from 1"), "{wrong}");
+        }
     }
 }

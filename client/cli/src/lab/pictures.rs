@@ -7,7 +7,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use foretrace_lab::plot::page::Picture;
+use foretrace_sim::plot::page::Picture;
 
 use crate::failure::{Cause, Failure};
 use crate::output::{note, say};
@@ -93,7 +93,7 @@ fn of_the_demo(out: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), Failure>
     let Arguments { command: Command::Demo(args) } = arguments("demo")? else {
         return Err(failed("demo is not the demo"));
     };
-    let (_, drawings, _) = demo::performed(&args)?;
+    let (_, drawings, _) = demo::Stage::set(&args)?.performed(&args)?;
     for (file, picture) in
         OF_THE_DEMO.iter().zip([drawings.path, drawings.error, drawings.lag, drawings.times])
     {
@@ -115,7 +115,7 @@ fn of_recordings(out: &Path, file: &str, line: &str, made: &str) -> Result<(), F
     say!("{file}\n  foretrace lab {line}");
     crate::run(&arguments(&format!("lab {line} --out {}", folder.display()))?.command)?;
     let picture = std::fs::read(folder.join(made)).map_err(failed)?;
-    foretrace_lab::whole::write(&out.join(file), |out| std::io::Write::write_all(out, &picture))
+    foretrace_sim::whole::write(&out.join(file), |out| std::io::Write::write_all(out, &picture))
         .map_err(failed)
 }
 

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use foretrace_lab::data::Split;
-use foretrace_lab::plot::{Bars, Best, bar_table};
 use foretrace_lab::prediction::{ByLead, Model, ModelError, Row, Scored, Set, score, work};
+use foretrace_sim::data::Split;
+use foretrace_sim::plot::{Bars, Best, bar_table};
 use serde_json::{Value, json};
 
+use super::progress::Progress;
 use crate::failure::Failure;
 use crate::output::{note, say};
-use crate::progress::Progress;
 
 /// Loads a set and says what was left out of it; strict: nothing may be.
 pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Result<Set, Failure> {

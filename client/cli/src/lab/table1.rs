@@ -2,18 +2,18 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::data::Split;
-use foretrace_lab::plot::{Named, scatter};
 use foretrace_lab::prediction::{
     Correlation, LabelRow, MIN_SEQUENCES, Model, ORDER, RetrainError, Scored, Set, TRAINABLE, by_label,
     correlations, gains, retrain, retrain_epochs,
 };
+use foretrace_sim::data::Split;
+use foretrace_sim::plot::{Named, scatter};
 use serde_json::json;
 
+use super::progress::Progress;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
-use crate::progress::Progress;
 
 /// The model that the paper says gains on curvy symbols, and what stands in where it was not chosen.
 const FAVOURED: [&str; 3] = ["lstm10", "lstm10-reference", "lstm32"];

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use foretrace_client::{PenReading, monotonic_now_ns};
-use foretrace_lab::data::write_csv;
-use foretrace_lab::path::{PathSample, PenPath};
+use foretrace_sim::data::write_csv;
+use foretrace_sim::path::{PathSample, PenPath};
 use serde::Serialize;
 
 use crate::attach::instance_of;

@@ -7,11 +7,11 @@ use std::fmt::Display;
 use std::path::Path;
 
 use foretrace_config::Settings;
-use foretrace_lab::data::{
+use foretrace_sim::data::{
     Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height,
 };
-use foretrace_lab::path::{Anchor, Ink, Layout, Lift, PathSample, PenPath, Placement};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathSample, PenPath, Placement};
+use foretrace_sim::writer::text_path;
 
 use crate::failure::Failure;
 

@@ -80,7 +80,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
     match &args.out {
         None => say!("{}", fragment.trim_end()),
         Some(file) => {
-            foretrace_lab::whole::write(file, |out| out.write_all(fragment.as_bytes())).map_err(|error| {
+            foretrace_sim::whole::write(file, |out| out.write_all(fragment.as_bytes())).map_err(|error| {
                 Failure::failed(
                     format_args!("cannot write {}: {error}", file.display()),
                     "give a writable --out FILE",

@@ -6,8 +6,8 @@ use foretrace_control::ik::JointLimits;
 use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
+use foretrace_sim::arm::{ArmSettings, JOINTS};
 
-use crate::arm::{ArmSettings, JOINTS};
 use crate::experiments::{ArmKind, ur5_at};
 use crate::today::ServoKnobs;
 

@@ -4,8 +4,7 @@
 //! One joint at a time; no jerk limit; positions are the target's business.
 
 use foretrace_control::ik::JointLimits;
-
-use crate::arm::JOINTS;
+use foretrace_sim::arm::JOINTS;
 
 /// Share of the acceleration limit that is used: rounding must not carry a command over it.
 const SHARE: f64 = 1.0 - 1e-6;

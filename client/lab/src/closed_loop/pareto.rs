@@ -9,12 +9,12 @@ use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
+use foretrace_sim::arm::JOINTS;
 use serde::Serialize;
 
 use super::job::Task;
 use super::way::way_settings;
 use super::{BenchArm, BenchError, Benchmark, Entrant, rows};
-use crate::arm::JOINTS;
 use crate::today::{WaySettings, sweep};
 
 /// Behind limits: most trust, and a factor on the damping of feedback, smooth to stiff.

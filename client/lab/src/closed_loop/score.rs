@@ -1,10 +1,10 @@
 //! Scores of sequences and the rows that they add up to.
 
+use foretrace_sim::metrics::{motion, tracking};
 use serde::Serialize;
 
 use super::{BenchArm, Entrant, Sequence};
 use crate::experiments::{ClosedLoop, median};
-use crate::metrics::{motion, tracking};
 
 /// Worse than `hold` by more than this part of its mean squared error...
 const WORSE_SHARE: f64 = 0.02;
@@ -41,7 +41,8 @@ impl Score {
         let all = tracking(&sequence.scored(|_, leap| !leap), &run.tool)?;
         let down = tracking(&sequence.scored(|sample, leap| sample.contact && !leap), &run.tool);
         let leaps = sequence.leaps().then(|| tracking(&sequence.scored(|_, leap| leap), &run.tool)).flatten();
-        let mse = |tracking: Option<crate::metrics::Tracking>| tracking.map_or(f64::NAN, |t| t.mse_m2);
+        let mse =
+            |tracking: Option<foretrace_sim::metrics::Tracking>| tracking.map_or(f64::NAN, |t| t.mse_m2);
         let (first, last) = sequence.path.samples.first().zip(sequence.path.samples.last())?;
         let within = |t_s: f64| (first.t_s..=last.t_s).contains(&t_s);
         let written: Vec<_> = run.tool.iter().filter(|sample| within(sample.t_s)).copied().collect();

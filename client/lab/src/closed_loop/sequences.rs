@@ -1,10 +1,10 @@
 //! The sequences of a set, hand by hand, as stamped paths on the benchmark's paper.
 
 use foretrace_config::Config;
+use foretrace_sim::data::DataSet;
+use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenPath, Placement};
 
 use super::BenchArm;
-use crate::data::DataSet;
-use crate::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenPath, Placement};
 
 /// What lies within this behind a leap is scored apart [s]: the time a hand would have needed, and the arm needs, to get there.
 pub const LEAP_S: f64 = 0.15;
@@ -80,7 +80,7 @@ pub fn hands(
 }
 
 impl Sequence {
-    /// The path with `contact` where `keep` says so: what [`crate::metrics`] scores.
+    /// The path with `contact` where `keep` says so: what [`foretrace_sim::metrics`] scores.
     pub(super) fn scored(&self, keep: impl Fn(&PathSample, bool) -> bool) -> Vec<PathSample> {
         let samples = self.path.samples.iter().zip(&self.behind_leap);
         samples.map(|(sample, behind)| PathSample { contact: keep(sample, *behind), ..*sample }).collect()

@@ -12,16 +12,16 @@ use foretrace_control::ik::{Chain, JointLimits};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
+use foretrace_sim::arm::JOINTS;
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::BenchArm;
 use super::legal::Legal;
-use crate::arm::JOINTS;
 use crate::experiments::{
     AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
 };
-use crate::metrics::ToolSample;
-use crate::path::PathSample;
 use crate::today::{Limits, Way, WayError, WayKind, WaySettings, build, soften};
 
 /// What the way `kind` is set to before `arm`.

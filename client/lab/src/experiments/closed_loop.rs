@@ -11,11 +11,11 @@ use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, Oracle};
 use foretrace_control::units::Stamp;
+use foretrace_sim::arm::JOINTS;
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::path::PathSample;
 
 use super::desk_arm::{Arm, ArmKind, exceeds};
-use crate::arm::JOINTS;
-use crate::metrics::ToolSample;
-use crate::path::PathSample;
 
 /// What happened in one tick, in the plane frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

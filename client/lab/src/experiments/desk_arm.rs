@@ -5,8 +5,7 @@ use std::collections::VecDeque;
 use foretrace_control::follower::{JointCommand, JointReading, Plane};
 use foretrace_control::ik::{Chain, JointLimits};
 use foretrace_control::units::Stamp;
-
-use crate::arm::{ArmModel, ArmSettings, JOINTS};
+use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 
 /// The arm at the other end.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,12 +6,12 @@
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
+use foretrace_sim::metrics::{ToolSample, tracking};
 
 use super::closed_loop::{DeskOptions, RunError, desk};
 use super::{
     ArmKind, ExperimentError, LawEntrant, Letter, WAIT_S, learner_for, median, settings_for, ur5_at,
 };
-use crate::metrics::{ToolSample, tracking};
 use crate::parallel;
 
 /// With and without the arm's lag.

@@ -6,11 +6,11 @@
 use foretrace_config::Config;
 use foretrace_control::follower::Request;
 use foretrace_control::predict::PredictorKind;
+use foretrace_sim::metrics::{ToolSample, error_series};
 
 use super::closed_loop::{ClosedLoop, DeskOptions, desk};
 use super::fig2::failed;
 use super::{ArmKind, ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
-use crate::metrics::{ToolSample, error_series};
 
 /// First and last grid step of the ramp, counted from the letter's first sample.
 pub(super) const RAMP_STEPS: [f64; 2] = [30.0, 40.0];

@@ -1,7 +1,7 @@
 //! The letters of an experiment: chosen characters of a set, each as a path of its own in the workspace's centre.
 
-use crate::data::{Character, DataSet, median_glyph_height};
-use crate::path::{Ink, PathError, PenPath, Placement};
+use foretrace_sim::data::{Character, DataSet, median_glyph_height};
+use foretrace_sim::path::{Ink, PathError, PenPath, Placement};
 
 /// Which characters take part.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -21,7 +21,7 @@ use foretrace_control::follower::FollowerSettings;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::predict::PredictorKind;
 
-use crate::arm::{ArmSettings, JOINTS};
+use foretrace_sim::arm::{ArmSettings, JOINTS};
 
 /// Any failure of an experiment.
 #[derive(Debug, thiserror::Error)]

@@ -4,7 +4,7 @@
 //! two strokes stays in as one large step (`jump`); five zero steps follow. Repeated points and dummies are kept, pen
 //! events and hover paths are dropped. Characters without pen-down points make no sequence.
 
-use crate::data::{Character, DataSet, SetFile};
+use foretrace_sim::data::{Character, DataSet, SetFile};
 
 /// Zero steps appended to each sequence: the pen at rest.
 pub const PADDING_STEPS: usize = 5;
@@ -81,7 +81,7 @@ pub fn sequences(set: &DataSet) -> Vec<Sequence> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Component, Quantity, Recording};
+    use foretrace_sim::data::{Component, Quantity, Recording};
 
     fn set(components: Vec<Component>) -> DataSet {
         let character =

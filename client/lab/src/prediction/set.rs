@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use foretrace_sim::data::{DataSet, SetError, Split};
+
 use super::{Sequence, sequences};
-use crate::data::{DataSet, SetError, Split};
 
 /// Scored and train sequences of one data set.
 #[derive(Debug, Clone)]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::data::Split;
+use foretrace_sim::data::Split;
 use std::path::Path;
 
 /// A folder of UNIPEN files with one character each, and the split table `rows` (word, file).

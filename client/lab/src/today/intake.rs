@@ -1,6 +1,6 @@
 //! Which pen samples a way takes, and what a gap is.
 
-use crate::path::PathSample;
+use foretrace_sim::path::PathSample;
 
 /// A pen that was silent for longer starts anew: Chromium's predictors forget everything after 20 ms.
 pub(super) const GAP_S: f64 = 0.020;

@@ -10,11 +10,11 @@
 
 use std::collections::VecDeque;
 
+use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Vector3};
 
 use super::intake::{Arrival, Intake};
 use super::{KalmanKnobs, OneEuro, Origin, PostFilter, ServoKnobs, SoftServo, Way, WaySettings};
-use crate::path::PathSample;
 
 /// Samples before the first prediction.
 const SETTLED: u32 = 4;

@@ -28,7 +28,7 @@ pub use settings::{
 };
 pub use sweep::sweep;
 
-use crate::path::PathSample;
+use foretrace_sim::path::PathSample;
 
 /// A way of today: pen samples in, where the tool shall be, once per control period.
 pub trait Way: Send {

@@ -6,9 +6,9 @@
 //! arm's servo are scored behind a [`SoftServo`](super::SoftServo). Absent: limits of an arm, inverse kinematics.
 
 use super::{WayError, WayKind, WaySettings, build, soften};
-use crate::metrics::{ToolSample, error_series, motion};
 use crate::parallel;
-use crate::path::PathSample;
+use foretrace_sim::metrics::{ToolSample, error_series, motion};
+use foretrace_sim::path::PathSample;
 
 /// The pen rests on its first sample for this long before it moves [s].
 const WAIT_S: f64 = 0.5;

@@ -9,6 +9,7 @@
 //! A trajectory to where the pen is now arrives when the pen is elsewhere. With `intercept` the target is taken as much
 //! later as the way there takes: the shortest such time is searched.
 
+use foretrace_sim::path::PathSample;
 use rsruckig::prelude::{
     ControlInterface, IgnoreErrorHandler, InputParameter, OutputParameter, Ruckig, RuckigResult, TargetState,
     Trackig,
@@ -17,7 +18,6 @@ use rsruckig::prelude::{
 use super::intake::{Arrival, Intake};
 use super::trend::{AxisTrend, Trend};
 use super::{Limits, OtgKnobs, Way, WaySettings};
-use crate::path::PathSample;
 
 /// A trajectory generator behind the pen.
 pub struct OtgWay {

@@ -1,12 +1,12 @@
 //! The servoj ways: a 1€ filter on the pen, its value sent to the arm's servo, which smooths by its look-ahead.
 //!
 //! [`SoftServo`] is that servo in software, for arms that have none: per axis a critically damped second order whose
-//! group delay is the look-ahead, the mathematics of [`crate::arm`] without limits, joint loop and cycle of delay.
+//! group delay is the look-ahead, the mathematics of [`foretrace_sim::arm`] without limits, joint loop and cycle of delay.
 //! Not modelled: servoj's gain. Universal Robots publish no law for it; measured lags fit the look-ahead alone.
 
 use super::intake::{Arrival, GAP_S, Intake};
 use super::{Feed, OneEuro, ServoKnobs, Way, WaySettings};
-use crate::path::PathSample;
+use foretrace_sim::path::PathSample;
 
 /// 1€ filter on the pen; no prediction, so the arm's lag comes on top.
 #[derive(Debug, Clone)]

@@ -7,12 +7,12 @@
 use std::collections::BTreeSet;
 
 use foretrace_control::pen::{GridStep, Motion, SpeedScale, SpeedScaleSettings, TARGET_RMS};
+use foretrace_sim::data::DataSet;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64;
 
 use super::resample;
-use crate::data::DataSet;
 use crate::prediction::{PADDING_STEPS, Sequence};
 
 /// Rates that differ by no more than this part are the same: devices' clocks and estimates from stamps are no better.
@@ -121,7 +121,7 @@ pub enum CorpusError {
 /// The items of a set, in its order; characters without pen-down points leave none.
 #[must_use]
 pub fn items(set: &DataSet) -> Vec<Item> {
-    let of = |file, character: &crate::data::Character| {
+    let of = |file, character: &foretrace_sim::data::Character| {
         let sequence = Sequence::of(file, character)?;
         Some(Item {
             writer: format!("{}/{}", set.name, character.writer),

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels};
+
 use super::fit::Epoch;
-use crate::plot::{Line, Mark, Panel, PlotError, panels};
 
 /// Draws loss and held-out errors over the epochs.
 ///

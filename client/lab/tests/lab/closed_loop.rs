@@ -2,11 +2,11 @@
 
 use foretrace_config::{Config, Draft};
 use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, Score, Sequence, hands};
-use foretrace_lab::data::{DataSet, Split, median_glyph_height};
-use foretrace_lab::metrics::ToolSample;
-use foretrace_lab::path::{Lift, PathSample, Placement};
 use foretrace_lab::today::{Limits, WayKind, WaySettings, build, soften};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::path::{Lift, PathSample, Placement};
+use foretrace_sim::writer::text_path;
 
 const PERIOD_S: f64 = 0.002;
 

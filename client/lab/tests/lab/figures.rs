@@ -3,8 +3,8 @@
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
 use foretrace_lab::experiments::{Fig2Arm, Fig3, LawEntrant, Letter, fig2, fig2_entrant, fig3};
-use foretrace_lab::path::Placement;
-use foretrace_lab::writer::text_path;
+use foretrace_sim::path::Placement;
+use foretrace_sim::writer::text_path;
 
 fn written() -> Vec<Letter> {
     ["K", "a", "8", "R", "m", "B"]

@@ -10,9 +10,9 @@ use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_lab::arm::{ArmModel, ArmSettings, DelayChange, DelaySettings, JOINTS};
-use foretrace_lab::path::{Layout, PenPath, Placement};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::arm::{ArmModel, ArmSettings, DelayChange, DelaySettings, JOINTS};
+use foretrace_sim::path::{Layout, PenPath, Placement};
+use foretrace_sim::writer::text_path;
 
 /// The pen begins here, the loop a second before [ns].
 const BEGIN_NS: u64 = 10_000_000_000;

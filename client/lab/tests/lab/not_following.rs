@@ -11,7 +11,7 @@ use foretrace_control::monitor::SlowArm;
 use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
-use foretrace_lab::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
+use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
 
 /// The arm breaks so long after the pen began [s]: by then the lag is known.
 const AT_S: f64 = 3.0;

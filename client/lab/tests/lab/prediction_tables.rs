@@ -2,8 +2,8 @@
 //!
 //! Sources of the numbers: the tables of the reference run (its program is not here) and `fixtures/reference`.
 
-use foretrace_lab::data::Split;
 use foretrace_lab::prediction::{Model, Row, Scored, Set, score, share_below};
+use foretrace_sim::data::Split;
 use std::collections::HashMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -9,7 +9,7 @@ use foretrace_control::lag::Following;
 use foretrace_control::pen::PenReading;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_lab::arm::JOINTS;
+use foretrace_sim::arm::JOINTS;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

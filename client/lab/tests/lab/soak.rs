@@ -14,9 +14,9 @@ use foretrace_control::learn::Learner;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS};
-use foretrace_lab::path::{Layout, PathSample, PenPath, Placement};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
+use foretrace_sim::path::{Layout, PathSample, PenPath, Placement};
+use foretrace_sim::writer::text_path;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -1,11 +1,11 @@
 //! Whole trainings: what they reach, that they can be interrupted anywhere, and what they refuse.
 
-use foretrace_lab::data::{DataSet, Split};
 use foretrace_lab::train::checkpoint::{self, CheckpointError};
 use foretrace_lab::train::corpus::{self, CorpusError, Item};
 use foretrace_lab::train::{
     Engine, Fit, FitError, Plan, Recipe, Schedule, Setup, State, Strokes, bench::made_up, model,
 };
+use foretrace_sim::data::{DataSet, Split};
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::ops::ControlFlow;

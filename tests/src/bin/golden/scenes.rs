@@ -10,9 +10,9 @@ use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, ArmSettings};
-use foretrace_lab::path::{Anchor, Layout, Lift, PathSample, Placement};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::arm::{ArmModel, ArmSettings};
+use foretrace_sim::path::{Anchor, Layout, Lift, PathSample, Placement};
+use foretrace_sim::writer::text_path;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -4,8 +4,8 @@ use std::fmt::Display;
 use std::path::Path;
 
 use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Score};
-use foretrace_lab::metrics::ToolSample;
-use foretrace_lab::plot::{Cell, LogLine, LogPanel, letter_grid, log_panels};
+use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::plot::{Cell, LogLine, LogPanel, letter_grid, log_panels};
 
 use crate::failure::Failure;
 use crate::output::say;

@@ -1,9 +1,9 @@
 //! `foretrace lab train --bench`: time per step on one thread, and the exchange file for another implementation.
 
-use foretrace_lab::data::DataSet;
 use foretrace_lab::train::Strokes;
 use foretrace_lab::train::bench::{bench, made_up};
 use foretrace_lab::train::corpus;
+use foretrace_sim::data::DataSet;
 use serde_json::json;
 
 use super::TrainArgs;

@@ -14,15 +14,15 @@ use std::time::Instant;
 
 use foretrace_config::models::DType;
 use foretrace_control::pen::TARGET_RMS;
-use foretrace_lab::data::DataSet;
 use foretrace_lab::train::corpus::{self, Item};
 use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
+use foretrace_sim::data::DataSet;
 use serde_json::json;
 
+use super::progress::Progress;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
-use crate::progress::Progress;
 use options::Choice;
 pub(crate) use options::TrainArgs;
 

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::data::Split;
 use foretrace_lab::train::{Augment, Network, Objective, Padding, Penalty, Plan, Recipe, Schedule, Units};
+use foretrace_sim::data::Split;
 
 use crate::failure::Failure;
 use crate::output::JsonArgs;

@@ -153,7 +153,7 @@ pub fn export(folder: &Path, name: &str, sequences: &[Sequence]) -> io::Result<[
     std::fs::create_dir_all(folder)?;
     let targets = Targets::of(sequences);
     let paths = [folder.join(format!("{name}-points.csv")), folder.join(format!("{name}-targets.csv"))];
-    crate::whole::write(&paths[0], |out| {
+    foretrace_sim::whole::write(&paths[0], |out| {
         writeln!(out, "file,segment,t,t_s,x,y,stroke_start")?;
         for (index, s) in sequences.iter().enumerate() {
             for (t, [x, y]) in targets.points(index).iter().enumerate() {
@@ -164,7 +164,7 @@ pub fn export(folder: &Path, name: &str, sequences: &[Sequence]) -> io::Result<[
         }
         Ok(())
     })?;
-    crate::whole::write(&paths[1], |out| write_targets(out, sequences, &targets))?;
+    foretrace_sim::whole::write(&paths[1], |out| write_targets(out, sequences, &targets))?;
     Ok(paths)
 }
 

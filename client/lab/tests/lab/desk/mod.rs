@@ -10,9 +10,9 @@ use foretrace_control::follower::{
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::{ArmModel, ArmSettings, JOINTS};
-use foretrace_lab::path::{Layout, Placement};
-use foretrace_lab::writer::text_path;
+use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
+use foretrace_sim::path::{Layout, Placement};
+use foretrace_sim::writer::text_path;
 use nalgebra::Vector3;
 
 /// Of the presets.

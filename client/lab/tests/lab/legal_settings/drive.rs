@@ -5,7 +5,7 @@ use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Reque
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
-use foretrace_lab::arm::JOINTS;
+use foretrace_sim::arm::JOINTS;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 

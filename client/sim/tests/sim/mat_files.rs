@@ -1,7 +1,7 @@
 //! MATLAB files made here: both byte orders, compressed or not, labels, and everything that is refused.
 
 use crate::made::Mat;
-use foretrace_lab::data::{Quantity, Recording, load_recording};
+use foretrace_sim::data::{Quantity, Recording, load_recording};
 
 const LITTLE: Mat = Mat { big_endian: false };
 

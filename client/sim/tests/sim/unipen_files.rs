@@ -1,6 +1,6 @@
 //! UNIPEN files made up here: the grammar, the errors, and hostile bytes.
 
-use foretrace_lab::data::unipen::load_unipen;
+use foretrace_sim::data::unipen::load_unipen;
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! Set folders made here: words of the split table, folders without one, and everything that is refused.
 
-use foretrace_lab::data::{DataSet, SetError, Split};
+use foretrace_sim::data::{DataSet, SetError, Split};
 use std::path::Path;
 
 const CSV: &str = "t_s,x_m,y_m,contact\n0,0,0,1\n0.01,0.1,0,1\n";

@@ -1,6 +1,6 @@
 //! InkML files made up here: contexts, encodings, groups and views, and everything that is refused.
 
-use foretrace_lab::data::{Quantity, Recording, load_recording};
+use foretrace_sim::data::{Quantity, Recording, load_recording};
 
 fn load(text: &[u8]) -> Result<Recording, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -16,7 +16,7 @@ fn good(text: &str) -> Recording {
 
 /// Labels with the number of components and the first point of each.
 fn told(recording: &Recording) -> Vec<(&str, Vec<[f64; 2]>)> {
-    let of = |c: &foretrace_lab::data::Character| c.components.iter().map(|c| c.points[0]).collect();
+    let of = |c: &foretrace_sim::data::Character| c.components.iter().map(|c| c.points[0]).collect();
     recording.segments.iter().map(|c| (c.label.as_str(), of(c))).collect()
 }
 

@@ -16,7 +16,7 @@ pub use bars::{Bars, Best, bar_table};
 pub use histogram::Distribution;
 pub use log_panels::{LogLine, LogPanel, log_panels};
 pub use overlay::{Cell, letter_grid};
-pub use panels::{Line, Mark, Panel, Rampup, lines, panels, panels_and_curve, trust_ramp};
+pub use panels::{Line, Mark, Panel, lines, panels, panels_and_curve};
 pub use scatter::{Named, scatter};
 
 use std::io::Write;

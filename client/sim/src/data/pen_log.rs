@@ -9,16 +9,12 @@
 //! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`, which is
 //! a readable recording itself and stays behind if the recorder is killed. Nothing that exists is written over.
 
-use super::csv::HEADER;
+use super::csv_lines::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Begins the first line.
-pub(super) const MARK: &str = "# foretrace-pen ";
-pub(super) const VERSION: &str = "1";
-pub(super) const UNKNOWN: &str = "unknown";
 /// Steps from which the rate is taken.
 const STEPS_MAX: usize = 1_000_000;
 /// So much may be lost when the machine dies [µs of the recording].
@@ -115,7 +111,7 @@ impl PenLog {
         self.last_us = after_us;
         self.samples += 1;
         let sample = PathSample { t_s: after_us as f64 * 1e-6, x_m, y_m, contact };
-        writeln!(self.file, "{}", super::csv::row(&sample))?;
+        writeln!(self.file, "{}", row(&sample))?;
         if after_us - self.flushed_us >= FLUSH_EVERY_US {
             self.flushed_us = after_us;
             self.file.flush()?;
@@ -159,42 +155,6 @@ impl PenLog {
 
 fn exists(path: &Path, remedy: &str) -> io::Error {
     io::Error::new(io::ErrorKind::AlreadyExists, format!("{} exists already; {remedy}", path.display()))
-}
-
-/// What the first line of a recording says.
-#[derive(Debug, Default, PartialEq)]
-pub(super) struct Head {
-    /// `None` in a recording that was not finished.
-    pub(super) rate_hz: Option<f64>,
-    pub(super) writer: String,
-}
-
-/// Reads the first line of a recording; `None` where `text` does not begin with one.
-///
-/// *Errors*: field, value and what is legal.
-pub(super) fn read_head(text: &str) -> Result<Option<Head>, (&'static str, String, &'static str)> {
-    let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
-    let Some(fields) = first.strip_prefix(MARK) else { return Ok(None) };
-    let field = |name: &str| {
-        let named = |f: &str| f.split_once('=').filter(|(n, _)| *n == name).map(|(_, v)| v.to_owned());
-        fields.split_whitespace().find_map(named).unwrap_or_default()
-    };
-    let version = field("version");
-    if version != VERSION {
-        return Err(("version", version, "1; a later foretrace wrote it"));
-    }
-    let unit = field("unit");
-    if unit != "m" {
-        return Err(("unit", unit, "m"));
-    }
-    let rate = field("rate_hz");
-    let rate_hz = match rate.parse::<f64>() {
-        _ if rate == UNKNOWN => None,
-        Ok(rate_hz) if (1e-3..=1e6).contains(&rate_hz) => Some(rate_hz),
-        _ => return Err(("rate_hz", rate, "unknown, or a number from 0.001 to 1000000")),
-    };
-    let writer = Some(field("writer")).filter(|w| w != "-").unwrap_or_default();
-    Ok(Some(Head { rate_hz, writer }))
 }
 
 #[cfg(test)]
@@ -266,19 +226,5 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(logged(folder.path(), 1).finish().unwrap().rate_hz, None);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-    }
-
-    #[test]
-    fn heads_of_other_versions_units_and_rates_are_refused() {
-        for (head, wanted) in [
-            ("version=2 unit=m rate_hz=1", ("version", "2")),
-            ("version=1 unit=mm rate_hz=1", ("unit", "mm")),
-            ("version=1 unit=m rate_hz=NaN", ("rate_hz", "NaN")),
-            ("version=1 unit=m", ("rate_hz", "")),
-        ] {
-            let (field, value, _) = read_head(&format!("{MARK}{head}\n")).unwrap_err();
-            assert_eq!((field, value.as_str()), wanted);
-        }
-        assert_eq!(read_head("t_s,x_m,y_m,contact\n"), Ok(None));
     }
 }

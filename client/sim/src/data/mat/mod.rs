@@ -10,7 +10,7 @@
 mod bytes;
 mod array;
 
-use super::format::Refusal;
+use super::file::Refusal;
 use super::{Character, Component, Quantity, Recording};
 use array::{Array, Content, read_file};
 use std::path::Path;

@@ -14,7 +14,7 @@ mod context;
 mod trace;
 mod document;
 
-use super::format::Refusal;
+use super::file::Refusal;
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use context::{Context, Layout};
 use document::{Document, Fault, Item, Named, Trace};

@@ -2,8 +2,10 @@
 //!
 //! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats included and
 //! finite; whatever is wrong with a file is said with file, line and reason. Scaling into the writing plane is
-//! [`crate::path`]'s business.
+//! [`crate::path`]'s business. Modules point upwards in their order here: files and lines, one loader per format, the formats, sets.
 
+mod file;
+mod csv_lines;
 pub mod unipen;
 pub mod csv;
 mod pen_log;
@@ -14,7 +16,8 @@ mod split;
 mod set;
 
 pub use csv::{CsvError, load_csv, write_csv};
-pub use format::{FileError, Format, Refusal, load_recording, parse_recording};
+pub use file::Refusal;
+pub use format::{FileError, Format, load_recording, parse_recording};
 pub use pen_log::{PenLog, PenLogSummary};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;

@@ -1,7 +1,7 @@
 //! The loaders against every sequence of the reference tables, where the shared data is there.
 
-use foretrace_lab::data::{DataSet, Quantity, Split, median_glyph_height};
-use foretrace_lab::path::{Ink, PenPath, Placement};
+use foretrace_sim::data::{DataSet, Quantity, Split, median_glyph_height};
+use foretrace_sim::path::{Ink, PenPath, Placement};
 use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::path::PathBuf;

@@ -4,14 +4,13 @@
 //! 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of foretrace's own
 //! recordings (`super::PenLog`). Times rise strictly.
 
-use super::format::read_limited;
-use super::pen_log::{Head, read_head};
+use super::csv_lines::{HEADER, Head, read_head, row};
+use super::file::read_limited;
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
 const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 const TIME_MAX_S: f64 = 1e7;
@@ -146,11 +145,6 @@ pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
         text.push('\n');
     }
     crate::whole::write(file, |out| out.write_all(text.as_bytes()))
-}
-
-/// A sample as a line.
-pub(super) fn row(s: &PathSample) -> String {
-    format!("{:.6},{:.7},{:.7},{}", s.t_s, s.x_m, s.y_m, u8::from(s.contact))
 }
 
 fn head(text: &str, file: &Path) -> Result<Option<Head>, CsvError> {

@@ -1,4 +1,4 @@
-//! Lines over time or steps: one chart, stacked panels, the trust ramp.
+//! Lines over time or steps: one chart, stacked panels.
 
 use super::PlotError;
 use super::canvas::{Area, DrawResult, INK, Key, SERIES, TRUST, axes, extent, picture, thinned};
@@ -40,19 +40,6 @@ pub struct Panel<'a> {
     pub y_range: Option<(f64, f64)>,
     /// Lines of equal label have equal colour in all panels.
     pub lines: &'a [Line<'a>],
-}
-
-/// What happened around a ramp of trust, per grid step.
-#[derive(Debug, Clone, Copy)]
-pub struct Rampup<'a> {
-    /// (step, trust in [0, 1]).
-    pub trust: &'a [(f64, f64)],
-    /// (step, error [m]).
-    pub error_m: &'a [(f64, f64)],
-    /// (step, size of the jerk [m/s³]).
-    pub jerk_mps3: &'a [(f64, f64)],
-    /// First and last step of the ramp.
-    pub ramp: (f64, f64),
 }
 
 /// Draws lines into one chart.
@@ -146,23 +133,6 @@ fn coloured<'a>(panels: impl Iterator<Item = &'a Panel<'a>>) -> Vec<Key<'a>> {
         }
     }
     names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect()
-}
-
-/// Draws a ramp of trust with the error and the jerk around it, the ramp shaded.
-///
-/// # Errors
-/// [`PlotError`]: no finite point, or the file cannot be written.
-pub fn trust_ramp(file: &Path, title: &str, subtitle: &str, data: Rampup<'_>) -> Result<(), PlotError> {
-    let error_mm: Vec<(f64, f64)> = data.error_m.iter().map(|(s, e)| (*s, e * 1e3)).collect();
-    let line = |label, points| [Line { label, points, mark: Mark::Solid }];
-    let (error, jerk, trust) =
-        (line("error", &error_mm[..]), line("jerk", data.jerk_mps3), line("trust", data.trust));
-    let stacked = [
-        Panel { y_label: "error [mm]", y_range: None, lines: &error },
-        Panel { y_label: "jerk [m/s³]", y_range: None, lines: &jerk },
-        Panel { y_label: "trust α", y_range: Some((0.0, 1.05)), lines: &trust },
-    ];
-    panels(file, title, subtitle, "step", &stacked, Some(data.ramp))
 }
 
 fn draw_panel(

@@ -1,17 +1,17 @@
-//! The formats of recordings: told apart by contents, loaded into one form.
+//! The formats of recordings: told apart by contents, loaded into one form. Stands above the loaders.
 
 use super::csv::{begins_csv, parse_csv_recording};
+use super::file::{Refusal, open, read_limited, unreadable};
 use super::inkml::{begins_inkml, parse_inkml};
 use super::mat::{begins_mat, parse_mat};
 use super::unipen::parse_unipen;
 use super::{CsvError, Recording, UnipenError};
 use std::fmt;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// How much of a file decides what it is.
 const SNIFFED_BYTES: usize = 64 << 10;
-const FILE_BYTES_MAX: u64 = 128 << 20;
 
 /// A format of recordings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,34 +51,6 @@ pub enum FileError {
     /// As any other format, or as none.
     #[error(transparent)]
     Refused(#[from] Refusal),
-}
-
-/// What is wrong with a file, and where.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{}{}: {reason}", file.display(), LineSuffix(*line))]
-pub struct Refusal {
-    /// The file.
-    pub file: PathBuf,
-    /// Line from 1; 0 when it concerns the file as a whole.
-    pub line: usize,
-    /// What is wrong and what would be right.
-    pub reason: String,
-}
-
-impl Refusal {
-    /// A refusal of `file` as a whole.
-    pub(super) fn whole(file: &Path, reason: impl Into<String>) -> Self {
-        Self { file: file.to_path_buf(), line: 0, reason: reason.into() }
-    }
-}
-
-/// `:line`, or nothing for line 0.
-struct LineSuffix(usize);
-
-impl fmt::Display for LineSuffix {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0 == 0 { Ok(()) } else { write!(f, ":{}", self.0) }
-    }
 }
 
 /// Loads a recording of any known format; contents decide which, names only where contents do not tell.
@@ -173,29 +145,4 @@ impl Format {
             _ => None,
         }
     }
-}
-
-fn unreadable(path: &Path, why: impl fmt::Display) -> Refusal {
-    Refusal::whole(path, format!("cannot read the file: {why}"))
-}
-
-/// Opens a regular file: a pipe or device could keep a reader for ever.
-fn open(path: &Path) -> Result<std::fs::File, Refusal> {
-    if !std::fs::metadata(path).map_err(|e| unreadable(path, e))?.is_file() {
-        return Err(unreadable(path, "not a regular file"));
-    }
-    std::fs::File::open(path).map_err(|e| unreadable(path, e))
-}
-
-/// The whole of a regular file that is not too large.
-pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, Refusal> {
-    let mut bytes = Vec::new();
-    open(path)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(Refusal::whole(
-            path,
-            format!("the file has more than {FILE_BYTES_MAX} bytes, which is the most that is read"),
-        ));
-    }
-    Ok(bytes)
 }

@@ -22,23 +22,21 @@ fn every_picture_is_whole_svg_with_its_title_and_leaves_no_other_file() {
     let points: Vec<(f64, f64)> = (0..100).map(|i| (f64::from(i), f64::from(i % 13))).collect();
     let cell = Cell { label: "K", pen: &pen(), tool: &tool() };
     let line = Line { label: "a", points: &points, mark: Mark::Dots };
-    let ramp = Rampup { trust: &points, error_m: &points, jerk_mps3: &points, ramp: (30.0, 40.0) };
     letter_grid(&at("0.svg"), "Title & co", "sub", &[cell, cell, cell]).unwrap();
     lines(&at("1.svg"), "Title & co", "", ("x", "y"), &[line]).unwrap();
-    trust_ramp(&at("2.svg"), "Title & co", "", ramp).unwrap();
     let bars = Bars { label: "mse", values: vec![Some(2.0), None, Some(1.0)], digits: 2, best: Best::Lowest };
-    bar_table(&at("3.svg"), "Title & co", "", &["a", "b", "c"], &[bars]).unwrap();
+    bar_table(&at("2.svg"), "Title & co", "", &["a", "b", "c"], &[bars]).unwrap();
     let named = [Named { name: "<K>", point: (1.0, -0.5) }, Named { name: "O", point: (2.0, 0.5) }];
-    scatter(&at("4.svg"), "Title & co", "", ("x", "y"), &named).unwrap();
+    scatter(&at("3.svg"), "Title & co", "", ("x", "y"), &named).unwrap();
     let panel = Panel { y_label: "y", y_range: None, lines: &[line] };
-    panels_and_curve(&at("5.svg"), "Title & co", "", ("t", "s"), &[panel, panel], &panel).unwrap();
-    for i in 0..6 {
+    panels_and_curve(&at("4.svg"), "Title & co", "", ("t", "s"), &[panel, panel], &panel).unwrap();
+    for i in 0..5 {
         let svg = std::fs::read_to_string(at(&format!("{i}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{i}");
         assert!(svg.contains("<title>Title &amp; co</title>") && svg.contains("<desc>"), "{i}");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{i}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 5);
 }
 
 #[test]

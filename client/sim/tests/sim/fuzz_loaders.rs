@@ -3,7 +3,7 @@
 //! Deterministic: the same number of cases is the same cases. FORETRACE_FUZZ_CASES=N runs N cases per format.
 
 use crate::made::Mat;
-use foretrace_lab::data::{DataSet, Recording, Split, parse_recording};
+use foretrace_sim::data::{DataSet, Recording, Split, parse_recording};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,0 +1,60 @@
+//! A file as bytes, and how it is refused: what the loaders stand on.
+
+use std::fmt;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+const FILE_BYTES_MAX: u64 = 128 << 20;
+
+/// What is wrong with a file, and where.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}{}: {reason}", file.display(), LineSuffix(*line))]
+pub struct Refusal {
+    /// The file.
+    pub file: PathBuf,
+    /// Line from 1; 0 when it concerns the file as a whole.
+    pub line: usize,
+    /// What is wrong and what would be right.
+    pub reason: String,
+}
+
+impl Refusal {
+    /// A refusal of `file` as a whole.
+    pub(super) fn whole(file: &Path, reason: impl Into<String>) -> Self {
+        Self { file: file.to_path_buf(), line: 0, reason: reason.into() }
+    }
+}
+
+/// `:line`, or nothing for line 0.
+struct LineSuffix(usize);
+
+impl fmt::Display for LineSuffix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0 == 0 { Ok(()) } else { write!(f, ":{}", self.0) }
+    }
+}
+
+pub(super) fn unreadable(path: &Path, why: impl fmt::Display) -> Refusal {
+    Refusal::whole(path, format!("cannot read the file: {why}"))
+}
+
+/// Opens a regular file: a pipe or device could keep a reader for ever.
+pub(super) fn open(path: &Path) -> Result<std::fs::File, Refusal> {
+    if !std::fs::metadata(path).map_err(|e| unreadable(path, e))?.is_file() {
+        return Err(unreadable(path, "not a regular file"));
+    }
+    std::fs::File::open(path).map_err(|e| unreadable(path, e))
+}
+
+/// The whole of a regular file that is not too large.
+pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, Refusal> {
+    let mut bytes = Vec::new();
+    open(path)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
+        return Err(Refusal::whole(
+            path,
+            format!("the file has more than {FILE_BYTES_MAX} bytes, which is the most that is read"),
+        ));
+    }
+    Ok(bytes)
+}
