@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use foretrace_control::pen::STEP_QUEUE_CAPACITY;
-use foretrace_control::predict::dybm::MAX_TRACES;
+use foretrace_control::predict::models::dybm::MAX_TRACES;
 use foretrace_control::predict::{MAX_PREVIEW, Models};
 
 use crate::follower::judge;

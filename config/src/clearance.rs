@@ -1,6 +1,7 @@
 //! What the arm keeps away from, and whether it is clear of it at home.
 
-use foretrace_control::ik::{Chain, Clearance, ClearanceError, ClearanceSettings, JointLimits, Obstacle};
+use foretrace_control::arm::{Chain, JointLimits};
+use foretrace_control::clearance::{Clearance, ClearanceError, ClearanceSettings, Obstacle};
 
 use crate::check::Report;
 use crate::robot::JOINTS;

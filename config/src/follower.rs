@@ -4,16 +4,17 @@
 //! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was
 //! judged.
 
+use foretrace_control::arm::lag::Following;
 use foretrace_control::envelope::EnvelopeSettings;
-use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, Plane, SafetySettings};
+use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
-use foretrace_control::lag::Following;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::monitor::{SlowArm, TrackingSettings};
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, MpcError, MpcSettings, SoftPenalty,
 };
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
+use foretrace_control::plane::Plane;
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;

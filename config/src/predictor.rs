@@ -4,9 +4,9 @@
 
 use std::sync::Arc;
 
-use foretrace_control::predict::ar_rls::ArRlsSettings;
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::esn::ReservoirSettings;
+use foretrace_control::predict::models::ar_rls::ArRlsSettings;
+use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::models::esn::ReservoirSettings;
 use foretrace_control::predict::{
     DybmSettings, InitialWeights, LstmWeights, ModelSettings, Models, Networks, Optimiser, OursSettings,
     PredictorKind,

@@ -1,7 +1,7 @@
 //! What right settings cost, do without, or will be refused for later; one line each, for people.
 
+use foretrace_control::arm::Chain;
 use foretrace_control::follower::{FollowerSettings, Refusal};
-use foretrace_control::ik::Chain;
 use foretrace_control::predict::Models;
 
 use crate::config::Config;

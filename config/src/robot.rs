@@ -3,7 +3,9 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
-use foretrace_control::ik::{Chain, ChainError, ClearanceSettings, JointLimits, ToolTarget, solve_pose};
+use foretrace_control::arm::{Chain, ChainError, JointLimits};
+use foretrace_control::clearance::ClearanceSettings;
+use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Report;

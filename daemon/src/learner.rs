@@ -187,8 +187,8 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
 mod tests {
     use crossbeam::channel;
 
-    use foretrace_control::learn::LearnStep;
     use foretrace_control::pen::Motion;
+    use foretrace_control::predict::LearnStep;
     use foretrace_control::predict::{ModelSettings, Models, Networks, OnlineWeights};
 
     use super::*;

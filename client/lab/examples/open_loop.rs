@@ -15,7 +15,7 @@ use foretrace_config::Config;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::pen::{Motion, PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
-use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
+use foretrace_control::skill::{SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
 use foretrace_lab::today::{Limits, WayKind, WaySettings, build};
@@ -83,7 +83,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
     pen.max_speed_mps = 10.0;
     (pen.position_min_m, pen.position_max_m) = ([-10.0; 2], [10.0; 2]);
     let mut tracker = PenTracker::new(pen)?;
-    let mut evidence = Evidence::new(step_s, true);
+    let mut evidence = Skill::new(step_s, true);
     let mut filters = Vec::new();
     for lead_s in LEADS_S {
         let way = WaySettings::new(WayKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
@@ -95,7 +95,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         let samples = &sequence.path.samples;
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         // The preview in force: its base, the point before, and the predicted points.
-        let mut preview: Option<(Stamp, Point, [Point; EVIDENCE_LEADS + 1])> = None;
+        let mut preview: Option<(Stamp, Point, [Point; SKILL_LEADS + 1])> = None;
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;
             let (stamp, position) = (Stamp((time_s * 1e9).round() as u64), [sample.x_m, sample.y_m]);
@@ -123,11 +123,11 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
                 continue;
             }
             evidence.observe(stamp, position);
-            let mut points = [[0.0; 2]; EVIDENCE_LEADS];
+            let mut points = [[0.0; 2]; SKILL_LEADS];
             if closed && let Some(report) = previewer.preview(&mut points) {
                 let velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
                 evidence.shoot(report.base_position, velocity, &points);
-                let mut path = [report.base_position; EVIDENCE_LEADS + 1];
+                let mut path = [report.base_position; SKILL_LEADS + 1];
                 path[1..].copy_from_slice(&points);
                 let [[x, y], [dx, dy]] = [report.base_position, velocity];
                 preview = Some((Stamp(report.base_index * step_ns), [x - dx, y - dy], path));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
 
 use super::container::{self, Container, DType, Tensor};
 use super::problem::ModelError;

@@ -1,10 +1,11 @@
 //! What the control law is built from: units and frames change as they should, and measured presets are kept.
 
-use foretrace_control::follower::{Follower, Plane};
+use foretrace_control::follower::Follower;
 use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Leads, LearnerSettings};
 use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
 use foretrace_control::pen::SpeedScaleSettings;
+use foretrace_control::plane::Plane;
 use foretrace_control::predict::{InitialWeights, ModelSettings, PredictorKind, PreviewSettings};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use foretrace_config::models::{
     Assumed, Container, DType, LstmModel, Shipped, container_bytes, shipped, shipped_names,
 };
-use foretrace_control::predict::lstm::{LstmState, LstmTensors, Precision};
+use foretrace_control::predict::models::lstm::{LstmState, LstmTensors, Precision};
 use foretrace_control::predict::{Lstm, Predictor};
 use serde_json::Value;
 

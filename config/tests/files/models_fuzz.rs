@@ -3,7 +3,7 @@
 //! FORETRACE_FUZZ_CASES=N runs N cases.
 
 use foretrace_config::models::{Assumed, DType, LstmModel, Shipped};
-use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
 use foretrace_control::predict::{Lstm, Predictor};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -8,8 +8,9 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use foretrace_control::ik::clearance::{Clearance, ClearanceSettings, Obstacle};
-use foretrace_control::ik::{Chain, Ik, IkSettings, JointLimits, JointMotion, ToolTarget};
+use foretrace_control::arm::{Chain, JointLimits, JointMotion};
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
+use foretrace_control::ik::{Ik, IkSettings, ToolTarget};
 use nalgebra::Vector3;
 
 const TICK_S: f64 = 2e-3;

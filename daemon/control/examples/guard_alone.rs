@@ -10,8 +10,8 @@
 use std::error::Error;
 use std::time::{Duration, Instant};
 
+use foretrace_control::arm::JointLimits;
 use foretrace_control::guard::{CommandChecker, Commanded, Guard, Reasons, StopProfile, consumer_state};
-use foretrace_control::ik::JointLimits;
 use foretrace_control::units::Stamp;
 
 const JOINTS: usize = 2;

@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use foretrace_control::lag::LagEstimate;
+use foretrace_control::arm::lag::LagEstimate;
 use foretrace_control::monitor::{Monitor, TrackingSettings};
 use foretrace_control::units::Stamp;
 

@@ -7,8 +7,9 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use crate::follower::{FollowerSettings, Plane};
-use crate::ik::Chain;
+use crate::arm::Chain;
+use crate::follower::FollowerSettings;
+use crate::plane::Plane;
 
 /// Extremes of a tool since the watch began.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -17,17 +17,22 @@
 )]
 
 pub mod units;
+pub mod plane;
+pub mod geometry;
+pub mod stop;
 pub mod pen;
 pub mod predict;
 pub mod learn;
+pub mod skill;
 pub mod trust;
-mod servo;
-pub mod mpc;
+mod reference;
+pub mod arm;
 pub mod qp;
-pub mod ik;
+pub mod mpc;
 pub mod envelope;
+pub mod clearance;
+pub mod ik;
 pub mod guard;
-pub mod lag;
 pub mod monitor;
 pub mod follower;
 pub mod ghost;

@@ -1,8 +1,8 @@
 //! The way home in words and figures: how far it is, and what is in it.
 
+use foretrace_control::clearance::Clearance;
+use foretrace_control::clearance::way::MORE_M;
 use foretrace_control::follower::{FollowerSettings, Mode, WayBlocked};
-use foretrace_control::ik::Clearance;
-use foretrace_control::ik::clearance::way::MORE_M;
 use foretrace_shm::WayHome;
 
 use crate::rt::evidence::Evidence;

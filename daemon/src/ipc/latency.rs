@@ -107,7 +107,7 @@ impl Meter {
 
 #[cfg(test)]
 mod tests {
-    use foretrace_control::lag::LagEstimate;
+    use foretrace_control::arm::lag::LagEstimate;
 
     use super::*;
     use crate::ipc::tests::commanding;

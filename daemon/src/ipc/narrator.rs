@@ -3,10 +3,11 @@
 //! Contract: changes are told at once, floods once per second with their number. What is refused for a reason that was never
 //! told is told at once too, whatever else was said in that second.
 
-use foretrace_control::follower::{Mode, StopReason};
+use foretrace_control::follower::Mode;
 use foretrace_control::learn::{Promotion, PromotionCause};
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm::RejectReason;
 use tracing::{debug, info, warn};

@@ -5,7 +5,7 @@
 //! punctual only because its solve was shed does not show that the loop can keep its rate, and does not count; nor does any
 //! tick that this budget relieved, or half of a load that has nothing to do with solves would seem to be more of it.
 
-use foretrace_control::follower::{StopCause, StopDetail};
+use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
 
 /// The longest window [periods]: two seconds at 1000 Hz.

@@ -7,11 +7,11 @@
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use foretrace_control::follower::{
-    Budget, Follower, Health, JointReading, Mode, Refusal, Request, StepInput, StepOutput, StopDetail,
-    StopReason,
+    Budget, Follower, Health, JointReading, Mode, Refusal, Request, StepInput, StepOutput,
 };
-use foretrace_control::learn::LearnStep;
+use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::OnlineWeights;
+use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;

@@ -1,11 +1,11 @@
 //! What the law answered in a tick, part by part as it stands in records and status.
 
+use foretrace_control::arm::lag::LagEstimate;
 use foretrace_control::extent::Extent;
 use foretrace_control::follower::{Health, Mode, Rung, StepOutput};
 use foretrace_control::ghost::{GhostFigures, Tracking};
 use foretrace_control::guard::Reasons;
 use foretrace_control::ik::{IkReport, IkSource};
-use foretrace_control::lag::LagEstimate;
 use foretrace_control::mpc::SolvePath;
 use foretrace_shm as shm;
 use foretrace_shm::SolverPath;

@@ -1,8 +1,9 @@
 //! Words of the law and their numbers on the wire: modes, reasons, causes, predictors.
 
-use foretrace_control::follower::{Mode, Rung, StopCause, StopDetail, StopReason};
+use foretrace_control::follower::{Mode, Rung};
 use foretrace_control::ghost::GhostState;
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_control::trust::TrustReason;
 use foretrace_shm as shm;
 

@@ -104,7 +104,7 @@ fn hardware(mut my_arm: Arm) -> Result<(), Box<dyn Error>> {
 #[rustfmt::skip]
 fn guard_alone(position: [[f64; 2]; 2], [velocity, acceleration, braking, measured]: [[f64; 2]; 4]) -> Result<(), Box<dyn Error>> {
     use foretrace_control::guard::{Commanded, Guard, consumer_state};
-    use foretrace_control::ik::JointLimits;
+    use foretrace_control::arm::JointLimits;
 
     let limits = JointLimits::new(position, velocity, acceleration)?    // any number of joints; rad, rad/s, rad/s²
         .with_stale_braking(0.010, braking)?;           // how the arm stops by itself: extrapolates for 10 ms, then brakes

@@ -7,8 +7,8 @@
 
 use std::collections::VecDeque;
 
+use foretrace_control::arm::limits::{JointLimits, JointMotion};
 use foretrace_control::guard::{CommandChecker, CommandStatistics, Commanded, consumer_state};
-use foretrace_control::ik::limit::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use foretrace_shm::{HeaderBounds, HeaderCheck, JointCommand, Validate, command_flags};
 use foretrace_sim::arm::JOINTS;

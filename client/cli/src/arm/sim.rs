@@ -12,8 +12,8 @@ use std::time::Duration;
 use foretrace_client::{
     Commands, Foretrace, JointState, JointStates, Mode, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
 };
+use foretrace_control::arm::JointLimits;
 use foretrace_control::extent::ExtentWatch;
-use foretrace_control::ik::JointLimits;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, JOINTS, Joints};
 

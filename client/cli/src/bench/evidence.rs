@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use foretrace_config::Config;
 use foretrace_control::pen::{GridStep, Motion, PenReading, PenTracker};
-use foretrace_control::trust::{EVIDENCE_LEADS, Evidence};
+use foretrace_control::skill::{SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 use serde::Serialize;
 
@@ -40,8 +40,8 @@ pub(super) fn evidence<const N: usize>(
     while closing.len() < samples as usize {
         let before = closing.len();
         let mut tracker = PenTracker::new(settings.pen).map_err(|error| Failure::bad_input(error, ""))?;
-        let mut evidence = Evidence::new(settings.pen.step_ns as f64 * 1e-9, true);
-        let mut path = [[0.0; 2]; EVIDENCE_LEADS];
+        let mut evidence = Skill::new(settings.pen.step_ns as f64 * 1e-9, true);
+        let mut path = [[0.0; 2]; SKILL_LEADS];
         let mut newest_step: Option<GridStep> = None;
         for tick in &workload.ticks {
             for reading in &tick.pen {

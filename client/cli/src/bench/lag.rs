@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use foretrace_control::lag::LagEstimator;
+use foretrace_control::arm::lag::LagEstimator;
 use serde::Serialize;
 
 use super::workload::{J, Workload};

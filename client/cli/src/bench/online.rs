@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::esn::{ReadoutRule, Reservoir, ReservoirSettings};
+use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
 use foretrace_control::predict::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
     DybmLearner, DybmSettings, DybmWeights, Models, OnlineModel, Optimiser, Predictor, WeightsError,

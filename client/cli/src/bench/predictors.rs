@@ -11,7 +11,7 @@ use std::time::Instant;
 use foretrace_config::Config;
 use foretrace_config::models::LstmModel;
 use foretrace_control::pen::{Motion, PenReading, PenTracker, SpeedScale};
-use foretrace_control::predict::lstm::{LstmSpec, LstmTensors};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors};
 use foretrace_control::predict::{Lstm, LstmWeights, MAX_PREVIEW, Predictor};
 use serde::Serialize;
 

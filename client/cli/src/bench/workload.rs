@@ -4,9 +4,11 @@
 //! give the same workload. The MPC problems start from the loop's own commanded states and follow the recorded pen.
 
 use foretrace_config::Config;
-use foretrace_control::follower::{Budget, Follower, JointReading, Mode, NoClock, Plane, Request, StepInput};
-use foretrace_control::ik::{JointMotion, ToolTarget};
+use foretrace_control::arm::JointMotion;
+use foretrace_control::follower::{Budget, Follower, JointReading, Mode, NoClock, Request, StepInput};
+use foretrace_control::ik::ToolTarget;
 use foretrace_control::pen::PenReading;
+use foretrace_control::plane::Plane;
 use foretrace_control::units::{AxisState, Stamp};
 use foretrace_sim::path::{PathSample, PenPath};
 use nalgebra::Vector3;

@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use foretrace_control::follower::Plane;
+use foretrace_control::plane::Plane;
 use foretrace_sim::path::PathSample;
 
 use crate::failure::Failure;

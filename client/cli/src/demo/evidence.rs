@@ -5,7 +5,7 @@ use std::path::Path;
 use foretrace_client::{FaultReason, GhostState, Mode, Stage, Status, StopDetail, TickRecord};
 use foretrace_config::{Config, JOINTS};
 use foretrace_control::extent::{Extent, ExtentWatch};
-use foretrace_control::follower::Plane;
+use foretrace_control::plane::Plane;
 use foretrace_sim::data::load_csv;
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;

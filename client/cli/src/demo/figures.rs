@@ -5,7 +5,7 @@
 
 use foretrace_client::{FaultReason, Mode, Stage, Status, health};
 use foretrace_config::{Config, JOINTS, Settings};
-use foretrace_control::ik::limit::JointLimits;
+use foretrace_control::arm::limits::JointLimits;
 use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;

@@ -56,7 +56,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
         )
     };
     let text = std::fs::read_to_string(&args.urdf).map_err(|error| wrong(&error))?;
-    let robot = foretrace_control::ik::description(&text).map_err(|error| wrong(&error))?;
+    let robot = foretrace_control::arm::description(&text).map_err(|error| wrong(&error))?;
     let search = Search::new(&args.urdf, args.packages.clone());
     let (mut proposals, mut refused) = (Vec::new(), Vec::new());
     for link in &robot.links {
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
             say!("{} capsules written to {}", proposals.len(), file.display());
         }
     }
-    let most = foretrace_control::ik::clearance::MAX_CAPSULES;
+    let most = foretrace_control::clearance::MAX_CAPSULES;
     if proposals.len() > most {
         note!(
             "config shapes: {} capsules are more than the {most} that an arm may have: leave some out",
@@ -220,7 +220,7 @@ mod tests {
         let origin = &written.collision[0].origin;
         let read = Capsule { centre: origin.xyz.0, rpy: origin.rpy.0, length, radius };
         let search = Search::new(&urdf, Vec::new());
-        let source = foretrace_control::ik::description(&std::fs::read_to_string(&urdf).unwrap()).unwrap();
+        let source = foretrace_control::arm::description(&std::fs::read_to_string(&urdf).unwrap()).unwrap();
         let proposal = around(&source.links[0], &search).remove(0).unwrap();
         for vertex in &proposal.mesh.vertices {
             assert!(read.distance(vertex) <= radius + 1e-9, "{vertex}");

@@ -1,8 +1,8 @@
 //! The arms of the benchmark, each with the loop in front of it.
 
 use foretrace_config::Config;
+use foretrace_control::arm::JointLimits;
 use foretrace_control::follower::FollowerSettings;
-use foretrace_control::ik::JointLimits;
 use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;

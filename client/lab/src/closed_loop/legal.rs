@@ -3,7 +3,7 @@
 //! Contract: on the target while that is legal; else after it as fast as each joint can still brake to the target's own velocity.
 //! One joint at a time; no jerk limit; positions are the target's business.
 
-use foretrace_control::ik::JointLimits;
+use foretrace_control::arm::JointLimits;
 use foretrace_sim::arm::JOINTS;
 
 /// Share of the acceleration limit that is used: rounding must not carry a command over it.

@@ -7,9 +7,10 @@
 //! acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
 
 use foretrace_config::Config;
-use foretrace_control::follower::{FollowerSettings, JointCommand, Plane, Request};
-use foretrace_control::ik::{Chain, JointLimits};
+use foretrace_control::arm::{Chain, JointLimits};
+use foretrace_control::follower::{FollowerSettings, JointCommand, Request};
 use foretrace_control::pen::PenReading;
+use foretrace_control::plane::Plane;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;

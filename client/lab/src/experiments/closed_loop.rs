@@ -5,11 +5,12 @@
 
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, NoClock, Refusal, Request, StepInput,
-    StepOutput, StopDetail, StopReason,
+    StepOutput,
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, Oracle};
+use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;
 use foretrace_sim::metrics::ToolSample;

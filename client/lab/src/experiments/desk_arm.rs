@@ -2,8 +2,9 @@
 
 use std::collections::VecDeque;
 
-use foretrace_control::follower::{JointCommand, JointReading, Plane};
-use foretrace_control::ik::{Chain, JointLimits};
+use foretrace_control::arm::{Chain, JointLimits};
+use foretrace_control::follower::{JointCommand, JointReading};
+use foretrace_control::plane::Plane;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 

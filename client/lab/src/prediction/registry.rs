@@ -10,9 +10,9 @@ use std::sync::Arc;
 
 use foretrace_config::models::{self, LstmModel, shipped};
 use foretrace_control::pen::TARGET_RMS;
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::esn::{ReadoutRule, Reservoir, ReservoirSettings};
-use foretrace_control::predict::ours::{OursLearner, OursParameters, OursSettings};
+use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
+use foretrace_control::predict::models::ours::{OursLearner, OursParameters, OursSettings};
 use foretrace_control::predict::{
     ArRlsLearner, ArRlsSettings, ArRlsWeights, DybmEsnLearner, DybmEsnSettings, DybmLearner, DybmSettings,
     DybmWeights, LstmWeights, Optimiser, WeightsError,

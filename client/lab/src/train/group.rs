@@ -3,7 +3,7 @@
 //! Contract: the gradient is that of the objective over the whole batch (its denominator is given), summed over lanes
 //! and steps in a fixed order. All buffers are reused from group to group.
 
-use foretrace_control::predict::activation::{sigmoid, tanh};
+use foretrace_control::predict::models::activation::{sigmoid, tanh};
 
 use super::corpus::Strokes;
 use super::loss::{Objective, Padding, PreparedLoss};

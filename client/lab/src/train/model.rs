@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use foretrace_config::models::LstmModel;
-use foretrace_control::predict::lstm::{LstmError, LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::lstm::{LstmError, LstmSpec, LstmTensors, LstmWeights};
 
 use super::engine::Setup;
 

@@ -7,7 +7,7 @@
 use std::ops::{Add, Mul, Sub};
 
 /// `f32` for speed, `f64` for checks.
-pub use foretrace_control::predict::activation::Scalar as Real;
+pub use foretrace_control::predict::models::activation::Scalar as Real;
 
 /// Sequences that advance together.
 pub const LANES: usize = 8;

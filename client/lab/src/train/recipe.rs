@@ -1,7 +1,7 @@
 //! The recipes behind the reference rows, as starting points for options.
 
 use foretrace_control::pen::TARGET_RMS;
-use foretrace_control::predict::ours;
+use foretrace_control::predict::models::ours;
 
 use super::adam::Schedule;
 use super::augment::Augment;

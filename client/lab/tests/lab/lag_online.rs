@@ -1,10 +1,10 @@
 //! The loop measures the lag of simulated arms while it writes with them: the acceptance figures, by the daemon's own law.
 
 use foretrace_config::Config;
+use foretrace_control::arm::lag::Following;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointReading, NoClock, Request, StepInput, StepOutput,
 };
-use foretrace_control::lag::Following;
 use foretrace_control::mpc::Gains;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;

@@ -5,10 +5,11 @@
 
 use crate::desk::{Desk, Pen, Seen};
 use foretrace_config::Config;
-use foretrace_control::follower::{Mode, Refusal, Request, StopCause, StopDetail, StopReason};
-use foretrace_control::lag::Following;
+use foretrace_control::arm::lag::Following;
+use foretrace_control::follower::{Mode, Refusal, Request};
 use foretrace_control::monitor::SlowArm;
 use foretrace_control::mpc::Gains;
+use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};

@@ -1,11 +1,11 @@
 //! The shipped law led by pens that leave the paper, race and leap: it always has a plan, and knows when to lift.
 
 use foretrace_config::Config;
+use foretrace_control::arm::lag::Following;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointReading, NoClock, Request, Rung, StepInput,
 };
 use foretrace_control::guard::CommandChecker;
-use foretrace_control::lag::Following;
 use foretrace_control::pen::PenReading;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};

@@ -6,13 +6,13 @@
 
 use foretrace_config::Config;
 use foretrace_control::follower::{
-    Budget, Follower, Health, JointReading, Mode, NoClock, Request, Rung, StepInput, StepOutput, StopCause,
-    StopReason,
+    Budget, Follower, Health, JointReading, Mode, NoClock, Request, Rung, StepInput, StepOutput,
 };
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::stop::{StopCause, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 use foretrace_sim::path::{Layout, PathSample, PenPath, Placement};

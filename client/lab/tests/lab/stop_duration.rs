@@ -8,8 +8,8 @@
 //! constant jerk begins and ends on a tick. So duration and distance differ by a tick or two, whatever
 //! the tick: asked at two, one a tenth of the other.
 
+use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::guard::{Commanded, StopProfile};
-use foretrace_control::ik::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

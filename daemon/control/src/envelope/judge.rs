@@ -1,8 +1,8 @@
 //! Where the published command has the tool, and whether that is too far out.
 
 use super::{Envelope, SPEED_MARGIN, TILT_MARGIN_RAD};
-use crate::follower::{StopCause, StopDetail};
-use crate::ik::Kinematics;
+use crate::arm::Kinematics;
+use crate::stop::{StopCause, StopDetail};
 
 /// Rounding: what is outside goes no farther by so much [m, rad].
 const ROUNDING: f64 = 1e-6;

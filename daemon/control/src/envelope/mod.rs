@@ -21,8 +21,8 @@ pub use settings::{EnvelopeError, EnvelopeSettings};
 
 use nalgebra::Vector3;
 
-use crate::follower::Plane;
-use crate::ik::{JointLimits, Kinematics};
+use crate::arm::{JointLimits, Kinematics};
+use crate::plane::Plane;
 use judge::Allowed;
 
 /// Rows are laid this share of the margin beyond the workspace; the rest is for what they cannot keep.

@@ -3,10 +3,10 @@
 use nalgebra::{SVector, Vector3};
 
 use super::Envelope;
-use crate::ik::Kinematics;
-use crate::ik::limit::{JointMotion, VelocityBox, viable_velocity};
-use crate::ik::offered::Offered;
+use crate::arm::Kinematics;
+use crate::arm::limits::{JointMotion, VelocityBox, viable_velocity};
 use crate::mpc::AxisLimits;
+use crate::qp::offered::Offered;
 use crate::units::AxisState;
 
 /// Price of a row beside one that keeps clear of things.

@@ -1,7 +1,8 @@
 //! What an operator's request does to the loop, and why it may be refused.
 
 use super::Follower;
-use super::io::{Refusal, Request, StopReason};
+use super::io::{Refusal, Request};
+use crate::stop::StopReason;
 use crate::trust::TrustRequest;
 use crate::units::{Stamp, Trust};
 

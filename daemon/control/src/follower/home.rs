@@ -1,16 +1,17 @@
 //! What the loop makes of the news from the way home.
 
 use super::Follower;
-use super::io::{Refusal, StopCause, StopDetail, StopReason};
+use super::io::Refusal;
 use super::motion::HomeNews;
 use super::request::WayBlocked;
-use crate::ik::Obstructed;
+use crate::clearance::Obstructed;
+use crate::stop::{StopCause, StopDetail, StopReason};
 use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns whether the way is
     /// clear, in the tick in which that is known.
-    pub(super) fn heed_home(&mut self, now: Stamp, news: HomeNews) -> Option<Result<(), Refusal>> {
+    pub(super) fn heed_home(&mut self, now: Stamp, news: &HomeNews) -> Option<Result<(), Refusal>> {
         match news {
             HomeNews::None => None,
             HomeNews::Clear => Some(Ok(())),
@@ -20,7 +21,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             }
             HomeNews::Blocked(by) => {
                 self.leave();
-                Some(Err(Refusal::WayBlocked(whole(&by))))
+                Some(Err(Refusal::WayBlocked(whole(by))))
             }
             HomeNews::HeldUp(by) => {
                 let limit = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);

@@ -31,7 +31,7 @@ impl WayBlocked {
 /// What is in the way home, in whole numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WayBlocked {
-    /// Number of the pair, see [`crate::ik::Clearance::pair_names`], or [`Self::PAPER`].
+    /// Number of the pair, see [`crate::clearance::Clearance::pair_names`], or [`Self::PAPER`].
     pub pair: u16,
     /// Where on the way [%].
     pub percent: u8,

@@ -4,14 +4,16 @@ use std::fmt;
 
 use thiserror::Error;
 
-use super::plane::Plane;
+use crate::arm::lag::Following;
+use crate::arm::limits::LONGEST_EASE_S;
+use crate::arm::{Chain, JointLimits};
+use crate::clearance::{ClearanceError, ClearanceSettings};
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
-use crate::guard::stop::LONGEST_EASE_S;
-use crate::ik::{BackendError, Chain, ClearanceError, ClearanceSettings, IkBackend, IkSettings, JointLimits};
-use crate::lag::Following;
+use crate::ik::{BackendError, IkBackend, IkSettings};
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
+use crate::plane::Plane;
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 

@@ -1,7 +1,8 @@
 //! The tracking monitor inside the loop: what it is shown, and what follows from what it finds.
 
 use super::Follower;
-use super::io::{JointReading, StopReason};
+use super::io::JointReading;
+use crate::stop::StopReason;
 use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {

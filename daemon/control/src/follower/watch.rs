@@ -2,8 +2,9 @@
 //!
 //! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy arm at rest.
 
-use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StopDetail, StopReason};
+use super::io::{EnableReading, Health, JointReading, Mode, Refusal};
 use super::settings::SafetySettings;
+use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
 
 /// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to 20 ms.

@@ -20,12 +20,12 @@ pub use track::{Point, Track};
 
 use std::collections::VecDeque;
 
+use crate::arm::Chain;
 use crate::follower::{
-    Budget, Follower, FollowerError, FollowerSettings, JointReading, Mode, NoClock, Plane, StepInput,
-    StepOutput,
+    Budget, Follower, FollowerError, FollowerSettings, JointReading, Mode, NoClock, StepInput, StepOutput,
 };
-use crate::ik::Chain;
 use crate::pen::PenReading;
+use crate::plane::Plane;
 use crate::predict::PredictorKind;
 use crate::trust::TrustRequest;
 use crate::units::{Stamp, Trust};

@@ -3,7 +3,7 @@
 //! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that a mistake there cannot hide here. Counts,
 //! never alters. Absent: jerk, whose limit yields to the others.
 
-use crate::ik::limit::JointLimits;
+use crate::arm::limits::JointLimits;
 use crate::units::Stamp;
 
 /// Allowed excess relative to each limit: rounding of (q₁ − q₀)/elapsed at 1 kHz is below 1e-12 rad / (1 ms)² = 1e-6 rad/s².

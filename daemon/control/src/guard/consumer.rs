@@ -4,7 +4,7 @@
 //! interpolation toward the command; past its stamp extrapolation until `valid_until`, then braking to rest.
 
 use super::Commanded;
-use crate::ik::limit::JointMotion;
+use crate::arm::limits::JointMotion;
 use crate::units::Stamp;
 
 /// Joint motion at `now` of a consumer whose last command is `command`, valid until `valid_until`.

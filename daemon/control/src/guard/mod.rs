@@ -2,7 +2,7 @@
 //!
 //! Contract: independent of everything above it and usable alone. The answer is finite, continuous with the last command,
 //! inside velocity and acceleration limits judged by the stamps of the two commands, inside the position limits, and
-//! leads to a state that a consumer without further commands stops inside them (see [`crate::ik::limit`]). If the
+//! leads to a state that a consumer without further commands stops inside them (see [`crate::arm::limits`]). If the
 //! last command was outside its limits, acceleration is kept and the way leads back. Absent: collision, tool-space limits,
 //! and planning: a far goal is approached as fast as the limits allow, and overshot.
 //!
@@ -15,7 +15,7 @@
 //!
 //! ```
 //! use foretrace_control::guard::{Commanded, Guard, Reasons, StopProfile};
-//! use foretrace_control::ik::JointLimits;
+//! use foretrace_control::arm::JointLimits;
 //! use foretrace_control::units::Stamp;
 //!
 //! // Two joints [rad, rad/s, rad/s²]; whoever obeys extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
@@ -46,7 +46,7 @@ pub use check::{CommandChecker, CommandStatistics, Violations};
 pub use consumer::consumer_state;
 pub use stop::StopProfile;
 
-use crate::ik::limit::{self, JointLimits, JointMotion};
+use crate::arm::{JointLimits, JointMotion, limits};
 use crate::units::Stamp;
 
 /// A velocity this far outside its interval [rad/s] is rounding of (q' − q)/elapsed, not a violation.
@@ -198,7 +198,7 @@ impl<const J: usize> Guard<J> {
         let h = elapsed.min(self.longest_step_s);
         let mut reasons = if h < elapsed { Reasons::GAP } else { Reasons::NONE };
         let finite = q.iter().all(|x| x.is_finite());
-        let mut wanted = limit::braking(last.qd(), self.limits.deceleration(), h);
+        let mut wanted = limits::braking(last.qd(), self.limits.deceleration(), h);
         if finite {
             for (v, (new, old)) in wanted.iter_mut().zip(q.iter().zip(last.q())) {
                 *v = (new - old) / h;
@@ -218,7 +218,7 @@ impl<const J: usize> Guard<J> {
         h: f64,
         mut reasons: Reasons,
     ) -> Verdict<J> {
-        let allowed = limit::velocity_box(&last.motion, &self.limits, h);
+        let allowed = limits::velocity_box(&last.motion, &self.limits, h);
         let finite = !reasons.contains(Reasons::NOT_FINITE);
         let mut altered = 0;
         let mut motion = last.motion;
@@ -276,7 +276,7 @@ fn why<const J: usize>(
     let (v, a, decel) = (of(limits.velocity()), of(limits.acceleration()), of(limits.deceleration()));
     // Without the velocity limit, which is a reason of its own.
     let [q_min, q_max] = limits.position().get(joint).copied().unwrap_or_default();
-    let viable = |room| limit::viable_velocity(room, h, limits.hold_s(), decel, f64::INFINITY);
+    let viable = |room| limits::viable_velocity(room, h, limits.hold_s(), decel, f64::INFINITY);
     let acceleration = (wanted - qd) / h;
     let broken = [
         (Reasons::VELOCITY, wanted.abs() <= v),

@@ -1,18 +1,11 @@
 //! The jerk-limited stop: joint velocities to exactly zero from any motion, one tick at a time.
 //!
-//! Contract: no allocation; finite input gives velocities inside the velocity box of [`crate::ik::limit`]. Position and
+//! Contract: no allocation; finite input gives velocities inside the velocity box of [`crate::arm::limits`]. Position and
 //! acceleration limits win over jerk. Joints stop independently of each other, each as early as its limits allow.
 
 use super::Commanded;
-use crate::ik::limit::{JointLimits, velocity_box};
+use crate::arm::limits::{JointLimits, stop_jerk, velocity_box};
 use crate::units::Stamp;
-
-/// From full acceleration to full braking where the limits say nothing about jerk [s]: ten ticks at 500 Hz. An arm that speeds up
-/// goes on doing so for two thirds of it; a longer ramp would cost more way than it saves shaking.
-pub const EASE_S: f64 = 0.02;
-
-/// The longest that a follower's jerk limits may make the same take [s].
-pub const LONGEST_EASE_S: f64 = 0.05;
 
 /// Brings an arm to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,18 +57,6 @@ impl<const J: usize> StopProfile<J> {
     pub fn is_done(last: &Commanded<J>) -> bool {
         last.qd().iter().chain(last.qdd()).all(|v| *v == 0.0)
     }
-}
-
-/// The jerk limits, or where there are none (acceleration + deceleration)/[`EASE_S`], per joint [rad/s³].
-#[must_use]
-pub fn stop_jerk<const J: usize>(limits: &JointLimits<J>) -> [f64; J] {
-    limits.jerk().copied().unwrap_or_else(|| {
-        let mut jerk = *limits.acceleration();
-        for (jerk, decel) in jerk.iter_mut().zip(limits.deceleration()) {
-            *jerk = (*jerk + decel) / EASE_S;
-        }
-        jerk
-    })
 }
 
 /// The next velocity of one joint on its way to rest.

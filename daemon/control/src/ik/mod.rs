@@ -2,37 +2,26 @@
 //!
 //!   min over q̇ in the box:  ‖J(q) q̇ − v*‖²_W + λ‖q̇‖² + posture        v* = velocity + K·pose error
 //!
-//! Where the arm comes near a plane, a box or itself, rows of [`clearance`] are added; a tick whose answer keeps them all is
+//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added; a tick whose answer keeps them all is
 //! solved as if there were none.
 //!
-//! Contract: no allocation, no panic; the answer is finite and inside [`limit::velocity_box`] whatever the input. All
+//! Contract: no allocation, no panic; the answer is finite and inside [`crate::arm::velocity_box`] whatever the input. All
 //! kinematics belong to the joint positions last *commanded*, never to measured ones. Singularities are met by damping that
 //! grows smoothly; there is no stop and no jump. Absent: planning, ways around obstacles, several solution branches.
 
-pub mod chain;
-mod sincos;
-mod urdf;
-pub mod limit;
 pub mod task;
 pub mod reach;
-pub mod clearance;
-pub(crate) mod offered;
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
 
+use crate::arm::{JointLimits, JointMotion, Kinematics, VelocityBox, limits, velocity_box};
+use crate::clearance::{Clearance, ClearanceReport, Inside};
 use crate::envelope::Envelope;
-use offered::Offered;
+use crate::qp::offered::Offered;
 
-pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
-pub use clearance::{
-    Capsule, Clearance, ClearanceError, ClearanceReport, ClearanceSettings, Inside, Looked, Obstacle,
-    Obstructed, Way,
-};
-pub use limit::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use reach::solve_pose;
 pub use task::{IkSettings, ToolTarget};
-pub use urdf::{ChainError, description};
 
 use crate::qp::QpStatus;
 use crate::qp::box_qp::{self, ActiveBounds, BoxSolution};
@@ -229,7 +218,7 @@ impl<const J: usize> Ik<J> {
                 kkt_residual: kept.kkt_residual,
             };
             if !kept.status.usable() {
-                let straight = limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
+                let straight = limits::braking_straight(&motion.qd, self.limits.acceleration(), elapsed);
                 (answer.source, answer.qd) = (IkSource::Brake, allowed.nearest(&straight));
             }
             kept_by = [kept.held, kept.yielded];
@@ -280,7 +269,7 @@ impl<const J: usize> Ik<J> {
         let qd = if kept.status.usable() {
             allowed.nearest(&kept.x.into())
         } else {
-            allowed.nearest(&limit::braking_straight(&motion.qd, self.limits.acceleration(), elapsed))
+            allowed.nearest(&limits::braking_straight(&motion.qd, self.limits.acceleration(), elapsed))
         };
         StopStep { qd, clearance, envelope }
     }
@@ -380,5 +369,5 @@ fn fallback<const J: usize>(
             return (IkSource::Clamped, allowed.nearest(&free));
         }
     }
-    (IkSource::Brake, allowed.nearest(&limit::braking(&motion.qd, limits.deceleration(), elapsed)))
+    (IkSource::Brake, allowed.nearest(&limits::braking(&motion.qd, limits.deceleration(), elapsed)))
 }

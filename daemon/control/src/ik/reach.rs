@@ -4,8 +4,8 @@
 
 use nalgebra::{SVector, Vector3};
 
-use super::chain::{Chain, Kinematics};
 use super::task::{self, IkSettings, ToolTarget};
+use crate::arm::chain::{Chain, Kinematics};
 use crate::qp::box_qp;
 
 /// Pose error that counts as reached: 1 nm, and 1 nm at the orientation length (10 nrad).

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
-use super::chain::Kinematics;
+use crate::arm::chain::Kinematics;
 
 /// Tilt of the tool from which turns weigh fully [rad]: letters tilt a pen of 15 cm by half of it in one tick of a hundred.
 pub const FULL_TILT_RAD: f64 = 0.15;

@@ -9,7 +9,7 @@
 //!
 //! Cases in which the pen rests before and after say nothing and are left out; so is what a jump interrupted.
 
-use super::LearnStep;
+use crate::predict::LearnStep;
 use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE, REST_LEVEL};
 use crate::predict::{Models, OnlineWeights, Panel, PredictorKind, WeightsError};
 

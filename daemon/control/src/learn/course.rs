@@ -7,7 +7,8 @@
 use std::iter::Sum;
 
 use super::shadow::{Contender, Leads, Shadow, Versus};
-use super::{LearnStep, Promotion, PromotionCause};
+use super::{Promotion, PromotionCause};
+use crate::predict::LearnStep;
 use crate::predict::{ModelParameters, OnlineModel, PredictorKind, WeightsError};
 
 /// When live weights may change.

@@ -16,44 +16,12 @@ pub use shadow::{Leads, LeadsError, MAX_LEAD, Versus};
 use thiserror::Error;
 
 use crate::pen::Motion;
+
 use crate::predict::{
-    ArRlsLearner, DybmEsnLearner, DybmLearner, Models, OnlineWeights, OursLearner, PredictorKind,
+    ArRlsLearner, DybmEsnLearner, DybmLearner, LearnStep, Models, OnlineWeights, OursLearner, PredictorKind,
     WeightsError,
 };
 use course::{Course, Pace};
-
-/// What the learner needs of one grid step; made by [`crate::predict::Previewer::observe`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LearnStep {
-    /// Grid index k.
-    pub index: u64,
-    /// Normalised displacement, zero unless the motion continues.
-    pub x: [f64; 2],
-    /// Only `Continues` is learned from; the others empty the memory.
-    pub motion: Motion,
-    /// The pen touches the paper.
-    pub contact: bool,
-    /// Metres per normalised unit.
-    pub scale_m: f64,
-    /// Longest displacement that the loop lets a predictor predict after this step, normalised.
-    pub limit: f64,
-    /// The recent step, normalised.
-    pub level: f64,
-}
-
-impl Default for LearnStep {
-    fn default() -> Self {
-        Self {
-            index: 0,
-            x: [0.0; 2],
-            motion: Motion::default(),
-            contact: false,
-            scale_m: 1e-4,
-            limit: f64::INFINITY,
-            level: crate::predict::bands::REST_LEVEL,
-        }
-    }
-}
 
 /// How the learner learns and when it dares.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -28,8 +28,8 @@ use path::{KEPT_NS, Path};
 use recent::Recent;
 use swing::Swings;
 
-use crate::follower::{StopCause, StopDetail};
-use crate::lag::LagEstimate;
+use crate::arm::lag::LagEstimate;
+use crate::stop::{StopCause, StopDetail};
 use crate::units::Stamp;
 
 /// Where nothing says how late the arm may be, it may be this late [ns].

@@ -1,6 +1,6 @@
 //! What the arm makes of a plan, where its servo is a filter: the cost looks at the arm, the limits at the command.
 //!
-//! Contract: the servo of `crate::servo` sampled on the plan's grid, exact for commands of constant jerk per step; normalised units
+//! Contract: the servo of `crate::arm::servo` sampled on the plan's grid, exact for commands of constant jerk per step; normalised units
 //! (mm, steps). The arm's state is [position, velocity]. Absent: what limits in the arm's own controller do to a command.
 
 use std::ops::{Add, Mul};
@@ -147,8 +147,8 @@ impl Behind {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arm::servo::Servo;
     use crate::mpc::model::rollout;
-    use crate::servo::Servo;
     use crate::units::AxisState;
 
     #[test]

@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector, Schur};
 
 use super::{Mpc, MpcError, Plan};
-use crate::servo::Servo;
+use crate::arm::servo::Servo;
 use crate::units::{AxisState, Trust};
 
 /// Position, velocity and acceleration of the command, position and velocity of the arm.

@@ -5,36 +5,26 @@
 //! Every displacement is per grid step Δ and normalised (see [`crate::pen::SpeedScale`]), never SI.
 //! [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
 
-mod hold;
-mod constant_velocity;
-mod oracle;
-pub mod activation;
-mod online;
-pub mod dybm;
-pub mod lstm;
-pub mod esn;
-pub mod ar_rls;
+pub mod models;
 pub mod bands;
+pub mod refine;
+mod online;
 mod online_weights;
-mod models;
 mod panel;
-mod covariance;
-pub mod ours;
 mod previewer;
+mod step;
 
-pub use ar_rls::{ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights};
-pub use constant_velocity::ConstantVelocity;
-pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimiser};
-pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
-pub use hold::Hold;
-pub use lstm::{Lstm, LstmError, LstmWeights};
-pub use models::{InitialWeights, ModelSettings, Models, ModelsError, Networks};
+pub use models::{
+    ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
+    DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
+    Lstm, LstmError, LstmWeights, ModelSettings, Models, ModelsError, Networks, Optimiser, Oracle, Ours,
+    OursLearner, OursParameters, OursSettings,
+};
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
-pub use oracle::Oracle;
-pub use ours::{Ours, OursLearner, OursParameters, OursSettings};
 pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
+pub use step::LearnStep;
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;

@@ -13,8 +13,8 @@ use thiserror::Error;
 use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
 use super::{Models, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
-use crate::learn::LearnStep;
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
+use crate::predict::LearnStep;
 
 /// What a previewer needs to start.
 #[derive(Debug, Clone, Copy, PartialEq)]

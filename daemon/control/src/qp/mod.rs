@@ -8,6 +8,7 @@ pub mod cholesky;
 pub mod dual;
 pub mod box_qp;
 pub mod row_qp;
+pub(crate) mod offered;
 pub mod clarabel;
 
 /// Largest KKT residual of a solution called optimal, relative to the size of the problem's own gradient.

@@ -3,26 +3,17 @@
 //! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is asked for, so no evidence, request or fault
 //! can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not worth anything, and the
 //! reason is always given. In automatic mode past previews have to have been better than standing still, over the leads
-//! that the plan looks at, by a margin that is wider on the way up than on the way down ([`Evidence`] keeps their record).
+//! that the plan looks at, by a margin that is wider on the way up than on the way down ([`crate::skill::Skill`] keeps their record).
 //! What the evidence speaks for is believed as far as the arm has strength to follow it (`headroom`).
 
-mod blend;
-mod evidence;
-mod feedback;
-mod filter;
 mod headroom;
-mod lead;
-mod observer;
-mod onset;
 mod outcome;
-mod shot;
 
-pub use evidence::{EVIDENCE_LEADS, Evidence};
-pub use lead::Record;
 pub use outcome::Outcome;
 
 use thiserror::Error;
 
+use crate::skill::Record;
 use crate::units::Trust;
 use headroom::Headroom;
 
@@ -42,7 +33,7 @@ pub struct TrustSettings {
     /// Cases of motion per lead that have to be judged before a preview is believed in automatic mode.
     pub proof_cases: u32,
     /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than the grid's
-    /// ([`Evidence`]). Off: the paper's scalar α over a preview as the predictor gave it.
+    /// ([`crate::skill::Skill`]). Off: the paper's scalar α over a preview as the predictor gave it.
     pub per_step: bool,
 }
 

@@ -1,6 +1,6 @@
 //! AR-RLS: it finds the process that made its input, lets no jump near its coefficients, and stays sound in silence.
 
-use foretrace_control::predict::ar_rls::{
+use foretrace_control::predict::models::ar_rls::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ORDER, REGRESSORS,
 };
 use foretrace_control::predict::{ModelParameters, OnlineModel, Predictor};

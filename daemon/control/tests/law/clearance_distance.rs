@@ -1,9 +1,7 @@
 //! Distances between segments, planes and boxes against brute force.
 
-use foretrace_control::ik::clearance::distance::{
-    Cuboid, Segment, Separation, point_plane, segment_box, segment_segment,
-};
-use foretrace_control::ik::clearance::{Obstacle, ObstacleError};
+use foretrace_control::clearance::{Obstacle, ObstacleError};
+use foretrace_control::geometry::{Cuboid, Segment, Separation, point_plane, segment_box, segment_segment};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

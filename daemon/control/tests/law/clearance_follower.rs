@@ -2,11 +2,12 @@
 //! than stated, and an arm that begins inside comes out. `support::Bench` judges every command's legality and continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
+use foretrace_control::arm::{Chain, JointMotion};
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
 use foretrace_control::follower::{
     Budget, FollowerSettings, Health, Mode, Refusal, Request, Rung, StepOutput,
 };
 use foretrace_control::guard::{Commanded, consumer_state};
-use foretrace_control::ik::{Chain, Clearance, ClearanceSettings, JointMotion, Obstacle};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
 use nalgebra::Vector3;

@@ -4,7 +4,7 @@ use crate::support::reaching;
 
 use reaching::*;
 
-use foretrace_control::ik::clearance::{Clearance, ClearanceSettings, Obstacle};
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
 use foretrace_control::ik::{IkSource, ToolTarget};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
@@ -19,7 +19,7 @@ fn settings(itself: bool, obstacles: Vec<Obstacle>) -> ClearanceSettings {
 }
 
 fn arm<'a>(
-    chain: &'a foretrace_control::ik::Chain<6>,
+    chain: &'a foretrace_control::arm::Chain<6>,
     home: [f64; 6],
     wanted: &ClearanceSettings,
 ) -> Arm<'a> {

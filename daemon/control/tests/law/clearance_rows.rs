@@ -4,8 +4,9 @@ use crate::support::reaching;
 
 use reaching::*;
 
-use foretrace_control::ik::clearance::{Clearance, ClearanceError, ClearanceSettings, Obstacle};
-use foretrace_control::ik::{Chain, ChainError, Inside, JointMotion, VelocityBox, velocity_box};
+use foretrace_control::arm::{Chain, ChainError, JointMotion, VelocityBox, velocity_box};
+use foretrace_control::clearance::Inside;
+use foretrace_control::clearance::{Clearance, ClearanceError, ClearanceSettings, Obstacle};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

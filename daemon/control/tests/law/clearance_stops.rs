@@ -4,8 +4,8 @@ use crate::support::reaching;
 
 use reaching::*;
 
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
 use foretrace_control::guard::StopProfile;
-use foretrace_control::ik::clearance::{Clearance, ClearanceSettings, Obstacle};
 use foretrace_control::ik::{Ik, IkSettings, ToolTarget};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
@@ -25,7 +25,7 @@ fn everything() -> ClearanceSettings {
     }
 }
 
-fn scene(chain: &foretrace_control::ik::Chain<6>) -> (Arm<'_>, Clearance<6>) {
+fn scene(chain: &foretrace_control::arm::Chain<6>) -> (Arm<'_>, Clearance<6>) {
     let mut arm = Arm::new(chain, UR5_HOME, 40.0);
     let kept = Clearance::new(chain, &limits(chain, 40.0), TICK_S, &everything()).unwrap();
     arm.ik =

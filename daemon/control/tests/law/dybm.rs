@@ -3,7 +3,7 @@
 
 use crate::support::dybm as reference;
 
-use foretrace_control::predict::dybm::{
+use foretrace_control::predict::models::dybm::{
     DybmLearner, DybmSettings, DybmShape, DybmWeights, MAX_DELAY, MAX_TRACES, Optimiser, TraceInput,
     WeightsError,
 };

@@ -3,9 +3,10 @@
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
-use foretrace_control::follower::{Budget, FollowerSettings, Mode, Refusal, Request, StopCause, StopReason};
+use foretrace_control::follower::{Budget, FollowerSettings, Mode, Refusal, Request};
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::stop::{StopCause, StopReason};
 use nalgebra::{Rotation3, Vector3};
 
 const MARGIN_M: f64 = 0.001;
@@ -59,7 +60,7 @@ fn leaps_stay_inside_with_joints_far_weaker_than_the_plan() {
     for acceleration in [30.0, 5.0, 0.5] {
         let mut settings = within(usual());
         let limits = settings.limits;
-        settings.limits = foretrace_control::ik::JointLimits::new(
+        settings.limits = foretrace_control::arm::JointLimits::new(
             *limits.position(),
             *limits.velocity(),
             [acceleration; 6],

@@ -1,6 +1,6 @@
 //! Evidence where the pen begins to move: how much of a preview is believed there.
 
-use foretrace_control::trust::Evidence;
+use foretrace_control::skill::Skill;
 
 /// Metres per normalised unit: a step of ordinary motion, 1 mm, is 10.
 const UNIT_M: f64 = 1e-4;
@@ -10,7 +10,7 @@ const STEP_S: f64 = 0.01;
 fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
     let predicted = [5e-3, -2e-3];
     for per_step in [false, true] {
-        let mut evidence = Evidence::new(STEP_S, per_step);
+        let mut evidence = Skill::new(STEP_S, per_step);
         let mut x = 0.0;
         for rested in [true, false, true] {
             let steps = if rested { 5 } else { 0 };
@@ -38,7 +38,7 @@ fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
 #[test]
 fn an_arm_away_from_its_limits_is_not_held_back_and_one_that_stands_tells_nothing() {
     let predicted = [5e-3, -2e-3];
-    let mut evidence = Evidence::new(STEP_S, true);
+    let mut evidence = Skill::new(STEP_S, true);
     let mut drive = |at_limit, ms: u32| {
         for _ in 0..ms {
             evidence.drove(at_limit, 1_000_000);

@@ -3,11 +3,12 @@
 use crate::support;
 
 use crate::support::{Bench, PERIOD_NS, STEP_NS, settings};
+use foretrace_control::arm::JointLimits;
 use foretrace_control::follower::{
-    Budget, EnableReading, Health, Mode, Refusal, Request, Rung, StepInput, StepOutput, StopReason,
+    Budget, EnableReading, Health, Mode, Refusal, Request, Rung, StepInput, StepOutput,
 };
-use foretrace_control::ik::JointLimits;
 use foretrace_control::predict::{Oracle, PredictorKind};
+use foretrace_control::stop::StopReason;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};
 

@@ -4,8 +4,8 @@ use crate::support::limited;
 
 use limited::*;
 
+use foretrace_control::arm::{JointLimits, JointMotion, LimitError, velocity_box};
 use foretrace_control::guard::{CommandChecker, Commanded, Guard, Reasons, consumer_state};
-use foretrace_control::ik::{JointLimits, JointMotion, LimitError, velocity_box};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -45,7 +45,7 @@ fn the_box_is_never_empty_and_keeps_a_viable_state_viable() {
 /// v(h + hold) + v²/(2a) = room with a = 2, h + hold = 0.5: room 3 gives v = 2 (2·0.5 + 4/4 = 2 for room 2).
 #[test]
 fn viable_velocity_is_the_one_worked_by_hand() {
-    use foretrace_control::ik::limit::viable_velocity;
+    use foretrace_control::arm::limits::viable_velocity;
     assert!((viable_velocity(2.0, 0.25, 0.25, 2.0, 100.0) - 2.0).abs() < 1e-15);
     assert_eq!(viable_velocity(0.0, 0.25, 0.25, 2.0, 100.0), 0.0);
     assert_eq!(viable_velocity(f64::INFINITY, 0.25, 0.25, 2.0, 100.0), 100.0);

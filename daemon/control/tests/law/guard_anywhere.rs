@@ -4,8 +4,8 @@ use crate::support::limited;
 
 use limited::*;
 
+use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::guard::{Commanded, Guard, Reasons, StopProfile};
-use foretrace_control::ik::{JointLimits, JointMotion};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

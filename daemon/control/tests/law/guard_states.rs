@@ -4,10 +4,10 @@ use crate::support::own_rules;
 
 use own_rules::{Joint, State, joint};
 
+use foretrace_control::arm::{Chain, JointLimits, JointMotion, velocity_box};
 use foretrace_control::guard::{
     CommandChecker, Commanded, Guard, Reasons, StopProfile, Verdict, consumer_state,
 };
-use foretrace_control::ik::{Chain, JointLimits, JointMotion, velocity_box};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -49,7 +49,10 @@ fn ur5() -> JointLimits<6> {
 fn ur5e() -> JointLimits<6> {
     preset(
         include_str!("../../../../config/robots/ur5e.urdf"),
-        include_str!("../../../../config/presets/ur5e.toml"),
+        concat!(
+            include_str!("../../../../config/presets/ur5e.toml"),
+            include_str!("../../../../config/presets/ur5.toml")
+        ),
     )
 }
 

@@ -1,6 +1,6 @@
 //! Kinematics of the shipped robots against Denavit-Hartenberg matrices multiplied here, and against finite differences.
 
-use foretrace_control::ik::{Chain, ChainError, Kinematics};
+use foretrace_control::arm::{Chain, ChainError, Kinematics};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

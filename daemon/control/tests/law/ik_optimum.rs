@@ -4,11 +4,9 @@ use crate::support::reaching;
 
 use reaching::*;
 
+use foretrace_control::arm::{Chain, JointLimits, JointMotion, velocity_box};
 use foretrace_control::guard::Guard;
-use foretrace_control::ik::{
-    Chain, Ik, IkBackend, IkSettings, IkSource, JointLimits, JointMotion, ToolTarget, solve_pose, task,
-    velocity_box,
-};
+use foretrace_control::ik::{Ik, IkBackend, IkSettings, IkSource, ToolTarget, solve_pose, task};
 use foretrace_control::qp::clarabel::ClarabelProfile;
 use nalgebra::{SVector, Vector3};
 use rand::{RngExt, SeedableRng};

@@ -5,7 +5,7 @@ use crate::support::reaching;
 
 use reaching::*;
 
-use foretrace_control::ik::clearance::{Clearance, ClearanceSettings};
+use foretrace_control::clearance::{Clearance, ClearanceSettings};
 use foretrace_control::ik::{Ik, IkSettings, IkSource, ToolTarget};
 use nalgebra::Vector3;
 

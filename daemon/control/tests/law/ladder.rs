@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use crate::support::{Bench, PERIOD_NS, settings};
+use foretrace_control::arm::limits::stop_jerk;
 use foretrace_control::follower::{Budget, Health, Mode, Request, Rung, StepInput, StepOutput};
-use foretrace_control::guard::stop::stop_jerk;
 use foretrace_control::predict::PredictorKind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 
 use crate::support::Bench;
 use crate::support::lagging::{Arm, Kind, TICK_S, Writing, servo};
+use foretrace_control::arm::lag::{Following, LagEstimate, LagEstimator};
 use foretrace_control::follower::{Budget, FollowerSettings, StepInput};
-use foretrace_control::lag::{Following, LagEstimate, LagEstimator};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};

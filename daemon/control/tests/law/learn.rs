@@ -5,8 +5,9 @@ use crate::support;
 
 use crate::support::strokes::{first_order, handwriting};
 use crate::support::{STEP_NS, learner, models_with_network as models, preset, with_dybm as with};
-use foretrace_control::learn::{LearnStep, Learner, Lesson, Promotion, PromotionCause, Versus};
+use foretrace_control::learn::{Learner, Lesson, Promotion, PromotionCause, Versus};
 use foretrace_control::pen::{GridStep, Motion};
+use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::{
     DybmWeights, InitialWeights, ModelParameters, ModelSettings, Models, Networks, Optimiser, PredictorKind,
     PreviewSettings, Previewer,

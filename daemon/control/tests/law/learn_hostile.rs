@@ -4,8 +4,9 @@ use crate::support;
 
 use crate::support::strokes::first_order;
 use crate::support::{STEP_NS, learner, models_with_network as models, preset, with_dybm as with};
-use foretrace_control::learn::{Leads, LearnError, LearnStep, Learner, LearnerSettings, Rule};
+use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::pen::Motion;
+use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::{
     DybmWeights, InitialWeights, ModelSettings, Models, Networks, OnlineWeights, Optimiser, PredictorKind,
 };

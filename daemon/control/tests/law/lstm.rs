@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use foretrace_control::predict::lstm::{
+use foretrace_control::predict::models::lstm::{
     FADE, HIDDEN_SIZES, LstmError, LstmSpec, LstmState, LstmTensors, LstmWeights, Precision,
 };
 use foretrace_control::predict::{Lstm, Predictor};

@@ -8,7 +8,7 @@ mod clearance_motion;
 mod clearance_rows;
 mod clearance_stops;
 mod dybm;
-mod dybm_family;
+mod dybm_esn;
 mod envelope;
 mod evidence;
 mod evidence_onset;

@@ -2,12 +2,14 @@
 //! stop from anywhere on it. `support::Bench` judges every command's legality and continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
+use foretrace_control::arm::JointLimits;
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
 use foretrace_control::follower::{
     Budget, EnableReading, FollowerSettings, Health, HomeProgress, Mode, Refusal, Request, StepInput,
-    StepOutput, StopCause, StopDetail, StopReason, WayBlocked,
+    StepOutput, WayBlocked,
 };
-use foretrace_control::ik::{Clearance, ClearanceSettings, JointLimits, Obstacle};
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -1,14 +1,14 @@
-//! What every model that learns online promises, for DyBM, Gaussian DyBM, DyBM+ESN and AR-RLS alike: parameters that
+//! What every model that learns online promises, for DyBM, DyBM+ESN and AR-RLS alike: parameters that
 //! validate are finite, poison is refused, roll-outs leave memory alone, interruptions empty it.
 
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use foretrace_control::predict::ar_rls::{ArRlsLearner, ArRlsSettings, ArRlsWeights};
-use foretrace_control::predict::dybm::{
-    DybmLearner, DybmSettings, DybmShape, DybmWeights, GaussianDybmLearner, GaussianDybmWeights, TraceInput,
+use foretrace_control::predict::models::ar_rls::{ArRlsLearner, ArRlsSettings, ArRlsWeights};
+use foretrace_control::predict::models::dybm::{
+    DybmLearner, DybmSettings, DybmShape, DybmWeights, TraceInput,
 };
-use foretrace_control::predict::esn::{
+use foretrace_control::predict::models::esn::{
     DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights, ReadoutRule, Reservoir, ReservoirSettings,
 };
 use foretrace_control::predict::{
@@ -33,10 +33,6 @@ fn dybm(optimiser: Optimiser) -> DybmLearner {
     DybmLearner::new(settings(optimiser), start(optimiser)).unwrap()
 }
 
-fn gaussian(optimiser: Optimiser) -> GaussianDybmLearner {
-    GaussianDybmLearner::new(settings(optimiser), GaussianDybmWeights::new(start(optimiser))).unwrap()
-}
-
 fn reservoir(seed: u64) -> Arc<Reservoir> {
     Arc::new(Reservoir::seeded(&ReservoirSettings { seed, ..ReservoirSettings::default() }).unwrap())
 }
@@ -55,7 +51,6 @@ macro_rules! for_every_model {
     ($promise:expr) => {{
         for optimiser in OPTIMISERS {
             $promise(dybm(optimiser));
-            $promise(gaussian(optimiser));
             $promise(esn(optimiser, ReadoutRule::OwnError));
             $promise(esn(optimiser, ReadoutRule::SharedResidual));
         }
@@ -137,7 +132,6 @@ proptest! {
             }
         }
         check(dybm(OPTIMISERS[0]), dybm(OPTIMISERS[0]), steps, limit);
-        check(gaussian(OPTIMISERS[1]), gaussian(OPTIMISERS[1]), steps, limit);
         let rule = ReadoutRule::SharedResidual;
         check(esn(OPTIMISERS[2], rule), esn(OPTIMISERS[2], rule), steps, limit);
         check(ar_rls(), ar_rls(), steps, limit);
@@ -179,10 +173,6 @@ fn poisoned_or_foreign_parameters_are_refused() {
             |p| p.step_ns += 1,
             |p| p.input_scale = 1.0,
         ],
-    );
-    refuses::<GaussianDybmLearner>(
-        gaussian(OPTIMISERS[0]),
-        &[|p| p.deviation[0] = 0.0, |p| p.deviation[1] = f64::NAN, |p| p.dybm.parameters.bias[0] = f64::NAN],
     );
     refuses::<DybmEsnLearner>(
         esn(OPTIMISERS[0], ReadoutRule::OwnError),

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
-use foretrace_control::predict::ours::{EXPERTS, GATE, LEADS, NODE_COUNT};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::ours::{EXPERTS, GATE, LEADS, NODE_COUNT};
 use foretrace_control::predict::{
     ModelParameters, OnlineModel, Ours, OursLearner, OursParameters, OursSettings, Predictor,
 };

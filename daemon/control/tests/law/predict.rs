@@ -3,7 +3,7 @@
 use crate::support;
 
 use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
     Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,

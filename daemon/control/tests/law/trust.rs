@@ -1,7 +1,8 @@
 //! Trust: the ramp never jumps, and every reason leads where it should.
 
+use foretrace_control::skill::Record;
 use foretrace_control::trust::{
-    Record, TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
+    TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
 };
 use foretrace_control::units::Trust;
 use proptest::prelude::*;

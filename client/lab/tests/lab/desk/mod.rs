@@ -5,10 +5,10 @@ use std::collections::VecDeque;
 use foretrace_config::Config;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointReading, Mode, NoClock, Refusal, Request, StepInput, StepOutput,
-    StopDetail, StopReason,
 };
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
+use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 use foretrace_sim::path::{Layout, Placement};

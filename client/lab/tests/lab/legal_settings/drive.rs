@@ -1,9 +1,10 @@
 //! One life of the law with one combination of settings.
 
 use foretrace_config::Config;
-use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput, StopReason};
+use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
+use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;
 use rand::RngExt;

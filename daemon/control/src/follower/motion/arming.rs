@@ -2,10 +2,11 @@
 
 use nalgebra::Vector3;
 
+use crate::arm::{Chain, JointLimits, Kinematics};
+use crate::follower::FollowerSettings;
 use crate::follower::io::Refusal;
-use crate::follower::{FollowerSettings, Plane};
-use crate::ik::{Chain, JointLimits, Kinematics};
 use crate::mpc::AxisLimits;
+use crate::plane::Plane;
 
 /// Bounds on the place of an arm that is to be armed.
 #[derive(Debug, Clone, Copy)]

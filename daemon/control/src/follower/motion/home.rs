@@ -11,10 +11,11 @@
 use super::glide::{Glide, Pace};
 use super::paper::Paper;
 use super::{Held, Mover};
+use crate::arm::{Chain, JointLimits, velocity_box};
+use crate::clearance::{Clearance, Inside, Looked, Obstructed, Way};
 use crate::follower::FollowerSettings;
 use crate::follower::io::{Health, HomeProgress, Refusal};
 use crate::guard::{Commanded, StopProfile};
-use crate::ik::{Chain, Clearance, Inside, JointLimits, Looked, Obstructed, Way, velocity_box};
 use crate::units::Stamp;
 
 /// No joint is faster than this, speeds up or eases faster, or uses more than this share of its limits.

@@ -22,14 +22,16 @@ pub(super) use parts::paced;
 use parts::{inverse_kinematics, planner};
 
 use super::Budget;
-use super::io::{Health, JointCommand, Rung, Stage, StageClock, StopDetail};
-use super::plane::Plane;
+use super::io::{Health, JointCommand, Rung, Stage, StageClock};
 use super::settings::{FollowerError, FollowerSettings};
+use crate::arm::servo::Servo;
+use crate::arm::{Chain, Kinematics};
 use crate::guard::{Commanded, Guard, StopProfile};
-use crate::ik::{Chain, Ik, IkReport, IkSource, Kinematics, ToolTarget};
+use crate::ik::{Ik, IkReport, IkSource, ToolTarget};
 use crate::mpc::{AxisLimits, AxisReport, Mpc, Plan};
 use crate::pen::PenReading;
-use crate::servo::Servo;
+use crate::plane::Plane;
+use crate::stop::StopDetail;
 use crate::units::{AxisState, Stamp, Trust};
 
 /// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.

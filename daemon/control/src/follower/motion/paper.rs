@@ -5,8 +5,10 @@
 //!
 //! Contract: pure, no allocation, one forward kinematics a look. Absent: the table around the workspace, which only `[clearance]` knows.
 
-use crate::follower::{FollowerSettings, Plane, WayBlocked};
-use crate::ik::{Chain, Looked, Obstructed, Way};
+use crate::arm::Chain;
+use crate::clearance::{Looked, Obstructed, Way};
+use crate::follower::{FollowerSettings, WayBlocked};
+use crate::plane::Plane;
 
 /// Places looked at.
 const LOOKS: u32 = 1000;

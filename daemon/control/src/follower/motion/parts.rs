@@ -2,10 +2,11 @@
 
 use nalgebra::{SVector, Vector3};
 
+use crate::clearance::Clearance;
 use crate::envelope::Envelope;
 use crate::follower::{FollowerError, FollowerSettings};
+use crate::ik::Ik;
 use crate::ik::task::{self, ToolTarget};
-use crate::ik::{Clearance, Ik};
 use crate::mpc::{Mpc, MpcSettings};
 use crate::qp::cholesky::Cholesky;
 

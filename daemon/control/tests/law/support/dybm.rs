@@ -1,6 +1,6 @@
 //! Reading the stored runs of IBM's reference implementation (`fixtures/dybm/*.json`).
 
-use foretrace_control::predict::dybm::{DybmSettings, DybmShape, Optimiser, Parameters, TraceInput};
+use foretrace_control::predict::models::dybm::{DybmSettings, DybmShape, Optimiser, Parameters, TraceInput};
 use serde_json::Value;
 
 /// The reference and this implementation sum in another order; parameters reach about 10.

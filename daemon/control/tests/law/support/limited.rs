@@ -1,6 +1,6 @@
 //! Joint limits and random states: what the tests of guard and stop share.
 
-use foretrace_control::ik::{JointLimits, JointMotion};
+use foretrace_control::arm::{JointLimits, JointMotion};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 

@@ -10,21 +10,23 @@ pub(crate) mod writing;
 
 use std::sync::Arc;
 
+use foretrace_control::arm::lag::Following;
+use foretrace_control::arm::{Chain, JointLimits};
 use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{
-    Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Plane, Request, SafetySettings,
+    Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Request, SafetySettings,
     StepInput, StepOutput,
 };
 use foretrace_control::guard::CommandChecker;
-use foretrace_control::ik::{Chain, IkBackend, IkSettings, JointLimits};
-use foretrace_control::lag::Following;
+use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Learner, LearnerSettings};
 use foretrace_control::monitor::TrackingSettings;
 use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenReading, PenSettings};
+use foretrace_control::plane::Plane;
 use foretrace_control::predict::Networks;
-use foretrace_control::predict::dybm::{DybmShape, TraceInput};
-use foretrace_control::predict::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
 use foretrace_control::predict::{
     DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, PredictorKind, PreviewSettings,
 };

@@ -1,6 +1,6 @@
 //! The rules of one joint written down once more, from the words of the contract: no arithmetic of guard, box or stop.
 
-use foretrace_control::ik::JointLimits;
+use foretrace_control::arm::JointLimits;
 
 /// Instants at which a braking consumer is looked at.
 const BRAKING_STEPS: u32 = 12;

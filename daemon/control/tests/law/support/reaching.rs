@@ -1,7 +1,8 @@
 //! Arms that follow their own commands: what the tests of the inverse kinematics share.
 
+use foretrace_control::arm::{Chain, JointLimits};
 use foretrace_control::guard::{Commanded, Guard};
-use foretrace_control::ik::{Chain, Ik, IkReport, IkSettings, JointLimits, ToolTarget};
+use foretrace_control::ik::{Ik, IkReport, IkSettings, ToolTarget};
 use foretrace_control::units::Stamp;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;

@@ -1,7 +1,7 @@
 //! Made-up motion of a pen: handwriting in metres, and signals in the normalised units of the learner.
 
-use foretrace_control::learn::LearnStep;
 use foretrace_control::pen::{GridStep, Motion};
+use foretrace_control::predict::LearnStep;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

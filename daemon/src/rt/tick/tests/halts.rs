@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use foretrace_control::follower::StopCause;
+use foretrace_control::stop::StopCause;
 
 use super::*;
 use crate::rt::stops::StopFlag;

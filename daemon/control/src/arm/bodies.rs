@@ -1,0 +1,123 @@
+//! From the URDF's collision geometry to capsules. Start-up only: allocates, returns errors.
+//!
+//! Contract: every capsule holds the whole of its shape. A cylinder gets a half-sphere at either end; a box lies along its
+//! longest edge. Links that hang on the chain by fixed joints (a pen holder) count as parts of it, what moves beside the chain
+//! (fingers) does not. Meshes have no size that a description alone tells: their links are named instead.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use urdf_rs::{Geometry, Joint, JointType, Robot};
+
+use crate::arm::urdf::{ChainError, origin};
+use crate::geometry::Segment;
+
+/// All points within `radius` of a segment that is fixed to a link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capsule {
+    /// Name of the URDF's link.
+    pub name: String,
+    /// Number of moving joints between base and link; its frame is that of the joint before it (0: the base).
+    pub link: usize,
+    /// In the link's frame [m].
+    pub segment: Segment,
+    /// [m]
+    pub radius: f64,
+}
+
+/// What the links of a chain are made of, each in the frame of the moving joint before it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Bodies {
+    pub(super) capsules: Vec<Capsule>,
+    /// Links that have geometry, but only meshes.
+    pub(super) meshes: Vec<String>,
+}
+
+/// Where a link stands.
+struct Place<'a> {
+    name: &'a str,
+    link: usize,
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+}
+
+impl Place<'_> {
+    fn beyond<'a>(&self, joint: &'a Joint) -> Result<Place<'a>, ChainError> {
+        let (r, t) = origin(joint)?;
+        let (rotation, translation) = (self.rotation * r, self.translation + self.rotation * t);
+        Ok(Place { name: &joint.child.link, link: self.link, rotation, translation })
+    }
+}
+
+/// The capsules of all links on `path` (base to tip) and of those fixed to them.
+pub(super) fn bodies(robot: &Robot, base: &str, path: &[&Joint]) -> Result<Bodies, ChainError> {
+    let (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
+    let mut places = vec![Place { name: base, link: 0, rotation, translation }];
+    for joint in path {
+        let Some(last) = places.last() else { break };
+        let mut next = last.beyond(joint)?;
+        if joint.joint_type != JointType::Fixed {
+            (next.rotation, next.translation) = (Matrix3::identity(), Vector3::zeros());
+            next.link += 1;
+        }
+        places.push(next);
+    }
+    let mut done = 0;
+    while let Some(place) = places.get(done) {
+        let fixed = robot.joints.iter().filter(|joint| {
+            joint.parent.link == place.name
+                && joint.joint_type == JointType::Fixed
+                && !places.iter().any(|known| known.name == joint.child.link)
+        });
+        let branches: Result<Vec<_>, _> = fixed.map(|joint| place.beyond(joint)).collect();
+        places.extend(branches?);
+        done += 1;
+    }
+    let mut found = Bodies::default();
+    for place in &places {
+        shapes(robot, place, &mut found)?;
+    }
+    Ok(found)
+}
+
+fn shapes(robot: &Robot, place: &Place<'_>, found: &mut Bodies) -> Result<(), ChainError> {
+    let Some(link) = robot.links.iter().find(|link| link.name == place.name) else { return Ok(()) };
+    let before = found.capsules.len();
+    for collision in &link.collision {
+        let [roll, pitch, yaw] = collision.origin.rpy.0;
+        let turn: Matrix3<f64> = Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
+        let Some((along, radius)) = capsule(&collision.geometry) else { continue };
+        let rotation = place.rotation * turn;
+        let centre = place.translation + place.rotation * Vector3::from(collision.origin.xyz.0);
+        let half = rotation * along;
+        let segment = Segment { from: centre - half, to: centre + half };
+        let finite = segment.from.iter().chain(&segment.to).all(|x| x.is_finite());
+        if !(finite && radius.is_finite() && radius > 0.0) {
+            return Err(ChainError::Shape { link: place.name.to_owned() });
+        }
+        found.capsules.push(Capsule { name: place.name.to_owned(), link: place.link, segment, radius });
+    }
+    if found.capsules.len() == before && !link.collision.is_empty() {
+        found.meshes.push(place.name.to_owned());
+    }
+    Ok(())
+}
+
+/// Half of the capsule's axis in the shape's frame [m], and its radius [m].
+fn capsule(geometry: &Geometry) -> Option<(Vector3<f64>, f64)> {
+    match geometry {
+        Geometry::Sphere { radius } => Some((Vector3::zeros(), *radius)),
+        Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
+            Some((Vector3::z() * (0.5 * length), *radius))
+        }
+        Geometry::Box { size } => {
+            let half = Vector3::from(size.0) * 0.5;
+            let longest = half.imax();
+            let mut along = Vector3::zeros();
+            let mut rest = half;
+            if let (Some(along), Some(rest)) = (along.get_mut(longest), rest.get_mut(longest)) {
+                (*along, *rest) = (*rest, 0.0);
+            }
+            Some((along, rest.norm()))
+        }
+        Geometry::Mesh { .. } => None,
+    }
+}

@@ -1,0 +1,248 @@
+//! Keeping the arm away from planes, boxes and itself: velocity dampers as rows of the IK's QP.
+//!
+//! For every pair of shapes with distance d and unit normal n between the nearest points, the joint velocities must obey
+//!
+//!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≥ −ξ (d − margin),     ξ = 1 / (max(T_a, T_b/2 + hold) + T_j + h).
+//!
+//! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which the IK itself stops
+//! the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with the jerk of a stop. Joints that slow down in proportion change
+//! every closing speed by the factor 1 − h/T, the gaps by 1 − ξh at most: to first order braking keeps all rows at once,
+//! whatever the pairs, and the QP always has an answer.
+//!
+//! A consumer that hears nothing any more brakes every joint by itself, so joints that kept a gap together may close it. A
+//! second row looks at where that ends, q_s = q + q̇(h + hold) + q̇|q̇|/(2a_b), with distance d_s and gradient nᵀJ_s there:
+//!
+//!   nᵀJ_s (h + hold + |q̇|/a_b)(q̇' − q̇) ≥ min(d, margin) − d_s
+//!
+//! Going on as that consumer would keeps q_s, so these rows too leave an answer. What both leave out (the way to q_s, turning
+//! normals within a tick, position limits in the way of braking) is what the margin is for; rows that cannot be kept yield
+//! with the least violation.
+//!
+//! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of its inputs; what
+//! is remembered between ticks (`watch`) only saves measuring distances that cannot matter.
+//! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high number of
+//! degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for non-strictly convex polyhedra",
+//! RSS 2008.
+
+mod motion;
+mod pairs;
+mod obstacle;
+mod watch;
+pub mod way;
+
+use thiserror::Error;
+
+pub use crate::arm::Capsule;
+pub use obstacle::{MAX_OBSTACLES, Obstacle, ObstacleError};
+pub use pairs::Nearest;
+
+use crate::arm::chain::{Chain, Kinematics};
+use crate::arm::limits::stop_jerk;
+use crate::arm::limits::{JointLimits, JointMotion, VelocityBox};
+use crate::qp::offered::Offered;
+use crate::qp::row_qp::RowSet;
+use motion::{Moving, Silence};
+use pairs::Pair;
+use watch::{Reach, Watch};
+pub use way::{Looked, Obstructed, Way};
+
+/// Most capsules of one arm.
+pub const MAX_CAPSULES: usize = 24;
+
+/// Fastest way back to the margin [m/s].
+const RETREAT_MPS: f64 = 0.05;
+
+/// What to keep away from, and how far.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClearanceSettings {
+    /// Distance kept between capsules and whatever they must not touch [m].
+    pub margin_m: f64,
+    /// The arm keeps away from itself.
+    pub itself: bool,
+    /// At most [`MAX_OBSTACLES`].
+    pub obstacles: Vec<Obstacle>,
+}
+
+/// Why a clearance could not be set up.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ClearanceError {
+    /// The margin is out of range.
+    #[error("the margin {margin_m} m is outside 0.001 to 0.2 m")]
+    Margin {
+        /// [m]
+        margin_m: f64,
+    },
+    /// Too many planes and boxes.
+    #[error("{count} planes and boxes, but there is room for {MAX_OBSTACLES}")]
+    Obstacles {
+        /// How many.
+        count: usize,
+    },
+    /// Too many shapes.
+    #[error("the description has {count} collision shapes, but there is room for {MAX_CAPSULES}")]
+    Capsules {
+        /// How many.
+        count: usize,
+    },
+    /// There is something to keep away from, but nothing is known of the arm's shape.
+    #[error(
+        "no moving link has a sphere, cylinder, capsule or box as collision geometry (only meshes: {meshes}), so nothing can be kept away"
+    )]
+    NoShape {
+        /// Links with meshes.
+        meshes: String,
+    },
+}
+
+/// Evidence of one tick; the default is that of nothing to keep away from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ClearanceReport {
+    /// Rows that could have mattered.
+    pub rows: u32,
+    /// Rows that held the motion back.
+    pub held: u32,
+    /// Rows that could not be kept.
+    pub yielded: u32,
+}
+
+/// What rows ask of a gap that is used up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inside {
+    /// Go back to the margin.
+    Retreat,
+    /// Come no nearer: for an arm that is to stop.
+    Stay,
+}
+
+/// Keeps the distances of one arm.
+#[derive(Debug, Clone)]
+pub struct Clearance<const J: usize> {
+    chain: Chain<J>,
+    limits: JointLimits<J>,
+    pairs: Vec<Pair<J>>,
+    margin: f64,
+    rate: f64,
+    watch: Watch<J>,
+    found: Offered<J>,
+}
+
+impl<const J: usize> Clearance<J> {
+    /// For the arm `chain` inside `limits`, commanded every `period_s` seconds.
+    ///
+    /// *Errors*: see [`ClearanceError`].
+    pub fn new(
+        chain: &Chain<J>,
+        limits: &JointLimits<J>,
+        period_s: f64,
+        settings: &ClearanceSettings,
+    ) -> Result<Self, ClearanceError> {
+        let margin = settings.margin_m;
+        if !(1e-3..=0.2).contains(&margin) {
+            return Err(ClearanceError::Margin { margin_m: margin });
+        }
+        if settings.obstacles.len() > MAX_OBSTACLES {
+            return Err(ClearanceError::Obstacles { count: settings.obstacles.len() });
+        }
+        if chain.capsules().len() > MAX_CAPSULES {
+            return Err(ClearanceError::Capsules { count: chain.capsules().len() });
+        }
+        if !settings.obstacles.is_empty() && chain.capsules().iter().all(|capsule| capsule.link == 0) {
+            return Err(ClearanceError::NoShape { meshes: chain.mesh_links().join(", ") });
+        }
+        let longest = |v: &[f64; J], a: &[f64; J]| v.iter().zip(a).map(|(v, a)| v / a).fold(0.0, f64::max);
+        let own = longest(limits.velocity(), limits.acceleration());
+        let consumer = 0.5 * longest(limits.velocity(), limits.deceleration()) + limits.hold_s();
+        let ease = longest(limits.acceleration(), &stop_jerk(limits));
+        let mut pairs = pairs::with_obstacles(chain, &settings.obstacles);
+        if settings.itself {
+            pairs.extend(pairs::of_itself(chain, limits));
+        }
+        Ok(Self {
+            chain: chain.clone(),
+            limits: *limits,
+            watch: Watch::new(pairs.len()),
+            pairs,
+            margin,
+            rate: 1.0 / (own.max(consumer) + ease + period_s),
+            found: Offered::default(),
+        })
+    }
+
+    /// Distance kept [m].
+    #[must_use]
+    pub const fn margin_m(&self) -> f64 {
+        self.margin
+    }
+
+    /// The rows found last.
+    pub(crate) fn found(&self) -> &Offered<J> {
+        &self.found
+    }
+
+    /// ξ: the share of the gap that may close per second [1/s].
+    #[must_use]
+    pub const fn rate_hz(&self) -> f64 {
+        self.rate
+    }
+
+    /// Links of the arm itself that are watched against each other, inner one first, once for each pair of their capsules.
+    pub fn links(&self) -> impl Iterator<Item = [usize; 2]> {
+        self.pairs.iter().filter_map(|pair| Some([pair.first.link, pair.other_link()?]))
+    }
+
+    /// What is nearest; `None` where nothing is to be kept away. For start-up checks: allocates.
+    #[must_use]
+    pub fn nearest(&self, kinematics: &Kinematics<J>) -> Option<Nearest> {
+        let measured = self.pairs.iter().map(|pair| (pair, pair.separations(kinematics, |_| {})));
+        let nearest = measured.min_by(|(_, a), (_, b)| a.total_cmp(b));
+        nearest.map(|(pair, distance)| pair.nearest(distance))
+    }
+
+    /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`; those that no velocity in the box could break
+    /// are left out, and beyond the capacity those that are farthest from being broken.
+    pub fn rows(
+        &mut self,
+        kinematics: &Kinematics<J>,
+        motion: &JointMotion<J>,
+        allowed: &VelocityBox<J>,
+        elapsed: f64,
+        inside: Inside,
+    ) -> &RowSet<J> {
+        let Self { chain, limits, pairs, margin, rate, watch, found, .. } = self;
+        found.clear();
+        let back = match inside {
+            Inside::Retreat => RETREAT_MPS,
+            Inside::Stay => 0.0,
+        };
+        let reach = Reach::new(motion, allowed, elapsed, *rate);
+        let (mut moving, mut silent) = (None, None);
+        let glide = Silence::farthest(limits, motion, allowed, elapsed);
+        watch.look(pairs, &motion.q, &reach, *margin, |pair, enough| {
+            let distance = pair.separations(kinematics, |separation| {
+                let gap = separation.distance - *margin;
+                if !(gap <= enough) {
+                    return;
+                }
+                let moving = moving.get_or_insert_with(|| Moving::new(kinematics, &motion.qd));
+                let (row, bending) = moving.apart(pair, &separation);
+                let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
+                found.offer(&row, bound, allowed);
+            });
+            // No silent consumer gets that far.
+            let farthest: f64 = pair.levers.iter().zip(&glide).map(|(lever, angle)| lever * angle).sum();
+            if distance - *margin <= farthest {
+                let silent = silent.get_or_insert_with(|| Silence::after(chain, limits, motion, elapsed));
+                let resting = Moving::new(&silent.kinematics, &[0.0; J]);
+                let least = margin.min(distance);
+                pair.separations(&silent.kinematics, |separation| {
+                    let (mut row, _) = resting.apart(pair, &separation);
+                    row.iter_mut().zip(&silent.gain).for_each(|(c, gain)| *c *= gain * *rate);
+                    let now: f64 = row.iter().zip(&motion.qd).map(|(c, v)| c * v).sum();
+                    found.offer(&row, now - *rate * (separation.distance - least), allowed);
+                });
+            }
+            distance
+        });
+        found.rows()
+    }
+}

@@ -1,0 +1,102 @@
+//! How points of the links answer to the joints, and where a consumer comes to rest.
+
+use nalgebra::Vector3;
+
+use crate::arm::chain::{Chain, Kinematics};
+use crate::arm::limits::{JointLimits, JointMotion, VelocityBox};
+use crate::clearance::pairs::Pair;
+use crate::geometry::Separation;
+
+/// The links' motion while no joint accelerates.
+pub(super) struct Moving<'a, const J: usize> {
+    kinematics: &'a Kinematics<J>,
+    /// Angular velocity [rad/s] and acceleration [rad/s²] of each moving link, and its origin's acceleration [m/s²].
+    links: [[Vector3<f64>; 3]; J],
+}
+
+impl<'a, const J: usize> Moving<'a, J> {
+    pub(super) fn new(kinematics: &'a Kinematics<J>, qd: &[f64; J]) -> Self {
+        let mut links = [[Vector3::zeros(); 3]; J];
+        let [mut omega, mut alpha, mut acceleration] = [Vector3::<f64>::zeros(); 3];
+        let mut previous = Vector3::zeros();
+        for (i, (link, rate)) in links.iter_mut().zip(qd).enumerate() {
+            let origin: Vector3<f64> = kinematics.origins.column(i).into_owned();
+            let axis: Vector3<f64> = kinematics.jacobian.fixed_view::<3, 1>(3, i).into_owned();
+            let arm = origin - previous;
+            acceleration += alpha.cross(&arm) + omega.cross(&omega.cross(&arm));
+            alpha += omega.cross(&axis) * *rate;
+            omega += axis * *rate;
+            previous = origin;
+            *link = [omega, alpha, acceleration];
+        }
+        Self { kinematics, links }
+    }
+
+    /// The same for the two sides of a pair against each other: nᵀJ [m/rad], and nᵀJ̇q̇ [m/s²].
+    pub(super) fn apart(&self, pair: &Pair<J>, separation: &Separation) -> ([f64; J], f64) {
+        let (mut row, mut bending) = self.toward(pair.first.link, &separation.point, &separation.normal);
+        if let Some(link) = pair.other_link() {
+            let (other, bent) = self.toward(link, &separation.other, &separation.normal);
+            row.iter_mut().zip(&other).for_each(|(row, other)| *row -= other);
+            bending -= bent;
+        }
+        (row, bending)
+    }
+
+    /// nᵀJ of a `point` on `link` [m/rad], and nᵀJ̇q̇ [m/s²].
+    pub(super) fn toward(&self, link: usize, point: &Vector3<f64>, normal: &Vector3<f64>) -> ([f64; J], f64) {
+        let mut row = [0.0; J];
+        for (i, entry) in row.iter_mut().enumerate().take(link) {
+            let origin: Vector3<f64> = self.kinematics.origins.column(i).into_owned();
+            let axis: Vector3<f64> = self.kinematics.jacobian.fixed_view::<3, 1>(3, i).into_owned();
+            *entry = axis.cross(&(point - origin)).dot(normal);
+        }
+        let bending = link.checked_sub(1).and_then(|last| self.links.get(last).map(|link| (last, link)));
+        let bending = bending.map_or(0.0, |(last, [omega, alpha, acceleration])| {
+            let arm: Vector3<f64> = point - self.kinematics.origins.column(last);
+            (acceleration + alpha.cross(&arm) + omega.cross(&omega.cross(&arm))).dot(normal)
+        });
+        (row, bending)
+    }
+}
+
+/// Where a consumer comes to rest that hears nothing after the next command, if that goes on as the last.
+pub(super) struct Silence<const J: usize> {
+    pub(super) kinematics: Kinematics<J>,
+    /// How much farther it comes per change of the next velocity, per joint [s].
+    pub(super) gain: [f64; J],
+}
+
+impl<const J: usize> Silence<J> {
+    /// q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking by itself, and h + hold + |q̇|/a_b.
+    pub(super) fn after(
+        chain: &Chain<J>,
+        limits: &JointLimits<J>,
+        motion: &JointMotion<J>,
+        elapsed: f64,
+    ) -> Self {
+        let (mut q, mut gain) = (motion.q, [elapsed + limits.hold_s(); J]);
+        let joints = q.iter_mut().zip(&mut gain).zip(motion.qd.iter().zip(limits.deceleration()));
+        for ((q, gain), (qd, decel)) in joints {
+            *q += qd * (*gain + 0.5 * qd.abs() / decel);
+            *gain += qd.abs() / decel;
+        }
+        Self { kinematics: chain.forward(&q), gain }
+    }
+
+    /// Farthest that each joint can be turned until then, by any next velocity in the box [rad].
+    pub(super) fn farthest(
+        limits: &JointLimits<J>,
+        motion: &JointMotion<J>,
+        allowed: &VelocityBox<J>,
+        elapsed: f64,
+    ) -> [f64; J] {
+        let mut angle = motion.qd.map(f64::abs);
+        let fastest = allowed.lower.iter().zip(&allowed.upper).map(|(low, high)| low.abs().max(high.abs()));
+        for ((angle, fastest), decel) in angle.iter_mut().zip(fastest).zip(limits.deceleration()) {
+            let speed = angle.max(fastest);
+            *angle = speed * (elapsed + limits.hold_s() + 0.5 * speed / decel);
+        }
+        angle
+    }
+}

@@ -1,0 +1,180 @@
+//! What can come near what, and how fast at most.
+
+use std::f64::consts::PI;
+
+use crate::arm::chain::{Chain, Kinematics};
+use crate::arm::limits::JointLimits;
+use crate::clearance::{Capsule, Obstacle};
+use crate::geometry::{Cuboid, HalfSpace, Segment, Separation, point_plane, segment_box, segment_segment};
+
+/// Postures per joint in which neighbours of neighbours are tried.
+const TRIED: u32 = 48;
+
+/// What is nearest to what.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Nearest {
+    /// Link of the URDF.
+    pub link: String,
+    /// The other link; `None` for a plane or box.
+    pub other: Option<String>,
+    /// Between their surfaces [m]; negative where they overlap.
+    pub distance_m: f64,
+}
+
+/// A capsule of the arm and something that it can come near.
+#[derive(Debug, Clone)]
+pub(super) struct Pair<const J: usize> {
+    pub(super) first: Capsule,
+    pub(super) other: Other,
+    /// Fastest that each joint can change their distance [m/rad]: how far from its axis the one that it moves reaches.
+    pub(super) levers: [f64; J],
+    /// Farthest that two of their points can be apart while both turn with the arm [m]; 0 beside what stands still.
+    pub(super) span: f64,
+    /// Which of the planes or of the boxes the other side is, as listed; 0 for a capsule.
+    number: usize,
+}
+
+/// The other side of a pair.
+#[derive(Debug, Clone)]
+pub(super) enum Other {
+    Plane(HalfSpace),
+    Cuboid(Cuboid),
+    /// A capsule of a link farther out.
+    Capsule(Capsule),
+}
+
+impl<const J: usize> Pair<J> {
+    /// Link of the other capsule, if it is one.
+    pub(super) const fn other_link(&self) -> Option<usize> {
+        match &self.other {
+            Other::Capsule(capsule) => Some(capsule.link),
+            Other::Plane(_) | Other::Cuboid(_) => None,
+        }
+    }
+
+    /// Calls `found` with every separation that a row may be about, and returns the smallest distance [m].
+    pub(super) fn separations(&self, kinematics: &Kinematics<J>, mut found: impl FnMut(Separation)) -> f64 {
+        let mut nearest = f64::INFINITY;
+        let mut tell = |separation: Separation, radius: f64| {
+            let distance = separation.distance - radius;
+            nearest = nearest.min(distance);
+            found(Separation { distance, ..separation });
+        };
+        let (axis, radius) = (kinematics.axis(&self.first), self.first.radius);
+        match &self.other {
+            // Both ends: a capsule that lies along a plane can neither approach nor tilt into it.
+            Other::Plane(plane) => {
+                tell(point_plane(&axis.from, plane), radius);
+                if axis.from != axis.to {
+                    tell(point_plane(&axis.to, plane), radius);
+                }
+            }
+            Other::Cuboid(cuboid) => {
+                tell(segment_box(&axis, cuboid), radius);
+                for end in [axis.from, axis.to] {
+                    tell(segment_box(&Segment { from: end, to: end }, cuboid), radius);
+                }
+            }
+            Other::Capsule(second) => {
+                tell(segment_segment(&axis, &kinematics.axis(second)), radius + second.radius);
+            }
+        }
+        nearest
+    }
+
+    /// Both sides for people, as the settings number them.
+    pub(super) fn called(&self) -> String {
+        let (link, number) = (&self.first.name, self.number);
+        match &self.other {
+            Other::Plane(_) => format!("`{link}` and plane {number} of clearance.planes_m"),
+            Other::Cuboid(_) => format!("`{link}` and box {number} of clearance.boxes_m"),
+            Other::Capsule(second) => format!("`{link}` and `{}`", second.name),
+        }
+    }
+
+    pub(super) fn nearest(&self, distance_m: f64) -> Nearest {
+        let other = match &self.other {
+            Other::Capsule(second) => Some(second.name.clone()),
+            Other::Plane(_) | Other::Cuboid(_) => None,
+        };
+        Nearest { link: self.first.name.clone(), other, distance_m }
+    }
+}
+
+/// Every moving capsule with every obstacle that it can be moved away from.
+pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obstacle]) -> Vec<Pair<J>> {
+    let first_axis = chain.forward(&[0.0; J]).jacobian.fixed_view::<3, 1>(3, 0).into_owned();
+    // The base cannot be moved away from anything.
+    let moving = chain.capsules().iter().filter(|capsule| capsule.link > 0);
+    let (mut planes, mut boxes) = (0.., 0..);
+    let numbers: Vec<usize> = obstacles
+        .iter()
+        .filter_map(|obstacle| match obstacle {
+            Obstacle::HalfSpace(_) => planes.next(),
+            Obstacle::Cuboid(_) => boxes.next(),
+        })
+        .collect();
+    let numbered = || obstacles.iter().zip(numbers.iter().copied());
+    let pairs = moving.flat_map(|capsule| numbered().map(move |(obstacle, n)| (capsule, obstacle, n)));
+    pairs
+        .filter_map(|(capsule, obstacle, number)| {
+            let other = match obstacle {
+                // The first link turns in parallel to a table that the arm stands on: no joint changes that gap.
+                Obstacle::HalfSpace(plane)
+                    if capsule.link == 1 && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
+                {
+                    return None;
+                }
+                Obstacle::HalfSpace(plane) => Other::Plane(*plane),
+                Obstacle::Cuboid(cuboid) => Other::Cuboid(*cuboid),
+            };
+            Some(Pair { first: capsule.clone(), other, levers: chain.levers(capsule), span: 0.0, number })
+        })
+        .collect()
+}
+
+/// Pairs of capsules that may meet: those of links at least two joints apart, except where exactly two joints lie between and
+/// no posture of these (of `TRIED` by `TRIED`) makes them meet.
+pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J>) -> Vec<Pair<J>> {
+    let capsules = chain.capsules();
+    let all = capsules.iter().flat_map(|first| {
+        let outer = capsules.iter().filter(move |second| second.link >= first.link + 2);
+        outer.map(move |second| (first, second))
+    });
+    all.filter(|(first, second)| second.link > first.link + 2 || can_meet(chain, limits, first, second))
+        .map(|(first, second)| {
+            let mut levers = chain.levers(second);
+            let span = levers.get(first.link).copied().unwrap_or_default();
+            // What moves both alike changes nothing between them.
+            levers.iter_mut().take(first.link).for_each(|lever| *lever = 0.0);
+            let turns_at = chain.next_origin(first.link);
+            let Segment { from, to } = first.segment;
+            let span = span + (from - turns_at).norm().max((to - turns_at).norm());
+            Pair { first: first.clone(), other: Other::Capsule(second.clone()), levers, span, number: 0 }
+        })
+        .collect()
+}
+
+fn can_meet<const J: usize>(
+    chain: &Chain<J>,
+    limits: &JointLimits<J>,
+    first: &Capsule,
+    second: &Capsule,
+) -> bool {
+    let range = |joint: usize| {
+        let [low, high] = limits.position().get(joint).copied().unwrap_or([-PI, PI]);
+        let turn = (high - low).min(2.0 * PI);
+        let low = if low.is_finite() { low } else { -PI };
+        (0..=TRIED).map(move |k| low + turn * f64::from(k) / f64::from(TRIED))
+    };
+    let mut q = [0.0; J];
+    range(first.link).any(|inner| {
+        range(first.link + 1).any(|outer| {
+            let both = q.iter_mut().skip(first.link).zip([inner, outer]);
+            both.for_each(|(q, value)| *q = value);
+            let placed = chain.forward(&q);
+            let found = segment_segment(&placed.axis(first), &placed.axis(second));
+            found.distance <= first.radius + second.radius
+        })
+    })
+}

@@ -1,0 +1,32 @@
+//! The reference: what the plan is to follow, and how far ahead.
+
+use super::Follower;
+use super::io::Mode;
+use super::motion::Motion;
+use crate::predict::bands::BAND_LEADS;
+use crate::units::{Stamp, Trust};
+
+impl<const N: usize, const J: usize> Follower<N, J> {
+    /// The nearest lead that a plan looks at, as far as there are bands [steps].
+    pub(super) fn nearest_lead(&self) -> usize {
+        ((self.ahead_ns() / self.settings.pen.step_ns) as usize + 1).min(BAND_LEADS)
+    }
+
+    /// How far ahead references lie: the dead time, without the servo that the plan reckons with, and the plan's response.
+    pub(super) fn ahead_ns(&self) -> u64 {
+        self.dead_time.ns().saturating_sub(self.settings.servo_ns()).saturating_add(self.settings.response_ns)
+    }
+
+    /// What the plan should follow; `None` while the arm is not to follow the pen.
+    pub(super) fn wanted(&self, now: Stamp, trust: Trust) -> Option<Motion<N>> {
+        match self.watch.mode() {
+            Mode::Idle => return None,
+            Mode::Homing => return Some(Motion::Home),
+            Mode::Armed | Mode::Stopped | Mode::Fault => return Some(Motion::Stop),
+            Mode::Following | Mode::Holding => {}
+        }
+        let pen = self.pen.newest()?;
+        let preview = self.preview.references(now, self.ahead_ns(), self.settings.mpc.step_s);
+        Some(Motion::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
+    }
+}

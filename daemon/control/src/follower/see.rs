@@ -1,0 +1,111 @@
+//! The first stages of a tick: what arrived from joints, dead-man switch, operator and pen.
+
+use super::Follower;
+use super::io::{Health, JointReading, MAX_STEPS_PER_TICK, Refusal, Request, StepInput};
+use crate::pen::{Motion, PenReading};
+use crate::predict::LearnStep;
+use crate::stop::StopReason;
+use crate::units::Stamp;
+
+/// What joints, dead-man switch and operator brought.
+pub(super) struct Seen {
+    /// Time without ticks before this one [ns].
+    pub(super) lost_ns: u64,
+    /// Answer to the request.
+    pub(super) answer: Option<Result<(), Refusal>>,
+    /// The next command begins where the arm stands.
+    pub(super) begins: bool,
+}
+
+/// What the pen gave in one tick.
+pub(super) struct PenNews {
+    pub(super) learn: [LearnStep; MAX_STEPS_PER_TICK],
+    /// Grid steps closed.
+    pub(super) count: usize,
+    pub(super) jumped: bool,
+    /// Of the one-step prediction of the first of them [m].
+    pub(super) error: Option<f64>,
+    /// Of the newest sample [ns].
+    pub(super) age_ns: Option<u64>,
+}
+
+impl<const N: usize, const J: usize> Follower<N, J> {
+    /// Watch and monitor. Stops latch here, before anything is planned.
+    pub(super) fn see(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
+        let now = input.now;
+        let lost_ns = self.mover.catch_up(now, health);
+        if lost_ns > self.settings.safety.latch_after_ns {
+            self.watch.latch(now, StopReason::TimeLost);
+        }
+        if let Some((reason, detail)) = input.halt {
+            self.watch.latch_with(now, reason, detail);
+        }
+        self.watch.observe(now, input.joints, input.enable, health);
+        if let Some(joints) = input.joints.filter(|_| !health.has(Health::JOINTS_REJECTED)) {
+            self.measure(now, joints);
+        }
+        self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
+        let answer = input.request.map(|request| self.answer(now, request));
+        let begins =
+            matches!((input.request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));
+        self.watch.check(now, health);
+        Seen { lost_ns, answer, begins }
+    }
+
+    fn measure(&mut self, now: Stamp, joints: &JointReading<J>) {
+        self.lag.measured(joints.stamp, &joints.q);
+        self.monitor_joints(now, joints);
+    }
+
+    /// Takes in the pen samples and the grid steps that they close.
+    pub(super) fn read_pen(&mut self, now: Stamp, samples: &[PenReading], health: &mut Health) -> PenNews {
+        let before = self.pen.counters().rejected();
+        for sample in samples {
+            let position = self.settings.plane.from_pen(sample.position);
+            self.pen.ingest(now, &PenReading { position, ..*sample });
+        }
+        if self.pen.counters().rejected() > before {
+            health.set(Health::PEN_REJECTED);
+        }
+        let mut news = PenNews {
+            learn: [LearnStep::default(); MAX_STEPS_PER_TICK],
+            count: 0,
+            jumped: false,
+            error: None,
+            age_ns: self.pen.age_ns(now),
+        };
+        let mut expected = self.preview.next_displacement();
+        for slot in &mut news.learn {
+            let Some(step) = self.pen.next_step() else { break };
+            *slot = self.previewer.observe(&step);
+            news.count += 1;
+            match slot.motion {
+                Motion::Continues => {
+                    self.skill.realise(step.position, slot.scale_m);
+                    // Only the first step of a tick was predicted from the step just before it.
+                    if let Some([x, y]) = expected.take() {
+                        let [dx, dy] = step.displacement;
+                        news.error = Some((dx - x).hypot(dy - y));
+                    }
+                }
+                Motion::Jump => {
+                    news.jumped = true;
+                    self.skill.interrupt();
+                    expected = None;
+                }
+                Motion::Start => {
+                    self.skill.interrupt();
+                    expected = None;
+                }
+            }
+        }
+        if news.jumped {
+            health.set(Health::PEN_JUMP);
+        }
+        if news.age_ns.is_none_or(|age| age > self.settings.trust.stale_after_ns) {
+            health.set(Health::PEN_STALE);
+        }
+        self.watch.heed_pen(news.age_ns);
+        news
+    }
+}

@@ -1,0 +1,23 @@
+//! ConstantVelocity: the pen repeats its last displacement (the baseline of the paper's Table 1).
+
+use crate::predict::{Predictor, shortened};
+
+/// Predicts the last observed displacement for every step; zero before the first.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ConstantVelocity {
+    last: [f64; 2],
+}
+
+impl Predictor for ConstantVelocity {
+    fn observe(&mut self, x: [f64; 2]) {
+        self.last = x;
+    }
+
+    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
+        out.fill(shortened(self.last, limit));
+    }
+
+    fn reset(&mut self) {
+        self.last = [0.0; 2];
+    }
+}

@@ -1,0 +1,133 @@
+//! `ours`: five experts and a mixture that learns online whom to believe, separately for every lead time.
+//!
+//! What the experts see of the pen is made once per step by the [`Trunk`]: the last 8 displacements, a fixed random
+//! reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with a direct output per lead.
+//! Two read-outs of it are learned online by recursive least squares, for the leads of [`NODES`] directly, so that
+//! nothing is fed back and no error compounds:
+//!
+//! | expert | predicts | learns online |
+//! |---|---|---|
+//! | constant velocity | the last displacement goes on | nothing |
+//! | AR-RLS | its roll-out ([`crate::predict::models::ar_rls`]) | coefficients |
+//! | DyBM+ESN | constant velocity + read-out of FIFO and reservoir | read-out, by RLS |
+//! | LSTM | its direct outputs | nothing |
+//! | corrected LSTM | LSTM + read-out of FIFO, reservoir and cells | read-out, by RLS |
+//!
+//! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on realised position
+//! errors. Without an LSTM (`ours-cold`) the first three remain.
+//!
+//! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a jump, not
+//! motion: memory empties, and nothing is learned from it or across it. Parameters, memory and learner are apart.
+
+mod learner;
+mod mixture;
+mod parameters;
+mod readout;
+mod trunk;
+
+use std::sync::Arc;
+
+pub use learner::{OursLearner, OursSettings};
+pub use parameters::OursParameters;
+pub use trunk::{OursMemory, Trunk};
+
+use crate::pen::TARGET_RMS;
+use crate::predict::models::lstm::FADE;
+use crate::predict::online::{ModelParameters, WeightsError};
+use crate::predict::{LstmWeights, Predictor, shortened};
+
+/// Lead times that are learned [steps ahead]; those between are interpolated, those beyond fade.
+pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
+/// How many.
+pub const NODE_COUNT: usize = 16;
+/// The furthest of them, and the number of direct outputs that the LSTM must have.
+pub const LEADS: usize = 24;
+/// Experts of the mixture.
+pub const EXPERTS: usize = 5;
+/// Displacements longer than this (normalised) are jumps.
+pub const GATE: f64 = 7.0 * TARGET_RMS;
+
+/// Summed displacements at the nodes (normalised): where the pen will be, seen from where it is.
+pub(super) type Path = [[f64; 2]; NODE_COUNT];
+
+/// The predictor: trunk, memory and parameters.
+#[derive(Debug, Clone)]
+pub struct Ours {
+    trunk: Trunk,
+    memory: OursMemory,
+    parameters: OursParameters,
+}
+
+impl Ours {
+    /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`ours-cold`).
+    ///
+    /// *Errors*: invalid parameters, or an LSTM that is not of this kind.
+    pub fn new(lstm: Option<Arc<LstmWeights>>, parameters: OursParameters) -> Result<Self, WeightsError> {
+        parameters.validate()?;
+        Ok(Self { trunk: Trunk::new(lstm)?, memory: OursMemory::EMPTY, parameters })
+    }
+
+    /// Exchanges the parameters and keeps the memory.
+    ///
+    /// *Errors*: invalid parameters, or parameters that do not fit; the old ones stay.
+    pub fn set_weights(&mut self, parameters: &OursParameters) -> Result<(), WeightsError> {
+        parameters.validate()?;
+        self.parameters.accepts(parameters)?;
+        self.parameters = *parameters;
+        Ok(())
+    }
+
+    /// The parameters in use.
+    #[must_use]
+    pub fn weights(&self) -> &OursParameters {
+        &self.parameters
+    }
+
+    /// The memory.
+    #[must_use]
+    pub fn memory(&self) -> &OursMemory {
+        &self.memory
+    }
+}
+
+impl Predictor for Ours {
+    fn observe(&mut self, x: [f64; 2]) {
+        self.trunk.observe(&mut self.memory, x);
+    }
+
+    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
+        preview(&self.parameters, &self.memory, limit, out);
+    }
+
+    fn reset(&mut self) {
+        self.trunk.reset(&mut self.memory);
+    }
+}
+
+/// Displacement per step of the mixture, none longer than `limit`.
+fn preview(parameters: &OursParameters, memory: &OursMemory, limit: f64, out: &mut [[f64; 2]]) {
+    let paths = parameters.experts(memory);
+    steps_of(&parameters.mix(&paths), limit, out);
+}
+
+/// Displacements per step along `path`: evenly spread between nodes, fading beyond the last.
+fn steps_of(path: &Path, limit: f64, out: &mut [[f64; 2]]) {
+    let mut out = out.iter_mut();
+    let mut before = [0.0; 2];
+    let mut reached = 0;
+    let mut last = [0.0; 2];
+    for (node, at) in NODES.iter().zip(path) {
+        let steps = node - reached;
+        let share = 1.0 / steps as f64;
+        let [[x, y], [x0, y0]] = [*at, before];
+        last = shortened([(x - x0) * share, (y - y0) * share], limit);
+        for out in out.by_ref().take(steps) {
+            *out = last;
+        }
+        (before, reached) = (*at, *node);
+    }
+    for out in out {
+        last = last.map(|x| x * FADE);
+        *out = last;
+    }
+}

@@ -1,0 +1,132 @@
+//! `OursParameters`: everything that is learned online, one plain copy that crosses threads whole.
+
+use crate::pen::TARGET_RMS;
+use crate::predict::ArRlsWeights;
+use crate::predict::models::ar_rls;
+use crate::predict::models::ours::readout::Readout;
+use crate::predict::models::ours::trunk::{ALL, OursMemory, PLAIN};
+use crate::predict::models::ours::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::online::{ModelParameters, WeightsError};
+
+/// Parameters of the mixture and its experts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OursParameters {
+    /// Counts every change of the live parameters.
+    pub version: u64,
+    /// Coefficients of the autoregressive expert; also Δ.
+    pub ar: ArRlsWeights,
+    /// Read-out of FIFO and reservoir, added to constant velocity.
+    pub(super) plain: Readout<PLAIN>,
+    /// Read-out of all features, added to the LSTM.
+    pub(super) full: Readout<ALL>,
+    /// Weight of each expert at each node; a row sums to 1.
+    pub(super) shares: [[f32; EXPERTS]; NODE_COUNT],
+    /// The experts with an LSTM take part.
+    pub(super) trained: bool,
+}
+
+impl OursParameters {
+    /// Nothing learned yet: read-outs zero, equal weights for the experts that take part.
+    #[must_use]
+    pub fn untrained(step_ns: u64, with_lstm: bool) -> Self {
+        let taking_part = if with_lstm { EXPERTS } else { EXPERTS - 2 };
+        let equal = std::array::from_fn(|e| if e < taking_part { 1.0 / taking_part as f32 } else { 0.0 });
+        Self {
+            version: 0,
+            ar: ArRlsWeights::constant_velocity(step_ns),
+            plain: Readout::ZERO,
+            full: Readout::ZERO,
+            shares: [equal; NODE_COUNT],
+            trained: with_lstm,
+        }
+    }
+
+    /// Weight of each expert (constant velocity, AR-RLS, DyBM+ESN, LSTM, corrected LSTM) at each node.
+    #[must_use]
+    pub fn shares(&self) -> &[[f32; EXPERTS]; NODE_COUNT] {
+        &self.shares
+    }
+
+    /// Every expert's path.
+    pub(super) fn experts(&self, memory: &OursMemory) -> [Path; EXPERTS] {
+        let [x, y] = memory.newest();
+        let constant = NODES.map(|node| [x * node as f64, y * node as f64]);
+        let mut steps = [[0.0; 2]; LEADS];
+        ar_rls::roll_out(&self.ar, memory.recent, f64::INFINITY, &mut steps);
+        let rolled = crate::predict::models::ours::trunk::summed(&steps);
+        let plain = sum(&constant, &self.plain.of(memory.plain()));
+        match &memory.lstm {
+            Some(lstm) if self.trained => {
+                [constant, rolled, plain, *lstm, sum(lstm, &self.full.of(&memory.features))]
+            }
+            _ => [constant, rolled, plain, constant, constant],
+        }
+    }
+
+    /// The experts, weighed.
+    pub(super) fn mix(&self, paths: &[Path; EXPERTS]) -> Path {
+        let mut mixed = [[0.0; 2]; NODE_COUNT];
+        for (node, (out, shares)) in mixed.iter_mut().zip(&self.shares).enumerate() {
+            for (path, share) in paths.iter().zip(shares) {
+                let [x, y] = path.get(node).copied().unwrap_or_default();
+                // An expert without weight has no say even when it is not finite.
+                if *share > 0.0 {
+                    out[0] += f64::from(*share) * x;
+                    out[1] += f64::from(*share) * y;
+                }
+            }
+        }
+        mixed
+    }
+}
+
+fn sum(a: &Path, b: &Path) -> Path {
+    let mut out = *a;
+    for (out, b) in out.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
+        *out += b;
+    }
+    out
+}
+
+/// Largest magnitude of a read-out's number: a whole feature moves the pen by that many typical displacements.
+const LARGEST: f64 = 1e4;
+
+impl ModelParameters for OursParameters {
+    const MODEL: &'static str = "ours";
+
+    fn version(&self) -> u64 {
+        self.version
+    }
+
+    fn with_version(self, version: u64) -> Self {
+        Self { version, ..self }
+    }
+
+    fn step_ns(&self) -> u64 {
+        self.ar.step_ns
+    }
+
+    fn input_scale(&self) -> f64 {
+        TARGET_RMS
+    }
+
+    fn validate(&self) -> Result<(), WeightsError> {
+        self.ar.validate()?;
+        WeightsError::all_within(Self::MODEL, LARGEST, self.plain.numbers())?;
+        WeightsError::all_within(Self::MODEL, LARGEST, self.full.numbers())?;
+        for shares in &self.shares {
+            for share in shares {
+                WeightsError::bounded(Self::MODEL, "weight of an expert", f64::from(*share), 0.0, 1.0)?;
+            }
+            let total = f64::from(shares.iter().sum::<f32>());
+            WeightsError::bounded(Self::MODEL, "sum of the experts' weights", total, 0.999, 1.001)?;
+        }
+        Ok(())
+    }
+
+    fn accepts(&self, other: &Self) -> Result<(), WeightsError> {
+        self.ar.accepts(&other.ar)?;
+        let (got, wanted) = (f64::from(u8::from(other.trained)), f64::from(u8::from(self.trained)));
+        WeightsError::bounded(Self::MODEL, "use of an LSTM", got, wanted, wanted)
+    }
+}

@@ -1,0 +1,138 @@
+//! `Trunk`: what the experts see of the pen, made once per step.
+//!
+//! Contract: fixed after construction; the memory it fills is a plain copy from which any parameters can predict.
+
+use std::sync::Arc;
+
+use crate::pen::TARGET_RMS;
+use crate::predict::models::ar_rls::{ArRlsState, REGRESSORS};
+use crate::predict::models::esn::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
+use crate::predict::models::lstm::MAX_HIDDEN;
+use crate::predict::models::ours::{GATE, LEADS, NODES, Path};
+use crate::predict::{Lstm, LstmWeights, Predictor, WeightsError};
+
+/// Features that need no training: FIFO and reservoir.
+pub(super) const PLAIN: usize = REGRESSORS + UNITS;
+/// All features: those and the cells of the LSTM (zero past its size).
+pub(super) const ALL: usize = PLAIN + MAX_HIDDEN;
+
+/// FIFO features are displacements in units of the RMS, so that all features are of order 1.
+const FIFO_UNIT: f64 = 1.0 / TARGET_RMS;
+
+/// What is remembered of the pen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OursMemory {
+    /// The last displacements, newest first.
+    pub(super) recent: ArRlsState,
+    /// State of the reservoir.
+    reservoir: ReservoirState,
+    /// φ: FIFO, reservoir, cells.
+    pub(super) features: [f32; ALL],
+    /// The LSTM's prediction, summed up to each node; absent without an LSTM.
+    pub(super) lstm: Option<Path>,
+}
+
+impl OursMemory {
+    /// Nothing seen yet.
+    pub(super) const EMPTY: Self = Self {
+        recent: ArRlsState { recent: [[0.0; 2]; REGRESSORS / 2] },
+        reservoir: [0.0; UNITS],
+        features: [0.0; ALL],
+        lstm: None,
+    };
+
+    /// The newest displacement; zero after a reset.
+    pub(super) fn newest(&self) -> [f64; 2] {
+        let [newest, ..] = self.recent.recent;
+        newest
+    }
+
+    /// Features without those of the LSTM.
+    pub(super) fn plain(&self) -> &[f32; PLAIN] {
+        // The prefix is as long as its type says.
+        self.features.first_chunk().unwrap_or(&[0.0; PLAIN])
+    }
+}
+
+/// Reservoir and LSTM. Clones share their matrices.
+#[derive(Debug, Clone)]
+pub struct Trunk {
+    reservoir: Arc<Reservoir>,
+    lstm: Option<Lstm>,
+}
+
+impl Trunk {
+    /// The reservoir of seed 0, and an LSTM with [`LEADS`] direct outputs.
+    ///
+    /// *Errors*: an LSTM with fewer or more outputs.
+    pub fn new(lstm: Option<Arc<LstmWeights>>) -> Result<Self, WeightsError> {
+        if let Some(lstm) = &lstm {
+            let leads = lstm.spec().leads as f64;
+            WeightsError::bounded("ours", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
+        }
+        let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
+        Ok(Self { reservoir, lstm: lstm.map(Lstm::new) })
+    }
+
+    /// An LSTM is there.
+    #[must_use]
+    pub fn trained(&self) -> bool {
+        self.lstm.is_some()
+    }
+
+    /// Takes in one displacement; a jump (and NaN) empties the memory and counts as a rest, as in training.
+    pub fn observe(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
+        if is_motion(x) {
+            self.take_in(memory, x);
+        } else {
+            self.reset(memory);
+            self.take_in(memory, [0.0; 2]);
+        }
+    }
+
+    fn take_in(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
+        memory.recent.observe(x);
+        self.reservoir.observe(&mut memory.reservoir, x);
+        let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
+        let plain = fifo.chain(memory.reservoir);
+        for (feature, value) in memory.features.iter_mut().zip(plain) {
+            *feature = value as f32;
+        }
+        let Some(lstm) = &mut self.lstm else { return };
+        lstm.observe(x);
+        for (feature, h) in memory.features.iter_mut().skip(PLAIN).zip(lstm.hidden()) {
+            *feature = *h as f32;
+        }
+        let mut steps = [[0.0; 2]; LEADS];
+        lstm.preview(&mut steps);
+        memory.lstm = Some(summed(&steps));
+    }
+
+    /// Forgets the pen.
+    pub fn reset(&mut self, memory: &mut OursMemory) {
+        *memory = OursMemory::EMPTY;
+        if let Some(lstm) = &mut self.lstm {
+            lstm.reset();
+            // At rest until something is seen.
+            memory.lstm = Some([[0.0; 2]; NODES.len()]);
+        }
+    }
+}
+
+/// `x` is no longer than the gate; NaN is not motion.
+pub(super) fn is_motion(x: [f64; 2]) -> bool {
+    let [a, b] = x;
+    a * a + b * b <= GATE * GATE
+}
+
+/// Sums of displacements up to each node.
+pub(super) fn summed(steps: &[[f64; 2]; LEADS]) -> Path {
+    let [mut x, mut y] = [0.0; 2];
+    let mut sums = [[0.0; 2]; LEADS];
+    for (sum, [dx, dy]) in sums.iter_mut().zip(steps) {
+        x += dx;
+        y += dy;
+        *sum = [x, y];
+    }
+    NODES.map(|node| sums.get(node - 1).copied().unwrap_or_default())
+}

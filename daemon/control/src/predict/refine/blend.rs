@@ -1,0 +1,239 @@
+//! What newer samples say about a preview: one ridge regression per lead and part of a grid step.
+//!
+//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four things known when the
+//! newest sample came: the way that the preview still has to go, the innovation (newest sample − preview at its instant), and
+//! the pen's velocity and acceleration then ([`super::observer`]). What is more than a regression
+//! needs is shrunk towards a prior, so that a new hand starts with what other hands had. Sums forget.
+
+/// Terms: way left in the preview, innovation, the ways that velocity and acceleration make until the lead.
+pub(crate) const TERMS: usize = 4;
+/// One value of each term, both axes.
+pub(crate) type Terms = [[f64; 2]; TERMS];
+
+/// Factor by which the past loses weight per judged case: about 500 steps of motion.
+const FORGETTING: f64 = 0.998;
+/// Squares of the terms in ordinary motion [normalised²] one step ahead.
+const ORDINARY: [f64; TERMS] = [100.0, 10.0, 100.0, 4.0];
+/// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead: errors far ahead repeat
+/// themselves from case to case.
+const PRIOR_CASES: f64 = 40.0;
+/// Cases that the prior weighs by which corrections are worth what they say.
+const PRIOR_WORTH: f64 = 5.0;
+/// No weight learned is larger.
+const LARGEST: f64 = 4.0;
+/// Least horizon that a row is divided by [steps].
+const SHORTEST: f64 = 0.5;
+
+/// See the module's description.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Blend {
+    prior: [f64; TERMS],
+    /// What the prior weighs.
+    trust: [f64; TERMS],
+    /// Σ terms · termsᵀ and Σ terms · error, rows divided by the horizon.
+    squares: [[f64; TERMS]; TERMS],
+    cross: [f64; TERMS],
+    weights: [f64; TERMS],
+    /// ⟨error, correction⟩ and ⟨correction, correction⟩ of the cases, made before they were learned.
+    paid: f64,
+    asked: f64,
+    cases: f64,
+}
+
+impl Blend {
+    /// Nothing seen yet; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.
+    pub(super) fn new(ahead: f64, clarity: f64) -> Self {
+        let prior = prior(ahead, clarity);
+        let horizon = ahead.max(SHORTEST);
+        let cases = PRIOR_CASES * (1.0 + horizon) / (horizon * horizon);
+        let [left, innovation, velocity, acceleration] = ORDINARY.map(|square| cases * square);
+        let square = horizon * horizon;
+        let trust = [left * square, innovation, velocity * square, acceleration * square * square];
+        Self {
+            prior,
+            trust,
+            squares: [[0.0; TERMS]; TERMS],
+            cross: [0.0; TERMS],
+            weights: prior,
+            paid: 0.0,
+            asked: 0.0,
+            cases: 0.0,
+        }
+    }
+
+    /// By how much the preview moves: by what the weights say, as far as that was worth anything.
+    pub(super) fn correction(&self, terms: &Terms) -> [f64; 2] {
+        let worth = self.worth();
+        self.said(terms).map(|way| worth * way)
+    }
+
+    /// Share of what was said that went the way of the error, in [0, 1]: nothing moves a preview that is right as it is.
+    fn worth(&self) -> f64 {
+        if !(self.asked > 0.0) {
+            return 1.0;
+        }
+        // Cases, not squares: a correction of a micrometre has to prove itself like one of a millimetre.
+        let past = self.cases * self.paid / self.asked;
+        ((past + PRIOR_WORTH) / (self.cases + PRIOR_WORTH)).clamp(0.0, 1.0)
+    }
+
+    fn said(&self, terms: &Terms) -> [f64; 2] {
+        let mut sum = [0.0; 2];
+        for (weight, term) in self.weights.iter().zip(terms) {
+            for (sum, term) in sum.iter_mut().zip(term) {
+                *sum += weight * term;
+            }
+        }
+        sum
+    }
+
+    /// One case: the preview missed by `error`, `ahead` steps after the sample. All in normalised units.
+    pub(super) fn learn(&mut self, terms: &Terms, error: [f64; 2], ahead: f64) {
+        let ([sx, sy], [rx, ry]) = (self.said(terms), error);
+        self.paid = FORGETTING * self.paid + sx * rx + sy * ry;
+        self.asked = FORGETTING * self.asked + sx * sx + sy * sy;
+        self.cases = FORGETTING * self.cases + 1.0;
+        let scale = 1.0 / ahead.max(SHORTEST);
+        let scale = scale * scale;
+        for ((row, cross), [x, y]) in self.squares.iter_mut().zip(&mut self.cross).zip(terms) {
+            let [ex, ey] = error;
+            *cross = FORGETTING * *cross + scale * (x * ex + y * ey);
+            for (entry, [u, v]) in row.iter_mut().zip(terms) {
+                *entry = FORGETTING * *entry + scale * (x * u + y * v);
+            }
+        }
+        self.weights = self.solved().unwrap_or(self.prior);
+    }
+
+    /// (Σ + P) w = c + P w₀ by Cholesky's factors; `None` if numbers went wrong.
+    #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
+    fn solved(&self) -> Option<[f64; TERMS]> {
+        let mut factor = self.squares;
+        let mut w = self.cross;
+        for k in 0..TERMS {
+            factor[k][k] += self.trust[k];
+            w[k] += self.trust[k] * self.prior[k];
+        }
+        for k in 0..TERMS {
+            let pivot = factor[k][k];
+            if !(pivot > 0.0 && pivot < f64::INFINITY) {
+                return None;
+            }
+            for i in k + 1..TERMS {
+                let ratio = factor[i][k] / pivot;
+                for j in k..TERMS {
+                    factor[i][j] -= ratio * factor[k][j];
+                }
+                w[i] -= ratio * w[k];
+            }
+        }
+        for k in (0..TERMS).rev() {
+            for j in k + 1..TERMS {
+                w[k] -= factor[k][j] * w[j];
+            }
+            w[k] /= factor[k][k];
+        }
+        let sound = w.iter().all(|w| w.is_finite());
+        sound.then(|| w.map(|w| w.clamp(-LARGEST, LARGEST)))
+    }
+}
+
+/// Weights that fit ten UNIPEN train writers in front of the shipped predictor (`clarity` 0, coarse tablets) and a tablet of
+/// 200 Hz with little noise (1), by steps ahead.
+fn prior(ahead: f64, clarity: f64) -> [f64; TERMS] {
+    let fading = |within: f64| (-ahead / within).exp();
+    let falling = |within: f64| (-(ahead / within) * (ahead / within)).exp();
+    let mut weights = [
+        -0.6 - 0.3 * fading(1.5),
+        1.9 * (1.0 - fading(4.0)),
+        0.68 * fading(5.5),
+        0.25 * fading(15.0) - 0.9 * fading(0.6),
+    ];
+    let clean = [-0.3 - 0.7 * falling(12.0), 1.2 * (1.0 - falling(5.0)), falling(9.0), falling(10.0)];
+    for (weight, clean) in weights.iter_mut().zip(clean) {
+        *weight += clarity * (clean - *weight);
+    }
+    weights
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix4, Vector4};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    fn random(rng: &mut Pcg64, size: f64) -> [f64; 2] {
+        [rng.random_range(-size..size), rng.random_range(-size..size)]
+    }
+
+    /// Terms of ordinary motion and an error that follows `weights` but for noise.
+    fn case(rng: &mut Pcg64, ahead: f64, weights: [f64; TERMS], noise: f64) -> (Terms, [f64; 2]) {
+        let sizes = [30.0, 4.0, 12.0 * ahead, 2.5 * ahead * ahead];
+        let terms = sizes.map(|size| random(rng, size));
+        let mut error = random(rng, noise);
+        for (weight, [x, y]) in weights.iter().zip(&terms) {
+            error[0] += weight * x;
+            error[1] += weight * y;
+        }
+        (terms, error)
+    }
+
+    #[test]
+    fn weights_are_those_of_the_ridge_regression_over_the_same_cases() {
+        let ahead = 3.5;
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut blend = Blend::new(ahead, 0.0);
+        let scale = 1.0 / (ahead * ahead);
+        let cases = 40.0 * (1.0 + ahead) * scale;
+        let ridge =
+            Vector4::new(100.0 * ahead * ahead, 10.0, 100.0 * ahead * ahead, 4.0 * ahead.powi(4)) * cases;
+        let prior = Vector4::from(super::prior(ahead, 0.0));
+        let (mut squares, mut cross) = (Matrix4::zeros(), Vector4::zeros());
+        for _ in 0..700 {
+            let (terms, error) = case(&mut rng, ahead, [-0.7, 2.0, 0.3, 0.5], 3.0);
+            blend.learn(&terms, error, ahead);
+            (squares, cross) = (squares * FORGETTING, cross * FORGETTING);
+            for axis in 0..2 {
+                let x = Vector4::from(terms.map(|term| term[axis]));
+                squares += x * x.transpose() * scale;
+                cross += x * (error[axis] * scale);
+            }
+        }
+        let expected =
+            (squares + Matrix4::from_diagonal(&ridge)).lu().solve(&(cross + ridge.component_mul(&prior)));
+        for (got, expected) in blend.weights.iter().zip(expected.unwrap().iter()) {
+            assert!((got - expected).abs() < 1e-9, "{got}, directly {expected}");
+        }
+        assert!(blend.weights.iter().zip(prior.iter()).all(|(got, prior)| (got - prior).abs() > 0.02));
+    }
+
+    #[test]
+    fn a_new_hand_has_what_other_hands_had_and_learns_its_own() {
+        let mut rng = Pcg64::seed_from_u64(6);
+        let mut blend = Blend::new(1.5, 0.0);
+        assert_eq!(blend.weights, prior(1.5, 0.0));
+        let own = [-0.1, 3.0, 0.2, 0.8];
+        for _ in 0..4000 {
+            let (terms, error) = case(&mut rng, 1.5, own, 1.0);
+            blend.learn(&terms, error, 1.5);
+        }
+        for ((got, own), prior) in blend.weights.iter().zip(own).zip(super::prior(1.5, 0.0)) {
+            assert!((got - own).abs() < 0.2 * (prior - own).abs(), "{got}, {own}, once {prior}");
+        }
+    }
+
+    #[test]
+    fn weights_stay_finite_and_bounded_whatever_is_learned() {
+        let mut rng = Pcg64::seed_from_u64(7);
+        for size in [1e-300, 1e-3, 1e3, 1e150] {
+            let mut blend = Blend::new(0.2, 0.0);
+            for _ in 0..200 {
+                let terms = std::array::from_fn(|_| random(&mut rng, size));
+                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2);
+                assert!(blend.weights.iter().all(|w| w.abs() <= LARGEST), "{size}: {:?}", blend.weights);
+            }
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! What the newest sample says beyond its position.
+
+use super::blend::Terms;
+
+/// News beyond this [normalised] tells of a leap, and nothing of where the pen goes next.
+const LARGEST_NEWS: f64 = 150.0;
+
+/// What the newest sample says beyond its position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct News {
+    /// Sample − preview at its instant [m].
+    pub(crate) innovation: [f64; 2],
+    /// Velocity [m/step] and acceleration [m/step²] of the pen.
+    pub(crate) velocity: [f64; 2],
+    pub(crate) acceleration: [f64; 2],
+}
+
+impl News {
+    /// Neither a leap nor what a filter makes of one, nor no number; `unit_m`: metres per normalised unit.
+    pub(crate) fn is_ordinary(&self, unit_m: f64) -> bool {
+        let said = self.innovation.iter().chain(&self.velocity).chain(&self.acceleration);
+        said.into_iter().all(|v| v.abs() <= LARGEST_NEWS * unit_m)
+    }
+
+    /// The terms of a correction for `left` [m] of predicted way, `ahead` steps after the sample.
+    pub(crate) fn terms(&self, left: [f64; 2], ahead: f64) -> Terms {
+        let by_acceleration = self.acceleration.map(|a| 0.5 * ahead * ahead * a);
+        [left, self.innovation, self.velocity.map(|v| ahead * v), by_acceleration]
+    }
+}
+
+/// The way to `there` [m] from `here` [m].
+pub(crate) fn from(there: [f64; 2], here: [f64; 2]) -> [f64; 2] {
+    let ([tx, ty], [x, y]) = (there, here);
+    [tx - x, ty - y]
+}

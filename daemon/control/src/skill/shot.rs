@@ -1,0 +1,44 @@
+//! Previews that wait for what they foresaw, and what newer samples said about them.
+
+use super::SKILL_LEADS;
+use crate::predict::refine::News;
+
+/// What a preview was corrected by: the newest sample [m] of then, where in the step it lay, and what it said.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    pub(super) newest: [f64; 2],
+    /// Where the tool would be then [m] if it had been led by feedback alone.
+    pub(super) held: [f64; 2],
+    /// Steps since the pen began to move.
+    pub(super) moved: u32,
+    pub(super) phase: f64,
+    pub(super) news: Option<News>,
+}
+
+/// One preview that waits for what it foresaw.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shot {
+    /// Grid steps closed since.
+    pub(super) age: usize,
+    /// The last before the next grid point closed.
+    pub(super) look: Look,
+    /// One from an earlier part of the step: each part of it has to be learned, as each is used.
+    pub(super) earlier: Option<Look>,
+    /// Displacement before the preview [m]: what constant velocity goes on with.
+    pub(super) velocity: [f64; 2],
+    /// Predicted positions [m].
+    pub(super) path: [[f64; 2]; SKILL_LEADS],
+    /// Index of the position for which the predictor named a band, and its radius [m].
+    pub(super) claim: Option<(usize, f64)>,
+}
+
+impl Shot {
+    pub(super) const EMPTY: Self = Self {
+        age: 0,
+        look: Look { newest: [0.0; 2], held: [0.0; 2], moved: 0, phase: 0.0, news: None },
+        earlier: None,
+        velocity: [0.0; 2],
+        path: [[0.0; 2]; SKILL_LEADS],
+        claim: None,
+    };
+}
