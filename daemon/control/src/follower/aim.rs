@@ -2,7 +2,7 @@
 
 use super::Follower;
 use super::io::Mode;
-use super::motion::Motion;
+use super::motion::Wanted;
 use crate::predict::bands::BAND_LEADS;
 use crate::units::{Stamp, Trust};
 
@@ -18,15 +18,15 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     }
 
     /// What the plan should follow; `None` while the arm is not to follow the pen.
-    pub(super) fn wanted(&self, now: Stamp, trust: Trust) -> Option<Motion<N>> {
+    pub(super) fn wanted(&self, now: Stamp, trust: Trust) -> Option<Wanted<N>> {
         match self.watch.mode() {
             Mode::Idle => return None,
-            Mode::Homing => return Some(Motion::Home),
-            Mode::Armed | Mode::Stopped | Mode::Fault => return Some(Motion::Stop),
+            Mode::Homing => return Some(Wanted::Home),
+            Mode::Armed | Mode::Stopped | Mode::Fault => return Some(Wanted::Stop),
             Mode::Following | Mode::Holding => {}
         }
         let pen = self.pen.newest()?;
         let preview = self.preview.references(now, self.ahead_ns(), self.settings.mpc.step_s);
-        Some(Motion::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
+        Some(Wanted::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
     }
 }

@@ -30,7 +30,7 @@ pub use io::{
 pub use request::WayBlocked;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
 
-use motion::{Motion, Mover};
+use motion::{Mover, Wanted};
 use plans::Plans;
 use report::Outcomes;
 use watch::Watch;
@@ -164,7 +164,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.mover.pace_mps = self.monitor.allowed_mps();
         // Plan, solve, keep the envelope, guard: the plan's first step as joints that may be published.
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
-        let way = self.heed(now, seen.lost_ns, matches!(wanted, Some(Motion::Follow { .. })), &moved, health);
+        let way = self.heed(now, seen.lost_ns, matches!(wanted, Some(Wanted::Follow { .. })), &moved, health);
         clock.lap(Stage::Guard);
 
         self.report(now, Outcomes { health, seen, pen, trust: trust.report, moved, way })

@@ -7,7 +7,7 @@
 //! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where it swings. An arm
 //! that cannot be put where the step begins is not judged: it cannot be armed there either.
 
-use super::{Motion, Mover};
+use super::{Mover, Wanted};
 use crate::follower::io::{Health, NoClock};
 use crate::follower::settings::Would;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
@@ -170,7 +170,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (mut before, mut arrived) = (self.tool.map(|axis| axis.position), 0);
         for tick in 0..(LONGEST_S / self.period_s) as u64 {
             let pen = PenReading::new(begin + tick * self.period_ns, to, true);
-            let motion = Motion::Follow { pen, holding: false, preview, trust };
+            let motion = Wanted::Follow { pen, holding: false, preview, trust };
             let mut health = Health::default();
             let moved = self.advance(Some(&motion), Budget::default(), &mut health, &mut NoClock);
             let slow = |(at, before): (&f64, &f64)| (at - before).abs() < SLOW_MPS * self.period_s;

@@ -1,14 +1,32 @@
 //! Where the tool is to be at the end of the period: from a fresh plan, else from the previous one, and always such that it can
 //! still stop inside the workspace.
 
-use super::Mover;
+use super::{Mover, Planned, Wanted};
 use crate::follower::Budget;
 use crate::follower::io::{Health, Rung};
 use crate::units::{AxisState, Stamp, Trust};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
+    /// The plan for what is wanted; none for a stop and for the way home.
+    pub(super) fn plan(
+        &mut self,
+        start: Stamp,
+        wanted: &Wanted<N>,
+        budget: Budget,
+        health: &mut Health,
+    ) -> Planned {
+        let Wanted::Follow { pen, holding, preview, trust } = wanted else {
+            let reference = self.tool.map(|axis| axis.position);
+            return Planned { reference, next: None, rung: Rung::Stop };
+        };
+        let (references, conservative, trust) = self.references(pen, *holding, preview, *trust);
+        let reference = references.map(|axis| axis.first().map_or(0.0, |state| state.position));
+        let (next, rung) = self.plan_next(start, &conservative, &references, trust, budget, health);
+        Planned { reference, next, rung }
+    }
+
     /// The tool state at the end of the period: from a fresh plan, else from the previous one.
-    pub(super) fn plan_next(
+    fn plan_next(
         &mut self,
         start: Stamp,
         conservative: &[AxisState; 3],

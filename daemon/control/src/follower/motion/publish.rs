@@ -1,0 +1,101 @@
+//! The guard's word on a step, and the tool's state after it: what is really published, not what was wished for.
+
+use nalgebra::Vector3;
+
+use super::{Mover, Planned};
+use crate::arm::servo::Servo;
+use crate::follower::io::Health;
+use crate::units::{AxisState, Stamp};
+
+impl<const N: usize, const J: usize> Mover<N, J> {
+    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the commanded state.
+    pub(super) fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
+        let Some(held) = &mut self.held else { return 0 };
+        let qd = qd.unwrap_or_else(|| {
+            let wanted = self.stop.next(&held.command, reach);
+            let motion = held.command.motion();
+            let step = self.ik.stopping(&held.kinematics, motion, &wanted, self.period_s);
+            let [held, yielded] = step.envelope;
+            if step.clearance.held | step.clearance.yielded | held | yielded != 0 {
+                health.set(Health::CLEARANCE);
+            }
+            step.qd
+        });
+        let mut q = *held.command.q();
+        for (q, qd) in q.iter_mut().zip(&qd) {
+            *q += qd * self.period_s;
+        }
+        let verdict = self.guard.clamp(&held.command, &q, reach);
+        if verdict.altered != 0 {
+            health.set(Health::GUARD_ALTERED);
+        }
+        held.command = verdict.command;
+        self.issued = held.command.stamp();
+        held.valid_until = held.command.stamp() + self.valid_ns;
+        held.kinematics = self.chain.forward(held.command.q());
+        u32::from(verdict.reasons.bits())
+    }
+
+    /// Where the published joints put the tool [m], plane frame.
+    pub(super) fn commanded_tool(&self) -> Vector3<f64> {
+        let tool = self.held.as_ref().map_or_else(Vector3::zeros, |held| held.kinematics.position);
+        self.plane.point_from_base(&tool)
+    }
+
+    /// Lets the modelled arm follow the command from where it was to where it is.
+    fn trail(&mut self, servo: &Servo, from: &Vector3<f64>) {
+        let to = self.commanded_tool();
+        for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
+            *axis = servo.follow(axis, *from, *to, self.period_s);
+        }
+    }
+
+    /// Takes the tool state from joints that were limited on their way to what was `planned`.
+    ///
+    /// Commands tell the mean velocity of the step that ended and the acceleration at its beginning. Taken for those at its
+    /// end, half of the acceleration would be lost in every limited step. At its end the acceleration is the planned one,
+    /// moved by half of what was wrong at the beginning: the whole of it would swing, and none of it would wind up.
+    fn fall_behind(&mut self, planned: &[AxisState; 3]) {
+        let assumed = self.tool;
+        self.resynchronise();
+        for ((axis, planned), assumed) in self.tool.iter_mut().zip(planned).zip(&assumed) {
+            let wrong = axis.acceleration - assumed.acceleration;
+            axis.acceleration = planned.acceleration + 0.5 * wrong;
+            axis.velocity += 0.5 * self.period_s * axis.acceleration;
+        }
+    }
+
+    /// Takes the tool state from the commanded joints.
+    pub(super) fn resynchronise(&mut self) {
+        let Some(held) = &self.held else { return };
+        let tool = held.kinematics.tool_motion(held.command.qd(), held.command.qdd());
+        self.tool = self.plane.axes_from_base(&tool.position, &tool.velocity, &tool.acceleration);
+    }
+
+    /// Takes over the state that the plan goes on from: what was planned where the joints did it, else where they got to.
+    pub(super) fn keep_up(
+        &mut self,
+        planned: &Planned,
+        follows_plan: bool,
+        limited: bool,
+        from: &Vector3<f64>,
+        health: &mut Health,
+    ) {
+        if let Some(servo) = self.servo {
+            self.trail(&servo, from);
+        }
+        match planned.next {
+            Some(next) if follows_plan && !limited => self.tool = next,
+            next => {
+                health.set(Health::RESYNCHRONISED);
+                match next.filter(|_| follows_plan) {
+                    Some(planned) => self.fall_behind(&planned),
+                    None => self.resynchronise(),
+                }
+            }
+        }
+        if !follows_plan {
+            self.plan_start = None;
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! The joints: velocities that carry the tool where the plan, or the way home, has it.
+
+use nalgebra::Vector3;
+
+use super::{HomeNews, Mover, Planned, Solved, Wanted};
+use crate::follower::io::{Health, Rung};
+use crate::ik::{IkSource, ToolTarget};
+use crate::units::{AxisState, Stamp};
+
+/// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.
+const IK_TOLERANCE_MPS: f64 = 1e-3;
+
+impl<const N: usize, const J: usize> Mover<N, J> {
+    /// Joint velocities for what was planned, and the rung that they stand on.
+    pub(super) fn solve(
+        &mut self,
+        start: Stamp,
+        wanted: &Wanted<N>,
+        planned: &Planned,
+        health: &mut Health,
+    ) -> Solved<J> {
+        let (qd, home) = match wanted {
+            Wanted::Home => self.homeward(start, health),
+            _ => (planned.next.and_then(|next| self.joint_velocities(&next, health)), HomeNews::None),
+        };
+        let rung = match (planned.next.is_some(), qd.is_some()) {
+            (false, true) => Rung::FreshPlan,
+            (true, false) => Rung::Stop,
+            _ => planned.rung,
+        };
+        if matches!(wanted, Wanted::Follow { .. }) && rung == Rung::Stop {
+            health.set(Health::FALLBACK);
+        }
+        Solved { qd, rung, home }
+    }
+
+    /// Joint velocities that carry the tool from its commanded state to `next` in one period.
+    fn joint_velocities(&mut self, next: &[AxisState; 3], health: &mut Health) -> Option<[f64; J]> {
+        let held = self.held.as_ref()?;
+        let here: Vector3<f64> = self.tool.map(|axis| axis.position).into();
+        let there: Vector3<f64> = next.map(|axis| axis.position).into();
+        let target = ToolTarget {
+            position: self.plane.point_to_base(&here),
+            velocity: self.plane.vector_to_base(&((there - here) / self.period_s)),
+            axis: self.plane.tool_axis(),
+            spin: None,
+        };
+        let step = self.ik.step(&held.kinematics, held.command.motion(), &target, self.period_s);
+        self.reports.ik = step.report;
+        if step.report.source != IkSource::Optimum {
+            health.set(Health::IK_FAILED);
+        }
+        let (clearance, [held, yielded]) = (step.report.clearance, step.report.envelope);
+        if clearance.held | clearance.yielded | held | yielded != 0 {
+            health.set(Health::CLEARANCE);
+        }
+        if !(step.report.velocity_error.norm() <= IK_TOLERANCE_MPS) {
+            health.set(Health::IK_LIMITED);
+        }
+        (step.report.source != IkSource::Brake).then_some(step.qd)
+    }
+}
