@@ -1,13 +1,21 @@
 //! Suggestions for what the user may have meant: the nearest word, and the unit that a number looks like.
 
-/// The candidate nearest to `word`, if it is near enough to be a slip (about a third of its letters).
+/// Words of earlier versions, by what they are called now.
+const RENAMED: [(&str, &str); 2] = [("ours", "mixture"), ("predictor.ours", "predictor.mixture")];
+
+/// What `word` is called now, or the candidate nearest to it, if it is near enough to be a slip (about a third of its letters).
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let renamed = RENAMED.iter().find(|(old, _)| *old == word).map(|(_, new)| *new);
     // A hostile file may hold a key of megabytes: nothing that long is a slip of the pen.
     const LONGEST: usize = 80;
     if word.len() > LONGEST {
         return None;
     }
     let allowed = word.chars().count().div_ceil(3).max(1);
+    let candidates: Vec<&str> = candidates.into_iter().collect();
+    if let Some(known) = candidates.iter().find(|candidate| Some(**candidate) == renamed) {
+        return Some(known);
+    }
     candidates
         .into_iter()
         .map(|candidate| (distance(word, candidate), candidate))

@@ -8,7 +8,7 @@ use foretrace_control::predict::models::ar_rls::ArRlsSettings;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::ReservoirSettings;
 use foretrace_control::predict::{
-    DybmSettings, InitialWeights, LstmWeights, ModelSettings, Models, Networks, Optimiser, OursSettings,
+    DybmSettings, InitialWeights, LstmWeights, MixtureSettings, ModelSettings, Models, Networks, Optimiser,
     PredictorKind,
 };
 
@@ -27,7 +27,7 @@ impl PredictorChoice {
             Self::DybmEsn => PredictorKind::DybmEsn,
             Self::Lstm => PredictorKind::Lstm,
             Self::ArRls => PredictorKind::ArRls,
-            Self::Ours => PredictorKind::Ours,
+            Self::Mixture => PredictorKind::Mixture,
         }
     }
 }
@@ -39,8 +39,9 @@ pub(crate) const NO_NETWORK: &str = "none";
 pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Models> {
     let section = &settings.predictor;
     let lstm = network("predictor.lstm", section.lstm.as_deref(), "lstm10", settings, report);
-    let ours = network("predictor.ours.network", section.ours.network.as_deref(), "ours", settings, report);
-    let networks = Networks { lstm: lstm?, ours: ours? };
+    let mixture =
+        network("predictor.mixture.network", section.mixture.network.as_deref(), "mixture", settings, report);
+    let networks = Networks { lstm: lstm?, mixture: mixture? };
     if section.kind == PredictorChoice::Lstm && networks.lstm.is_none() {
         report.conflict(
             "predictor.kind",
@@ -89,7 +90,7 @@ fn network(
 }
 
 fn model_settings(s: &Settings) -> ModelSettings {
-    let settings::Predictor { dybm, esn, ar_rls, ours, .. } = &s.predictor;
+    let settings::Predictor { dybm, esn, ar_rls, mixture, .. } = &s.predictor;
     ModelSettings {
         step_ns: s.step_ns(),
         dybm: DybmSettings {
@@ -121,7 +122,7 @@ fn model_settings(s: &Settings) -> ModelSettings {
             ..ReservoirSettings::default()
         },
         readout: Optimiser::ada_grad(esn.rate),
-        ours: OursSettings { forgetting: ours.forgetting, rate: ours.rate, share: ours.share },
+        mixture: MixtureSettings { forgetting: mixture.forgetting, rate: mixture.rate, share: mixture.share },
         ar_rls: ArRlsSettings {
             forgetting: ar_rls.forgetting,
             gate: ar_rls.gate,

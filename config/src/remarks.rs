@@ -64,20 +64,20 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
     remarks
 }
 
-/// Says where `ours` has to do without a network that nobody renounced.
+/// Says where `mixture` has to do without a network that nobody renounced.
 fn network(settings: &Settings, models: &Models) -> Option<String> {
     let Settings { predictor, pen, .. } = settings;
-    let renounced = predictor.ours.network.is_some();
-    if predictor.kind != PredictorChoice::Ours || renounced || models.networks().ours.is_some() {
+    let renounced = predictor.mixture.network.is_some();
+    if predictor.kind != PredictorChoice::Mixture || renounced || models.networks().mixture.is_some() {
         return None;
     }
     let with: Vec<String> = (4..=20)
-        .filter(|ms| shipped(&format!("ours-{ms}ms")).is_some())
+        .filter(|ms| shipped(&format!("mixture-{ms}ms")).is_some())
         .map(|ms: u32| ms.to_string())
         .collect();
     Some(format!(
-        "predictor \"ours\" runs without its trained network: none is shipped for pen.step_ms = {} (there are for {} ms); \
-         take such a step, or name a network of your own in predictor.ours.network (\"{NO_NETWORK}\" silences this)",
+        "predictor \"mixture\" runs without its trained network: none is shipped for pen.step_ms = {} (there are for {} ms); \
+         take such a step, or name a network of your own in predictor.mixture.network (\"{NO_NETWORK}\" silences this)",
         pen.step_ms,
         with.join(", "),
     ))

@@ -68,7 +68,7 @@ fn lines(place: &str, text: &str) -> Vec<Line> {
 /// What a reader would put in the place of a word in capitals.
 fn filled(word: &str) -> &str {
     match word {
-        "NAME" => "ours",
+        "NAME" => "mixture",
         "WORD" => "test",
         "N" | "S" | "MS" => "1",
         "N,M" => "1,2",

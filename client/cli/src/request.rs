@@ -50,7 +50,7 @@ enum Request {
     },
     /// Predict with another predictor; trust goes through 0
     Predictor {
-        /// hold, constant-velocity, dybm, lstm, dybm-esn, ar-rls, ours
+        /// hold, constant-velocity, dybm, lstm, dybm-esn, ar-rls, mixture
         #[arg(value_name = "NAME", value_parser = predictor)]
         name: PredictorId,
     },

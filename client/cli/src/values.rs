@@ -44,7 +44,7 @@ pub(crate) fn predictor(text: &str) -> Result<PredictorKind, String> {
         if PredictorKind::from_name(text).is_some() {
             return format!("{text} knows the future, so it runs in the lab only; one of {}", predictors());
         }
-        format!("one of {}", predictors())
+        format!("one of {}{}", predictors(), PredictorKind::renamed(text))
     })
 }
 
@@ -98,7 +98,7 @@ mod tests {
             assert_eq!(predictor(kind.name()), Ok(kind));
         }
         let refused = predictor("oracle").unwrap_err();
-        assert!(refused.contains("lab") && refused.contains("ours"), "{refused}");
+        assert!(refused.contains("lab") && refused.contains("mixture"), "{refused}");
         assert!(!predictor("x").unwrap_err().contains("oracle"));
     }
 }

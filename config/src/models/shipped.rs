@@ -25,8 +25,15 @@ macro_rules! shipped {
 }
 
 /// All of them.
-const MODELS: &[Shipped] =
-    &shipped!["lstm10-reference", "lstm10", "lstm32", "lstm10-10ms", "ours-5ms", "ours-8ms", "ours-10ms"];
+const MODELS: &[Shipped] = &shipped![
+    "lstm10-reference",
+    "lstm10",
+    "lstm32",
+    "lstm10-10ms",
+    "mixture-5ms",
+    "mixture-8ms",
+    "mixture-10ms"
+];
 
 impl Shipped {
     /// The model as an LSTM.

@@ -18,7 +18,7 @@ words! {
         /// Autoregression by recursive least squares, learning online.
         ArRls = "ar-rls",
         /// Mixture that learns online which of five experts to believe.
-        Ours = "ours",
+        Mixture = "mixture",
     }
 }
 
@@ -58,9 +58,9 @@ section! {
     /// The predictor of the hand.
     pub struct Predictor {
         /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm", "dybm-esn" (with a
-        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`; "ours": learns online
+        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`; "mixture": learns online
         /// which of five experts to believe.
-        kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"ours\"";
+        kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"mixture\"";
         /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings file; made for
         /// this pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", there is
         /// no predictor "lstm".
@@ -81,7 +81,7 @@ section! {
         /// Least squares.
         ar_rls @ "ar_rls": ArRlsSection;
         /// The mixture.
-        ours @ "ours": OursSection;
+        mixture @ "mixture": MixtureSection;
     }
 }
 
@@ -154,9 +154,9 @@ section! {
 }
 
 section! {
-    /// The mixture (predictor.kind = "ours"): constant velocity, least squares, a reservoir's read-out, a trained network,
+    /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out, a trained network,
     /// and that network corrected online, weighed anew at every step and for every lead.
-    pub struct OursSection {
+    pub struct MixtureSection {
         /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24 direct
         /// leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is none, or with
         /// "none", the mixture does without.

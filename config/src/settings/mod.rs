@@ -15,7 +15,7 @@ mod clearance;
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
 pub use foresight::{
-    ArRlsSection, DybmSection, EsnSection, Learner, Optimiser, OursSection, Predictor, PredictorChoice,
+    ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, PredictorChoice,
     ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;

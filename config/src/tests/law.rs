@@ -171,7 +171,7 @@ fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
         ("[predictor]\nlstm = \"lstm10-reference\"\n", ["5000000 ns", "10000000 ns"]),
         ("[predictor]\nlstm = \"lstm99\"\n", ["lstm99", "lstm10-reference"]),
         ("[predictor]\nkind = \"lstm\"\nlstm = \"none\"\n", ["predictor.kind", "needs a trained network"]),
-        ("[predictor.ours]\nnetwork = \"lstm10-10ms\"\n", ["leads of the LSTM", "24"]),
+        ("[predictor.mixture]\nnetwork = \"lstm10-10ms\"\n", ["leads of the LSTM", "24"]),
         ("[predictor.ar_rls]\ngate = 1.0\nhuber = 5e3\n", ["huber", "1000"]),
     ] {
         let error = over_ur5(text).unwrap_err().to_string();
@@ -183,11 +183,11 @@ fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
 fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
     let without = |text: &str| {
         let law = over_ur5(text).unwrap().follower_settings();
-        (law.models.has(PredictorKind::Lstm), law.models.networks().ours.is_some())
+        (law.models.has(PredictorKind::Lstm), law.models.networks().mixture.is_some())
     };
     assert_eq!(without(""), (true, true));
     assert_eq!(
-        without("[predictor]\nlstm = \"none\"\n[predictor.ours]\nnetwork = \"none\"\n"),
+        without("[predictor]\nlstm = \"none\"\n[predictor.mixture]\nnetwork = \"none\"\n"),
         (false, false)
     );
     assert_eq!(without("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n"), (false, true));
@@ -202,7 +202,7 @@ fn nobody_loses_the_network_of_the_mixture_without_being_told() {
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told.iter().all(|r| r.contains("pen.step_ms = 6 ") && r.contains("5, 8, 10 ms")), "{told:?}");
     // Who renounces it, or predicts otherwise, knows.
-    for text in ["[predictor.ours]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
+    for text in ["[predictor.mixture]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
         let quiet =
             remarks(&format!("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n{text}"));
         assert_eq!(quiet, Vec::<String>::new(), "{text}");

@@ -42,7 +42,7 @@ fn value(random: &mut Pcg64, old: &str) -> String {
         "0x10",
         "[0, 0, 0]",
         "[0, 0, 1]",
-        "\"ours\"",
+        "\"mixture\"",
         "1979-05-27",
     ];
     let numbers: Result<Vec<f64>, _> =

@@ -76,7 +76,7 @@ pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
         PredictorKind::Lstm => shm::PredictorId::Lstm,
         PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
         PredictorKind::ArRls => shm::PredictorId::ArRls,
-        PredictorKind::Ours => shm::PredictorId::Ours,
+        PredictorKind::Mixture => shm::PredictorId::Mixture,
     }
 }
 
@@ -90,7 +90,7 @@ pub(super) const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
         shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
         shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
         shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
-        shm::PredictorId::Ours => Some(PredictorKind::Ours),
+        shm::PredictorId::Mixture => Some(PredictorKind::Mixture),
     }
 }
 

@@ -184,7 +184,7 @@ wire_enum! {
         /// Autoregression by recursive least squares.
         ArRls = 6 => "ar-rls",
         /// Mixture that learns which predictor to believe.
-        Ours = 7 => "ours",
+        Mixture = 7 => "mixture",
     }
 }
 

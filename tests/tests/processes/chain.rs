@@ -212,7 +212,7 @@ fn trust_and_predictor_follow_requests() {
     world.wait_for_mode(0, "following");
     assert!(world.run(0, &["request", "trust", "0.25"]).status.success());
     until("trust is 0.25", || (world.status(0)["trust"]["value"] == 0.25).then_some(()));
-    for name in ["hold", "constant-velocity", "dybm", "dybm-esn", "ar-rls", "lstm", "ours"] {
+    for name in ["hold", "constant-velocity", "dybm", "dybm-esn", "ar-rls", "lstm", "mixture"] {
         assert!(world.run(0, &["request", "predictor", name]).status.success(), "{name}");
         until("the predictor is another", || (world.status(0)["predictor"]["name"] == name).then_some(()));
     }

@@ -40,7 +40,7 @@ fn closed_loop_gives_a_table_json_and_pictures() {
     let world = World::alone(PROGRAM);
     let set = set(&world);
     let out = world.file("report").display().to_string();
-    let names = "hold,ours,servoj-ros,oracle";
+    let names = "hold,mixture,servoj-ros,oracle";
     let arguments = ["lab", "closed-loop", "--data", &set, "--predictors", names, "--arms", "ideal,ur5"];
     let json = result(&world, &[&arguments[..], &["--limit", "1", "--out", &out, "--json", "-"]].concat());
     let rows = json["rows"].as_array().unwrap();
@@ -66,7 +66,7 @@ fn closed_loop_gives_a_table_json_and_pictures() {
     }
     for picture in ["errors", "letters-ideal", "letters-ur5"] {
         let text = std::fs::read_to_string(world.file(&format!("report/closed-loop-{picture}.svg"))).unwrap();
-        assert!(text.contains("hold") && text.contains("ours"), "{picture}");
+        assert!(text.contains("hold") && text.contains("mixture"), "{picture}");
     }
     let text = std::fs::read_to_string(world.file("report/closed-loop-errors.svg")).unwrap();
     assert!(names.split(',').all(|name| text.contains(name)));
@@ -78,7 +78,7 @@ fn each_sequence_has_scores_of_its_own_that_add_up_to_the_rows() {
     let set = set(&world);
     let out = world.file("report").display().to_string();
     let arguments =
-        ["lab", "closed-loop", "--data", &set, "--predictors", "hold,ours", "--arms", "ideal,ur5"];
+        ["lab", "closed-loop", "--data", &set, "--predictors", "hold,mixture", "--arms", "ideal,ur5"];
     // The folder of the file is the one that the pictures will make.
     let file = world.file("report/all.json");
     let written = world.run_plain(
@@ -114,7 +114,7 @@ fn pareto_gives_points_json_and_a_picture() {
     let arguments = ["lab", "closed-loop", "--pareto", "--data", &set, "--arms", "ideal", "--limit", "1"];
     let json = result(&world, &[&arguments[..], &["--out", &out, "--json", "-"]].concat());
     let points = json["pareto"].as_array().unwrap();
-    for method in ["hold", "ours", "servoj-gello", "servoj-ros", "otg", "kalman"] {
+    for method in ["hold", "mixture", "servoj-gello", "servoj-ros", "otg", "kalman"] {
         let swept: Vec<_> = points.iter().filter(|point| point["method"] == method).collect();
         assert!(swept.len() >= 6, "{method}: {swept:?}");
         assert_eq!(swept.iter().filter(|point| point["default"] == true).count(), 1, "{method}");

@@ -46,7 +46,7 @@ fn table_1_gives_text_json_and_pictures() {
     let world = World::alone(PROGRAM);
     let set = set(&world);
     let out = world.file("report").display().to_string();
-    let models = "constant-velocity,dybm-online,lstm10-reference,ours-cold";
+    let models = "constant-velocity,dybm-online,lstm10-reference,mixture-cold";
     let output = done(
         &world,
         &["lab", "table1", "--data", &set, "--models", models, "--by-label", "--out", &out, "--json", "-"],
@@ -66,7 +66,7 @@ fn table_1_gives_text_json_and_pictures() {
     let words = String::from_utf8_lossy(&output.stderr);
     assert!(words.contains("Differences from the paper") && words.contains("By symbol"), "{words}");
     let picture = std::fs::read_to_string(world.file("report/table1.svg")).unwrap();
-    assert!(picture.contains("ours-cold"));
+    assert!(picture.contains("mixture-cold"));
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn any_part_can_be_evaluated_also_cold() {
     assert_eq!(train, 12);
     let models: Vec<&str> =
         result["rows"].as_array().unwrap().iter().filter_map(|r| r["model"].as_str()).collect();
-    assert!(models.contains(&"ours-cold") && !models.iter().any(|m| m.starts_with("lstm")), "{models:?}");
+    assert!(models.contains(&"mixture-cold") && !models.iter().any(|m| m.starts_with("lstm")), "{models:?}");
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
     assert_refused(&output, 5, &["tests", "train, test, all"]);
     let output =
         world.run_plain(&["lab", "evaluate", "--data", &set, "--cold", "--models", "lstm10-reference"]);
-    assert_refused(&output, 2, &["--cold", "lstm10-reference", "ours-cold"]);
+    assert_refused(&output, 2, &["--cold", "lstm10-reference", "mixture-cold"]);
 }
 
 #[test]

@@ -58,14 +58,14 @@ pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
 }
 
 /// The mixture of the loop, predicting `leads` steps and learning.
-pub(super) fn ours(models: &Models, leads: usize) -> Result<[Candidate; 2], WeightsError> {
+pub(super) fn mixture(models: &Models, leads: usize) -> Result<[Candidate; 2], WeightsError> {
     let weights = models.initial_weights();
     Ok([
-        Candidate { name: "ours", steps: leads, predictor: Box::new(models.ours(&weights)?) },
+        Candidate { name: "mixture", steps: leads, predictor: Box::new(models.mixture(&weights)?) },
         Candidate {
-            name: "ours, learning",
+            name: "mixture, learning",
             steps: 0,
-            predictor: Box::new(Learning(models.ours_learner(&weights)?)),
+            predictor: Box::new(Learning(models.mixture_learner(&weights)?)),
         },
     ])
 }

@@ -87,7 +87,7 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
     // As the loop has it: its network, and as many steps as its plan and dead time ask for.
     let models = config.models();
     let leads = config.learner_settings().leads.last();
-    candidates.extend(online::ours(models, leads).map_err(|error| refused(&error))?);
+    candidates.extend(online::mixture(models, leads).map_err(|error| refused(&error))?);
     Ok(candidates)
 }
 

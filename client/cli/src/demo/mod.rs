@@ -55,7 +55,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "SOURCE", default_value = "glyphs:foretrace")]
     pen: String,
 
-    /// Predictor: hold, constant-velocity, dybm, dybm-esn, ar-rls, lstm, ours [default: as in the settings]
+    /// Predictor: hold, constant-velocity, dybm, dybm-esn, ar-rls, lstm, mixture [default: as in the settings]
     #[arg(long, value_name = "NAME", value_parser = values::predictor)]
     predictor: Option<PredictorKind>,
 

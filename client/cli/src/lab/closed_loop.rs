@@ -38,7 +38,7 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
 
-    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, ours and today's
+    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, mixture and today's
     /// ways]
     #[arg(long)]
     pareto: bool,
@@ -192,7 +192,8 @@ fn placed(
 
 fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
     if names.is_empty() {
-        let swept = |entrant: &Entrant| matches!(*entrant, Entrant::HOLD | Entrant::OURS | Entrant::Today(_));
+        let swept =
+            |entrant: &Entrant| matches!(*entrant, Entrant::HOLD | Entrant::AS_SHIPPED | Entrant::Today(_));
         return Ok(Entrant::all().filter(|entrant| !pareto || swept(entrant)).collect());
     }
     let named = |name: &String| {

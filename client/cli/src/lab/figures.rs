@@ -21,7 +21,7 @@ pub(crate) struct Fig2Args {
     #[command(flatten)]
     pub(super) lab: LabArgs,
 
-    /// Who predicts, comma-separated: hold (trust 0), ours (automatic trust); all others with trust 1 [default: all]
+    /// Who predicts, comma-separated: hold (trust 0), mixture (automatic trust); all others with trust 1 [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,
 }
@@ -32,7 +32,7 @@ pub(crate) struct Fig3Args {
     pub(super) lab: LabArgs,
 
     /// Who predicts once trust has come
-    #[arg(long, value_name = "NAME", default_value = PredictorKind::Ours.name())]
+    #[arg(long, value_name = "NAME", default_value = PredictorKind::Mixture.name())]
     predictor: String,
 }
 
@@ -198,7 +198,7 @@ fn numbers(row: &Fig2Row) -> Value {
 
 fn unknown(name: &str, known: &str, option: &str) -> Failure {
     Failure::usage(
-        format_args!("no predictor is called {name:?}; there are {known}"),
+        format_args!("no predictor is called {name:?}; there are {known}{}", PredictorKind::renamed(name)),
         format_args!("choose from them ({option})"),
     )
 }

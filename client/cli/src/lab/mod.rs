@@ -31,7 +31,7 @@ pub(crate) enum LabCommand {
     ///
     /// Every letter of the test writers is written by the control law with each predictor, in front of an ideal arm and
     /// in front of the simulated UR5. Errors are between tool and pen at the same instant, pen down. The picture shows
-    /// hold, constant-velocity, dybm, ours and oracle, or everybody where --predictors names at most five.
+    /// hold, constant-velocity, dybm, mixture and oracle, or everybody where --predictors names at most five.
     Fig2(figures::Fig2Args),
     /// Figure 3 of the paper: switching from feedback to prediction in steps 30 to 40 of a letter
     ///

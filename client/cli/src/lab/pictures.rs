@@ -21,7 +21,7 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
     (
         "closed-loop-letters-ur5.svg",
         "character-trajectories",
-        "closed-loop --data {} --limit 60 --arms ur5 --predictors hold,ours",
+        "closed-loop --data {} --limit 60 --arms ur5 --predictors hold,mixture",
         "closed-loop-letters-ur5.svg",
     ),
     ("fig3-unipen-ced.svg", "unipen-ced", "fig3 --data {}", "fig3.svg"),
@@ -35,7 +35,7 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
     (
         "closed-loop-pareto.svg",
         "unipen-tos",
-        "closed-loop --data {} --limit 2 --pareto --arms ideal,ur5 --predictors ours,servoj-ros,otg,kalman",
+        "closed-loop --data {} --limit 2 --pareto --arms ideal,ur5 --predictors mixture,servoj-ros,otg,kalman",
         "closed-loop-pareto.svg",
     ),
 ];

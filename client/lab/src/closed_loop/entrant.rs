@@ -18,7 +18,7 @@ pub enum Entrant {
 
 /// A name that nobody has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no predictor is called {name:?}; there are {}", known.join(" "))]
+#[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
 pub struct UnknownEntrant {
     /// As given.
     pub name: String,
@@ -30,7 +30,7 @@ impl Entrant {
     /// Feedback only.
     pub const HOLD: Self = Self::Law(LawEntrant::Hold);
     /// The daemon as it is shipped.
-    pub const OURS: Self = Self::Law(LawEntrant::Ours);
+    pub const AS_SHIPPED: Self = Self::Law(LawEntrant::Mixture);
 
     /// Who takes part if nobody is named, in the order of the table: the law, today's ways, and who knows the future.
     pub fn all() -> impl Iterator<Item = Self> {
@@ -45,7 +45,7 @@ impl Entrant {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Law(LawEntrant::Hold) => "hold",
-            Self::Law(LawEntrant::Ours) => "ours",
+            Self::Law(LawEntrant::Mixture) => "mixture",
             Self::Today(kind) => kind.name(),
             Self::Legal(WayKind::ServojGello) => "servoj-gello-legal",
             Self::Legal(WayKind::ServojRos) => "servoj-ros-legal",
@@ -57,7 +57,7 @@ impl Entrant {
             Self::Law(LawEntrant::Believed(PredictorKind::DybmEsn)) => "dybm-esn-online",
             Self::Law(LawEntrant::Believed(PredictorKind::Lstm)) => "lstm10",
             Self::Law(LawEntrant::Believed(PredictorKind::ArRls)) => "ar-rls",
-            Self::Law(LawEntrant::Believed(PredictorKind::Ours)) => "ours-trust1",
+            Self::Law(LawEntrant::Believed(PredictorKind::Mixture)) => "mixture-trust1",
             Self::Law(LawEntrant::Believed(PredictorKind::Oracle)) => "oracle",
         }
     }

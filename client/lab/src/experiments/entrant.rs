@@ -11,8 +11,8 @@ pub enum LawEntrant {
     Hold,
     /// A predictor with trust 1.
     Believed(PredictorKind),
-    /// `ours` with automatic trust: the daemon as it is shipped.
-    Ours,
+    /// `mixture` with automatic trust: the daemon as it is shipped.
+    Mixture,
 }
 
 impl LawEntrant {
@@ -24,8 +24,8 @@ impl LawEntrant {
         Self::Believed(PredictorKind::DybmEsn),
         Self::Believed(PredictorKind::Lstm),
         Self::Believed(PredictorKind::ArRls),
-        Self::Believed(PredictorKind::Ours),
-        Self::Ours,
+        Self::Believed(PredictorKind::Mixture),
+        Self::Mixture,
         Self::Believed(PredictorKind::Oracle),
     ];
 
@@ -35,7 +35,7 @@ impl LawEntrant {
         match self {
             Self::Hold => PredictorKind::Hold,
             Self::Believed(kind) => kind,
-            Self::Ours => PredictorKind::Ours,
+            Self::Mixture => PredictorKind::Mixture,
         }
     }
 
@@ -45,7 +45,7 @@ impl LawEntrant {
         match self {
             Self::Hold => TrustRequest::Manual(Trust::NONE),
             Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
-            Self::Ours => TrustRequest::Auto,
+            Self::Mixture => TrustRequest::Auto,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The paper's figure 2: feedback only (Hold), prediction, and perfect prediction (the recorded future).
 //!
 //! Every letter is written in real time from rest; scored where the pen is down, arm's tool against pen at the same
-//! instant. Trust is 0 for feedback only, automatic for `ours`, 1 for all others. What learns online learns on from letter
+//! instant. Trust is 0 for feedback only, automatic for `mixture`, 1 for all others. What learns online learns on from letter
 //! to letter, as in the daemon.
 
 use foretrace_config::Config;
@@ -63,10 +63,10 @@ impl Fig2Row {
     }
 }
 
-/// The predictor's own name; `ours` is the one with automatic trust, as shipped.
+/// The predictor's own name; `mixture` is the one with automatic trust, as shipped.
 const fn name(entrant: LawEntrant) -> &'static str {
     match entrant {
-        LawEntrant::Believed(PredictorKind::Ours) => "ours-trust1",
+        LawEntrant::Believed(PredictorKind::Mixture) => "mixture-trust1",
         other => other.predictor().name(),
     }
 }
@@ -86,12 +86,12 @@ pub fn fig2_names() -> String {
 /// So many fit the picture.
 const PICTURED: usize = 5;
 
-/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and ours as shipped.
+/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and mixture as shipped.
 fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
     use PredictorKind::{ConstantVelocity, Dybm, Oracle};
     entrants.len() <= PICTURED
         || match entrant {
-            LawEntrant::Hold | LawEntrant::Ours => true,
+            LawEntrant::Hold | LawEntrant::Mixture => true,
             LawEntrant::Believed(kind) => matches!(kind, ConstantVelocity | Dybm | Oracle),
         }
 }

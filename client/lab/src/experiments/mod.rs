@@ -84,7 +84,7 @@ pub(crate) fn learner_for(
     settings: &FollowerSettings<JOINTS>,
     kind: PredictorKind,
 ) -> Result<Option<Learner>, ExperimentError> {
-    let learns = [PredictorKind::Dybm, PredictorKind::DybmEsn, PredictorKind::ArRls, PredictorKind::Ours];
+    let learns = [PredictorKind::Dybm, PredictorKind::DybmEsn, PredictorKind::ArRls, PredictorKind::Mixture];
     if !learns.contains(&kind) {
         return Ok(None);
     }

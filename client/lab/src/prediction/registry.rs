@@ -12,7 +12,7 @@ use foretrace_config::models::{self, LstmModel, shipped};
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
-use foretrace_control::predict::models::ours::{OursLearner, OursParameters, OursSettings};
+use foretrace_control::predict::models::mixture::{MixtureLearner, MixtureParameters, MixtureSettings};
 use foretrace_control::predict::{
     ArRlsLearner, ArRlsSettings, ArRlsWeights, DybmEsnLearner, DybmEsnSettings, DybmLearner, DybmSettings,
     DybmWeights, LstmWeights, Optimiser, WeightsError,
@@ -77,7 +77,7 @@ impl Setting {
 #[non_exhaustive]
 pub enum ModelError {
     /// No model of that name.
-    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors", names().join(", "))]
+    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors{}", names().join(", "), foretrace_control::predict::PredictorKind::renamed(name))]
     Unknown {
         /// As given.
         name: String,
@@ -108,8 +108,8 @@ enum Kind {
     Dybm(OnScoredSet),
     DybmEsn,
     ArRls,
-    Ours,
-    OursCold,
+    Mixture,
+    MixtureCold,
     Shipped,
     File(Arc<LstmModel>),
     Retrained(Arc<LstmModel>, f64),
@@ -125,8 +125,8 @@ const TABLE: [(&str, Kind); 11] = [
     ("dybm-esn-online", Kind::DybmEsn),
     ("ar-rls", Kind::ArRls),
     ("lstm32", Kind::Shipped),
-    ("ours", Kind::Ours),
-    ("ours-cold", Kind::OursCold),
+    ("mixture", Kind::Mixture),
+    ("mixture-cold", Kind::MixtureCold),
 ];
 
 /// A model by name.
@@ -231,8 +231,8 @@ impl Model {
             // What it has to learn it learns within a page.
             Kind::Zero
             | Kind::ConstantVelocity
-            | Kind::Ours
-            | Kind::OursCold
+            | Kind::Mixture
+            | Kind::MixtureCold
             | Kind::Shipped
             | Kind::File(_)
             | Kind::Retrained(..) => 0,
@@ -274,14 +274,15 @@ impl Model {
                 let model = Online::new(ar_rls().map_err(refused)?, OnScoredSet::Learns);
                 fitted(model, setting.is_about(REFERENCE_RMS), REFERENCE_MOVING_RMS, &mut notes)
             }
-            Kind::Ours => {
+            Kind::Mixture => {
                 let network = nearest(setting.step_ns)?;
                 notes.push(format!("builds on {}", network.file));
-                let model = Online::new(ours(Some(network.weights)).map_err(refused)?, OnScoredSet::Learns);
+                let model =
+                    Online::new(mixture(Some(network.weights)).map_err(refused)?, OnScoredSet::Learns);
                 Box::new(Scaled::new(model, TARGET_RMS))
             }
-            Kind::OursCold => {
-                let model = Online::new(ours(None).map_err(refused)?, OnScoredSet::Learns);
+            Kind::MixtureCold => {
+                let model = Online::new(mixture(None).map_err(refused)?, OnScoredSet::Learns);
                 Box::new(Scaled::new(model, TARGET_RMS))
             }
             Kind::Shipped => {
@@ -340,15 +341,15 @@ fn dybm_esn() -> Result<DybmEsnLearner, WeightsError> {
 }
 
 /// Experts and mixture that know nothing yet, with the LSTM that they build on where there is one.
-fn ours(lstm: Option<Arc<LstmWeights>>) -> Result<OursLearner, WeightsError> {
-    let parameters = OursParameters::untrained(ANY_STEP_NS, lstm.is_some());
-    OursLearner::new(OursSettings::default(), lstm, parameters)
+fn mixture(lstm: Option<Arc<LstmWeights>>) -> Result<MixtureLearner, WeightsError> {
+    let parameters = MixtureParameters::untrained(ANY_STEP_NS, lstm.is_some());
+    MixtureLearner::new(MixtureSettings::default(), lstm, parameters)
 }
 
-/// The shipped network of `ours` whose step is nearest to the device's, by ratio.
+/// The shipped network of `mixture` whose step is nearest to the device's, by ratio.
 fn nearest(step_ns: f64) -> Result<LstmModel, models::ModelError> {
     // Half way between 5 and 10 ms.
-    let name = if step_ns < 7_071_000.0 { "ours-5ms" } else { "ours-10ms" };
+    let name = if step_ns < 7_071_000.0 { "mixture-5ms" } else { "mixture-10ms" };
     LstmModel::find(name)
 }
 

@@ -1,7 +1,7 @@
 //! The recipes behind the reference rows, as starting points for options.
 
 use foretrace_control::pen::TARGET_RMS;
-use foretrace_control::predict::models::ours;
+use foretrace_control::predict::models::mixture;
 
 use super::adam::Schedule;
 use super::augment::Augment;
@@ -17,17 +17,17 @@ pub enum Recipe {
     /// `l32h` of the reference tables: inputs cut at 4 RMS, residual output, Huber (0.5 RMS), padding masked, one-cycle
     /// Adam up to 1e-2, batch 32, 60 epochs.
     Robust,
-    /// The trunk of `ours`: 24 direct leads on normalised inputs, positions at every lead, no jump learned from or across,
+    /// The trunk of `mixture`: 24 direct leads on normalised inputs, positions at every lead, no jump learned from or across,
     /// changed copies for other hands and rates.
-    Ours,
+    Mixture,
 }
 
-/// Displacements beyond this many RMS are jumps to `ours`.
-const OURS_GATE: f64 = ours::GATE / TARGET_RMS;
+/// Displacements beyond this many RMS are jumps to `mixture`.
+const MIXTURE_GATE: f64 = mixture::GATE / TARGET_RMS;
 
 impl Recipe {
     /// Every recipe.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Robust, Self::Ours];
+    pub const ALL: [Self; 3] = [Self::Paper, Self::Robust, Self::Mixture];
 
     /// Its name in options and metadata.
     #[must_use]
@@ -35,7 +35,7 @@ impl Recipe {
         match self {
             Self::Paper => "paper",
             Self::Robust => "robust",
-            Self::Ours => "ours",
+            Self::Mixture => "mixture",
         }
     }
 
@@ -46,7 +46,9 @@ impl Recipe {
         match self {
             Self::Paper => Network { shape, clip: None, residual: false, reset_beyond: None },
             Self::Robust => Network { shape, clip: Some(4.0), residual: true, reset_beyond: None },
-            Self::Ours => Network { shape, clip: Some(4.0), residual: true, reset_beyond: Some(OURS_GATE) },
+            Self::Mixture => {
+                Network { shape, clip: Some(4.0), residual: true, reset_beyond: Some(MIXTURE_GATE) }
+            }
         }
     }
 
@@ -55,7 +57,7 @@ impl Recipe {
     pub const fn leads(self) -> usize {
         match self {
             Self::Paper | Self::Robust => 1,
-            Self::Ours => ours::LEADS,
+            Self::Mixture => mixture::LEADS,
         }
     }
 
@@ -64,7 +66,7 @@ impl Recipe {
     pub const fn units(self) -> Units {
         match self {
             Self::Paper | Self::Robust => Units::Raw,
-            Self::Ours => Units::Normalised,
+            Self::Mixture => Units::Normalised,
         }
     }
 
@@ -73,7 +75,7 @@ impl Recipe {
     pub fn augment(self) -> Augment {
         match self {
             Self::Paper | Self::Robust => Augment::default(),
-            Self::Ours => Augment {
+            Self::Mixture => Augment {
                 scale: Some((0.7, 1.4)),
                 time: Some((0.8, 1.25)),
                 rotate: 10.0,
@@ -88,25 +90,25 @@ impl Recipe {
     pub const fn limit_norm(self) -> Option<f64> {
         match self {
             Self::Paper | Self::Robust => None,
-            Self::Ours => Some(1.0),
+            Self::Mixture => Some(1.0),
         }
     }
 
-    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead; for `ours` by
+    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead; for `mixture` by
     /// about the inverse of its usual squared error, and the next step 40 times over.
     #[must_use]
     pub fn objective(self, leads: usize) -> Objective {
         let (penalty, padding) = match self {
             Self::Paper => (Penalty::Squared, Padding::Counted),
             Self::Robust => (Penalty::Huber { delta: 0.5 }, Padding::Masked),
-            Self::Ours => (Penalty::Squared, Padding::Masked),
+            Self::Mixture => (Penalty::Squared, Padding::Masked),
         };
         let weight = |lead: usize| match (self, lead) {
             (Self::Paper | Self::Robust, _) => 1.0 / lead as f64,
-            (Self::Ours, 1) => 40.0,
-            (Self::Ours, _) => (lead as f64).powf(-2.5),
+            (Self::Mixture, 1) => 40.0,
+            (Self::Mixture, _) => (lead as f64).powf(-2.5),
         };
-        let gate = (self == Self::Ours).then_some(OURS_GATE);
+        let gate = (self == Self::Mixture).then_some(MIXTURE_GATE);
         let weights: Vec<f64> = (1..=leads).map(weight).collect();
         let zeros = vec![0.0; leads];
         let (step, position) = if leads == 1 { (weights, zeros) } else { (zeros, weights) };
@@ -119,7 +121,7 @@ impl Recipe {
         match self {
             Self::Paper => Schedule::Constant { rate: rate.unwrap_or(1e-3) },
             Self::Robust => Schedule::OneCycle { peak: rate.unwrap_or(1e-2), warm_up: 0.3 },
-            Self::Ours => Schedule::OneCycle { peak: rate.unwrap_or(1e-2), warm_up: 0.15 },
+            Self::Mixture => Schedule::OneCycle { peak: rate.unwrap_or(1e-2), warm_up: 0.15 },
         }
     }
 
@@ -132,7 +134,7 @@ impl Recipe {
             (Self::Robust, ..=31) => 60,
             (Self::Robust, 32..=63) => 40,
             (Self::Robust, _) => 30,
-            (Self::Ours, _) => 60,
+            (Self::Mixture, _) => 60,
         }
     }
 
@@ -141,7 +143,7 @@ impl Recipe {
     pub const fn batch(self) -> usize {
         match self {
             Self::Paper => 16,
-            Self::Robust | Self::Ours => 32,
+            Self::Robust | Self::Mixture => 32,
         }
     }
 }

@@ -114,14 +114,14 @@ fn the_servo_of_a_way_counts_on_the_ur5_and_changes_nothing_on_the_slow_arm() {
 #[test]
 fn hold_is_never_worse_than_itself_and_rows_say_everything() {
     let config = config();
-    let names = ["hold", "ours", "servoj-ros", "servoj-ros-legal", "kalman-legal", "oracle"];
+    let names = ["hold", "mixture", "servoj-ros", "servoj-ros-legal", "kalman-legal", "oracle"];
     let benchmark = benchmark(&config, &[BenchArm::Ur5], &names);
     let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
     let hold = find(&rows, BenchArm::Ur5, "hold");
     assert_eq!((hold.worse_than_hold_pct, hold.worst_beyond_hold_m), (Some(0.0), Some(0.0)));
     assert!(find(&rows, BenchArm::Ur5, "oracle").mse_m2 < 0.3 * hold.mse_m2);
     // The law's commands keep the joints' limits; a stream that jumps with every sample does not.
-    for legal in ["hold", "ours", "oracle", "servoj-ros-legal", "kalman-legal"] {
+    for legal in ["hold", "mixture", "oracle", "servoj-ros-legal", "kalman-legal"] {
         assert_eq!(find(&rows, BenchArm::Ur5, legal).illegal_pct, 0.0, "{legal}");
     }
     let [free, legal] = ["servoj-ros", "servoj-ros-legal"].map(|name| find(&rows, BenchArm::Ur5, name));
@@ -144,7 +144,7 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
 #[test]
 fn many_threads_give_the_numbers_of_one() {
     let config = config();
-    let names = ["hold", "ours", "dybm-online", "kalman"];
+    let names = ["hold", "mixture", "dybm-online", "kalman"];
     let benchmark = benchmark(&config, &[BenchArm::Delay30], &names);
     for outcome in benchmark.run(|| {}).unwrap() {
         let (arm, hands) = &benchmark.arms[0];
@@ -222,8 +222,11 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
         assert_eq!(left_out, 0);
         let writers: Vec<_> = placed.iter().map(|hand| (hand.writer.clone(), hand.sequences.len())).collect();
         assert_eq!(writers, [("tes-2".to_owned(), 3), ("tes-1".to_owned(), 3)]);
-        let benchmark =
-            Benchmark { config: &config, arms: vec![(BenchArm::Ur5, placed)], entrants: vec![Entrant::OURS] };
+        let benchmark = Benchmark {
+            config: &config,
+            arms: vec![(BenchArm::Ur5, placed)],
+            entrants: vec![Entrant::AS_SHIPPED],
+        };
         let outcomes = benchmark.run(|| {}).unwrap();
         let each: Vec<_> = benchmark.each(&outcomes).collect();
         each.iter().map(|each| (each.writer.to_owned(), each.index, each.score.mse_m2)).collect::<Vec<_>>()
@@ -254,7 +257,8 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
         hand
     };
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
-    let entrants = ["ours", "dybm-online", "ours-trust1"].map(|name| Entrant::named(name).unwrap()).to_vec();
+    let entrants =
+        ["mixture", "dybm-online", "mixture-trust1"].map(|name| Entrant::named(name).unwrap()).to_vec();
     for row in Outcome::table(&Benchmark { config: &config, arms, entrants }.run(|| {}).unwrap()) {
         // The leap itself is 0.4 m.
         println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);
@@ -266,7 +270,7 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
 fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     let config = config();
     let arms = [BenchArm::Ideal, BenchArm::Ur5, BenchArm::Slow];
-    let mut benchmark = benchmark(&config, &arms, &["hold", "ours", "servoj-ros", "kalman"]);
+    let mut benchmark = benchmark(&config, &arms, &["hold", "mixture", "servoj-ros", "kalman"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
     let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
     let mut heard = 0;
@@ -275,8 +279,8 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     for row in &rows {
         let swept: Vec<_> = points.iter().filter(|p| p.arm == row.arm && p.method == row.predictor).collect();
         let count = match (row.predictor.as_str(), row.arm) {
-            ("ours", "ideal") => 12,
-            ("ours", _) => 11,
+            ("mixture", "ideal") => 12,
+            ("mixture", _) => 11,
             ("hold", _) => 8,
             // Nobody can change the servo of the slow arm.
             ("servoj-ros", "slow") => 6,
@@ -292,10 +296,10 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
         assert_eq!(labels.len(), swept.len());
         let jerk = |label: &str| swept.iter().find(|point| point.label == label).unwrap().rms_jerk;
         // The jerk of a slow arm is the arm's own.
-        if row.arm == "ideal" && ["hold", "ours"].contains(&row.predictor.as_str()) {
+        if row.arm == "ideal" && ["hold", "mixture"].contains(&row.predictor.as_str()) {
             assert!(jerk("gains x 0.05") < 0.7 * jerk("default"), "{swept:#?}");
         }
-        if row.arm == "ur5" && row.predictor == "ours" {
+        if row.arm == "ur5" && row.predictor == "mixture" {
             assert!(jerk("trust to 0.1, damping x 2") < 0.5 * jerk("default"), "{swept:#?}");
         }
     }
@@ -308,13 +312,16 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
 #[test]
 fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_told() {
     let config = Draft::preset("ur5").set("mpc.horizon", "10").finish().unwrap();
-    let mut benchmark = benchmark(&config, &[BenchArm::Ideal], &["ours"]);
+    let mut benchmark = benchmark(&config, &[BenchArm::Ideal], &["mixture"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
     let refused = benchmark.pareto_refused();
     let points = benchmark.pareto(|| {}).unwrap();
     assert!(!refused.is_empty() && points.len() + refused.len() == 12, "{refused:#?}");
     for told in &refused {
-        assert!(told.starts_with("ours on ideal, gains x 0.0") && told.contains("does not settle"), "{told}");
+        assert!(
+            told.starts_with("mixture on ideal, gains x 0.0") && told.contains("does not settle"),
+            "{told}"
+        );
         assert!(points.iter().all(|point| !told.contains(&format!(", {}:", point.label))), "{told}");
     }
 }
@@ -341,7 +348,7 @@ fn the_lead_of_the_presets_is_for_arms_behind_a_servo_and_for_what_is_not_known(
 #[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     let error = Entrant::named("servoj").unwrap_err();
-    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls ours-trust1 ours servoj-gello \
+    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls mixture-trust1 mixture servoj-gello \
                  servoj-ros otg kalman oracle servoj-gello-legal servoj-ros-legal otg-legal kalman-legal";
     assert_eq!(error.known.join(" "), names);
     assert!(error.to_string().contains(names), "{error}");

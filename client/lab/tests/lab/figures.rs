@@ -21,19 +21,23 @@ fn written() -> Vec<Letter> {
 #[test]
 fn perfect_prediction_beats_ours_and_the_dybm_and_both_beat_feedback() {
     let config = Config::preset("ur5").unwrap();
-    let entrants = ["hold", "dybm", "ours", "ours-trust1", "oracle"].map(|name| fig2_entrant(name).unwrap());
+    let entrants =
+        ["hold", "dybm", "mixture", "mixture-trust1", "oracle"].map(|name| fig2_entrant(name).unwrap());
     let figure = fig2(&config, &written(), &entrants, || {}).unwrap();
     let mse = |arm, entrant| {
         figure.rows.iter().find(|row| row.arm == arm && row.entrant == entrant).unwrap().mse_m2
     };
     for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
-        let [hold, dybm, ours, believed, oracle] = entrants.map(|entrant| mse(arm, entrant));
+        let [hold, dybm, mixture, believed, oracle] = entrants.map(|entrant| mse(arm, entrant));
         println!(
-            "{arm:?}: hold {hold:e}, DyBM {dybm:e}, ours {ours:e}, at trust 1 {believed:e}, oracle {oracle:e} m²"
+            "{arm:?}: hold {hold:e}, DyBM {dybm:e}, mixture {mixture:e}, at trust 1 {believed:e}, oracle {oracle:e} m²"
         );
         assert!(dybm < 0.7 * hold && oracle < 0.2 * dybm, "{arm:?}: {hold:e} {dybm:e} {oracle:e}");
-        for ours in [ours, believed] {
-            assert!(ours < 0.7 * hold && oracle < 0.5 * ours, "{arm:?}: {hold:e} {ours:e} {oracle:e}");
+        for mixture in [mixture, believed] {
+            assert!(
+                mixture < 0.7 * hold && oracle < 0.5 * mixture,
+                "{arm:?}: {hold:e} {mixture:e} {oracle:e}"
+            );
         }
     }
     let oracle = fig2_entrant("oracle").unwrap();
@@ -51,7 +55,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
         for kind in PredictorKind::ALL {
             assert!(names.contains(&kind.name()), "{names:?} lacks {}", kind.name());
         }
-        assert!(names.contains(&"ours-trust1"), "{names:?}");
+        assert!(names.contains(&"mixture-trust1"), "{names:?}");
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), LawEntrant::ALL.len(), "each name once: {names:?}");
@@ -68,7 +72,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
     let drawn: Vec<_> =
         figure.rows.iter().zip(&figure.typical_tools).filter(|(_, tool)| !tool.is_empty()).collect();
     let names: Vec<_> = drawn.iter().take(5).map(|(row, _)| row.name()).collect();
-    assert_eq!(names, ["hold", "constant-velocity", "dybm", "ours", "oracle"]);
+    assert_eq!(names, ["hold", "constant-velocity", "dybm", "mixture", "oracle"]);
     assert_eq!(drawn.len(), 2 * 5);
     assert_eq!(fig2_entrant("nobody"), None);
 }
@@ -76,7 +80,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
 #[test]
 fn switching_from_feedback_to_prediction_is_smooth() {
     let config = Config::preset("ur5").unwrap();
-    for kind in [PredictorKind::Ours, PredictorKind::Dybm] {
+    for kind in [PredictorKind::Mixture, PredictorKind::Dybm] {
         let figure = fig3(&config, &written(), kind, || {}).unwrap();
         println!("{kind:?}: jerk ratio {}, irregularity {}", figure.max_jerk_ratio, figure.irregularity);
         assert!(figure.max_jerk_ratio < 1.5 && figure.irregularity < 1.5, "{kind:?}");

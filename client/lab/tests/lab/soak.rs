@@ -279,8 +279,8 @@ impl Desk {
             self.arm_again(newest);
         }
         if trouble == Some(Trouble::Switched) {
-            let ours = Request::SwitchPredictor(PredictorKind::Ours);
-            self.tick(&[self.reading(newest)], Some(ours), None);
+            let mixture = Request::SwitchPredictor(PredictorKind::Mixture);
+            self.tick(&[self.reading(newest)], Some(mixture), None);
         }
         tracking
     }

@@ -71,7 +71,7 @@ fn generated(case: &Case, h: f64) -> Stop {
     Stop { duration, distance: position[0] }
 }
 
-/// Ours, in ticks of `tick_ns`; never harder than the limits.
+/// Mixture, in ticks of `tick_ns`; never harder than the limits.
 fn ticked(case: &Case, tick_ns: u64) -> Stop {
     let infinite = [[f64::NEG_INFINITY, f64::INFINITY]];
     let limits = JointLimits::new(infinite, [case.velocity], [case.acceleration]).unwrap();

@@ -18,8 +18,8 @@ use thiserror::Error;
 use crate::pen::Motion;
 
 use crate::predict::{
-    ArRlsLearner, DybmEsnLearner, DybmLearner, LearnStep, Models, OnlineWeights, OursLearner, PredictorKind,
-    WeightsError,
+    ArRlsLearner, DybmEsnLearner, DybmLearner, LearnStep, MixtureLearner, Models, OnlineWeights,
+    PredictorKind, WeightsError,
 };
 use course::{Course, Pace};
 
@@ -154,7 +154,7 @@ pub struct Learner {
     dybm: Course<DybmLearner>,
     dybm_esn: Course<DybmEsnLearner>,
     ar_rls: Course<ArRlsLearner>,
-    ours: Course<OursLearner>,
+    mixture: Course<MixtureLearner>,
     calibration: Calibration,
     newest_index: Option<u64>,
     /// Steps of motion since the last hand-over.
@@ -202,7 +202,13 @@ impl Learner {
             dybm: Course::new(PredictorKind::Dybm, settled, rule, leads, dybm),
             dybm_esn: Course::new(PredictorKind::DybmEsn, settled, rule, leads, dybm_esn),
             ar_rls: Course::new(PredictorKind::ArRls, following, rule, leads, ar_rls),
-            ours: Course::new(PredictorKind::Ours, following, rule, leads, models.ours_learner(&live)?),
+            mixture: Course::new(
+                PredictorKind::Mixture,
+                following,
+                rule,
+                leads,
+                models.mixture_learner(&live)?,
+            ),
             calibration: Calibration::new(models, &live)?,
             live,
             newest_index: None,
@@ -222,7 +228,7 @@ impl Learner {
             self.dybm.interrupt();
             self.dybm_esn.interrupt();
             self.ar_rls.interrupt();
-            self.ours.interrupt();
+            self.mixture.interrupt();
             self.calibration.interrupt();
             return Lesson::default();
         }
@@ -235,7 +241,7 @@ impl Learner {
             self.dybm.learn(step, learnable, &mut live.dybm, version),
             self.dybm_esn.learn(step, learnable, &mut live.dybm_esn, version),
             self.ar_rls.learn(step, learnable, &mut live.ar_rls, version),
-            self.ours.learn(step, learnable, &mut live.ours, version),
+            self.mixture.learn(step, learnable, &mut live.mixture, version),
         ];
         let mut lesson = Lesson { changes, hand_over: false };
         self.calibration.observe(step);
@@ -262,11 +268,11 @@ impl Learner {
         self.dybm.judge(&weights.dybm)?;
         self.dybm_esn.judge(&weights.dybm_esn)?;
         self.ar_rls.judge(&weights.ar_rls)?;
-        self.ours.judge(&weights.ours)?;
+        self.mixture.judge(&weights.mixture)?;
         self.dybm.propose(&weights.dybm)?;
         self.dybm_esn.propose(&weights.dybm_esn)?;
         self.ar_rls.propose(&weights.ar_rls)?;
-        self.ours.propose(&weights.ours)
+        self.mixture.propose(&weights.mixture)
     }
 
     /// The set of weights that the loop should be using.
@@ -282,7 +288,7 @@ impl Learner {
             dybm: *self.dybm.candidate(),
             dybm_esn: *self.dybm_esn.candidate(),
             ar_rls: *self.ar_rls.candidate(),
-            ours: *self.ours.candidate(),
+            mixture: *self.mixture.candidate(),
             ..self.live
         }
     }
@@ -294,7 +300,7 @@ impl Learner {
             PredictorKind::Dybm => self.dybm.errors(),
             PredictorKind::DybmEsn => self.dybm_esn.errors(),
             PredictorKind::ArRls => self.ar_rls.errors(),
-            PredictorKind::Ours => self.ours.errors(),
+            PredictorKind::Mixture => self.mixture.errors(),
             _ => CourseErrors::default(),
         }
     }
@@ -319,7 +325,7 @@ impl Learner {
             PredictorKind::Dybm => self.dybm.counters(),
             PredictorKind::DybmEsn => self.dybm_esn.counters(),
             PredictorKind::ArRls => self.ar_rls.counters(),
-            PredictorKind::Ours => self.ours.counters(),
+            PredictorKind::Mixture => self.mixture.counters(),
             _ => CourseCounters::default(),
         }
     }

@@ -17,8 +17,8 @@ mod step;
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
     DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
-    Lstm, LstmError, LstmWeights, ModelSettings, Models, ModelsError, Networks, Optimiser, Oracle, Ours,
-    OursLearner, OursParameters, OursSettings,
+    Lstm, LstmError, LstmWeights, Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings,
+    Models, ModelsError, Networks, Optimiser, Oracle,
 };
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
@@ -66,7 +66,7 @@ pub enum PredictorKind {
     ArRls,
     /// Mixture of experts that learns online whom to believe.
     #[default]
-    Ours,
+    Mixture,
 }
 
 impl PredictorKind {
@@ -79,12 +79,19 @@ impl PredictorKind {
         Self::Lstm,
         Self::DybmEsn,
         Self::ArRls,
-        Self::Ours,
+        Self::Mixture,
     ];
 
     /// Those that a running loop has: all but the oracle.
-    pub const LIVE: [Self; 7] =
-        [Self::Hold, Self::ConstantVelocity, Self::Dybm, Self::Lstm, Self::DybmEsn, Self::ArRls, Self::Ours];
+    pub const LIVE: [Self; 7] = [
+        Self::Hold,
+        Self::ConstantVelocity,
+        Self::Dybm,
+        Self::Lstm,
+        Self::DybmEsn,
+        Self::ArRls,
+        Self::Mixture,
+    ];
 
     /// Place in [`Self::ALL`].
     #[must_use]
@@ -103,7 +110,17 @@ impl PredictorKind {
             Self::Lstm => "lstm",
             Self::DybmEsn => "dybm-esn",
             Self::ArRls => "ar-rls",
-            Self::Ours => "ours",
+            Self::Mixture => "mixture",
+        }
+    }
+
+    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other names.
+    #[must_use]
+    pub fn renamed(name: &str) -> &'static str {
+        if name == "ours" || name.starts_with("ours-") {
+            " (what was called ours is called mixture)"
+        } else {
+            ""
         }
     }
 

@@ -6,7 +6,7 @@
 
 use super::bands::BandTable;
 use super::online::{ModelParameters, WeightsError};
-use super::{ArRlsWeights, DybmEsnWeights, DybmWeights, OursParameters};
+use super::{ArRlsWeights, DybmEsnWeights, DybmWeights, MixtureParameters};
 
 /// Parameters of all models that learn online, and how wrong every predictor has lately been.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +20,7 @@ pub struct OnlineWeights {
     /// AR-RLS.
     pub ar_rls: ArRlsWeights,
     /// The mixture and its experts.
-    pub ours: OursParameters,
+    pub mixture: MixtureParameters,
     /// Bands of all predictors.
     pub bands: BandTable,
 }
@@ -33,7 +33,7 @@ impl OnlineWeights {
         self.dybm.validate()?;
         self.dybm_esn.validate()?;
         self.ar_rls.validate()?;
-        self.ours.validate()?;
+        self.mixture.validate()?;
         self.bands.validate()
     }
 
@@ -44,6 +44,6 @@ impl OnlineWeights {
         self.dybm.fits(loop_ns)?;
         self.dybm_esn.fits(loop_ns)?;
         self.ar_rls.fits(loop_ns)?;
-        self.ours.fits(loop_ns)
+        self.mixture.fits(loop_ns)
     }
 }

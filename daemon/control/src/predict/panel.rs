@@ -10,7 +10,7 @@ use super::online::{ModelParameters, WeightsError};
 use super::online_weights::OnlineWeights;
 use super::{
     ArRls, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnWeights, DybmWeights, Hold, Lstm,
-    MAX_PREVIEW, Models, Oracle, Ours, OursParameters, Predictor, PredictorKind,
+    MAX_PREVIEW, Mixture, MixtureParameters, Models, Oracle, Predictor, PredictorKind,
 };
 
 /// A predictor whose parameters are learned elsewhere.
@@ -57,7 +57,7 @@ macro_rules! taught {
     )*};
 }
 
-taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights, Ours => OursParameters }
+taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights, Mixture => MixtureParameters }
 
 /// What a roll-out came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +76,7 @@ pub struct Panel {
     dybm: Dybm,
     dybm_esn: DybmEsn,
     ar_rls: ArRls,
-    ours: Ours,
+    mixture: Mixture,
     lstm: Option<Lstm>,
     oracle: Option<Oracle>,
     /// Something was observed since the memories were last emptied.
@@ -96,7 +96,7 @@ impl Panel {
             dybm: models.dybm(weights)?,
             dybm_esn: models.dybm_esn(weights)?,
             ar_rls: models.ar_rls(weights)?,
-            ours: models.ours(weights)?,
+            mixture: models.mixture(weights)?,
             lstm: models.lstm(),
             oracle: None,
             knows: false,
@@ -110,7 +110,7 @@ impl Panel {
         self.dybm.observe(x);
         self.dybm_esn.observe(x);
         self.ar_rls.observe(x);
-        self.ours.observe(x);
+        self.mixture.observe(x);
         if let Some(lstm) = &mut self.lstm {
             lstm.observe(x);
         }
@@ -124,7 +124,7 @@ impl Panel {
         self.dybm.reset();
         self.dybm_esn.reset();
         self.ar_rls.reset();
-        self.ours.reset();
+        self.mixture.reset();
         if let Some(lstm) = &mut self.lstm {
             lstm.reset();
         }
@@ -148,11 +148,11 @@ impl Panel {
         self.dybm.judge(&weights.dybm)?;
         self.dybm_esn.judge(&weights.dybm_esn)?;
         self.ar_rls.judge(&weights.ar_rls)?;
-        self.ours.judge(&weights.ours)?;
+        self.mixture.judge(&weights.mixture)?;
         self.dybm.take_over(&weights.dybm)?;
         self.dybm_esn.take_over(&weights.dybm_esn)?;
         self.ar_rls.take_over(&weights.ar_rls)?;
-        self.ours.take_over(&weights.ours)
+        self.mixture.take_over(&weights.mixture)
     }
 
     /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
@@ -210,7 +210,7 @@ impl Panel {
             dybm: *self.dybm.parameters(),
             dybm_esn: *self.dybm_esn.parameters(),
             ar_rls: *self.ar_rls.parameters(),
-            ours: *self.ours.parameters(),
+            mixture: *self.mixture.parameters(),
             bands,
         }
     }
@@ -229,7 +229,7 @@ impl Panel {
             PredictorKind::Dybm => &self.dybm,
             PredictorKind::DybmEsn => &self.dybm_esn,
             PredictorKind::ArRls => &self.ar_rls,
-            PredictorKind::Ours => &self.ours,
+            PredictorKind::Mixture => &self.mixture,
             PredictorKind::Lstm => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
         }
     }

@@ -35,7 +35,7 @@ impl Default for PreviewSettings {
     fn default() -> Self {
         Self {
             step_ns: 10_000_000,
-            kind: PredictorKind::Ours,
+            kind: PredictorKind::Mixture,
             limit_factor: 1.25,
             peak_fade: 0.98,
             scale: SpeedScaleSettings::default(),

@@ -64,8 +64,8 @@ fn sabotaged(rng: &mut Pcg64, weights: &mut OnlineWeights, value: f64) {
                 [rng.random_range(0..2)] = value;
         }
         3 => {
-            weights.ours.version = weights.version;
-            weights.ours.ar.coefficients[rng.random_range(0..8)][rng.random_range(0..2)][1] = value;
+            weights.mixture.version = weights.version;
+            weights.mixture.ar.coefficients[rng.random_range(0..8)][rng.random_range(0..2)][1] = value;
         }
         _ => {
             weights.bands.factors[rng.random_range(0..PredictorKind::ALL.len())]

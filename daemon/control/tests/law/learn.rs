@@ -90,7 +90,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
             (PredictorKind::Dybm, before.dybm.version(), after.dybm.version()),
             (PredictorKind::DybmEsn, before.dybm_esn.version(), after.dybm_esn.version()),
             (PredictorKind::ArRls, before.ar_rls.version(), after.ar_rls.version()),
-            (PredictorKind::Ours, before.ours.version(), after.ours.version()),
+            (PredictorKind::Mixture, before.mixture.version(), after.mixture.version()),
         ];
         for (model, was, is) in changed {
             let told = lesson.promotions().find(|promotion| promotion.model == model);
@@ -110,7 +110,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
                     rollbacks += 1;
                 }
                 PromotionCause::Followed => {
-                    assert!(matches!(promotion.model, PredictorKind::ArRls | PredictorKind::Ours));
+                    assert!(matches!(promotion.model, PredictorKind::ArRls | PredictorKind::Mixture));
                     assert!(promotion.error_coming <= 1.02 * promotion.error_leaving);
                     promotions += 1;
                 }

@@ -51,7 +51,7 @@ fn poisoned(good: &OnlineWeights, value: f64) -> [OnlineWeights; 5] {
     sets[1].bands.factors[1][4] = value as f32;
     sets[2].dybm_esn.readout[49][1] = value;
     sets[3].ar_rls.coefficients[7][1][0] = value;
-    sets[4].ours.ar.coefficients[0][1][0] = value;
+    sets[4].mixture.ar.coefficients[0][1][0] = value;
     sets
 }
 
@@ -77,7 +77,7 @@ fn jumps_starts_and_wild_steps_teach_nothing() {
         learner.learn(&lesson);
         let after = learner.candidates();
         assert_eq!((before.dybm, before.dybm_esn), (after.dybm, after.dybm_esn), "{lesson:?}");
-        assert_eq!((before.ar_rls, before.ours), (after.ar_rls, after.ours), "{lesson:?}");
+        assert_eq!((before.ar_rls, before.mixture), (after.ar_rls, after.mixture), "{lesson:?}");
     }
     let counters = learner.counters();
     assert_eq!(counters.updates, updates);

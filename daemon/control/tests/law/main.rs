@@ -38,7 +38,7 @@ mod mpc_behind;
 mod mpc_optimality;
 mod mpc_settle;
 mod online_models;
-mod ours;
+mod mixture;
 mod pen;
 mod predict;
 mod predictors;

@@ -209,7 +209,8 @@ fn a_jump_empties_memory_and_teaches_nothing_whatever_predicts() {
         assert!(learned <= 1, "{kind:?}: learned from {learned} steps around the jump");
         if learned == 0 {
             assert!(
-                learner.candidates().dybm == candidates.dybm && learner.candidates().ours == candidates.ours
+                learner.candidates().dybm == candidates.dybm
+                    && learner.candidates().mixture == candidates.mixture
             );
         }
     }

@@ -222,8 +222,8 @@ fn corrupted_weights_are_refused_and_counted() {
         sets[1].dybm_esn.readout[7] = [0.0, value];
         sets[2].ar_rls.version = 9;
         sets[2].ar_rls.coefficients[3][0][1] = value;
-        sets[3].ours.version = 9;
-        sets[3].ours.ar.coefficients[0][0][0] = value;
+        sets[3].mixture.version = 9;
+        sets[3].mixture.ar.coefficients[0][0][0] = value;
         sets[4].bands.factors[0][3] = value as f32;
         for poison in sets {
             bench.learner.weights.announce();

@@ -59,22 +59,22 @@ fn lives() -> Vec<Life> {
         let name = format!("{what} {text} {preset} predictor {}", kind.index());
         lives.push(Life { name, preset, kind, text, events, settings });
     };
-    let ours = PredictorKind::default();
+    let mixture = PredictorKind::default();
     for preset in PRESETS {
         for text in TEXTS {
-            add(preset, ours, text, Events::None, &[], "text");
+            add(preset, mixture, text, Events::None, &[], "text");
         }
         for kind in PredictorKind::LIVE {
             add(preset, kind, "S5S5", Events::None, &[], "predictor");
             add(preset, kind, "MW", Events::Operator, &[], "operator");
         }
         let dead_man: &[_] = &[("safety.enable_required", "true")];
-        add(preset, ours, "ABC", Events::Losses, dead_man, "losses");
-        add(preset, ours, "8801", Events::Losses, &[], "losses");
-        add(preset, ours, "abc", Events::None, &[("mpc.backend", "\"clarabel\"")], "clarabel");
+        add(preset, mixture, "ABC", Events::Losses, dead_man, "losses");
+        add(preset, mixture, "8801", Events::Losses, &[], "losses");
+        add(preset, mixture, "abc", Events::None, &[("mpc.backend", "\"clarabel\"")], "clarabel");
         add(
             preset,
-            ours,
+            mixture,
             "QR",
             Events::None,
             &[("mpc.horizon", "20"), ("timing.dead_time_ms", "30")],

@@ -41,7 +41,7 @@ pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Re
     Ok(())
 }
 
-/// The best, the median and the worst sequence of `ours` before each arm, also as `hold` writes them.
+/// The best, the median and the worst sequence of `mixture` before each arm, also as `hold` writes them.
 pub(super) fn letters(
     out: &Path,
     title: &str,
@@ -50,27 +50,27 @@ pub(super) fn letters(
 ) -> Result<(), Failure> {
     for (arm, hands) in &benchmark.arms {
         let of = |entrant| outcomes.iter().find(|outcome| outcome.arm == *arm && outcome.entrant == entrant);
-        let (Some(ours), Some(hold)) = (of(Entrant::OURS), of(Entrant::HOLD)) else { continue };
+        let (Some(mixture), Some(hold)) = (of(Entrant::AS_SHIPPED), of(Entrant::HOLD)) else { continue };
         let places: Vec<(&Hand, usize)> =
             hands.iter().flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index))).collect();
-        let scored = places.iter().zip(&ours.scores).zip(&hold.scores);
+        let scored = places.iter().zip(&mixture.scores).zip(&hold.scores);
         let mut ranked: Vec<_> = scored
-            .filter_map(|((place, ours), hold)| Some((*place, ours.as_ref()?, hold.as_ref()?)))
+            .filter_map(|((place, mixture), hold)| Some((*place, mixture.as_ref()?, hold.as_ref()?)))
             .collect();
         ranked.sort_by(|a, b| a.1.mse_m2.total_cmp(&b.1.mse_m2));
         let Some(last) = ranked.len().checked_sub(1) else { continue };
         let chosen = [("best", 0), ("median", last / 2), ("worst", last)];
         let mut shown = Vec::new();
-        for entrant in [Entrant::OURS, Entrant::HOLD] {
+        for entrant in [Entrant::AS_SHIPPED, Entrant::HOLD] {
             for (name, rank) in chosen {
-                let Some(((hand, index), ours, hold)) = ranked.get(rank) else { continue };
+                let Some(((hand, index), mixture, hold)) = ranked.get(rank) else { continue };
                 let Some(sequence) = hand.sequences.get(*index) else { continue };
                 let run = benchmark.replay(entrant, *arm, hand, *index).map_err(failed)?;
                 let ends = sequence.path.samples.first().zip(sequence.path.samples.last());
                 let (Some(run), Some((first, end))) = (run, ends) else { continue };
                 let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
                 let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
-                let mm = rms_mm(if entrant == Entrant::OURS { ours } else { hold });
+                let mm = rms_mm(if entrant == Entrant::AS_SHIPPED { mixture } else { hold });
                 let which = if sequence.label.is_empty() {
                     name.to_owned()
                 } else {
@@ -82,7 +82,8 @@ pub(super) fn letters(
         }
         let cells: Vec<_> = shown.iter().map(|(label, pen, tool)| Cell { label, pen, tool }).collect();
         let file = out.join(format!("closed-loop-letters-{}.svg", arm.name()));
-        let heading = format!("Best, median and worst of ours on {}, and as hold writes them", arm.name());
+        let heading =
+            format!("Best, median and worst of the mixture on {}, and as hold writes them", arm.name());
         letter_grid(&file, &heading, title, &cells).map_err(failed)?;
         say!("picture  {}", file.display());
     }

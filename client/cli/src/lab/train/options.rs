@@ -33,7 +33,7 @@ pub(crate) struct TrainArgs {
     pub(super) out: Option<PathBuf>,
 
     /// Where the options start from: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual output, Huber
-    /// loss, one-cycle Adam) or ours (what the predictor `ours` reads: 24 leads, normalised, changed copies; for lstm64)
+    /// loss, one-cycle Adam) or mixture (what the predictor `mixture` reads: 24 leads, normalised, changed copies; for lstm64)
     /// [default: paper for lstm10, else robust]
     #[arg(long, value_name = "NAME", value_parser = recipe)]
     pub(super) recipe: Option<Recipe>,
@@ -63,11 +63,11 @@ pub(crate) struct TrainArgs {
     pub(super) step_ms: Option<f64>,
 
     /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any device
-    /// [default: raw; ours: normalised]
+    /// [default: raw; mixture: normalised]
     #[arg(long, value_name = "raw|normalised", value_parser = units)]
     pub(super) units: Option<Units>,
 
-    /// Steps predicted directly; 1 is rolled out by feeding predictions back [default: 1; ours: 24]
+    /// Steps predicted directly; 1 is rolled out by feeding predictions back [default: 1; mixture: 24]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) leads: Option<u32>,
 
@@ -100,7 +100,7 @@ pub(crate) struct TrainArgs {
     pub(super) limit_norm: Option<f64>,
 
     /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10, shear=0.1,
-    /// noise=0.02, grid=0.2, comma-separated [default: none; ours: scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
+    /// noise=0.02, grid=0.2, comma-separated [default: none; mixture: scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
     #[arg(long, value_name = "LIST")]
     pub(super) augment: Option<Augment>,
 
@@ -215,7 +215,7 @@ fn cells(text: &str) -> Result<usize, String> {
 }
 
 fn recipe(text: &str) -> Result<Recipe, String> {
-    Recipe::ALL.into_iter().find(|r| r.name() == text).ok_or_else(|| "paper, robust or ours".to_owned())
+    Recipe::ALL.into_iter().find(|r| r.name() == text).ok_or_else(|| "paper, robust or mixture".to_owned())
 }
 
 fn units(text: &str) -> Result<Units, String> {

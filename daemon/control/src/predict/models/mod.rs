@@ -5,7 +5,7 @@ pub mod ar_rls;
 pub mod dybm;
 pub mod esn;
 pub mod lstm;
-pub mod ours;
+pub mod mixture;
 mod constant_velocity;
 mod covariance;
 mod hold;
@@ -18,6 +18,6 @@ pub use dybm::{Dybm, DybmLearner, DybmSettings, DybmState, DybmWeights, Optimise
 pub use esn::{DybmEsn, DybmEsnLearner, DybmEsnSettings, DybmEsnWeights};
 pub use hold::Hold;
 pub use lstm::{Lstm, LstmError, LstmWeights};
+pub use mixture::{Mixture, MixtureLearner, MixtureParameters, MixtureSettings};
 pub use oracle::Oracle;
-pub use ours::{Ours, OursLearner, OursParameters, OursSettings};
 pub use set::{InitialWeights, ModelSettings, Models, ModelsError, Networks};

@@ -12,8 +12,8 @@ use crate::predict::models::lstm::{Lstm, LstmError, LstmWeights};
 use crate::predict::online::WeightsError;
 use crate::predict::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmEsnWeights, DybmLearner, DybmSettings, DybmWeights, OnlineWeights, Optimiser, Ours, OursLearner,
-    OursParameters, OursSettings, PredictorKind,
+    DybmEsnWeights, DybmLearner, DybmSettings, DybmWeights, Mixture, MixtureLearner, MixtureParameters,
+    MixtureSettings, OnlineWeights, Optimiser, PredictorKind,
 };
 
 /// A DyBM before anything was learned.
@@ -41,7 +41,7 @@ pub struct ModelSettings {
     /// AR-RLS.
     pub ar_rls: ArRlsSettings,
     /// The mixture.
-    pub ours: OursSettings,
+    pub mixture: MixtureSettings,
 }
 
 impl ModelSettings {
@@ -61,7 +61,7 @@ impl ModelSettings {
             readout: Optimiser::ada_grad(0.01),
             // Jumps have been recognised before a displacement comes here; the gate is for what is left.
             ar_rls: ArRlsSettings { gate: 100.0, huber: 12.0, ..ArRlsSettings::default() },
-            ours: OursSettings::default(),
+            mixture: MixtureSettings::default(),
         }
     }
 }
@@ -90,8 +90,8 @@ pub struct Models {
 pub struct Networks {
     /// The predictor `lstm`; without it there is none.
     pub lstm: Option<Arc<LstmWeights>>,
-    /// The expert of `ours`, with a direct output per lead; without it the mixture starts cold.
-    pub ours: Option<Arc<LstmWeights>>,
+    /// The expert of `mixture`, with a direct output per lead; without it the mixture starts cold.
+    pub mixture: Option<Arc<LstmWeights>>,
 }
 
 impl Models {
@@ -99,7 +99,7 @@ impl Models {
     ///
     /// *Errors*: settings outside their bounds, or a network of another kind or trained for another loop.
     pub fn new(settings: ModelSettings, networks: Networks) -> Result<Self, ModelsError> {
-        for network in networks.lstm.iter().chain(&networks.ours) {
+        for network in networks.lstm.iter().chain(&networks.mixture) {
             network.fits(settings.step_ns)?;
         }
         let models =
@@ -109,7 +109,7 @@ impl Models {
         models.dybm_learner(&weights)?;
         models.dybm_esn_learner(&weights)?;
         models.ar_rls_learner(&weights)?;
-        models.ours_learner(&weights)?;
+        models.mixture_learner(&weights)?;
         Ok(models)
     }
 
@@ -144,7 +144,7 @@ impl Models {
             dybm,
             dybm_esn: DybmEsnWeights::new(dybm, self.reservoir.digest()),
             ar_rls: ArRlsWeights::constant_velocity(step_ns),
-            ours: OursParameters::untrained(step_ns, self.networks.ours.is_some()),
+            mixture: MixtureParameters::untrained(step_ns, self.networks.mixture.is_some()),
             bands: BandTable::default(),
         }
     }
@@ -184,13 +184,13 @@ impl Models {
     }
 
     /// The mixture, to predict with.
-    pub fn ours(&self, weights: &OnlineWeights) -> Result<Ours, WeightsError> {
-        Ours::new(self.networks.ours.clone(), weights.ours)
+    pub fn mixture(&self, weights: &OnlineWeights) -> Result<Mixture, WeightsError> {
+        Mixture::new(self.networks.mixture.clone(), weights.mixture)
     }
 
     /// The same, to learn with.
-    pub fn ours_learner(&self, weights: &OnlineWeights) -> Result<OursLearner, WeightsError> {
-        OursLearner::new(self.settings.ours, self.networks.ours.clone(), weights.ours)
+    pub fn mixture_learner(&self, weights: &OnlineWeights) -> Result<MixtureLearner, WeightsError> {
+        MixtureLearner::new(self.settings.mixture, self.networks.mixture.clone(), weights.mixture)
     }
 
     /// The trained network, with empty memory.

@@ -126,7 +126,7 @@ pub(crate) fn models() -> Models {
 
 /// Networks that nobody trained: one step ahead, and direct leads.
 pub(crate) fn networks(step_ns: u64) -> Networks {
-    Networks { lstm: Some(network(step_ns, 1)), ours: Some(network(step_ns, 24)) }
+    Networks { lstm: Some(network(step_ns, 1)), mixture: Some(network(step_ns, 24)) }
 }
 
 /// A network of 10 cells with small numbers from a fixed seed.

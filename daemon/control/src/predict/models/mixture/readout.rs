@@ -5,7 +5,7 @@
 //! that is recursive least squares to the letter, in the order of time, with no wait beyond its own lead.
 
 use crate::predict::models::covariance::Covariance;
-use crate::predict::models::ours::{LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
 
 /// Two numbers per node.
 const OUTPUTS: usize = 2 * NODE_COUNT;

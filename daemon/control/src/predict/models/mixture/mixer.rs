@@ -5,13 +5,13 @@
 //! displacement; ℓ̄ = running mean of the mixture's own, so that units, speeds and leads do not matter.
 //! Source: Herbster & Warmuth 1998, "Tracking the best expert".
 
-use crate::predict::models::ours::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 
 const KEPT: usize = LEADS + 1;
 
 /// How weights follow errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct MixtureRule {
+pub(super) struct MixerRule {
     /// η per mean error.
     pub(super) rate: f64,
     /// Part of the weight that is dealt out anew at every step.
@@ -22,8 +22,8 @@ pub(super) struct MixtureRule {
 
 /// Predictions that wait for their future.
 #[derive(Debug, Clone)]
-pub(super) struct Mixture {
-    rule: MixtureRule,
+pub(super) struct Mixer {
+    rule: MixerRule,
     /// Experts that take part.
     taking_part: usize,
     pending: Box<[[Path; EXPERTS]]>,
@@ -38,8 +38,8 @@ const MEAN_RATE: f64 = 0.003;
 /// One error counts as at most this many mean ones in ℓ̄.
 const MEAN_CAP: f64 = 10.0;
 
-impl Mixture {
-    pub(super) fn new(rule: MixtureRule, taking_part: usize) -> Self {
+impl Mixer {
+    pub(super) fn new(rule: MixerRule, taking_part: usize) -> Self {
         let pending = vec![[[[0.0; 2]; NODE_COUNT]; EXPERTS]; KEPT].into();
         let mean = NODES.map(|node| 4.0 * (node * node) as f64);
         Self { rule, taking_part, pending, newest: 0, seen: 0, mean }
@@ -98,7 +98,7 @@ impl Mixture {
 /// How much faster the next step's weights follow than those of far leads.
 const NEAR: f64 = 3.0;
 
-impl MixtureRule {
+impl MixerRule {
     fn reweigh(
         &self,
         lead: usize,

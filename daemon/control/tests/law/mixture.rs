@@ -1,11 +1,11 @@
-//! `ours`: what the mixture, its read-outs and its gate promise.
+//! `mixture`: what the mixture, its read-outs and its gate promise.
 
 use std::sync::Arc;
 
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
-use foretrace_control::predict::models::ours::{EXPERTS, GATE, LEADS, NODE_COUNT};
+use foretrace_control::predict::models::mixture::{EXPERTS, GATE, LEADS, NODE_COUNT};
 use foretrace_control::predict::{
-    ModelParameters, OnlineModel, Ours, OursLearner, OursParameters, OursSettings, Predictor,
+    Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelParameters, OnlineModel, Predictor,
 };
 use proptest::prelude::*;
 use rand_pcg::Pcg64;
@@ -31,9 +31,9 @@ fn network() -> Arc<LstmWeights> {
     Arc::new(LstmWeights::new(spec, tensors).unwrap())
 }
 
-fn learner(lstm: Option<Arc<LstmWeights>>) -> OursLearner {
-    let parameters = OursParameters::untrained(STEP_NS, lstm.is_some());
-    OursLearner::new(OursSettings::default(), lstm, parameters).unwrap()
+fn learner(lstm: Option<Arc<LstmWeights>>) -> MixtureLearner {
+    let parameters = MixtureParameters::untrained(STEP_NS, lstm.is_some());
+    MixtureLearner::new(MixtureSettings::default(), lstm, parameters).unwrap()
 }
 
 /// A hand that loops and slants, RMS about 10, with a little noise.
@@ -51,7 +51,7 @@ fn hand(steps: usize, seed: u64) -> Vec<[f64; 2]> {
 }
 
 /// Mean squared position error at `lead` of the mixture and of each expert's share of 1, over the last half.
-fn position_error(model: &mut OursLearner, hand: &[[f64; 2]], lead: usize) -> (f64, f64) {
+fn position_error(model: &mut MixtureLearner, hand: &[[f64; 2]], lead: usize) -> (f64, f64) {
     let (mut own, mut constant, mut count) = (0.0, 0.0, 0.0);
     for (t, x) in hand.iter().enumerate() {
         model.learn(*x);
@@ -111,7 +111,7 @@ fn weights_of_the_mixture_follow_what_was_right_and_sum_to_one() {
 fn loop_and_learner_predict_the_same_from_the_same_parameters() {
     let lstm = Some(network());
     let mut model = learner(lstm.clone());
-    let mut in_loop = Ours::new(lstm, OursParameters::untrained(STEP_NS, true)).unwrap();
+    let mut in_loop = Mixture::new(lstm, MixtureParameters::untrained(STEP_NS, true)).unwrap();
     for x in hand(500, 4) {
         model.learn(x);
         in_loop.observe(x);
@@ -154,15 +154,16 @@ fn nothing_is_learned_across_a_jump() {
 
 #[test]
 fn a_read_out_that_belongs_to_another_network_kind_is_refused() {
-    let mut in_loop = Ours::new(Some(network()), OursParameters::untrained(STEP_NS, true)).unwrap();
-    assert!(in_loop.set_weights(&OursParameters::untrained(STEP_NS, false)).is_err());
-    assert!(in_loop.set_weights(&OursParameters::untrained(STEP_NS / 2, true)).is_err());
+    let mut in_loop = Mixture::new(Some(network()), MixtureParameters::untrained(STEP_NS, true)).unwrap();
+    assert!(in_loop.set_weights(&MixtureParameters::untrained(STEP_NS, false)).is_err());
+    assert!(in_loop.set_weights(&MixtureParameters::untrained(STEP_NS / 2, true)).is_err());
     let short = {
         let spec = LstmSpec { leads: 1, ..*network().spec() };
         Arc::new(LstmWeights::new(spec, LstmTensors::zero(32, 1)).unwrap())
     };
-    let error = Ours::new(Some(short), OursParameters::untrained(STEP_NS, true)).unwrap_err().to_string();
-    assert_eq!(error, "ours setting leads of the LSTM is 1, legal are 24 to 24");
+    let error =
+        Mixture::new(Some(short), MixtureParameters::untrained(STEP_NS, true)).unwrap_err().to_string();
+    assert_eq!(error, "mixture setting leads of the LSTM is 1, legal are 24 to 24");
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! `OursLearner`: read-outs, coefficients and weights learn from one displacement per step.
+//! `MixtureLearner`: read-outs, coefficients and weights learn from one displacement per step.
 //!
 //! The same function in the daemon's learner thread, in replay and in the tables.
 
@@ -7,15 +7,15 @@ use std::sync::Arc;
 use crate::pen::TARGET_RMS;
 use crate::predict::LstmWeights;
 use crate::predict::models::ar_rls::{ArRlsLearner, ArRlsSettings};
-use crate::predict::models::ours::mixture::{Mixture, MixtureRule};
-use crate::predict::models::ours::readout::{RlsReadout, RlsRule};
-use crate::predict::models::ours::trunk::{ALL, OursMemory, PLAIN, Trunk, is_motion};
-use crate::predict::models::ours::{EXPERTS, LEADS, OursParameters, Path, preview};
+use crate::predict::models::mixture::mixer::{Mixer, MixerRule};
+use crate::predict::models::mixture::readout::{RlsReadout, RlsRule};
+use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Trunk, is_motion};
+use crate::predict::models::mixture::{EXPERTS, LEADS, MixtureParameters, Path, preview};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 
 /// How it learns.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OursSettings {
+pub struct MixtureSettings {
     /// λ of the read-outs, 0.99 to 1.
     pub forgetting: f64,
     /// η of the mixture per mean squared error.
@@ -24,18 +24,19 @@ pub struct OursSettings {
     pub share: f64,
 }
 
-impl Default for OursSettings {
+impl Default for MixtureSettings {
     fn default() -> Self {
         Self { forgetting: 0.99985, rate: 0.1, share: 1e-3 }
     }
 }
 
-impl OursSettings {
+impl MixtureSettings {
     /// Checks every bound.
     ///
     /// *Errors*: the first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
-        let within = |name, got, min, max| WeightsError::bounded(OursParameters::MODEL, name, got, min, max);
+        let within =
+            |name, got, min, max| WeightsError::bounded(MixtureParameters::MODEL, name, got, min, max);
         within("forgetting", self.forgetting, 0.99, 1.0)
             .and(within("rate", self.rate, 0.0, 10.0))
             .and(within("share", self.share, 0.0, 0.1))
@@ -44,42 +45,42 @@ impl OursSettings {
 
 /// Parameters that learn, with their own trunk, memory and accumulators.
 #[derive(Debug, Clone)]
-pub struct OursLearner {
+pub struct MixtureLearner {
     trunk: Trunk,
-    memory: OursMemory,
-    parameters: Box<OursParameters>,
+    memory: MixtureMemory,
+    parameters: Box<MixtureParameters>,
     ar: ArRlsLearner,
     plain: RlsReadout<PLAIN>,
     full: RlsReadout<ALL>,
-    mixture: Mixture,
+    mixer: Mixer,
     /// The last displacements summed: `shown[h − 1]` = the newest h.
     shown: [[f64; 2]; LEADS],
     /// The mixture's prediction of the next displacement.
     expected: [f64; 2],
 }
 
-impl OursLearner {
+impl MixtureLearner {
     /// Starts from `parameters` with empty memory.
     ///
     /// *Errors*: invalid settings or parameters, or an LSTM of another kind.
     pub fn new(
-        settings: OursSettings,
+        settings: MixtureSettings,
         lstm: Option<Arc<LstmWeights>>,
-        parameters: OursParameters,
+        parameters: MixtureParameters,
     ) -> Result<Self, WeightsError> {
         settings.validate()?;
         parameters.validate()?;
         let trunk = Trunk::new(lstm)?;
         let taking_part = if trunk.trained() { EXPERTS } else { EXPERTS - 2 };
         let rule = |start| RlsRule { forgetting: settings.forgetting, start, ceiling: 100.0, huber: 4.0 };
-        let mixing = MixtureRule { rate: settings.rate, share: settings.share, cap: 20.0 };
+        let mixing = MixerRule { rate: settings.rate, share: settings.share, cap: 20.0 };
         Ok(Self {
-            memory: OursMemory::EMPTY,
+            memory: MixtureMemory::EMPTY,
             ar: ArRlsLearner::new(ArRlsSettings::for_rms(TARGET_RMS), parameters.ar)?,
             parameters: Box::new(parameters),
             plain: RlsReadout::new(rule(10.0)),
             full: RlsReadout::new(rule(1.0)),
-            mixture: Mixture::new(mixing, taking_part),
+            mixer: Mixer::new(mixing, taking_part),
             shown: [[0.0; 2]; LEADS],
             expected: [0.0; 2],
             trunk,
@@ -110,19 +111,19 @@ impl OursLearner {
         if self.trunk.trained() {
             self.full.keep(&self.memory.features, lstm);
         }
-        self.mixture.keep(paths);
+        self.mixer.keep(paths);
     }
 }
 
-impl OnlineModel for OursLearner {
-    type Parameters = OursParameters;
-    type Memory = OursMemory;
+impl OnlineModel for MixtureLearner {
+    type Parameters = MixtureParameters;
+    type Memory = MixtureMemory;
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
         let predicted = self.expected;
         if is_motion(x) {
             self.show(x);
-            self.mixture.settle(&mut self.parameters.shares, &self.shown);
+            self.mixer.settle(&mut self.parameters.shares, &self.shown);
             self.plain.settle(&mut self.parameters.plain, &self.shown);
             if self.trunk.trained() {
                 self.full.settle(&mut self.parameters.full, &self.shown);
@@ -153,20 +154,20 @@ impl OnlineModel for OursLearner {
         self.ar.reset_state();
         self.plain.interrupt();
         self.full.interrupt();
-        self.mixture.interrupt();
+        self.mixer.interrupt();
         self.shown = [[0.0; 2]; LEADS];
         self.expected = [0.0; 2];
     }
 
-    fn parameters(&self) -> &OursParameters {
+    fn parameters(&self) -> &MixtureParameters {
         &self.parameters
     }
 
-    fn memory(&self) -> &OursMemory {
+    fn memory(&self) -> &MixtureMemory {
         &self.memory
     }
 
-    fn continue_from(&mut self, parameters: &OursParameters) -> Result<(), WeightsError> {
+    fn continue_from(&mut self, parameters: &MixtureParameters) -> Result<(), WeightsError> {
         parameters.validate()?;
         self.parameters.accepts(parameters)?;
         self.ar.continue_from(&parameters.ar)?;
@@ -174,19 +175,19 @@ impl OnlineModel for OursLearner {
         Ok(())
     }
 
-    fn restart_from(&mut self, parameters: &OursParameters) -> Result<(), WeightsError> {
+    fn restart_from(&mut self, parameters: &MixtureParameters) -> Result<(), WeightsError> {
         self.continue_from(parameters)?;
         self.ar.restart_from(&parameters.ar)?;
         self.plain.restart();
         self.full.restart();
-        self.mixture.restart();
+        self.mixer.restart();
         Ok(())
     }
 
     fn preview_from(
         &self,
-        parameters: &OursParameters,
-        memory: &OursMemory,
+        parameters: &MixtureParameters,
+        memory: &MixtureMemory,
         limit: f64,
         out: &mut [[f64; 2]],
     ) {

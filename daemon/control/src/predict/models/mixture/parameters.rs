@@ -1,16 +1,16 @@
-//! `OursParameters`: everything that is learned online, one plain copy that crosses threads whole.
+//! `MixtureParameters`: everything that is learned online, one plain copy that crosses threads whole.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::ArRlsWeights;
 use crate::predict::models::ar_rls;
-use crate::predict::models::ours::readout::Readout;
-use crate::predict::models::ours::trunk::{ALL, OursMemory, PLAIN};
-use crate::predict::models::ours::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::readout::Readout;
+use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN};
+use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 use crate::predict::online::{ModelParameters, WeightsError};
 
 /// Parameters of the mixture and its experts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OursParameters {
+pub struct MixtureParameters {
     /// Counts every change of the live parameters.
     pub version: u64,
     /// Coefficients of the autoregressive expert; also Δ.
@@ -25,7 +25,7 @@ pub struct OursParameters {
     pub(super) trained: bool,
 }
 
-impl OursParameters {
+impl MixtureParameters {
     /// Nothing learned yet: read-outs zero, equal weights for the experts that take part.
     #[must_use]
     pub fn untrained(step_ns: u64, with_lstm: bool) -> Self {
@@ -48,12 +48,12 @@ impl OursParameters {
     }
 
     /// Every expert's path.
-    pub(super) fn experts(&self, memory: &OursMemory) -> [Path; EXPERTS] {
+    pub(super) fn experts(&self, memory: &MixtureMemory) -> [Path; EXPERTS] {
         let [x, y] = memory.newest();
         let constant = NODES.map(|node| [x * node as f64, y * node as f64]);
         let mut steps = [[0.0; 2]; LEADS];
         ar_rls::roll_out(&self.ar, memory.recent, f64::INFINITY, &mut steps);
-        let rolled = crate::predict::models::ours::trunk::summed(&steps);
+        let rolled = crate::predict::models::mixture::trunk::summed(&steps);
         let plain = sum(&constant, &self.plain.of(memory.plain()));
         match &memory.lstm {
             Some(lstm) if self.trained => {
@@ -91,8 +91,8 @@ fn sum(a: &Path, b: &Path) -> Path {
 /// Largest magnitude of a read-out's number: a whole feature moves the pen by that many typical displacements.
 const LARGEST: f64 = 1e4;
 
-impl ModelParameters for OursParameters {
-    const MODEL: &'static str = "ours";
+impl ModelParameters for MixtureParameters {
+    const MODEL: &'static str = "mixture";
 
     fn version(&self) -> u64 {
         self.version

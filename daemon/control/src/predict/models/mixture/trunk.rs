@@ -8,7 +8,7 @@ use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, REGRESSORS};
 use crate::predict::models::esn::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
 use crate::predict::models::lstm::MAX_HIDDEN;
-use crate::predict::models::ours::{GATE, LEADS, NODES, Path};
+use crate::predict::models::mixture::{GATE, LEADS, NODES, Path};
 use crate::predict::{Lstm, LstmWeights, Predictor, WeightsError};
 
 /// Features that need no training: FIFO and reservoir.
@@ -21,7 +21,7 @@ const FIFO_UNIT: f64 = 1.0 / TARGET_RMS;
 
 /// What is remembered of the pen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OursMemory {
+pub struct MixtureMemory {
     /// The last displacements, newest first.
     pub(super) recent: ArRlsState,
     /// State of the reservoir.
@@ -32,7 +32,7 @@ pub struct OursMemory {
     pub(super) lstm: Option<Path>,
 }
 
-impl OursMemory {
+impl MixtureMemory {
     /// Nothing seen yet.
     pub(super) const EMPTY: Self = Self {
         recent: ArRlsState { recent: [[0.0; 2]; REGRESSORS / 2] },
@@ -68,7 +68,7 @@ impl Trunk {
     pub fn new(lstm: Option<Arc<LstmWeights>>) -> Result<Self, WeightsError> {
         if let Some(lstm) = &lstm {
             let leads = lstm.spec().leads as f64;
-            WeightsError::bounded("ours", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
+            WeightsError::bounded("mixture", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
         }
         let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
         Ok(Self { reservoir, lstm: lstm.map(Lstm::new) })
@@ -81,7 +81,7 @@ impl Trunk {
     }
 
     /// Takes in one displacement; a jump (and NaN) empties the memory and counts as a rest, as in training.
-    pub fn observe(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
+    pub fn observe(&mut self, memory: &mut MixtureMemory, x: [f64; 2]) {
         if is_motion(x) {
             self.take_in(memory, x);
         } else {
@@ -90,7 +90,7 @@ impl Trunk {
         }
     }
 
-    fn take_in(&mut self, memory: &mut OursMemory, x: [f64; 2]) {
+    fn take_in(&mut self, memory: &mut MixtureMemory, x: [f64; 2]) {
         memory.recent.observe(x);
         self.reservoir.observe(&mut memory.reservoir, x);
         let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
@@ -109,8 +109,8 @@ impl Trunk {
     }
 
     /// Forgets the pen.
-    pub fn reset(&mut self, memory: &mut OursMemory) {
-        *memory = OursMemory::EMPTY;
+    pub fn reset(&mut self, memory: &mut MixtureMemory) {
+        *memory = MixtureMemory::EMPTY;
         if let Some(lstm) = &mut self.lstm {
             lstm.reset();
             // At rest until something is seen.

@@ -1,4 +1,4 @@
-//! `ours`: five experts and a mixture that learns online whom to believe, separately for every lead time.
+//! `mixture`: five experts and a mixture that learns online whom to believe, separately for every lead time.
 //!
 //! What the experts see of the pen is made once per step by the [`Trunk`]: the last 8 displacements, a fixed random
 //! reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with a direct output per lead.
@@ -14,22 +14,22 @@
 //! | corrected LSTM | LSTM + read-out of FIFO, reservoir and cells | read-out, by RLS |
 //!
 //! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on realised position
-//! errors. Without an LSTM (`ours-cold`) the first three remain.
+//! errors. Without an LSTM (`mixture-cold`) the first three remain.
 //!
 //! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a jump, not
 //! motion: memory empties, and nothing is learned from it or across it. Parameters, memory and learner are apart.
 
 mod learner;
-mod mixture;
+mod mixer;
 mod parameters;
 mod readout;
 mod trunk;
 
 use std::sync::Arc;
 
-pub use learner::{OursLearner, OursSettings};
-pub use parameters::OursParameters;
-pub use trunk::{OursMemory, Trunk};
+pub use learner::{MixtureLearner, MixtureSettings};
+pub use parameters::MixtureParameters;
+pub use trunk::{MixtureMemory, Trunk};
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::lstm::FADE;
@@ -52,25 +52,25 @@ pub(super) type Path = [[f64; 2]; NODE_COUNT];
 
 /// The predictor: trunk, memory and parameters.
 #[derive(Debug, Clone)]
-pub struct Ours {
+pub struct Mixture {
     trunk: Trunk,
-    memory: OursMemory,
-    parameters: OursParameters,
+    memory: MixtureMemory,
+    parameters: MixtureParameters,
 }
 
-impl Ours {
-    /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`ours-cold`).
+impl Mixture {
+    /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`mixture-cold`).
     ///
     /// *Errors*: invalid parameters, or an LSTM that is not of this kind.
-    pub fn new(lstm: Option<Arc<LstmWeights>>, parameters: OursParameters) -> Result<Self, WeightsError> {
+    pub fn new(lstm: Option<Arc<LstmWeights>>, parameters: MixtureParameters) -> Result<Self, WeightsError> {
         parameters.validate()?;
-        Ok(Self { trunk: Trunk::new(lstm)?, memory: OursMemory::EMPTY, parameters })
+        Ok(Self { trunk: Trunk::new(lstm)?, memory: MixtureMemory::EMPTY, parameters })
     }
 
     /// Exchanges the parameters and keeps the memory.
     ///
     /// *Errors*: invalid parameters, or parameters that do not fit; the old ones stay.
-    pub fn set_weights(&mut self, parameters: &OursParameters) -> Result<(), WeightsError> {
+    pub fn set_weights(&mut self, parameters: &MixtureParameters) -> Result<(), WeightsError> {
         parameters.validate()?;
         self.parameters.accepts(parameters)?;
         self.parameters = *parameters;
@@ -79,18 +79,18 @@ impl Ours {
 
     /// The parameters in use.
     #[must_use]
-    pub fn weights(&self) -> &OursParameters {
+    pub fn weights(&self) -> &MixtureParameters {
         &self.parameters
     }
 
     /// The memory.
     #[must_use]
-    pub fn memory(&self) -> &OursMemory {
+    pub fn memory(&self) -> &MixtureMemory {
         &self.memory
     }
 }
 
-impl Predictor for Ours {
+impl Predictor for Mixture {
     fn observe(&mut self, x: [f64; 2]) {
         self.trunk.observe(&mut self.memory, x);
     }
@@ -105,7 +105,7 @@ impl Predictor for Ours {
 }
 
 /// Displacement per step of the mixture, none longer than `limit`.
-fn preview(parameters: &OursParameters, memory: &OursMemory, limit: f64, out: &mut [[f64; 2]]) {
+fn preview(parameters: &MixtureParameters, memory: &MixtureMemory, limit: f64, out: &mut [[f64; 2]]) {
     let paths = parameters.experts(memory);
     steps_of(&parameters.mix(&paths), limit, out);
 }
