@@ -103,6 +103,11 @@ fn not_a_number_and_infinity_are_refused() {
 fn wrong_word_suggests_the_nearest() {
     let text = message("[predictor]\nkind = \"dybn\"\n");
     assert!(text.contains("did you mean \"dybm\"?"), "{text}");
+    // What it was called before.
+    let text = message("[predictor]\nkind = \"ours\"\n");
+    assert!(text.contains("did you mean \"mixture\"?"), "{text}");
+    let text = message("[predictor.ours]\nrate = 1.0\n");
+    assert!(text.contains("`[predictor.ours]`") && text.contains("`[predictor.mixture]`"), "{text}");
     let text = message("[loop]\nrate_hz = 300\n");
     assert!(text.contains("125, 250, 500, 1000 Hz"), "{text}");
 }

@@ -82,6 +82,8 @@ pub(super) const CASES: &[Case] = &[
     ("request trust nan", 2, &["0 to 1"]),
     ("request trust -0.1", 2, &["-0"]),
     ("request predictor oracle", 2, &["lab only", "mixture"]),
+    ("request predictor ours", 2, &["is called mixture"]),
+    ("lab closed-loop --data @ --predictors ours", 2, &["is called mixture"]),
     ("request predictor crystal-ball", 2, &["one of hold", "ar-rls"]),
     ("request arm --timeout nan", 2, &["0.01 to 3600"]),
     ("request arm --timeout 0", 2, &["0.01 to 3600"]),

@@ -2,7 +2,7 @@
 //! step of what is known about the pen would lie idle.
 //!
 //! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned while the pen moves
-//! ([`blend`]), from a prior, from the velocities of the filter that suits the tablet ([`observer`]). A preview that is right without is
+//! (`blend`), from a prior, from the velocities of the filter that suits the tablet (`observer`). A preview that is right without is
 //! not moved: what past corrections were worth counts as well.
 
 mod blend;
