@@ -153,6 +153,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             auto_ceiling: Trust::new(s.trust.ceiling),
             proof_cases: s.trust.proof_cases,
             per_step: s.trust.per_step,
+            ..TrustSettings::default()
         },
         trust_request: s.trust.request(),
         mpc: mpc(s),

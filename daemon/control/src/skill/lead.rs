@@ -1,12 +1,7 @@
 //! What past previews were worth at one lead: sums over cases, which forget.
 
-/// Factor by which the past loses weight per judged case: about 500 steps of motion.
-const FORGETTING: f64 = 0.998;
-/// A preview is shortened where its share is below 1 by more than this many standard deviations, and by what is more.
-const DOUBT: f64 = 3.0;
-/// Cases of ordinary motion that the record begins with, and the preview's squared error in them relative to Hold's.
-const HEAD_START: f64 = 20.0;
-const HEAD_START_ERROR: f64 = 0.7;
+use super::SkillParameters;
+use crate::pen::TARGET_RMS;
 
 /// What is known about one lead; sums forget.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,14 +19,14 @@ pub(super) struct Lead {
 
 impl Lead {
     /// Before the first case: a few of ordinary motion, `ahead` steps long, in which the preview was better than Hold.
-    pub(super) fn untried(ahead: f64) -> Self {
-        let way = 10.0 * ahead;
-        let hold = HEAD_START * way * way;
-        Self { preview: HEAD_START_ERROR * hold, hold, steady: hold, ..Self::default() }
+    pub(super) fn untried(ahead: f64, parameters: &SkillParameters) -> Self {
+        let way = TARGET_RMS * ahead;
+        let hold = parameters.head_start_cases * way * way;
+        Self { preview: parameters.head_start_error * hold, hold, steady: hold, ..Self::default() }
     }
 
     /// w, `ahead` steps ahead.
-    pub(super) fn share(&self, ahead: f64) -> f64 {
+    pub(super) fn share(&self, ahead: f64, doubt: f64) -> f64 {
         if !(self.way > 0.0) {
             return 1.0;
         }
@@ -39,15 +34,15 @@ impl Lead {
         // Errors far ahead repeat themselves from step to step.
         let independent = 2.0 * self.cases / ahead;
         let deviation = ((self.real / self.way - slope * slope).max(0.0) / independent).sqrt();
-        (slope + DOUBT * deviation).clamp(0.0, 1.0)
+        (slope + doubt * deviation).clamp(0.0, 1.0)
     }
 
-    pub(super) fn add(&mut self, case: &Self) {
+    pub(super) fn add(&mut self, case: &Self, forgetting: f64) {
         let Self { preview, hold, steady, real, along, way, cases } = self;
         let sums = [preview, hold, steady, real, along, way, cases];
         let values = [case.preview, case.hold, case.steady, case.real, case.along, case.way, case.cases];
         for (sum, value) in sums.into_iter().zip(values) {
-            *sum = FORGETTING * *sum + value;
+            *sum = forgetting * *sum + value;
         }
     }
 }

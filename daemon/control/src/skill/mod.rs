@@ -8,15 +8,17 @@
 //!   the paper stays above it.
 //! - *mean squared errors* of the preview as it would be used, of Hold, and of constant velocity: the evidence for α.
 //!
-//! Lengths are divided by the running scale (a typical step is about 10), so one bad stretch counts as much as it lasted,
+//! Lengths are divided by the running scale (RMS 10 per axis in ordinary motion), so one bad stretch counts as much as it lasted,
 //! whatever the size of the writing.
 
 mod feedback;
 mod lead;
 mod onset;
+mod parameters;
 mod shot;
 
 pub use lead::Record;
+pub use parameters::{OnsetParameters, SkillParameters};
 
 use feedback::Feedback;
 use lead::Lead;
@@ -28,16 +30,10 @@ use crate::units::Stamp;
 
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
 pub const SKILL_LEADS: usize = REFINED_LEADS;
-/// Ways and errors beyond this [normalised, per step ahead] are leaps, which no preview foresees.
-const LARGEST_PER_STEP: f64 = 100.0;
-/// Claims over which the share of surprises forgets: half a second of motion.
-const SURPRISE_CASES: f64 = 50.0;
-/// The pen moved less than this [normalised] and was not thought to move: says nothing.
-const REST: f64 = 0.3;
-
 /// See the module's description.
 #[derive(Debug, Clone)]
 pub struct Skill {
+    parameters: SkillParameters,
     /// A ring; `last` is where the newest is, `waiting` how many there are.
     shots: [Shot; SKILL_LEADS],
     last: usize,
@@ -62,17 +58,24 @@ impl Skill {
     /// shares.
     #[must_use]
     pub fn new(step_s: f64, per_step: bool) -> Self {
+        Self::tuned(step_s, per_step, SkillParameters::SHIPPED)
+    }
+
+    /// The same with other parameters than the presets'.
+    #[must_use]
+    pub fn tuned(step_s: f64, per_step: bool, parameters: SkillParameters) -> Self {
         Self {
+            parameters,
             shots: [Shot::EMPTY; SKILL_LEADS],
             last: 0,
             waiting: 0,
             turn: 0,
-            leads: untried_leads(),
+            leads: untried_leads(&parameters),
             refiner: Refiner::new(step_s),
             unit_m: 0.0,
             step_s,
             feedback: Feedback::new(0.0),
-            onset: Onset::new(),
+            onset: Onset::new(parameters.onset),
             surprise: 0.0,
             per_step,
         }
@@ -89,7 +92,7 @@ impl Skill {
     /// Another predictor answers from here on: what was learned about the last one goes.
     pub fn forget(&mut self) {
         self.waiting = 0;
-        self.leads = untried_leads();
+        self.leads = untried_leads(&self.parameters);
         self.refiner.forget();
         self.onset.forget();
         self.surprise = 0.0;
@@ -124,11 +127,11 @@ impl Skill {
             if let Some(judged) = self.judge(&shot, age, &shot.look, *predicted, position)
                 && let Some(lead) = self.leads.get_mut(age)
             {
-                lead.add(&judged);
+                lead.add(&judged, self.parameters.forgetting);
                 if let Some((_, radius)) = shot.claim.filter(|(index, _)| *index == age) {
                     // As it would be used: corrections may know what the predictor does not.
                     let wrong = f64::from(u8::from(!(judged.preview.sqrt() * unit_m <= radius)));
-                    self.surprise += (wrong - self.surprise) / SURPRISE_CASES;
+                    self.surprise += (wrong - self.surprise) / self.parameters.surprise_cases;
                 }
             }
         }
@@ -156,10 +159,10 @@ impl Skill {
         let [yx, yy] = normalised(from(position, look.newest));
         let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
         // What is not a number is not ordinary either.
-        let most = LARGEST_PER_STEP * (ahead + 0.5);
+        let most = self.parameters.leap * (ahead + 0.5);
         let ordinary =
             [rx, ry, yx, yy, dx, dy].iter().chain(terms.iter().flatten().flatten()).all(|v| v.abs() <= most);
-        if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < REST) {
+        if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < self.parameters.rest) {
             return None;
         }
         let share = self.share(age + 1);
@@ -259,7 +262,7 @@ impl Skill {
             return 1.0;
         }
         let index = lead.saturating_sub(1).min(SKILL_LEADS - 1);
-        self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64))
+        self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64, self.parameters.doubt))
     }
 
     /// The arm followed a fresh plan in motion for `dt_ns`, at its limits (joints, acceleration or speed) or not; `None`: it did not.
@@ -298,8 +301,8 @@ impl Skill {
     }
 }
 
-fn untried_leads() -> [Lead; SKILL_LEADS] {
-    std::array::from_fn(|index| Lead::untried((index + 1) as f64))
+fn untried_leads(parameters: &SkillParameters) -> [Lead; SKILL_LEADS] {
+    std::array::from_fn(|index| Lead::untried((index + 1) as f64, parameters))
 }
 
 fn square(x: f64, y: f64) -> f64 {

@@ -4,29 +4,12 @@
 //! wrong way takes longest to come back: what is lost by waiting a moment is less. How much of that there is in the hand, past
 //! beginnings tell: where they were foreseen well there is nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
 
-/// Shorter steps than this are rest [normalised], and after so many of them motion begins anew.
-const REST: f64 = 1.0;
-const REST_STEPS: u32 = 5;
-/// Share of a preview that is believed at first, and how much more with every step of motion, where beginnings are foreseen badly.
-const FIRST: f64 = 0.3;
-const MORE: f64 = 0.1;
-/// Mean square of the way by which previews of beginnings went too far, relative to that of the real way, from which they count as
-/// foreseen badly: UNIPEN's train writers have 0.2 and more 35 ms ahead, pendigits' 0.05, a clean pen 0.01.
-const BAD: f64 = 0.15;
-/// No farther ahead is looked [steps]: there everybody goes too far.
-const FARTHEST: f64 = 10.0;
-/// Factor by which past beginnings lose weight per judged preview: some ten of them. They begin with as many previews [steps of 10
-/// normalised] as one has, foreseen badly.
-const FORGETTING: f64 = 0.9995;
-const HEAD_START: f64 = 200.0 * 100.0;
-/// An arm counts as limited fully that is at its limits in this part of its recent motion, and what was before loses weight by a
-/// factor e in so much of it [s]. A UR5 that writes with UNIPEN's hands is in half of it, with a clean pen in a tenth.
-const LIMITED: f64 = 0.3;
-const MEMORY_S: f64 = 0.2;
+use super::OnsetParameters;
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Onset {
+    parameters: OnsetParameters,
     /// Newest grid point [m].
     at: [f64; 2],
     /// Steps of rest since the last motion, and of motion since the last rest.
@@ -40,13 +23,22 @@ pub(super) struct Onset {
 }
 
 impl Onset {
-    pub(super) const fn new() -> Self {
-        Self { at: [0.0; 2], still: 0, moved: 0, beyond: HEAD_START * BAD, way: HEAD_START, limited: 1.0 }
+    pub(super) const fn new(parameters: OnsetParameters) -> Self {
+        let OnsetParameters { bad, head_start, .. } = parameters;
+        Self {
+            parameters,
+            at: [0.0; 2],
+            still: 0,
+            moved: 0,
+            beyond: head_start * bad,
+            way: head_start,
+            limited: 1.0,
+        }
     }
 
     /// Another predictor: what is known about beginnings goes, what pen and arm do stays.
     pub(super) fn forget(&mut self) {
-        let Self { beyond, way, .. } = Self::new();
+        let Self { beyond, way, .. } = Self::new(self.parameters);
         (self.beyond, self.way) = (beyond, way);
     }
 
@@ -54,9 +46,9 @@ impl Onset {
     pub(super) fn close(&mut self, position: [f64; 2], unit_m: f64) {
         let ([x, y], [before_x, before_y]) = (position, self.at);
         self.at = position;
-        if (x - before_x).hypot(y - before_y) < REST * unit_m {
+        if (x - before_x).hypot(y - before_y) < self.parameters.rest * unit_m {
             self.still = self.still.saturating_add(1);
-            if self.still >= REST_STEPS {
+            if self.still >= self.parameters.rest_steps {
                 self.moved = 0;
             }
         } else {
@@ -72,29 +64,31 @@ impl Onset {
 
     /// The arm moved for `dt_ns`, at its limits or not.
     pub(super) fn drove(&mut self, at_limit: bool, dt_ns: u64) {
-        let part = (dt_ns as f64 * 1e-9 / MEMORY_S).min(1.0);
+        let part = (dt_ns as f64 * 1e-9 / self.parameters.memory_s).min(1.0);
         self.limited += part * (f64::from(u8::from(at_limit)) - self.limited);
     }
 
-    /// Share of a preview that is believed now, in [[`FIRST`], 1].
+    /// Share of a preview that is believed now, at least [`OnsetParameters::first`].
     pub(super) fn belief(&self) -> f64 {
-        let doubt = (1.0 - FIRST - MORE * f64::from(self.moved)).max(0.0);
-        let bad = self.beyond / (BAD * self.way);
-        1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / LIMITED).min(1.0)
+        let doubt = (1.0 - self.parameters.first - self.parameters.more * f64::from(self.moved)).max(0.0);
+        let bad = self.beyond / (self.parameters.bad * self.way);
+        1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / self.parameters.limited).min(1.0)
     }
 
     /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real` [normalised], `ahead` steps later.
     pub(super) fn judged(&mut self, moved: u32, predicted: [f64; 2], real: [f64; 2], ahead: f64) {
-        if FIRST + MORE * f64::from(moved) >= 1.0 || ahead > FARTHEST {
+        if self.parameters.first + self.parameters.more * f64::from(moved) >= 1.0
+            || ahead > self.parameters.farthest
+        {
             return;
         }
         let ([px, py], [x, y]) = (predicted, real);
         // Of a preview that goes nowhere, and one of less than a step, too little is divided by.
-        let long = px.hypot(py).max(REST);
+        let long = px.hypot(py).max(self.parameters.rest);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
         let scale = 1.0 / (ahead * ahead).max(1.0);
-        let beyond = self.beyond * FORGETTING + scale * beyond * beyond;
-        let way = self.way * FORGETTING + scale * (x * x + y * y);
+        let beyond = self.beyond * self.parameters.forgetting + scale * beyond * beyond;
+        let way = self.way * self.parameters.forgetting + scale * (x * x + y * y);
         if beyond.is_finite() && way.is_finite() && way > 0.0 {
             (self.beyond, self.way) = (beyond, way);
         }
@@ -104,6 +98,9 @@ impl Onset {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::skill::SkillParameters;
+
+    const SHIPPED: OnsetParameters = SkillParameters::SHIPPED.onset;
 
     /// Previews of beginnings that go `factor` times as far as the pen then does.
     fn begin(onset: &mut Onset, cases: u32, factor: f64) {
@@ -116,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_new_hand_is_believed_step_by_step() {
-        let mut onset = Onset::new();
+        let mut onset = Onset::new(SHIPPED);
         for (moved, share) in (1..).zip([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0]) {
             assert!((onset.belief() - share).abs() < 1e-12, "{moved}: {}", onset.belief());
             onset.close([f64::from(moved), 0.0], 0.1);
@@ -127,34 +124,34 @@ mod tests {
     #[test]
     fn who_does_not_go_too_far_is_believed_at_once_until_they_do() {
         for factor in [1.0, 0.4] {
-            let mut onset = Onset::new();
+            let mut onset = Onset::new(SHIPPED);
             begin(&mut onset, 6000, factor);
             assert!(onset.belief() > 0.95, "{factor}: {}", onset.belief());
             begin(&mut onset, 6000, 1.6);
-            assert!((onset.belief() - FIRST).abs() < 1e-12, "{}", onset.belief());
+            assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "{}", onset.belief());
             onset.forget();
-            assert_eq!(onset, Onset::new());
+            assert_eq!(onset, Onset::new(SHIPPED));
         }
         // What is foreseen later, or far ahead, says nothing about beginnings.
-        let mut onset = Onset::new();
+        let mut onset = Onset::new(SHIPPED);
         for _ in 0..6000 {
             onset.judged(7, [10.0, 0.0], [10.0, 0.0], 1.0);
             onset.judged(0, [110.0, 0.0], [110.0, 0.0], 11.0);
         }
-        assert_eq!(onset, Onset::new());
+        assert_eq!(onset, Onset::new(SHIPPED));
     }
 
     #[test]
     fn an_arm_away_from_its_limits_has_nothing_to_wait_for_until_it_is_at_them() {
         const DT_NS: u64 = 2_000_000;
-        let mut onset = Onset::new();
+        let mut onset = Onset::new(SHIPPED);
         let drive = |onset: &mut Onset, ticks: u32, every: u32| {
             for tick in 0..ticks {
                 onset.drove(tick % every == 0, DT_NS);
             }
         };
         drive(&mut onset, 100, u32::MAX);
-        assert!((onset.belief() - FIRST).abs() < 1e-12, "too soon: {}", onset.belief());
+        assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "too soon: {}", onset.belief());
         drive(&mut onset, 400, u32::MAX);
         assert!(onset.belief() > 0.95, "{}", onset.belief());
         // What the arm can do is not forgotten with a predictor.
@@ -164,7 +161,7 @@ mod tests {
         drive(&mut onset, 500, 10);
         assert!((0.7..0.85).contains(&onset.belief()), "a tenth: {}", onset.belief());
         drive(&mut onset, 500, 2);
-        assert!((onset.belief() - FIRST).abs() < 1e-12, "half: {}", onset.belief());
+        assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "half: {}", onset.belief());
         onset.drove(false, u64::MAX);
         assert_eq!(onset.belief(), 1.0);
     }
@@ -172,7 +169,7 @@ mod tests {
     #[test]
     fn only_a_rest_begins_anew() {
         const UNIT_M: f64 = 1e-4;
-        let mut onset = Onset::new();
+        let mut onset = Onset::new(SHIPPED);
         let mut x_m = 0.0;
         let mut steps = |onset: &mut Onset, count: u32, way: f64| {
             for _ in 0..count {
@@ -181,10 +178,10 @@ mod tests {
             }
         };
         steps(&mut onset, 12, 10.0);
-        steps(&mut onset, REST_STEPS - 1, 0.5);
+        steps(&mut onset, SHIPPED.rest_steps - 1, 0.5);
         steps(&mut onset, 1, 10.0);
         assert_eq!(onset.moved(), 13);
-        steps(&mut onset, REST_STEPS, 0.5);
+        steps(&mut onset, SHIPPED.rest_steps, 0.5);
         assert_eq!(onset.moved(), 0);
         steps(&mut onset, 3, 10.0);
         assert_eq!(onset.moved(), 3);
@@ -193,12 +190,12 @@ mod tests {
     #[test]
     fn numbers_that_are_none_leave_a_share() {
         let bad = [f64::NAN, f64::INFINITY, -1e300, 0.0, 1e-300];
-        let mut onset = Onset::new();
+        let mut onset = Onset::new(SHIPPED);
         for a in bad {
             for b in bad {
                 onset.close([a, b], b);
                 onset.judged(onset.moved() % 7, [a, b], [b, a], a);
-                assert!((FIRST..=1.0).contains(&onset.belief()), "{a} {b}: {onset:?}");
+                assert!((SHIPPED.first..=1.0).contains(&onset.belief()), "{a} {b}: {onset:?}");
             }
         }
         begin(&mut onset, 200_000, 1.0);

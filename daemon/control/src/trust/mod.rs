@@ -8,12 +8,14 @@
 
 mod headroom;
 mod outcome;
+mod parameters;
 
 pub use outcome::Outcome;
+pub use parameters::{Hysteresis, TrustParameters};
 
 use thiserror::Error;
 
-use crate::skill::Record;
+use crate::skill::{Record, SkillParameters};
 use crate::units::Trust;
 use headroom::Headroom;
 
@@ -35,29 +37,11 @@ pub struct TrustSettings {
     /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than the grid's
     /// ([`crate::skill::Skill`]). Off: the paper's scalar α over a preview as the predictor gave it.
     pub per_step: bool,
+    /// The numbers behind α.
+    pub parameters: TrustParameters,
+    /// The numbers behind shares and records.
+    pub skill: SkillParameters,
 }
-
-/// Belief ends when previews were worse than Hold by this factor (mean squared error)...
-const END: f64 = 1.05;
-/// ... and begins when they were better by this one.
-const BEGIN: f64 = 0.9;
-/// The same against constant velocity: what a far simpler predictor does much better is not to be believed...
-const END_STEADY: f64 = 1.5;
-const BEGIN_STEADY: f64 = 1.2;
-/// ... but for previews that are better than Hold by this factor: Hold is what doubt would put in their place.
-const CLEARLY: f64 = 0.2;
-/// A preview that was better than Hold by this factor is right: what limits leave of it is the best there is...
-const RIGHT: f64 = 0.1;
-/// ... but where the plans of more than this share of the recent ticks failed: plans at limits take the solver more steps than
-/// it has.
-const FAILED: f64 = 0.05;
-/// Belief ends when more than this share of a predictor's recent bands were left by the pen: it does not know what it does not
-/// know, long before its mean error tells...
-const END_SURPRISE: f64 = 0.5;
-/// ... and begins below this one. Bands promise 0.1.
-const BEGIN_SURPRISE: f64 = 0.25;
-/// Plans are in trouble when more than this share of the recent ticks had none, until it is below the second.
-const UNPLANNED: [f64; 2] = [0.25, 0.05];
 
 impl Default for TrustSettings {
     fn default() -> Self {
@@ -69,6 +53,8 @@ impl Default for TrustSettings {
             auto_ceiling: Trust::FULL,
             proof_cases: 1,
             per_step: true,
+            parameters: TrustParameters::SHIPPED,
+            skill: SkillParameters::SHIPPED,
         }
     }
 }
@@ -282,16 +268,18 @@ impl TrustControl {
     /// Moves α towards what `inputs` justify; `dt_ns` since the last update [ns].
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
+        let parameters = self.settings.parameters;
         let verdict = self.weigh(&inputs.record);
         if !inputs.armed || inputs.switching {
             self.headroom = Headroom::new();
         } else if inputs.request == TrustRequest::Auto {
-            let right = inputs.record.preview <= RIGHT * inputs.record.hold && inputs.failed <= FAILED;
-            self.headroom.see(inputs.overtaxed.map(|is| is && !right), inputs.reaction_ns, dt_ns);
+            let right = inputs.record.preview <= parameters.right * inputs.record.hold
+                && inputs.failed <= parameters.failed;
+            let overtaxed = inputs.overtaxed.map(|is| is && !right);
+            self.headroom.see(overtaxed, inputs.reaction_ns, dt_ns, &parameters);
         }
         // Written so that what is not a number speaks against.
-        let [begin, end] = UNPLANNED;
-        self.unplanned = !(inputs.unplanned <= if self.unplanned { end } else { begin });
+        self.unplanned = !(inputs.unplanned <= parameters.unplanned.bound(!self.unplanned));
         let (reason, target) = self.judge(inputs, verdict);
         let reach = dt_ns as f64 / (self.settings.ramp_steps * self.settings.step_ns as f64);
         self.alpha = target.alpha().clamp(self.alpha - reach, self.alpha + reach);
@@ -309,18 +297,20 @@ impl TrustControl {
         if !(record.cases >= f64::from(self.settings.proof_cases)) {
             return TrustReason::Unproven;
         }
-        self.surprised = !(record.surprise <= if self.surprised { BEGIN_SURPRISE } else { END_SURPRISE });
-        let (hold, steady) = if self.believed { (END, END_STEADY) } else { (BEGIN, BEGIN_STEADY) };
+        let parameters = &self.settings.parameters;
+        self.surprised = !(record.surprise <= parameters.surprise.bound(!self.surprised));
+        let (hold, steady) = (parameters.hold.bound(self.believed), parameters.steady.bound(self.believed));
         // Written so that a record that is not a number speaks against the preview.
         let better = record.preview <= hold * record.hold;
-        let no_worse = record.preview <= steady * record.steady || record.preview <= CLEARLY * record.hold;
+        let no_worse =
+            record.preview <= steady * record.steady || record.preview <= parameters.clearly * record.hold;
         let before = self.believed;
         self.believed = better && no_worse;
         match (better, no_worse) {
             _ if self.surprised => TrustReason::Surprised,
             (true, true) => TrustReason::Auto,
             (true, false) => TrustReason::WorseThanSteady,
-            _ if !before && record.preview <= END * record.hold => TrustReason::Hysteresis,
+            _ if !before && record.preview <= parameters.hold.ends * record.hold => TrustReason::Hysteresis,
             _ => TrustReason::WorseThanHold,
         }
     }
