@@ -54,6 +54,7 @@ pub(crate) const NAMES: &[&str] = names![
     "pen_contact",
     "pen_counters",
     "pen_refused.why",
+    "pen_refused.axis",
     "pen_refused.value",
     "pen_refused.bound",
     "predictor_error",
@@ -121,6 +122,26 @@ fn maybe(value: Option<f64>) -> u64 {
     value.map_or(u64::MAX, bits)
 }
 
+/// The refusals that hold nothing, by their place here: their names may change.
+const PLAIN: [Refusal; 16] = [
+    Refusal::NoJointState,
+    Refusal::JointStateStale,
+    Refusal::MotionNotAllowed,
+    Refusal::ArmMoves,
+    Refusal::OutsideJointLimits,
+    Refusal::ToolOutsideWorkspace,
+    Refusal::ToolNotAligned,
+    Refusal::EnableMissing,
+    Refusal::StillStopping,
+    Refusal::AlreadyArmed,
+    Refusal::DisarmFirst,
+    Refusal::MovesHome,
+    Refusal::NotFollowing,
+    Refusal::StopCame,
+    Refusal::BadValue,
+    Refusal::PredictorUnavailable,
+];
+
 fn refusal(answer: Option<Result<(), Refusal>>) -> u64 {
     match answer {
         None => 0,
@@ -128,7 +149,10 @@ fn refusal(answer: Option<Result<(), Refusal>>) -> u64 {
         Some(Err(Refusal::WayBlocked(blocked))) => digest(
             [u64::from(blocked.pair), u64::from(blocked.percent), blocked.distance_um as u64].into_iter(),
         ),
-        Some(Err(refusal)) => 2 + digest(format!("{refusal:?}").bytes().map(u64::from)),
+        Some(Err(refusal)) => {
+            let place = PLAIN.iter().position(|plain| *plain == refusal);
+            2 + place.unwrap_or_else(|| panic!("{refusal:?} is not in the list")) as u64
+        }
     }
 }
 
@@ -175,6 +199,7 @@ pub(crate) fn append(output: &StepOutput<6>, values: &mut Vec<u64>) {
         .into_iter(),
     ));
     values.push(output.pen_refused.map_or(u64::MAX, |refused| refused.why as u64));
+    values.push(output.pen_refused.and_then(|refused| refused.axis).map_or(u64::MAX, u64::from));
     values.push(maybe(output.pen_refused.map(|refused| refused.value)));
     values.push(maybe(output.pen_refused.map(|refused| refused.bound)));
     values.extend([maybe(output.predictor_error), maybe(output.predictor_band), output.dead_time_ns]);
@@ -203,10 +228,9 @@ pub(crate) fn append(output: &StepOutput<6>, values: &mut Vec<u64>) {
     ]);
     let steps = output.learn.iter().take(output.learn_count);
     let learn = steps.flat_map(|step| {
-        let kind = format!("{:?}", step.motion).bytes().map(u64::from).sum();
-        let numbers = [step.x[0], step.x[1], step.scale_m, step.limit].map(bits);
-        [step.index, kind, u64::from(step.contact)].into_iter().chain(numbers)
+        let numbers = [step.x[0], step.x[1], step.scale_m, step.limit, step.level].map(bits);
+        [step.index, step.motion as u64, u64::from(step.contact)].into_iter().chain(numbers)
     });
     values.extend([u64::from(output.guard_altered), digest(learn)]);
-    debug_assert_eq!(values.len() - before, COUNT);
+    assert_eq!(values.len() - before, COUNT, "one value for each name");
 }

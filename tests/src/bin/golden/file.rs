@@ -128,3 +128,42 @@ impl Golden {
 fn scene_difference(a: &Scene, b: &Scene) -> Option<String> {
     if a.name == b.name { a.difference(b) } else { Some(format!("{} against {}", a.name, b.name)) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn golden() -> Golden {
+        let values = (0..3 * COUNT as u64).map(|i| (i as f64).to_bits()).collect();
+        let figure = Figure { place: "set/table/0".to_owned(), bits: 0.5f64.to_bits() };
+        Golden { scenes: vec![Scene { name: "life".to_owned(), values }], figures: vec![figure] }
+    }
+
+    #[test]
+    fn what_was_written_is_read_and_equal_to_itself() {
+        let path = std::env::temp_dir().join(format!("golden-test-{}", std::process::id()));
+        golden().write(&path).unwrap();
+        let read = Golden::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(golden().differences(&read), Vec::<String>::new());
+        assert_eq!((read.scenes[0].ticks(), read.figures.len()), (3, 1));
+    }
+
+    #[test]
+    fn the_first_difference_is_named_with_scene_tick_field_and_both_values() {
+        let mut other = golden();
+        other.scenes[0].values[COUNT + 4] = 7.25f64.to_bits();
+        other.scenes[0].values[2 * COUNT] = 0;
+        other.figures[0].bits = 0.25f64.to_bits();
+        let [life, figure] = &golden().differences(&other)[..] else { panic!("two parts differ") };
+        let was = format!("float {:e}", (COUNT + 4) as f64);
+        assert!(life.starts_with(&format!("life, tick 1, {}: ", NAMES[4])), "{life}");
+        assert!(life.contains(&was) && life.contains("float 7.25e0"), "{life}");
+        assert!(figure.contains("set/table/0: 0.5 against 0.25"), "{figure}");
+        // Fewer ticks or scenes are a difference too.
+        other = golden();
+        other.scenes[0].values.truncate(COUNT);
+        assert_eq!(golden().differences(&other), ["life: 3 ticks against 1"]);
+        assert_eq!(golden().differences(&Golden::default()).len(), 2);
+    }
+}
