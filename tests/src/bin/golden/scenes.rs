@@ -1,4 +1,4 @@
-//! The corpus: texts of the built-in writer, hostile lives, arming and stops, switches, every predictor, both presets.
+//! The corpus: texts of the built-in writer, hostile lives, arming and stops, switches, leaps and losses, every predictor, both presets.
 //!
 //! The learner runs in step with the law, so that a scene is a pure function of its name.
 
@@ -9,6 +9,7 @@ use foretrace_control::follower::{
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings};
 use foretrace_sim::path::{Anchor, Layout, Lift, PathSample, Placement};
@@ -37,6 +38,20 @@ enum Events {
     Hostile(u64),
     /// The dead-man switch is let go, then joint states fail, then ticks get lost.
     Losses,
+    /// The pen is elsewhere at once, several times.
+    Leaps,
+    /// The pen trembles: faster to and fro than the plan looks ahead.
+    Tremor,
+    /// The learner hands over weights that are none.
+    BadWeights,
+    /// The machine stands still for longer than the latch time.
+    TimeLost,
+    /// The shell demands a stop because of late ticks.
+    Overruns,
+    /// The arm stands still from here on, whatever it is told.
+    ArmStuck,
+    /// The solver has no time for a while.
+    Starved,
 }
 
 struct Life {
@@ -80,6 +95,20 @@ fn lives() -> Vec<Life> {
             &[("mpc.horizon", "20"), ("timing.dead_time_ms", "30")],
             "dead time",
         );
+        for (events, what) in [
+            (Events::Leaps, "leaps"),
+            (Events::Tremor, "tremor"),
+            (Events::BadWeights, "bad weights"),
+            (Events::TimeLost, "time lost"),
+            (Events::Overruns, "overruns"),
+            (Events::ArmStuck, "arm stuck"),
+            (Events::Starved, "starved"),
+        ] {
+            add(preset, mixture, "MW", events, &[], what);
+        }
+        for kind in PredictorKind::LIVE {
+            add(preset, kind, "8801", Events::Tremor, &[], "tremor");
+        }
         for seed in 0..HOSTILE_LIVES {
             let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
             add(preset, kind, "8801", Events::Hostile(seed), &[], &format!("hostile {seed}"));
@@ -163,17 +192,26 @@ impl<'a> World<'a> {
             }
             let joints = self.arm.joints();
             let mut joints = JointReading { stamp: now, q: joints.q, qd: joints.qd, motion_allowed: true };
-            if let Events::Hostile(_) = self.life.events {
-                self.poison(now, &mut pen, &mut joints);
+            match self.life.events {
+                Events::Hostile(_) => self.poison(now, &mut pen, &mut joints),
+                Events::Leaps | Events::Tremor => self.displace(tick, &mut pen),
+                _ => {}
             }
-            let (weights, budget) = (self.promoted.take(), self.budget(tick));
+            let (mut weights, budget) = (self.promoted.take(), self.budget(tick));
+            if self.life.events == Events::BadWeights && tick % 300 == 299 {
+                let mut bad = *self.learner.weights();
+                bad.version += 1_000_000 + tick;
+                bad.ar_rls.version = bad.version;
+                bad.ar_rls.coefficients[0][0][0] = f64::NAN;
+                weights = Some(bad);
+            }
             let input = StepInput {
                 now,
                 pen: &pen,
                 joints: self.joints_arrive(tick).then_some(&joints),
                 enable: self.enable(tick, now),
                 request: self.request(tick),
-                halt: None,
+                halt: self.halt(tick),
                 weights: weights.as_ref(),
             };
             let output = self.follower.step(&input, budget, &mut NoClock);
@@ -183,7 +221,8 @@ impl<'a> World<'a> {
                     self.promoted = Some(*self.learner.weights());
                 }
             }
-            if let Some(command) = output.command {
+            let stuck = self.life.events == Events::ArmStuck && tick >= 400;
+            if let Some(command) = output.command.filter(|_| !stuck) {
                 target = command.q;
             }
             self.arm.cycle(target);
@@ -195,7 +234,7 @@ impl<'a> World<'a> {
     fn lost(&self, tick: u64) -> u64 {
         match self.life.events {
             Events::Losses if tick == 700 => 4,
-            Events::Losses if tick == 1000 => 200,
+            Events::TimeLost if tick == 500 => 200,
             _ => 0,
         }
     }
@@ -222,6 +261,7 @@ impl<'a> World<'a> {
 
     fn budget(&mut self, tick: u64) -> Budget {
         match self.life.events {
+            Events::Starved if (400..520).contains(&tick) => Budget { shed: true, ..Budget::default() },
             Events::Losses if tick % 97 < 3 => Budget { shed: true, ..Budget::default() },
             Events::Hostile(_) if self.rng.random_bool(0.02) => {
                 Budget { max_iterations: self.rng.random_range(0..4), shed: false }
@@ -249,6 +289,29 @@ impl<'a> World<'a> {
             },
             Events::Hostile(_) if self.rng.random_bool(0.01) => Some(self.any_request()),
             _ => None,
+        }
+    }
+
+    fn halt(&self, tick: u64) -> Option<(StopReason, StopDetail)> {
+        let detail = StopDetail {
+            cause: StopCause::LateTicks,
+            joint: None,
+            amount: 0.3,
+            limit: 0.2,
+            ..StopDetail::default()
+        };
+        (self.life.events == Events::Overruns && tick == 500).then_some((StopReason::Overruns, detail))
+    }
+
+    /// Moves the pen by 30 mm for 0.2 s every half a second, or to and fro by 4 mm, 20 times a second, with noise of 0.2 mm.
+    fn displace(&mut self, tick: u64, pen: &mut [PenReading]) {
+        let leapt = f64::from(u8::from(tick % 250 >= 150));
+        for reading in pen {
+            let turn = (reading.stamp.seconds_since(START) * 20.0).fract();
+            reading.position[0] += match self.life.events {
+                Events::Leaps => 0.03 * leapt,
+                _ => 4e-3 * (4.0 * (turn - 0.5).abs() - 1.0) + self.rng.random_range(-2e-4..2e-4),
+            };
         }
     }
 
