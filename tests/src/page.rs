@@ -58,7 +58,7 @@ impl Page {
             !html.contains("://") && !html.contains("@import") && !html.contains("url("),
             "needs the network"
         );
-        assert!(!html.contains("NaN"), "a figure that is none");
+        assert!(!html.contains("NaN"), "a figure that is not a number");
         page
     }
 

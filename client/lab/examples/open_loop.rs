@@ -17,8 +17,8 @@ use foretrace_control::pen::{Motion, PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
 use foretrace_control::skill::{SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
+use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build};
 use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
-use foretrace_lab::today::{Limits, WayKind, WaySettings, build};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::path::{Lift, PathSample};
 
@@ -86,8 +86,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
     let mut evidence = Skill::new(step_s, true);
     let mut filters = Vec::new();
     for lead_s in LEADS_S {
-        let way = WaySettings::new(WayKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
-        filters.push(build(WayKind::Kalman, &way)?);
+        let way = BaselineSettings::new(BaselineKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
+        filters.push(build(BaselineKind::Kalman, &way)?);
     }
     let mut begin_s = 10.0;
     let mut heard = Stamp(0);

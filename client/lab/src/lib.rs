@@ -6,7 +6,7 @@
 #![forbid(unsafe_code)]
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
-pub mod today;
+pub mod baselines;
 pub mod experiments;
 pub mod closed_loop;
 pub mod prediction;

@@ -147,7 +147,7 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
     let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
-    // What the plan reckons with as the arm's servo has not to be foreseen; twenty plan steps of 2.5 ms are five grid steps.
+    // What the plan models as the arm's servo need not be foreseen; twenty plan steps of 2.5 ms are five grid steps.
     let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
     assert_eq!(inverted, Leads::new(1, 6).unwrap());
 }

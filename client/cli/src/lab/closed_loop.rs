@@ -38,8 +38,8 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
 
-    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, mixture and today's
-    /// ways]
+    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, mixture and the
+    /// baselines]
     #[arg(long)]
     pareto: bool,
 
@@ -192,8 +192,9 @@ fn placed(
 
 fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
     if names.is_empty() {
-        let swept =
-            |entrant: &Entrant| matches!(*entrant, Entrant::HOLD | Entrant::AS_SHIPPED | Entrant::Today(_));
+        let swept = |entrant: &Entrant| {
+            matches!(*entrant, Entrant::HOLD | Entrant::AS_SHIPPED | Entrant::Baseline(_))
+        };
         return Ok(Entrant::all().filter(|entrant| !pareto || swept(entrant)).collect());
     }
     let named = |name: &String| {

@@ -8,8 +8,8 @@ use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 use foretrace_sim::arm::{ArmSettings, JOINTS};
 
+use crate::baselines::ServoKnobs;
 use crate::experiments::{ArmKind, ur5_at};
-use crate::today::ServoKnobs;
 
 /// An arm and the size of the letters written with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,10 +89,10 @@ impl BenchArm {
         }
     }
 
-    /// The same arm behind a way of today: `ur5` takes the look-ahead that the way gives its servo. `slow` is a servo that
+    /// The same arm behind a baseline: `ur5` takes the look-ahead that it gives its servo. `slow` is a servo that
     /// takes 100 ms and that nobody can change, so it stays as it is.
     #[must_use]
-    pub(super) fn kind_for_way(self, config: &Config, servo: ServoKnobs) -> ArmKind {
+    pub(super) fn kind_for_baseline(self, config: &Config, servo: ServoKnobs) -> ArmKind {
         match (self, self.kind(config)) {
             (Self::Ur5, ArmKind::Ur5(arm)) => {
                 ArmKind::Ur5(ArmSettings { look_ahead_s: servo.look_ahead_s, ..arm })

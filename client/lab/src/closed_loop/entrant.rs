@@ -2,18 +2,18 @@
 
 use foretrace_control::predict::PredictorKind;
 
+use crate::baselines::BaselineKind;
 use crate::experiments::LawEntrant;
-use crate::today::WayKind;
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entrant {
     /// The daemon's control law.
     Law(LawEntrant),
-    /// No control law of ours: what people use today.
-    Today(WayKind),
+    /// A baseline instead of the law.
+    Baseline(BaselineKind),
     /// The same, where the arm has limits with commands inside them.
-    Legal(WayKind),
+    Legal(BaselineKind),
 }
 
 /// A name that nobody has.
@@ -32,12 +32,15 @@ impl Entrant {
     /// The daemon as it is shipped.
     pub const AS_SHIPPED: Self = Self::Law(LawEntrant::Mixture);
 
-    /// Who takes part if nobody is named, in the order of the table: the law, today's ways, and who knows the future.
+    /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows the future.
     pub fn all() -> impl Iterator<Item = Self> {
         let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::Oracle;
         let law = LawEntrant::ALL.into_iter();
         let knowing = law.clone().filter(oracle).map(Self::Law);
-        law.filter(move |law| !oracle(law)).map(Self::Law).chain(WayKind::ALL.map(Self::Today)).chain(knowing)
+        law.filter(move |law| !oracle(law))
+            .map(Self::Law)
+            .chain(BaselineKind::ALL.map(Self::Baseline))
+            .chain(knowing)
     }
 
     /// Name in tables and on the command line.
@@ -46,11 +49,11 @@ impl Entrant {
         match self {
             Self::Law(LawEntrant::Hold) => "hold",
             Self::Law(LawEntrant::Mixture) => "mixture",
-            Self::Today(kind) => kind.name(),
-            Self::Legal(WayKind::ServojGello) => "servoj-gello-legal",
-            Self::Legal(WayKind::ServojRos) => "servoj-ros-legal",
-            Self::Legal(WayKind::Otg) => "otg-legal",
-            Self::Legal(WayKind::Kalman) => "kalman-legal",
+            Self::Baseline(kind) => kind.name(),
+            Self::Legal(BaselineKind::ServojGello) => "servoj-gello-legal",
+            Self::Legal(BaselineKind::ServojRos) => "servoj-ros-legal",
+            Self::Legal(BaselineKind::Otg) => "otg-legal",
+            Self::Legal(BaselineKind::Kalman) => "kalman-legal",
             Self::Law(LawEntrant::Believed(PredictorKind::Hold)) => "hold-trust1",
             Self::Law(LawEntrant::Believed(PredictorKind::ConstantVelocity)) => "constant-velocity",
             Self::Law(LawEntrant::Believed(PredictorKind::Dybm)) => "dybm-online",
@@ -67,7 +70,7 @@ impl Entrant {
     /// # Errors
     /// A name that nobody has.
     pub fn named(name: &str) -> Result<Self, UnknownEntrant> {
-        let known = || Self::all().chain(WayKind::ALL.map(Self::Legal));
+        let known = || Self::all().chain(BaselineKind::ALL.map(Self::Legal));
         known()
             .find(|entrant| entrant.name() == name)
             .ok_or_else(|| UnknownEntrant { name: name.to_owned(), known: known().map(Self::name).collect() })

@@ -3,8 +3,8 @@
 use foretrace_config::Config;
 
 use super::arm::FREE_GAIN;
+use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
-use super::way::{WayDesk, way_settings};
 use super::{BenchArm, Each, Entrant, Hand, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
@@ -213,13 +213,13 @@ impl Benchmark<'_> {
         let arm = job.arm.kind(self.config);
         let (kind, trust) = match job.entrant {
             Entrant::Law(law) => (law.predictor(), law.trust()),
-            Entrant::Today(kind) | Entrant::Legal(kind) => {
+            Entrant::Baseline(kind) | Entrant::Legal(kind) => {
                 let law = settings_for(self.config, arm, PredictorKind::Hold);
                 let settings = match job.tuning {
-                    Tuning::Way(settings) => **settings,
-                    _ => way_settings(self.config, job.arm, kind),
+                    Tuning::Baseline(settings) => **settings,
+                    _ => baseline_settings(self.config, job.arm, kind),
                 };
-                let desk = WayDesk::new(self.config, &law, job.arm, kind, &settings);
+                let desk = BaselineDesk::new(self.config, &law, job.arm, kind, &settings);
                 let desk = desk.map_err(|error| wrong(&error))?;
                 let legal = matches!(job.entrant, Entrant::Legal(_));
                 return Ok(Box::new(if legal { desk.kept_legal() } else { desk }));
@@ -232,7 +232,7 @@ impl Benchmark<'_> {
             Tuning::Gains(factor) => scale_gains(&mut settings.mpc, factor),
             Tuning::Softer(ceiling, damping) => soften(&mut settings, ceiling, damping),
             Tuning::Sharp(gain) => job.arm.sharpen(&mut settings, gain),
-            Tuning::Default | Tuning::Way(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
+            Tuning::Default | Tuning::Baseline(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;

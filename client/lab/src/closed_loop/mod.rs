@@ -1,5 +1,5 @@
 //! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control law,
-//! and through the ways in which it is done today.
+//! and through the baselines.
 //!
 //! Contract: one constant scale per set and arm (its median *train* glyph becomes [`BenchArm::glyph_height_m`]), no scaling
 //! per letter. Hover paths are kept where they were recorded; a lift that nobody recorded stays the leap of one sample
@@ -14,7 +14,7 @@ mod legal;
 mod pareto;
 mod score;
 mod sequences;
-mod way;
+mod baseline;
 
 pub use arm::BenchArm;
 pub use entrant::{Entrant, UnknownEntrant};

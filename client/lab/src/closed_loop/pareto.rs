@@ -1,6 +1,6 @@
 //! Error against jerk: every method swept over its own tuning.
 //!
-//! Contract: the ways along [`today::sweep`](crate::today::sweep). The law on arms without limits along one factor on its gains
+//! Contract: the baselines along [`baselines::sweep`](crate::baselines::sweep). The law on arms without limits along one factor on its gains
 //! for position and velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's
 //! square; behind limits, where that changes little, along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the
 //! shipped settings is marked; others that the law refuses, as a swinging one, are left out. Absent: tuning of predictors.
@@ -12,10 +12,10 @@ use foretrace_control::units::Trust;
 use foretrace_sim::arm::JOINTS;
 use serde::Serialize;
 
+use super::baseline::baseline_settings;
 use super::job::Task;
-use super::way::way_settings;
 use super::{BenchArm, BenchError, Benchmark, Entrant, rows};
-use crate::today::{WaySettings, sweep};
+use crate::baselines::{BaselineSettings, sweep};
 
 /// Behind limits: most trust, and a factor on the damping of feedback, smooth to stiff.
 const SOFTER: [(f64, f64); 9] = [
@@ -49,7 +49,7 @@ pub(super) enum Tuning {
     /// As sharp as an arm without limits lets it be, but for the gain towards the prediction.
     Sharp(f64),
     /// A way with these settings.
-    Way(Box<WaySettings>),
+    Baseline(Box<BaselineSettings>),
 }
 
 /// A method with one tuning in front of one arm.
@@ -155,7 +155,7 @@ impl Benchmark<'_> {
     }
 
     fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
-        let (Entrant::Today(kind) | Entrant::Legal(kind)) = entrant else {
+        let (Entrant::Baseline(kind) | Entrant::Legal(kind)) = entrant else {
             let shipped = (Tuning::Default, "default".to_owned());
             let gains = |factor: f64| (Tuning::Gains(factor), format!("gains x {factor}"));
             if arm.limited() {
@@ -172,14 +172,14 @@ impl Benchmark<'_> {
             let sharp = FREE_GAINS.map(|gain| (Tuning::Sharp(gain), format!("sharp, gain {gain}")));
             return FREE_FACTORS.map(gains).into_iter().chain(sharp).chain([shipped]).collect();
         };
-        let shipped = way_settings(self.config, arm, kind);
+        let shipped = baseline_settings(self.config, arm, kind);
         sweep(kind, &shipped)
             .into_iter()
             // Nobody can change the servo of the slow arm: those points would all be the same.
             .filter(|(_, settings)| arm != BenchArm::Slow || settings.servo == shipped.servo)
             .map(|(label, settings)| {
                 let tuning =
-                    if settings == shipped { Tuning::Default } else { Tuning::Way(Box::new(settings)) };
+                    if settings == shipped { Tuning::Default } else { Tuning::Baseline(Box::new(settings)) };
                 (tuning, label)
             })
             .collect()

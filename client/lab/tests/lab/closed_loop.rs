@@ -1,8 +1,8 @@
 //! The closed-loop benchmark on made-up handwriting: who is compared with whom, and what is counted.
 
 use foretrace_config::{Config, Draft};
+use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
 use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, Score, Sequence, hands};
-use foretrace_lab::today::{Limits, WayKind, WaySettings, build, soften};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::{Lift, PathSample, Placement};
@@ -45,7 +45,7 @@ fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Bench
 }
 
 /// Targets of a way that hears `path` behind 1.2 s of a resting pen, as the benchmark's desks do.
-fn targets(kind: WayKind, settings: &WaySettings, path: &[PathSample]) -> Vec<ToolSample> {
+fn targets(kind: BaselineKind, settings: &BaselineSettings, path: &[PathSample]) -> Vec<ToolSample> {
     let mut way = build(kind, settings).unwrap();
     if kind.smooths_in_the_servo() {
         way = soften(way, settings);
@@ -73,17 +73,18 @@ fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
     let config = config();
     let benchmark = benchmark(&config, &[BenchArm::Ideal], &["hold"]);
     let hand = hand(BenchArm::Ideal, &config, &["a"]);
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         let entrant = Entrant::named(kind.name()).unwrap();
         let run = benchmark.replay(entrant, BenchArm::Ideal, &hand, 0).unwrap().unwrap();
-        let settings = WaySettings::new(kind, PERIOD_S, 0.0, Limits::OFF, BenchArm::Ideal.glyph_height_m());
+        let settings =
+            BaselineSettings::new(kind, PERIOD_S, 0.0, Limits::OFF, BenchArm::Ideal.glyph_height_m());
         let wanted = targets(kind, &settings, &hand.sequences[0].path.samples);
         assert!(wanted.len() <= run.tool.len() && wanted.len() > 600);
         for (tool, wanted) in run.tool.iter().zip(&wanted) {
             assert!((tool.t_s - wanted.t_s).abs() < 1e-6, "{tool:?} {wanted:?}");
             let off_m = (tool.x_m - wanted.x_m).hypot(tool.y_m - wanted.y_m);
             // Time-optimal motion makes much of the last digit of a clock; a period off would be 0.2 mm and more.
-            let most_m = if kind == WayKind::Otg { 1e-4 } else { 1e-6 };
+            let most_m = if kind == BaselineKind::Otg { 1e-4 } else { 1e-6 };
             assert!(off_m < most_m, "{kind} at {}: {off_m}", tool.t_s);
         }
         for (tool, tick) in run.tool.iter().zip(&run.ticks) {

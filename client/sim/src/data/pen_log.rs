@@ -176,7 +176,7 @@ mod tests {
     fn what_was_recorded_loads_with_rate_writer_and_strokes() {
         let folder = tempfile::tempdir().unwrap();
         let mut log = logged(folder.path(), 100);
-        // A stamp that stands still, one that goes back, and a number that is none.
+        // A stamp that stands still, one that goes back, and one that is not finite.
         assert!(!log.push(7_495_000_000, 0.0, 0.0, true).unwrap());
         assert!(!log.push(6_000_000_000, 0.0, 0.0, true).unwrap());
         assert!(!log.push(8_000_000_000, f64::NAN, 0.0, true).unwrap());

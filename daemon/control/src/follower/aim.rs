@@ -12,7 +12,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         ((self.ahead_ns() / self.settings.pen.step_ns) as usize + 1).min(BAND_LEADS)
     }
 
-    /// How far ahead references lie: the dead time, without the servo that the plan reckons with, and the plan's response.
+    /// How far ahead references lie: the dead time, without the servo that the plan models, and the plan's response.
     pub(super) fn ahead_ns(&self) -> u64 {
         self.dead_time.ns().saturating_sub(self.settings.servo_ns()).saturating_add(self.settings.response_ns)
     }

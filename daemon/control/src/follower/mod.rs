@@ -90,7 +90,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust_request: settings.trust_request,
             plans: Plans::default(),
             overtaxed: None,
-            // The tool is the command's, which a plan that reckons with its servo has ahead of the arm.
+            // The tool is the command's, which a plan that models its servo has ahead of the arm.
             outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s)),
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),

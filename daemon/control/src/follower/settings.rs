@@ -79,7 +79,7 @@ pub struct FollowerSettings<const J: usize> {
     pub ik_backend: IkBackend,
     /// What the arm keeps away from; `None`: nothing, not even itself.
     pub clearance: Option<ClearanceSettings>,
-    /// Time from command to arm motion, τ, at start [ns]. What of it is the arm's servo (`mpc.servo_s`) the plan reckons with;
+    /// Time from command to arm motion, τ, at start [ns]. What of it is the arm's servo (`mpc.servo_s`) the plan models;
     /// the rest is pure delay.
     pub dead_time_ns: u64,
     /// Whether τ follows the measured lag of the arm afterwards.

@@ -1,6 +1,6 @@
 //! Where the tool would be if it were led by feedback alone: where the pen was a while ago.
 
-/// Longest lag of feedback that is reckoned with [steps].
+/// Longest lag of feedback that is modelled [steps].
 const LONGEST_LAG: usize = 8;
 
 /// See the module's description.

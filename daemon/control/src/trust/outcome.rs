@@ -1,7 +1,7 @@
 //! What following was worth: how far the tool is from the pen, beside how far feedback alone would have been.
 //!
 //! Contract: fixed size, no allocation, total. Of the tool the command is looked at, the dead time before the sample: where the arm is by
-//! then, also where a plan reckons with its servo (commands then lead by what the servo takes back). Feedback alone has the tool where
+//! then, also where a plan models its servo (commands then lead by what the servo takes back). Feedback alone has the tool where
 //! the pen was that time and its own lag before.
 
 use crate::units::Stamp;

@@ -86,7 +86,7 @@ fn request(rng: &mut Pcg64) -> Request {
     }
 }
 
-/// One life of a follower in front of a servo that its plan reckons with, if that is not 0; returns how many commands moved.
+/// One life of a follower in front of a servo that its plan models, if that is not 0; returns how many commands moved.
 fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
     let mut rng = Pcg64::seed_from_u64(seed);
     let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];

@@ -42,7 +42,7 @@ enum Events {
     Leaps,
     /// The pen trembles: faster to and fro than the plan looks ahead.
     Tremor,
-    /// The learner hands over weights that are none.
+    /// The learner hands over non-finite weights.
     BadWeights,
     /// The machine stands still for longer than the latch time.
     TimeLost,

@@ -14,7 +14,7 @@ use crate::qp::cholesky::Cholesky;
 /// and with the tool tilting they do more, and a little late is better than slow. A jerk that they do not give makes it swing.
 const ACCELERATION_ASKED: f64 = 2.6;
 const VELOCITY_ASKED: f64 = 1.5;
-/// A stop is reckoned with so many times the acceleration that they give.
+/// A stop is planned with so many times the acceleration that they give.
 const ACCELERATION_STOPS: f64 = 1.2;
 
 /// Speeds from which a plan has to see a stop, per axis [m/s]: measured, with half of them in the plane it swung by 18 mm.

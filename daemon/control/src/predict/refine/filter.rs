@@ -1,6 +1,6 @@
 //! A Kalman filter of constant acceleration per axis, one gain for both, over samples at whatever rate they come.
 //!
-//! Contract: O(1) per sample, no allocation, total. A silence begins anew, and so does a number that is none.
+//! Contract: O(1) per sample, no allocation, total. It begins anew after a silence and after a non-finite sample.
 
 /// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise: of a hand, 0.3 m/s
 /// and 10 m/s² for 0.3 mm. With an acceleration that may be anything it would explain the whole way to the second sample.

@@ -1,8 +1,8 @@
-//! The ways in which people make an arm follow a hand today: what foretrace is compared with in closed loop.
+//! The baselines: what foretrace is compared with in closed loop.
 //!
-//! Contract: a [`Way`] hears the pen's samples as they arrive and says once per control period where the tool shall be
+//! Contract: a [`Baseline`] hears the pen's samples as they arrive and says once per control period where the tool shall be
 //! at the end of that period, in the plane [m]. Deterministic; no clock, no file. Each is implemented from its published
-//! description with its published defaults, then tuned on training data in its own favour ([`WaySettings::new`]).
+//! description with its published defaults, then tuned on training data in its own favour ([`BaselineSettings::new`]).
 //! Samples that are not finite, not later than the last one taken, or stamped in the future are dropped.
 //! Absent: the arm, inverse kinematics, and the daemon; nothing here is linked into the real-time loop.
 
@@ -23,15 +23,15 @@ pub use open_loop::{OpenLoop, open_loop};
 pub use otg::OtgWay;
 pub use servoj::{ServojWay, SoftServo, soften};
 pub use settings::{
-    Feed, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter, ServoKnobs, WayError, WayKind,
-    WaySettings,
+    BaselineError, BaselineKind, BaselineSettings, Feed, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs,
+    PostFilter, ServoKnobs,
 };
 pub use sweep::sweep;
 
 use foretrace_sim::path::PathSample;
 
-/// A way of today: pen samples in, where the tool shall be, once per control period.
-pub trait Way: Send {
+/// A baseline: pen samples in, where the tool is to be, once per control period.
+pub trait Baseline: Send {
     /// The tool's target in the plane [m] for the end of the period that begins at `now_s`.
     ///
     /// `pen`: samples received since the last call, in order. `None` before the first sample.
@@ -51,18 +51,18 @@ pub trait Way: Send {
 /// The way `kind` with these settings; those of other kinds in `settings` are not looked at.
 ///
 /// *Errors*: a number outside its legal range, by name.
-pub fn build(kind: WayKind, settings: &WaySettings) -> Result<Box<dyn Way>, WayError> {
+pub fn build(kind: BaselineKind, settings: &BaselineSettings) -> Result<Box<dyn Baseline>, BaselineError> {
     settings.check(kind)?;
     Ok(match kind {
-        WayKind::ServojGello | WayKind::ServojRos => Box::new(ServojWay::new(settings)),
-        WayKind::Otg => Box::new(OtgWay::new(settings)),
-        WayKind::Kalman => Box::new(KalmanWay::new(settings)),
+        BaselineKind::ServojGello | BaselineKind::ServojRos => Box::new(ServojWay::new(settings)),
+        BaselineKind::Otg => Box::new(OtgWay::new(settings)),
+        BaselineKind::Kalman => Box::new(KalmanWay::new(settings)),
     })
 }
 
 /// Look-ahead and gain that a way with these settings gives to the arm's servo, where the arm takes `servoj`.
 #[must_use]
-pub fn servo(settings: &WaySettings) -> ServoKnobs {
+pub fn servo(settings: &BaselineSettings) -> ServoKnobs {
     settings.servo
 }
 

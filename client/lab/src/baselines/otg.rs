@@ -17,7 +17,7 @@ use rsruckig::prelude::{
 
 use super::intake::{Arrival, Intake};
 use super::trend::{AxisTrend, Trend};
-use super::{Limits, OtgKnobs, Way, WaySettings};
+use super::{Baseline, BaselineSettings, Limits, OtgKnobs};
 
 /// A trajectory generator behind the pen.
 pub struct OtgWay {
@@ -31,7 +31,7 @@ pub struct OtgWay {
 }
 
 impl OtgWay {
-    pub(super) fn new(settings: &WaySettings) -> Self {
+    pub(super) fn new(settings: &BaselineSettings) -> Self {
         let knobs = settings.otg;
         let limits = Limits {
             velocity_mps: knobs.limits.velocity_mps.min(settings.limits.velocity_mps),
@@ -56,7 +56,7 @@ impl OtgWay {
     }
 }
 
-impl Way for OtgWay {
+impl Baseline for OtgWay {
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]> {
         for sample in pen {
             match self.intake.take(now_s, sample) {

@@ -6,19 +6,19 @@ use super::*;
 const PERIOD_S: f64 = 0.002;
 const DEAD_S: f64 = 0.030;
 
-fn settings(kind: WayKind) -> WaySettings {
-    WaySettings::new(kind, PERIOD_S, DEAD_S, Limits::OFF, 0.1)
+fn settings(kind: BaselineKind) -> BaselineSettings {
+    BaselineSettings::new(kind, PERIOD_S, DEAD_S, Limits::OFF, 0.1)
 }
 
 /// The plain filter: no cap on the prediction, no rules, nothing behind it.
-fn plain_kalman() -> WaySettings {
+fn plain_kalman() -> BaselineSettings {
     let rules_off = KalmanKnobs {
         horizon_max_s: f64::INFINITY,
         turn_rule: false,
         reversal_rule: false,
         ..KalmanKnobs::CHROMIUM
     };
-    WaySettings { kalman: rules_off, ..settings(WayKind::Kalman) }
+    BaselineSettings { kalman: rules_off, ..settings(BaselineKind::Kalman) }
 }
 
 /// Pen samples every 5 ms from t = 0 on the motion `pen`.
@@ -33,13 +33,13 @@ fn sampled(seconds: f64, pen: impl Fn(f64) -> [f64; 2]) -> Vec<PathSample> {
 }
 
 /// Runs `way` over `pen`; each target with the instant for which it was made, the end of its period.
-fn run(way: &mut dyn Way, pen: &[PathSample]) -> Vec<(f64, [f64; 2])> {
+fn run(way: &mut dyn Baseline, pen: &[PathSample]) -> Vec<(f64, [f64; 2])> {
     let arrivals: Vec<f64> = pen.iter().map(|sample| sample.t_s).collect();
     run_arriving(way, pen, &arrivals)
 }
 
 /// The same with the instants at which the samples arrive, whatever their stamps say.
-fn run_arriving(way: &mut dyn Way, pen: &[PathSample], arrivals: &[f64]) -> Vec<(f64, [f64; 2])> {
+fn run_arriving(way: &mut dyn Baseline, pen: &[PathSample], arrivals: &[f64]) -> Vec<(f64, [f64; 2])> {
     let end_s = arrivals.last().unwrap() + 0.2;
     let mut heard = 0;
     (0..(end_s / PERIOD_S) as u32)
@@ -64,16 +64,16 @@ fn line(t_s: f64) -> [f64; 2] {
 
 #[test]
 fn names_are_read_back_and_unknown_ones_name_all_ways() {
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         assert_eq!(kind.name().parse(), Ok(kind));
     }
-    let error = "ruckig".parse::<WayKind>().unwrap_err().to_string();
-    assert!(WayKind::ALL.iter().all(|kind| error.contains(kind.name())), "{error}");
+    let error = "ruckig".parse::<BaselineKind>().unwrap_err().to_string();
+    assert!(BaselineKind::ALL.iter().all(|kind| error.contains(kind.name())), "{error}");
 }
 
 #[test]
 fn every_point_of_every_sweep_can_be_built_and_one_is_the_default() {
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         let settings = settings(kind);
         let points = sweep(kind, &settings);
         assert!((6..=10).contains(&points.len()), "{kind}: {}", points.len());
@@ -86,19 +86,19 @@ fn every_point_of_every_sweep_can_be_built_and_one_is_the_default() {
 
 #[test]
 fn a_number_out_of_range_is_refused_by_name_value_and_range() {
-    let mut bad = settings(WayKind::Kalman);
+    let mut bad = settings(BaselineKind::Kalman);
     bad.kalman.process_mps2 = f64::NAN;
-    let error = build(WayKind::Kalman, &bad).map(|_| ()).unwrap_err().to_string();
+    let error = build(BaselineKind::Kalman, &bad).map(|_| ()).unwrap_err().to_string();
     assert!(error.contains("kalman: kalman.process_mps2 is NaN; legal:"), "{error}");
     // It is no business of the others.
-    assert!(build(WayKind::Otg, &bad).is_ok());
+    assert!(build(BaselineKind::Otg, &bad).is_ok());
     bad.period_s = 0.0;
-    assert!(build(WayKind::Otg, &bad).is_err());
+    assert!(build(BaselineKind::Otg, &bad).is_err());
 }
 
 #[test]
 fn nothing_is_aimed_at_before_the_first_sample() {
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         let mut way = build(kind, &settings(kind)).unwrap();
         assert_eq!(way.target(0.0, &[]), None, "{kind}");
         let sample = PathSample { t_s: 0.001, x_m: 0.01, y_m: 0.02, contact: true };
@@ -109,7 +109,7 @@ fn nothing_is_aimed_at_before_the_first_sample() {
 
 #[test]
 fn predicting_ways_are_on_the_pen_a_dead_time_ahead_in_constant_velocity() {
-    for kind in [WayKind::Otg, WayKind::Kalman] {
+    for kind in [BaselineKind::Otg, BaselineKind::Kalman] {
         let mut settings = plain_kalman();
         settings.otg = OtgKnobs { intercept: true, horizon_max_s: f64::INFINITY, ..settings.otg };
         let targets = run(&mut *build(kind, &settings).unwrap(), &sampled(2.0, line));
@@ -125,9 +125,9 @@ fn predicting_ways_are_on_the_pen_a_dead_time_ahead_in_constant_velocity() {
 fn generator_that_does_not_intercept_arrives_late_at_a_moving_pen() {
     let limits = Limits { velocity_mps: 1.0, acceleration_mps2: 10.0, jerk_mps3: 1000.0 };
     let error_after_half_a_second = |intercept: bool| {
-        let mut settings = WaySettings { limits, ..settings(WayKind::Otg) };
+        let mut settings = BaselineSettings { limits, ..settings(BaselineKind::Otg) };
         settings.otg = OtgKnobs { intercept, horizon_max_s: f64::INFINITY, ..settings.otg };
-        let targets = run(&mut *build(WayKind::Otg, &settings).unwrap(), &sampled(2.0, line));
+        let targets = run(&mut *build(BaselineKind::Otg, &settings).unwrap(), &sampled(2.0, line));
         let (t_s, target) = within(&targets, 0.499..0.5011)[0];
         (target[0] - line(t_s + DEAD_S)[0]).abs()
     };
@@ -138,7 +138,7 @@ fn generator_that_does_not_intercept_arrives_late_at_a_moving_pen() {
 #[test]
 fn kalman_is_exact_in_constant_acceleration_once_converged() {
     let pen = |t: f64| [0.3 * t - 0.5 * t * t, 0.1 + 0.4 * t * t];
-    let targets = run(&mut *build(WayKind::Kalman, &plain_kalman()).unwrap(), &sampled(2.0, pen));
+    let targets = run(&mut *build(BaselineKind::Kalman, &plain_kalman()).unwrap(), &sampled(2.0, pen));
     for (t_s, target) in within(&targets, 1.0..1.99) {
         let pen = pen(t_s + DEAD_S);
         let error = (target[0] - pen[0]).hypot(target[1] - pen[1]);
@@ -152,8 +152,8 @@ fn kalman_does_not_care_for_the_unit_of_length() {
     let large = sampled(1.0, |t| pen(t).map(|x| 8.0 * x));
     let small = plain_kalman();
     let scaled = small.for_height(0.8);
-    let small = run(&mut *build(WayKind::Kalman, &small).unwrap(), &sampled(1.0, pen));
-    let large = run(&mut *build(WayKind::Kalman, &scaled).unwrap(), &large);
+    let small = run(&mut *build(BaselineKind::Kalman, &small).unwrap(), &sampled(1.0, pen));
+    let large = run(&mut *build(BaselineKind::Kalman, &scaled).unwrap(), &large);
     for ((_, a), (_, b)) in small.iter().zip(&large) {
         assert!((8.0 * a[0] - b[0]).hypot(8.0 * a[1] - b[1]) < 1e-9);
     }
@@ -167,8 +167,8 @@ fn reversal_rule_draws_no_prediction_that_turns_back() {
     let without = plain_kalman();
     let mut with = without;
     with.kalman.reversal_rule = true;
-    let last = |settings: &WaySettings| {
-        let targets = run(&mut *build(WayKind::Kalman, settings).unwrap(), &samples);
+    let last = |settings: &BaselineSettings| {
+        let targets = run(&mut *build(BaselineKind::Kalman, settings).unwrap(), &samples);
         within(&targets, 0.2479..0.2481)[0].1[0]
     };
     let newest = samples.last().unwrap().x_m;
@@ -179,8 +179,9 @@ fn reversal_rule_draws_no_prediction_that_turns_back() {
 #[test]
 fn one_euro_lags_in_constant_velocity_by_its_time_constant() {
     let knobs = OneEuroKnobs { min_cutoff_hz: 2.0, beta_hz_per_mps: 0.0, speed_cutoff_hz: 1.0 };
-    let settings = WaySettings { one_euro: knobs, feed: Feed::Samples, ..settings(WayKind::ServojGello) };
-    let targets = run(&mut *build(WayKind::ServojGello, &settings).unwrap(), &sampled(3.0, line));
+    let settings =
+        BaselineSettings { one_euro: knobs, feed: Feed::Samples, ..settings(BaselineKind::ServojGello) };
+    let targets = run(&mut *build(BaselineKind::ServojGello, &settings).unwrap(), &sampled(3.0, line));
     let tau_s = 1.0 / (std::f64::consts::TAU * 2.0);
     // Right behind a sample: the one at 2.5 s arrives in the period that begins there.
     let (_, target) = within(&targets, 2.5019..2.5021)[0];
@@ -241,7 +242,7 @@ fn soft_servo_lags_by_its_look_ahead_and_does_not_overshoot() {
 #[test]
 fn generator_never_exceeds_its_limits_and_arrives() {
     let limits = Limits { velocity_mps: 0.5, acceleration_mps2: 5.0, jerk_mps3: 200.0 };
-    let mut settings = WaySettings { limits, ..settings(WayKind::Otg) };
+    let mut settings = BaselineSettings { limits, ..settings(BaselineKind::Otg) };
     settings.otg = OtgKnobs { target_acceleration: true, acceleration_share: 1.0, ..settings.otg };
     let mut way = OtgWay::new(&settings);
     // A jump of 0.1 m, a fast circle that the limits cannot follow, a dart, then rest.
@@ -281,7 +282,7 @@ fn generator_never_exceeds_its_limits_and_arrives() {
 
 #[test]
 fn rubbish_and_gaps_leave_every_target_finite_and_the_way_recovers() {
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         let mut samples = sampled(3.0, |t| [0.03 * (8.0 * t).sin(), 0.02 * (5.0 * t).cos()]);
         samples.retain(|s| !(1.0..1.3).contains(&s.t_s));
         let stop = *samples.last().unwrap();
@@ -309,7 +310,7 @@ fn rubbish_and_gaps_leave_every_target_finite_and_the_way_recovers() {
 #[test]
 fn same_pen_gives_the_same_targets_bit_for_bit() {
     let samples = sampled(1.0, |t| [0.03 * (8.0 * t).sin(), 0.02 * (5.0 * t * t).cos()]);
-    for kind in WayKind::ALL {
+    for kind in BaselineKind::ALL {
         let runs = [0, 1].map(|_| run(&mut *build(kind, &settings(kind)).unwrap(), &samples));
         assert_eq!(runs[0], runs[1], "{kind}");
     }

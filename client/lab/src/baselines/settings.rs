@@ -7,7 +7,7 @@ use super::tuned::{self, TUNED_HEIGHT_M};
 
 /// Which way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum WayKind {
+pub enum BaselineKind {
     /// 1€ filter, then `servoj` as most teleoperation scripts call it: look-ahead 0.1 s, gain 300.
     ServojGello,
     /// 1€ filter, then `servoj` as the ROS driver calls it: look-ahead 0.03 s, gain 2000.
@@ -18,7 +18,7 @@ pub enum WayKind {
     Kalman,
 }
 
-impl WayKind {
+impl BaselineKind {
     /// Every way.
     pub const ALL: [Self; 4] = [Self::ServojGello, Self::ServojRos, Self::Otg, Self::Kalman];
 
@@ -41,20 +41,20 @@ impl WayKind {
     }
 }
 
-impl fmt::Display for WayKind {
+impl fmt::Display for BaselineKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for WayKind {
-    type Err = WayError;
+impl FromStr for BaselineKind {
+    type Err = BaselineError;
 
-    fn from_str(text: &str) -> Result<Self, WayError> {
+    fn from_str(text: &str) -> Result<Self, BaselineError> {
         Self::ALL
             .into_iter()
             .find(|kind| kind.name() == text)
-            .ok_or_else(|| WayError::NoSuchWay { name: text.to_owned() })
+            .ok_or_else(|| BaselineError::NoSuchWay { name: text.to_owned() })
     }
 }
 
@@ -180,7 +180,7 @@ impl KalmanKnobs {
 
 /// Everything a way needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WaySettings {
+pub struct BaselineSettings {
     /// Control period [s].
     pub period_s: f64,
     /// What the arm behind is known to take from command to motion [s]. The servoj ways do not use it.
@@ -201,15 +201,15 @@ pub struct WaySettings {
     pub kalman: KalmanKnobs,
 }
 
-impl WaySettings {
+impl BaselineSettings {
     /// The way as tuned in its own favour: least error with limits off; before limits, the Kalman way as smooth as the jerk
     /// limit calls for.
     ///
     /// `height_m`: height of a median glyph [m]; knobs that carry a length go with it. See [`super::sweep`].
     #[must_use]
-    pub fn new(kind: WayKind, period_s: f64, dead_time_s: f64, limits: Limits, height_m: f64) -> Self {
+    pub fn new(kind: BaselineKind, period_s: f64, dead_time_s: f64, limits: Limits, height_m: f64) -> Self {
         let servo = match kind {
-            WayKind::ServojGello => ServoKnobs { look_ahead_s: 0.1, gain: 300.0 },
+            BaselineKind::ServojGello => ServoKnobs { look_ahead_s: 0.1, gain: 300.0 },
             _ => ServoKnobs { look_ahead_s: 0.03, gain: 2000.0 },
         };
         let scale = height_m / TUNED_HEIGHT_M;
@@ -247,7 +247,7 @@ impl WaySettings {
     }
 
     /// *Errors*: the first number of this way that is outside its range.
-    pub(super) fn check(&self, kind: WayKind) -> Result<(), WayError> {
+    pub(super) fn check(&self, kind: BaselineKind) -> Result<(), BaselineError> {
         let positive = f64::MIN_POSITIVE;
         let mut ranges = vec![
             ("period_s", self.period_s, 1e-4, 0.1),
@@ -259,8 +259,10 @@ impl WaySettings {
             ("limits.jerk_mps3", self.limits.jerk_mps3, positive, f64::INFINITY),
         ];
         match kind {
-            WayKind::ServojGello | WayKind::ServojRos => ranges.extend(one_euro_ranges(&self.one_euro)),
-            WayKind::Otg => ranges.extend([
+            BaselineKind::ServojGello | BaselineKind::ServojRos => {
+                ranges.extend(one_euro_ranges(&self.one_euro))
+            }
+            BaselineKind::Otg => ranges.extend([
                 ("otg.window_s", self.otg.window_s, 1e-3, 0.5),
                 ("otg.acceleration_share", self.otg.acceleration_share, 0.0, 1.0),
                 ("otg.horizon_max_s", self.otg.horizon_max_s, 0.0, f64::INFINITY),
@@ -268,7 +270,7 @@ impl WaySettings {
                 ("otg.limits.acceleration_mps2", self.otg.limits.acceleration_mps2, positive, 1e6),
                 ("otg.limits.jerk_mps3", self.otg.limits.jerk_mps3, positive, 1e9),
             ]),
-            WayKind::Kalman => {
+            BaselineKind::Kalman => {
                 ranges.extend([
                     ("kalman.measurement_m", self.kalman.measurement_m, positive, 1.0),
                     ("kalman.process_mps2", self.kalman.process_mps2, positive, 1e9),
@@ -286,8 +288,9 @@ impl WaySettings {
             }
         }
         let broken = ranges.into_iter().find(|(_, value, low, high)| !(*low <= *value && *value <= *high));
-        broken
-            .map_or(Ok(()), |(name, value, low, high)| Err(WayError::Range { kind, name, value, low, high }))
+        broken.map_or(Ok(()), |(name, value, low, high)| {
+            Err(BaselineError::Range { kind, name, value, low, high })
+        })
     }
 }
 
@@ -303,7 +306,7 @@ fn one_euro_ranges(knobs: &OneEuroKnobs) -> [(&'static str, f64, f64, f64); 3] {
 /// A way that cannot be had.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum WayError {
+pub enum BaselineError {
     /// A name that is none.
     #[error("there is no way {name:?}; there are servoj-gello, servoj-ros, otg, kalman")]
     NoSuchWay {
@@ -314,7 +317,7 @@ pub enum WayError {
     #[error("{kind}: {name} is {value}; legal: {low} to {high}")]
     Range {
         /// Of which way.
-        kind: WayKind,
+        kind: BaselineKind,
         /// The field.
         name: &'static str,
         /// As given.

@@ -1,4 +1,4 @@
-//! Constant-acceleration Kalman filter per axis, predicting to where the pen will be: as browsers draw ink today.
+//! Constant-acceleration Kalman filter per axis, predicting to where the pen will be: as browsers draw ink.
 //!
 //! Filter and rules follow what Chromium's `ui/base/prediction` (BSD-3) documents and does, in own words and code: state
 //! [position, velocity, acceleration], noise enters as a random change of acceleration g·w with g = [½dt², dt, 1], the
@@ -14,7 +14,7 @@ use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Vector3};
 
 use super::intake::{Arrival, Intake};
-use super::{KalmanKnobs, OneEuro, Origin, PostFilter, ServoKnobs, SoftServo, Way, WaySettings};
+use super::{Baseline, BaselineSettings, KalmanKnobs, OneEuro, Origin, PostFilter, ServoKnobs, SoftServo};
 
 /// Samples before the first prediction.
 const SETTLED: u32 = 4;
@@ -38,7 +38,7 @@ pub struct KalmanWay {
 }
 
 impl KalmanWay {
-    pub(super) fn new(settings: &WaySettings) -> Self {
+    pub(super) fn new(settings: &BaselineSettings) -> Self {
         Self {
             intake: Intake::default(),
             knobs: settings.kalman,
@@ -119,7 +119,7 @@ impl KalmanWay {
     }
 }
 
-impl Way for KalmanWay {
+impl Baseline for KalmanWay {
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]> {
         for sample in pen {
             self.take(now_s, sample);

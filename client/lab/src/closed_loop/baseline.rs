@@ -1,8 +1,8 @@
-//! A way of today at the desk: its target in the plane becomes joints, which go to the same arms as the law's.
+//! A baseline at the desk: its target in the plane becomes joints, which go to the same arms as the law's.
 //!
 //! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their stamp). The tool
 //! keeps the height and the orientation that it has at home; joints are found by damped least squares, without limits of
-//! ours, since that is how it is done today: what an arm cannot do, its own clamps hold back. Before an arm without a
+//! ours, since that is how they are used: what an arm cannot do, its own clamps hold back. Before an arm without a
 //! servo, ways that smooth in the servo get one in software. Told to be legal, its joints are kept inside velocity and
 //! acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
 
@@ -20,14 +20,14 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::BenchArm;
 use super::legal::Legal;
+use crate::baselines::{Baseline, BaselineError, BaselineKind, BaselineSettings, Limits, build, soften};
 use crate::experiments::{
     AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
 };
-use crate::today::{Limits, Way, WayError, WayKind, WaySettings, build, soften};
 
 /// What the way `kind` is set to before `arm`.
 #[must_use]
-pub(super) fn way_settings(config: &Config, arm: BenchArm, kind: WayKind) -> WaySettings {
+pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKind) -> BaselineSettings {
     let period_s = config.settings().period_ns() as f64 * 1e-9;
     let law = settings_for(config, arm.kind(config), PredictorKind::Hold);
     let least = |of: fn(&foretrace_control::mpc::AxisLimits) -> f64| {
@@ -42,8 +42,8 @@ pub(super) fn way_settings(config: &Config, arm: BenchArm, kind: WayKind) -> Way
     } else {
         Limits::OFF
     };
-    let with = |dead_time_s| WaySettings::new(kind, period_s, dead_time_s, limits, arm.glyph_height_m());
-    with(dead_time_s(arm.kind_for_way(config, with(0.0).servo)))
+    let with = |dead_time_s| BaselineSettings::new(kind, period_s, dead_time_s, limits, arm.glyph_height_m());
+    with(dead_time_s(arm.kind_for_baseline(config, with(0.0).servo)))
 }
 
 fn dead_time_s(arm: ArmKind) -> f64 {
@@ -55,8 +55,8 @@ fn dead_time_s(arm: ArmKind) -> f64 {
 }
 
 /// A way and its arm.
-pub(super) struct WayDesk {
-    way: Box<dyn Way>,
+pub(super) struct BaselineDesk {
+    way: Box<dyn Baseline>,
     reach: Reach,
     arm: Arm,
     period_ns: u64,
@@ -71,7 +71,7 @@ pub(super) struct WayDesk {
     tool: Option<([f64; 2], [f64; 2])>,
 }
 
-impl WayDesk {
+impl BaselineDesk {
     /// An arm at home in front of `kind`; `law` is whose plane and chain it has.
     ///
     /// # Errors
@@ -80,11 +80,11 @@ impl WayDesk {
         config: &Config,
         law: &FollowerSettings<JOINTS>,
         arm: BenchArm,
-        kind: WayKind,
-        settings: &WaySettings,
-    ) -> Result<Self, WayError> {
+        kind: BaselineKind,
+        settings: &BaselineSettings,
+    ) -> Result<Self, BaselineError> {
         let mut way = build(kind, settings)?;
-        let behind = arm.kind_for_way(config, settings.servo);
+        let behind = arm.kind_for_baseline(config, settings.servo);
         if kind.smooths_in_the_servo() && !matches!(behind, ArmKind::Ur5(_)) {
             way = soften(way, settings);
         }
@@ -148,7 +148,7 @@ impl WayDesk {
     }
 }
 
-impl Desk for WayDesk {
+impl Desk for BaselineDesk {
     /// `requests` are for the law and are not heard.
     fn write(
         &mut self,

@@ -5,7 +5,7 @@
 //! `now + period + dead time`, the instant at which an arm that takes the dead time would be there. Ways that smooth in the
 //! arm's servo are scored behind a [`SoftServo`](super::SoftServo). Absent: limits of an arm, inverse kinematics.
 
-use super::{WayError, WayKind, WaySettings, build, soften};
+use super::{BaselineError, BaselineKind, BaselineSettings, build, soften};
 use crate::parallel;
 use foretrace_sim::metrics::{ToolSample, error_series, motion};
 use foretrace_sim::path::PathSample;
@@ -35,10 +35,10 @@ pub struct OpenLoop {
 ///
 /// *Errors*: illegal settings.
 pub fn open_loop(
-    kind: WayKind,
-    settings: &WaySettings,
+    kind: BaselineKind,
+    settings: &BaselineSettings,
     paths: &[&[PathSample]],
-) -> Result<OpenLoop, WayError> {
+) -> Result<OpenLoop, BaselineError> {
     settings.check(kind)?;
     // Some paths to a job: one alone is too short for a thread to fetch.
     let jobs: Vec<&[&[PathSample]]> = paths.chunks(32).collect();
@@ -65,7 +65,11 @@ pub fn open_loop(
     })
 }
 
-fn one(kind: WayKind, settings: &WaySettings, path: &[PathSample]) -> Result<Option<OpenLoop>, WayError> {
+fn one(
+    kind: BaselineKind,
+    settings: &BaselineSettings,
+    path: &[PathSample],
+) -> Result<Option<OpenLoop>, BaselineError> {
     let Some((first, last)) = path.first().zip(path.last()) else { return Ok(None) };
     let mut way = build(kind, settings)?;
     if kind.smooths_in_the_servo() {
@@ -107,7 +111,7 @@ fn one(kind: WayKind, settings: &WaySettings, path: &[PathSample]) -> Result<Opt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::today::Limits;
+    use crate::baselines::Limits;
 
     #[test]
     fn servo_alone_is_off_by_its_look_ahead_and_the_dead_time() {
@@ -118,9 +122,10 @@ mod tests {
             })
             .collect();
         for dead_time_s in [0.0, 0.03] {
-            let mut settings = WaySettings::new(WayKind::ServojRos, 0.005, dead_time_s, Limits::OFF, 0.1);
+            let mut settings =
+                BaselineSettings::new(BaselineKind::ServojRos, 0.005, dead_time_s, Limits::OFF, 0.1);
             settings.one_euro.min_cutoff_hz = 1e6;
-            let score = open_loop(WayKind::ServojRos, &settings, &[&path]).unwrap();
+            let score = open_loop(BaselineKind::ServojRos, &settings, &[&path]).unwrap();
             // One period until the servo has passed the newest sample on.
             let late_s = 0.005 + 0.030 + dead_time_s;
             assert!((score.pen_down_mse_m2.sqrt() - 0.1 * late_s).abs() < 1e-5, "{score:?}");

@@ -1,12 +1,12 @@
 //! What the ways are set to, and along which settings each trades smoothness for error.
 //!
-//! Source: `client/lab/examples/tune_today.rs` on the training writers of unipen-tos, hover kept, median glyph 0.1 m high,
+//! Source: `client/lab/examples/tune_baselines.rs` on the training writers of unipen-tos, hover kept, median glyph 0.1 m high,
 //! period 2 ms: for each budget of RMS jerk the settings with the least mean squared error, separately for dead times of
 //! 0, 30 and 100 ms. The servoj ways cannot predict, so one row serves every dead time; theirs is the smoothest
 //! within 2 % of the least RMS error. Budgets are of the way's target without an arm, so they only order the rows: what an
 //! arm makes of them is for the benchmark to measure.
 
-use super::{KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter, WayKind};
+use super::{BaselineKind, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter};
 
 /// Height of a median glyph while tuning [m].
 pub(super) const TUNED_HEIGHT_M: f64 = 0.1;
@@ -14,9 +14,9 @@ pub(super) const TUNED_HEIGHT_M: f64 = 0.1;
 /// RMS jerk of the target for each row [m/s³].
 pub(super) const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
 
-pub(super) fn one_euro(kind: WayKind) -> OneEuroKnobs {
+pub(super) fn one_euro(kind: BaselineKind) -> OneEuroKnobs {
     let (beta_hz_per_mps, speed_cutoff_hz) =
-        if kind == WayKind::ServojGello { (30.0, 10.0) } else { (1000.0, 1.0) };
+        if kind == BaselineKind::ServojGello { (30.0, 10.0) } else { (1000.0, 1.0) };
     OneEuroKnobs { min_cutoff_hz: 20.0, beta_hz_per_mps, speed_cutoff_hz }
 }
 

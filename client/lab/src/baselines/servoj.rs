@@ -5,7 +5,7 @@
 //! Not modelled: servoj's gain. Universal Robots publish no law for it; measured lags fit the look-ahead alone.
 
 use super::intake::{Arrival, GAP_S, Intake};
-use super::{Feed, OneEuro, ServoKnobs, Way, WaySettings};
+use super::{Baseline, BaselineSettings, Feed, OneEuro, ServoKnobs};
 use foretrace_sim::path::PathSample;
 
 /// 1€ filter on the pen; no prediction, so the arm's lag comes on top.
@@ -18,7 +18,7 @@ pub struct ServojWay {
 }
 
 impl ServojWay {
-    pub(super) fn new(settings: &WaySettings) -> Self {
+    pub(super) fn new(settings: &BaselineSettings) -> Self {
         Self {
             intake: Intake::default(),
             filter: OneEuro::new(settings.one_euro),
@@ -28,7 +28,7 @@ impl ServojWay {
     }
 }
 
-impl Way for ServojWay {
+impl Baseline for ServojWay {
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]> {
         for sample in pen {
             let position = [sample.x_m, sample.y_m];
@@ -105,16 +105,16 @@ impl Follower {
 
 /// `way` with the servo in software behind it.
 #[must_use]
-pub fn soften(way: Box<dyn Way>, settings: &WaySettings) -> Box<dyn Way> {
+pub fn soften(way: Box<dyn Baseline>, settings: &BaselineSettings) -> Box<dyn Baseline> {
     Box::new(Softened { way, servo: SoftServo::new(settings.period_s, settings.servo) })
 }
 
 struct Softened {
-    way: Box<dyn Way>,
+    way: Box<dyn Baseline>,
     servo: SoftServo,
 }
 
-impl Way for Softened {
+impl Baseline for Softened {
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]> {
         self.way.target(now_s, pen).map(|target| self.servo.step(target))
     }

@@ -1,6 +1,6 @@
-//! Tunes the baselines (`foretrace_lab::today`) in their own favour on the training writers of a set.
+//! Tunes the baselines (`foretrace_lab::baselines`) in their own favour on the training writers of a set.
 //!
-//! `cargo run --release -p foretrace-lab --example tune_today -- FOLDER [WAY [EVERY [limited]]]`
+//! `cargo run --release -p foretrace-lab --example tune_baselines -- FOLDER [WAY [EVERY [limited]]]`
 //!
 //! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one of the
 //! ways, or `all`. EVERY: search on every n-th letter (default 5), what is found is then scored on all of them; 0 only
@@ -10,10 +10,11 @@
 
 use std::path::Path;
 
-use foretrace_lab::experiments::{Labels, letters};
-use foretrace_lab::today::{
-    Feed, Limits, OneEuroKnobs, OpenLoop, Origin, OtgKnobs, PostFilter, WayKind, WaySettings, open_loop,
+use foretrace_lab::baselines::{
+    BaselineKind, BaselineSettings, Feed, Limits, OneEuroKnobs, OpenLoop, Origin, OtgKnobs, PostFilter,
+    open_loop,
 };
+use foretrace_lab::experiments::{Labels, letters};
 use foretrace_sim::data::{DataSet, Split};
 use foretrace_sim::path::{PathSample, Placement};
 
@@ -24,13 +25,13 @@ const UR5: Limits = Limits { velocity_mps: 1.0, acceleration_mps2: 15.0, jerk_mp
 const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
 
 /// One knob: its name and the settings that each of its values leads to.
-type Knob = (&'static str, fn(&WaySettings) -> Vec<WaySettings>);
+type Knob = (&'static str, fn(&BaselineSettings) -> Vec<BaselineSettings>);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let folder = arguments.first().ok_or("usage: tune_today FOLDER [WAY|all [EVERY]]")?;
+    let folder = arguments.first().ok_or("usage: tune_baselines FOLDER [WAY|all [EVERY]]")?;
     let kinds = match arguments.get(1).map(String::as_str) {
-        None | Some("all") => WayKind::ALL.to_vec(),
+        None | Some("all") => BaselineKind::ALL.to_vec(),
         Some(name) => vec![name.parse()?],
     };
     let every: usize = arguments.get(2).map_or(Ok(5), |text| text.parse())?;
@@ -45,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for kind in kinds {
         let dead_times = if kind.smooths_in_the_servo() { &[0.0, 0.03][..] } else { &[0.0, 0.03, 0.1] };
         for &dead_time_s in dead_times {
-            let start = WaySettings::new(kind, PERIOD_S, dead_time_s, limits, height_m);
+            let start = BaselineSettings::new(kind, PERIOD_S, dead_time_s, limits, height_m);
             if every == 0 {
                 println!("\n{kind}, dead time {} ms", dead_time_s * 1e3);
                 report(kind, &start, limits.jerk_mps3, &all)?;
@@ -58,8 +59,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn tune(
-    kind: WayKind,
-    start: &WaySettings,
+    kind: BaselineKind,
+    start: &BaselineSettings,
     height_m: f64,
     some: &[&[PathSample]],
     all: &[&[PathSample]],
@@ -90,7 +91,7 @@ fn tune(
             descend(kind, &from, budget, some, &mut tried)?;
             // Interception costs ten plans a period: only the best is tried with it.
             let mut met = least(&tried, budget)?;
-            if kind == WayKind::Otg && !met.otg.intercept {
+            if kind == BaselineKind::Otg && !met.otg.intercept {
                 met.otg.intercept = true;
                 tried.push((met, open_loop(kind, &met, some)?));
             }
@@ -108,8 +109,8 @@ fn tune(
 }
 
 fn report(
-    kind: WayKind,
-    settings: &WaySettings,
+    kind: BaselineKind,
+    settings: &BaselineSettings,
     budget: f64,
     paths: &[&[PathSample]],
 ) -> Result<(), Box<dyn std::error::Error>> {
@@ -127,11 +128,11 @@ fn report(
 
 /// One knob after another over its grid, again until nothing improves.
 fn descend(
-    kind: WayKind,
-    start: &WaySettings,
+    kind: BaselineKind,
+    start: &BaselineSettings,
     budget: f64,
     some: &[&[PathSample]],
-    tried: &mut Vec<(WaySettings, OpenLoop)>,
+    tried: &mut Vec<(BaselineSettings, OpenLoop)>,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let mut best = (*start, open_loop(kind, start, some)?);
     loop {
@@ -157,27 +158,30 @@ fn cost(score: &OpenLoop, budget: f64) -> f64 {
     score.mse_m2 * (score.rms_jerk_mps3 / budget).max(1.0).powi(4)
 }
 
-fn least(tried: &[(WaySettings, OpenLoop)], budget: f64) -> Result<WaySettings, Box<dyn std::error::Error>> {
+fn least(
+    tried: &[(BaselineSettings, OpenLoop)],
+    budget: f64,
+) -> Result<BaselineSettings, Box<dyn std::error::Error>> {
     let least = tried.iter().min_by(|a, b| cost(&a.1, budget).total_cmp(&cost(&b.1, budget)));
     least.map(|(point, _)| *point).ok_or_else(|| "nothing was tried".into())
 }
 
-fn describe(kind: WayKind, settings: &WaySettings) -> String {
+fn describe(kind: BaselineKind, settings: &BaselineSettings) -> String {
     match kind {
-        WayKind::ServojGello | WayKind::ServojRos => {
+        BaselineKind::ServojGello | BaselineKind::ServojRos => {
             format!("{:?} {:?} {:?}", settings.servo, settings.feed, settings.one_euro)
         }
-        WayKind::Otg => format!("{:?}", settings.otg),
-        WayKind::Kalman => format!("{:?}", settings.kalman),
+        BaselineKind::Otg => format!("{:?}", settings.otg),
+        BaselineKind::Kalman => format!("{:?}", settings.kalman),
     }
 }
 
 /// `settings` once for every value, each set by `set`.
 fn each<T: Copy>(
-    settings: &WaySettings,
+    settings: &BaselineSettings,
     values: &[T],
-    set: impl Fn(&mut WaySettings, T),
-) -> Vec<WaySettings> {
+    set: impl Fn(&mut BaselineSettings, T),
+) -> Vec<BaselineSettings> {
     values
         .iter()
         .map(|value| {
@@ -188,7 +192,7 @@ fn each<T: Copy>(
         .collect()
 }
 
-fn knobs(kind: WayKind) -> &'static [Knob] {
+fn knobs(kind: BaselineKind) -> &'static [Knob] {
     const SERVOJ: &[Knob] = &[
         ("look-ahead", |s| {
             each(s, &[0.03, 0.05, 0.1, 0.15, 0.2], |p, look_ahead_s| p.servo.look_ahead_s = look_ahead_s)
@@ -255,8 +259,8 @@ fn knobs(kind: WayKind) -> &'static [Knob] {
         ("reversal rule", |s| each(s, &[false, true], |p, on| p.kalman.reversal_rule = on)),
     ];
     match kind {
-        WayKind::ServojGello | WayKind::ServojRos => SERVOJ,
-        WayKind::Otg => OTG,
-        WayKind::Kalman => KALMAN,
+        BaselineKind::ServojGello | BaselineKind::ServojRos => SERVOJ,
+        BaselineKind::Otg => OTG,
+        BaselineKind::Kalman => KALMAN,
     }
 }
