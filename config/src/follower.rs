@@ -16,7 +16,8 @@ use foretrace_control::mpc::{
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::plane::Plane;
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
-use foretrace_control::trust::{TrustRequest, TrustSettings};
+use foretrace_control::skill::SkillParameters;
+use foretrace_control::trust::{TrustParameters, TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
 
@@ -145,6 +146,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         },
         models: models.clone(),
         weights: models.initial_weights(),
+        skill: SkillParameters::SHIPPED,
         trust: TrustSettings {
             step_ns: s.step_ns(),
             ramp_steps: f64::from(s.trust.ramp_steps),
@@ -153,7 +155,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
             auto_ceiling: Trust::new(s.trust.ceiling),
             proof_cases: s.trust.proof_cases,
             per_step: s.trust.per_step,
-            ..TrustSettings::default()
+            parameters: TrustParameters::SHIPPED,
         },
         trust_request: s.trust.request(),
         mpc: mpc(s),

@@ -5,11 +5,9 @@ use foretrace_control::arm::lag::Following;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointReading, NoClock, Request, StepInput, StepOutput,
 };
-use foretrace_control::mpc::Gains;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::trust::TrustRequest;
-use foretrace_control::units::{Stamp, Trust};
+use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings, DelayChange, DelaySettings, JOINTS};
 use foretrace_sim::path::{Layout, PenPath, Placement};
 use foretrace_sim::writer::text_path;
@@ -160,16 +158,7 @@ fn behind_a_slow_servo_following_the_shift_costs_who_foresees_badly_less_than_it
             settings.preview.kind = kind;
             settings.dead_time_ns = (arm.group_delay_s() * 1e9) as u64;
             settings.following = following;
-            // The paper's law, a scalar trust over a plan on the predictor's own grid: trust per step shortens by itself what
-            // was foreseen too far ahead, and would hide the lead. Nothing of the plan follows the preset.
-            settings.trust_request = TrustRequest::Manual(Trust::FULL);
-            settings.mpc.step_s = 0.01;
-            for axis in settings.mpc.axes.iter_mut().take(2) {
-                (axis.velocity_mps, axis.acceleration_mps2, axis.jerk_mps3) = (1.0, 15.0, 4000.0);
-            }
-            settings.mpc.gains_feedback = [Gains::FEEDBACK; 3];
-            settings.mpc.gains_feedforward = [Gains::FEEDFORWARD; 3];
-            settings.mpc.effort = Gains::EFFORT;
+            crate::paper_law::set(&mut settings);
             write(settings, arm, &written(text, seed), |t, _, tool, pen| {
                 if t >= 4.0 {
                     sum += (tool[0] - pen[0]).powi(2) + (tool[1] - pen[1]).powi(2);

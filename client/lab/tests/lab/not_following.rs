@@ -8,10 +8,7 @@ use foretrace_config::Config;
 use foretrace_control::arm::lag::Following;
 use foretrace_control::follower::{Mode, Refusal, Request};
 use foretrace_control::monitor::SlowArm;
-use foretrace_control::mpc::Gains;
 use foretrace_control::stop::{StopCause, StopDetail, StopReason};
-use foretrace_control::trust::TrustRequest;
-use foretrace_control::units::Trust;
 use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
 
 /// The arm breaks so long after the pen began [s]: by then the lag is known.
@@ -239,14 +236,7 @@ fn an_arm_behind_a_slow_servo_is_not_blamed_for_a_plan_in_a_hurry() {
             let mut settings = Config::preset("ur5e").unwrap().follower_settings();
             settings.dead_time_ns = (arm.group_delay_s() * 1e9) as u64;
             settings.following = following;
-            settings.trust_request = TrustRequest::Manual(Trust::FULL);
-            settings.mpc.step_s = 0.01;
-            for axis in settings.mpc.axes.iter_mut().take(2) {
-                (axis.velocity_mps, axis.acceleration_mps2, axis.jerk_mps3) = (1.0, 15.0, 4000.0);
-            }
-            settings.mpc.gains_feedback = [Gains::FEEDBACK; 3];
-            settings.mpc.gains_feedforward = [Gains::FEEDFORWARD; 3];
-            settings.mpc.effort = Gains::EFFORT;
+            crate::paper_law::set(&mut settings);
             let mut desk = Desk::with(arm, settings);
             assert_eq!(desk.ask(Request::Arm), Ok(()));
             let stop = desk.write_text(text, seed);

@@ -2,23 +2,11 @@
 //!
 //! Sources of the numbers: the tables of the reference run (its program is not here) and `fixtures/reference`.
 
+use crate::shared::shared;
 use foretrace_lab::prediction::{Model, Row, Scored, Set, score, share_below};
 use foretrace_sim::data::Split;
 use std::collections::HashMap;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
-
-fn shared() -> Option<PathBuf> {
-    let folder = std::env::var_os("FORETRACE_SHARED")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
-    if folder.join("data").is_dir() {
-        return Some(folder);
-    }
-    // Past the capture of the test runner: a skipped test must be seen.
-    let _ =
-        writeln!(std::io::stderr(), "skipped: no shared data at {} (set FORETRACE_SHARED)", folder.display());
-    None
-}
+use std::path::Path;
 
 fn scored(set: &Set, names: &str) -> Scored {
     score(&Model::list(names).unwrap(), set, &|| ()).unwrap()

@@ -1,5 +1,6 @@
 //! Whole trainings: what they reach, that they can be interrupted anywhere, and what they refuse.
 
+use crate::shared::shared;
 use foretrace_lab::train::checkpoint::{self, CheckpointError};
 use foretrace_lab::train::corpus::{self, CorpusError, Item};
 use foretrace_lab::train::{
@@ -7,22 +8,8 @@ use foretrace_lab::train::{
 };
 use foretrace_sim::data::{DataSet, Split};
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::sync::Arc;
-
-fn shared() -> Option<PathBuf> {
-    let folder = std::env::var_os("FORETRACE_SHARED")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
-    if folder.join("data").is_dir() {
-        return Some(folder);
-    }
-    // Past the capture of the test runner: a skipped test must be seen.
-    let _ =
-        writeln!(std::io::stderr(), "skipped: no shared data at {} (set FORETRACE_SHARED)", folder.display());
-    None
-}
 
 fn setup(recipe: Recipe, cells: usize, scale: f64) -> Setup {
     Setup { network: recipe.network(cells, 1), objective: recipe.objective(1), scale }

@@ -6,4 +6,5 @@ mod inkml_files;
 mod made;
 mod mat_files;
 mod reference_sets;
+mod shared;
 mod unipen_files;

@@ -1,22 +1,9 @@
 //! The loaders against every sequence of the reference tables, where the shared data is there.
 
+use crate::shared::shared;
 use foretrace_sim::data::{DataSet, Quantity, Split, median_glyph_height};
 use foretrace_sim::path::{Ink, PenPath, Placement};
 use std::collections::BTreeSet;
-use std::io::Write as _;
-use std::path::PathBuf;
-
-fn shared() -> Option<PathBuf> {
-    let folder = std::env::var_os("FORETRACE_SHARED")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
-    if folder.join("data").is_dir() {
-        return Some(folder);
-    }
-    // Past the capture of the test runner: a skipped test must be seen.
-    let _ =
-        writeln!(std::io::stderr(), "skipped: no shared data at {} (set FORETRACE_SHARED)", folder.display());
-    None
-}
 
 #[test]
 fn every_test_sequence_has_the_label_and_length_of_the_reference() {

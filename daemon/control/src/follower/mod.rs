@@ -77,7 +77,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let step_ns = settings.pen.step_ns;
         let mut mover = Mover::new(&settings)?;
         let feedback_lag_s = mover.feedback_lag_s();
-        let skill = Skill::tuned(step_ns as f64 * 1e-9, settings.trust.per_step, settings.trust.skill);
+        let skill = Skill::tuned(step_ns as f64 * 1e-9, settings.trust.per_step, settings.skill);
         let aim = if settings.servo_ns() > 0 { Aim::GroupDelay } else { Aim::Shift };
         Ok(Self {
             watch: Watch::new(settings.safety),

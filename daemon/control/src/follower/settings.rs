@@ -15,6 +15,7 @@ use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::plane::Plane;
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
+use crate::skill::SkillParameters;
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 
 /// Bounds of time and motion around the law itself.
@@ -61,6 +62,8 @@ pub struct FollowerSettings<const J: usize> {
     pub models: Models,
     /// Weights at start of those that learn online.
     pub weights: OnlineWeights,
+    /// The numbers behind shares and records of past previews.
+    pub skill: SkillParameters,
     /// When to believe the preview.
     pub trust: TrustSettings,
     /// Who decides at start.

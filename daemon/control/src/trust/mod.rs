@@ -15,7 +15,7 @@ pub use parameters::{Hysteresis, TrustParameters};
 
 use thiserror::Error;
 
-use crate::skill::{Record, SkillParameters};
+use crate::skill::Record;
 use crate::units::Trust;
 use headroom::Headroom;
 
@@ -39,8 +39,6 @@ pub struct TrustSettings {
     pub per_step: bool,
     /// The numbers behind α.
     pub parameters: TrustParameters,
-    /// The numbers behind shares and records.
-    pub skill: SkillParameters,
 }
 
 impl Default for TrustSettings {
@@ -54,7 +52,6 @@ impl Default for TrustSettings {
             proof_cases: 1,
             per_step: true,
             parameters: TrustParameters::SHIPPED,
-            skill: SkillParameters::SHIPPED,
         }
     }
 }

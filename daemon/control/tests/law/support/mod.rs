@@ -30,6 +30,7 @@ use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeight
 use foretrace_control::predict::{
     DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, PredictorKind, PreviewSettings,
 };
+use foretrace_control::skill::SkillParameters;
 use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -79,6 +80,7 @@ pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         preview: PreviewSettings { step_ns: STEP_NS, kind, ..PreviewSettings::default() },
         models: models(),
         weights: models().initial_weights(),
+        skill: SkillParameters::SHIPPED,
         trust: TrustSettings { step_ns: STEP_NS, ..TrustSettings::default() },
         trust_request: TrustRequest::Auto,
         mpc,

@@ -1,0 +1,17 @@
+//! The shared data sets, where they are there.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+/// The folder; `None`, and a line that says so, without it.
+pub(crate) fn shared() -> Option<PathBuf> {
+    let folder = std::env::var_os("FORETRACE_SHARED")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
+    if folder.join("data").is_dir() {
+        return Some(folder);
+    }
+    // Past the capture of the test runner: a skipped test must be seen.
+    let _ =
+        writeln!(std::io::stderr(), "skipped: no shared data at {} (set FORETRACE_SHARED)", folder.display());
+    None
+}
