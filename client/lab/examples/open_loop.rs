@@ -13,9 +13,10 @@ use std::process::ExitCode;
 
 use foretrace_config::Config;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
-use foretrace_control::pen::{Motion, PenReading, PenTracker, Receipt};
+use foretrace_control::pen::{PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
-use foretrace_control::skill::{SKILL_LEADS, Skill};
+use foretrace_control::predict::refine::Refiner;
+use foretrace_control::skill::{Closed, Foreseen, Happened, SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build};
 use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
@@ -83,7 +84,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
     pen.max_speed_mps = 10.0;
     (pen.position_min_m, pen.position_max_m) = ([-10.0; 2], [10.0; 2]);
     let mut tracker = PenTracker::new(pen)?;
-    let mut evidence = Skill::new(step_s, true);
+    let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::new(step_s));
     let mut filters = Vec::new();
     for lead_s in LEADS_S {
         let way = BaselineSettings::new(BaselineKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
@@ -96,25 +97,35 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         // The preview in force: its base, the point before, and the predicted points.
         let mut preview: Option<(Stamp, Point, [Point; SKILL_LEADS + 1])> = None;
+        // What the last sample left for the skill to learn from: a new preview was made, and what the sample said.
+        let (mut made, mut look) = (false, None);
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;
             let (stamp, position) = (Stamp((time_s * 1e9).round() as u64), [sample.x_m, sample.y_m]);
             let reading = PenReading { stamp, position, contact: sample.contact, origin: Default::default() };
             let receipt = tracker.ingest(stamp, &reading);
-            let mut closed = false;
+            let mut closed = Vec::new();
             while let Some(step) = tracker.next_step() {
                 let learn = previewer.observe(&step);
                 if learner.learn(&learn).hand_over {
                     previewer.set_weights(learner.weights())?;
                 }
-                match learn.motion {
-                    Motion::Continues => evidence.realise(step.position, learn.scale_m),
-                    _ => evidence.interrupt(),
-                }
-                closed = true;
+                closed.push(Closed { motion: learn.motion, position: step.position, unit_m: learn.scale_m });
             }
+            let foreseen = preview.as_ref().filter(|_| std::mem::take(&mut made)).map(|(_, before, path)| {
+                let [base, path @ ..] = path;
+                Foreseen {
+                    base: *base,
+                    velocity: [base[0] - before[0], base[1] - before[1]],
+                    path,
+                    claim: None,
+                }
+            });
             // No arm, no limits: beginnings are believed as an arm that follows would.
-            evidence.drove(Some(false), stamp.since(heard).unsigned_abs());
+            let (at_limit, driven_ns) = (Some(false), stamp.since(heard).unsigned_abs());
+            let happened =
+                Happened { preview: foreseen, look: look.take(), at_limit, driven_ns, closed: &closed };
+            skill.learn(&mut refiner, &happened);
             heard = stamp;
             let shifted = PathSample { t_s: time_s, ..*sample };
             let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
@@ -122,11 +133,13 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
             if receipt != Receipt::Accepted {
                 continue;
             }
-            evidence.observe(stamp, position);
+            refiner.observe(stamp, position);
             let mut points = [[0.0; 2]; SKILL_LEADS];
-            if closed && let Some(report) = previewer.preview(&mut points) {
+            if !closed.is_empty()
+                && let Some(report) = previewer.preview(&mut points)
+            {
                 let velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
-                evidence.shoot(report.base_position, velocity, &points);
+                made = true;
                 let mut path = [report.base_position; SKILL_LEADS + 1];
                 path[1..].copy_from_slice(&points);
                 let [[x, y], [dx, dy]] = [report.base_position, velocity];
@@ -137,15 +150,17 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
             if !(0.0..1.5).contains(&phase) {
                 continue;
             }
-            evidence.sample(stamp, position, phase, parabola(*before, path[0], path[1], phase));
+            let said = refiner.hear(position, phase, parabola(*before, path[0], path[1], phase));
+            look = Some(said);
             if index < WARM {
                 continue;
             }
+            let shares = skill.report(1, 1).believed();
             for (lead, (lead_s, kalman)) in LEADS_S.iter().zip(kalman).enumerate() {
                 let Some(real) = at(samples, sample.t_s + lead_s) else { continue };
                 let s = phase + lead_s / step_s;
                 let (index, part) = (s as usize, s.fract());
-                let believed = |index: usize| evidence.believed(phase, index, path[index]);
+                let believed = |index: usize| refiner.refined(&said, index, path[index], shares[index - 1]);
                 let corrected = if index == 0 {
                     between(position, believed(1), ((s - phase) / (1.0 - phase).max(0.02)).min(1.0))
                 } else {

@@ -8,8 +8,10 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foretrace_config::Config;
-use foretrace_control::pen::{GridStep, Motion, PenReading, PenTracker};
-use foretrace_control::skill::{SKILL_LEADS, Skill};
+use foretrace_control::follower::MAX_STEPS_PER_TICK;
+use foretrace_control::pen::{GridStep, PenReading, PenTracker};
+use foretrace_control::predict::refine::{Look, Refiner};
+use foretrace_control::skill::{Closed, Foreseen, Happened, SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 use serde::Serialize;
 
@@ -40,7 +42,10 @@ pub(super) fn evidence<const N: usize>(
     while closing.len() < samples as usize {
         let before = closing.len();
         let mut tracker = PenTracker::new(settings.pen).map_err(|error| Failure::bad_input(error, ""))?;
-        let mut evidence = Skill::new(settings.pen.step_ns as f64 * 1e-9, true);
+        let step_s = settings.pen.step_ns as f64 * 1e-9;
+        let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::new(step_s));
+        // What the last tick left to learn from.
+        let (mut made, mut look): (Option<GridStep>, Option<Look>) = (None, None);
         let mut path = [[0.0; 2]; SKILL_LEADS];
         let mut newest_step: Option<GridStep> = None;
         for tick in &workload.ticks {
@@ -48,25 +53,32 @@ pub(super) fn evidence<const N: usize>(
                 let position = settings.plane.from_pen(reading.position);
                 tracker.ingest(tick.now, &PenReading { position, ..*reading });
             }
-            let mut closed = None;
-            let mut us = 0.0;
+            let mut steps = [Closed::default(); MAX_STEPS_PER_TICK];
+            let (mut count, mut closed) = (0, None);
             while let Some(step) = tracker.next_step() {
-                let begin = Instant::now();
-                match step.motion {
-                    Motion::Continues => evidence.realise(black_box(step.position), UNIT_M),
-                    Motion::Jump | Motion::Start => evidence.interrupt(),
+                if let Some(slot) = steps.get_mut(count) {
+                    *slot = Closed { motion: step.motion, position: step.position, unit_m: UNIT_M };
+                    count += 1;
                 }
-                us += elapsed_us(begin);
                 closed = Some(step);
             }
+            let begin = Instant::now();
+            let preview = made.map(|step| Foreseen {
+                base: step.position,
+                velocity: step.displacement,
+                path: black_box(&path),
+                claim: None,
+            });
+            let closed_steps = black_box(steps.get(..count).unwrap_or_default());
+            let happened = Happened { preview, look, at_limit: None, driven_ns: 0, closed: closed_steps };
+            skill.learn(&mut refiner, &happened);
+            let mut us = elapsed_us(begin);
+            (made, look) = (closed, None);
             if let Some(step) = closed {
                 let ([x, y], [dx, dy]) = (step.position, step.displacement);
                 for (lead, point) in (1..).zip(&mut path) {
                     *point = [x + f64::from(lead) * dx, y + f64::from(lead) * dy];
                 }
-                let begin = Instant::now();
-                evidence.shoot(step.position, step.displacement, black_box(&path));
-                us += elapsed_us(begin);
                 newest_step = closed;
             }
             let (Some(step), Some(pen)) = (newest_step, tracker.newest()) else { continue };
@@ -76,12 +88,15 @@ pub(super) fn evidence<const N: usize>(
             let [x0, y0] = step.position;
             let [x1, y1] = path.first().copied().unwrap_or_default();
             let expected = [x0 + phase * (x1 - x0), y0 + phase * (y1 - y0)];
-            evidence.sample(pen.stamp, black_box(pen.position), phase, expected);
+            refiner.observe(pen.stamp, black_box(pen.position));
+            let said = refiner.hear(pen.position, phase, expected);
+            let shares = skill.report(1, 1).believed();
             let mut used = path;
-            for ((lead, predicted), used) in (1..).zip(&path).zip(&mut used) {
-                *used = evidence.believed(phase, lead, *predicted);
+            for (((lead, predicted), used), share) in (1..).zip(&path).zip(&mut used).zip(shares) {
+                *used = refiner.refined(&said, lead, *predicted, share);
             }
             black_box(used);
+            look = Some(said);
             us += elapsed_us(begin);
             if tick.following {
                 if closed.is_some() { closing.push(us) } else { between.push(us) }

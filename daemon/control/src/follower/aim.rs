@@ -4,6 +4,7 @@ use super::Follower;
 use super::io::Mode;
 use super::motion::Wanted;
 use crate::predict::bands::BAND_LEADS;
+use crate::reference::resting;
 use crate::units::{Stamp, Trust};
 
 impl<const N: usize, const J: usize> Follower<N, J> {
@@ -26,7 +27,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             Mode::Following | Mode::Holding => {}
         }
         let pen = self.pen.newest()?;
-        let preview = self.preview.references(now, self.ahead_ns(), self.settings.mpc.step_s);
+        let preview = match self.silence.resting_at(now) {
+            Some(position) => self.preview.base().map(|_| resting(position)),
+            None => self.reference.references(&self.preview, now, self.ahead_ns(), self.settings.mpc.step_s),
+        };
         Some(Wanted::Follow { pen, holding: self.watch.mode() == Mode::Holding, preview, trust })
     }
 }

@@ -4,6 +4,8 @@ use super::Follower;
 use super::io::Health;
 use super::see::PenNews;
 use crate::predict::OnlineWeights;
+use crate::predict::refine::Look;
+use crate::skill::{Foreseen, Happened};
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
 
 /// Leads whose record decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
@@ -13,6 +15,17 @@ const LEADS_JUDGED: usize = 2;
 /// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of the record.
 const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
 
+/// What a tick leaves for the next one to learn from.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Left {
+    /// A preview was made, ...
+    made: bool,
+    /// ... with this claim of its predictor.
+    claim: Option<(usize, f64)>,
+    look: Option<Look>,
+    pub(super) at_limit: Option<bool>,
+}
+
 /// Trust after one tick, and whether another predictor took over.
 pub(super) struct Believed {
     pub(super) report: TrustReport,
@@ -20,6 +33,20 @@ pub(super) struct Believed {
 }
 
 impl<const N: usize, const J: usize> Follower<N, J> {
+    /// Learns what past previews were worth, before a new one takes the place of the last.
+    pub(super) fn learn(&mut self, pen: &PenNews) {
+        let Left { made, claim, look, at_limit } = std::mem::take(&mut self.left);
+        let preview = made.then(|| Foreseen {
+            base: self.preview.base_position(),
+            velocity: self.preview.velocity(),
+            path: self.preview.predicted(),
+            claim,
+        });
+        let closed = pen.closed.get(..pen.count).unwrap_or_default();
+        let happened = Happened { preview, look, at_limit, driven_ns: self.settings.period_ns, closed };
+        self.skill.learn(&mut self.refiner, &happened);
+    }
+
     /// Takes over weights that the learner promoted.
     pub(super) fn adopt(&mut self, weights: Option<&OnlineWeights>, health: &mut Health) {
         let Some(weights) = weights else { return };
@@ -47,7 +74,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 overtaxed: self.overtaxed,
                 reaction_ns: self.outcome.reaction_ns(self.dead_time.ns()),
                 weights_refused: self.learner_doubt_ns > 0,
-                record: self.skill.record(nearest, nearest + LEADS_JUDGED - 1),
+                record: self.skill.report(nearest, nearest + LEADS_JUDGED - 1).record,
             },
             self.settings.period_ns,
         );
@@ -68,14 +95,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.preview.refresh(&self.previewer, steps);
         if switched {
             self.skill.forget();
+            self.refiner.forget();
         }
         if pen.count > 0 {
-            let velocity = self.previewer.newest().map_or([0.0; 2], |step| step.displacement);
-            self.skill.shoot(self.preview.base_position(), velocity, self.preview.predicted());
+            self.left.made = true;
             let nearest = self.nearest_lead();
-            if let Some(radius) = self.preview.claimed(nearest) {
-                self.skill.claim(nearest, radius);
-            }
+            self.left.claim = self.preview.band(nearest as f64).map(|radius| (nearest, radius));
         }
     }
 
@@ -84,8 +109,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(newest) = self.pen.newest() {
             let per_step =
                 self.settings.trust.per_step && !matches!(self.trust_request, TrustRequest::Manual(_));
-            self.skill.observe(newest.stamp, newest.position);
-            self.preview.correct(&newest, &mut self.skill, per_step);
+            self.refiner.observe(newest.stamp, newest.position);
+            let nearest = self.nearest_lead();
+            let shares = per_step.then(|| self.skill.report(nearest, nearest).believed());
+            self.left.look = self.preview.refine(&newest, &mut self.refiner, shares.as_ref());
         }
         if !self.preview.is_finite() {
             health.set(Health::PREDICTOR_INVALID);

@@ -21,7 +21,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         let way = self.heed_home(now, &moved.home);
         self.overtaxed = self.overtaxed_by(moved, now, lost_ns);
-        self.skill.drove(moved.at_limit, self.settings.period_ns);
+        self.left.at_limit = moved.at_limit;
         if followed {
             self.plans.see(moved.rung, health);
         }

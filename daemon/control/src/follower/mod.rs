@@ -30,6 +30,7 @@ pub use io::{
 pub use request::WayBlocked;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
 
+use foresee::Left;
 use motion::{Mover, Wanted};
 use plans::Plans;
 use report::Outcomes;
@@ -37,9 +38,10 @@ use watch::Watch;
 
 use crate::arm::lag::{Aim, DeadTime, LagEstimator};
 use crate::monitor::Monitor;
-use crate::pen::PenTracker;
+use crate::pen::{PenTracker, Silence};
+use crate::predict::refine::{Preview, Refiner};
 use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
-use crate::reference::Preview;
+use crate::reference::Reference;
 use crate::skill::Skill;
 use crate::trust::{Outcome, TrustControl, TrustRequest};
 use crate::units::Stamp;
@@ -50,10 +52,15 @@ pub struct Follower<const N: usize, const J: usize> {
     settings: FollowerSettings<J>,
     watch: Watch<J>,
     pen: PenTracker,
+    silence: Silence,
     previewer: Previewer,
     preview: Preview,
+    refiner: Box<Refiner>,
     pending_predictor: Option<PredictorKind>,
     skill: Box<Skill>,
+    /// What the last tick left for the skill to learn from.
+    left: Left,
+    reference: Reference,
     trust: TrustControl,
     trust_request: TrustRequest,
     plans: Plans,
@@ -82,10 +89,14 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Ok(Self {
             watch: Watch::new(settings.safety),
             pen: PenTracker::new(settings.pen)?,
+            silence: Silence::new(step_ns),
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
-            preview: Preview::new(step_ns, steps).leading(settings.velocity_lead_ns),
+            preview: Preview::new(step_ns, steps),
+            refiner: Box::new(Refiner::new(step_ns as f64 * 1e-9)),
             pending_predictor: None,
             skill: Box::new(skill.beside_feedback(feedback_lag_s)),
+            left: Left::default(),
+            reference: Reference::leading(step_ns, settings.velocity_lead_ns),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
             plans: Plans::default(),
@@ -149,6 +160,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let pen = self.read_pen(now, input.pen, &mut health);
         clock.lap(Stage::Pen);
 
+        // Skill: what came of past previews.
+        self.learn(&pen);
         // Trust: how far to believe the preview, α and shares per lead.
         self.adopt(input.weights, &mut health);
         let trust = self.believe(&pen);

@@ -48,7 +48,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             pen_counters: self.pen.counters(),
             pen_refused: self.pen.refused(),
             predictor_error: pen.error,
-            predictor_band: self.preview.band(now, self.ahead_ns()),
+            predictor_band: self
+                .preview
+                .lead(now, self.ahead_ns())
+                .and_then(|lead| self.preview.band(lead + 1.0)),
             dead_time_ns: self.dead_time.ns(),
             lag: self.lag.estimate(),
             reference: moved.reference,

@@ -4,6 +4,7 @@ use super::Follower;
 use super::io::{Health, JointReading, MAX_STEPS_PER_TICK, Refusal, Request, StepInput};
 use crate::pen::{Motion, PenReading};
 use crate::predict::LearnStep;
+use crate::skill::Closed;
 use crate::stop::StopReason;
 use crate::units::Stamp;
 
@@ -20,6 +21,8 @@ pub(super) struct Seen {
 /// What the pen gave in one tick.
 pub(super) struct PenNews {
     pub(super) learn: [LearnStep; MAX_STEPS_PER_TICK],
+    /// The same steps for the skill.
+    pub(super) closed: [Closed; MAX_STEPS_PER_TICK],
     /// Grid steps closed.
     pub(super) count: usize,
     pub(super) jumped: bool,
@@ -69,19 +72,20 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         let mut news = PenNews {
             learn: [LearnStep::default(); MAX_STEPS_PER_TICK],
+            closed: [Closed::default(); MAX_STEPS_PER_TICK],
             count: 0,
             jumped: false,
             error: None,
             age_ns: self.pen.age_ns(now),
         };
         let mut expected = self.preview.next_displacement();
-        for slot in &mut news.learn {
+        for (slot, closed) in news.learn.iter_mut().zip(&mut news.closed) {
             let Some(step) = self.pen.next_step() else { break };
             *slot = self.previewer.observe(&step);
+            *closed = Closed { motion: slot.motion, position: step.position, unit_m: slot.scale_m };
             news.count += 1;
             match slot.motion {
                 Motion::Continues => {
-                    self.skill.realise(step.position, slot.scale_m);
                     // Only the first step of a tick was predicted from the step just before it.
                     if let Some([x, y]) = expected.take() {
                         let [dx, dy] = step.displacement;
@@ -90,13 +94,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 }
                 Motion::Jump => {
                     news.jumped = true;
-                    self.skill.interrupt();
                     expected = None;
                 }
-                Motion::Start => {
-                    self.skill.interrupt();
-                    expected = None;
-                }
+                Motion::Start => expected = None,
             }
         }
         if news.jumped {
@@ -104,6 +104,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
         if news.age_ns.is_none_or(|age| age > self.settings.trust.stale_after_ns) {
             health.set(Health::PEN_STALE);
+        }
+        if let Some(newest) = self.pen.newest() {
+            self.silence.hear(&newest);
         }
         self.watch.heed_pen(news.age_ns);
         news

@@ -6,11 +6,13 @@
 //! Absent on purpose: prediction, contact height, calibration (positions are already in plane metres).
 
 mod queue;
+mod silence;
 mod tracker;
 mod scale;
 
 pub use queue::STEP_QUEUE_CAPACITY;
 pub use scale::{SpeedScale, SpeedScaleSettings, TARGET_RMS};
+pub(crate) use silence::Silence;
 pub use tracker::{PenCounters, PenTracker};
 
 use thiserror::Error;

@@ -1,7 +1,8 @@
 //! Skill: what past previews of the active predictor were worth, per lead, and how far the newest is believed because of it.
 //!
-//! Contract: fixed size, no allocation, total. Once per closed grid step every waiting preview is compared with where the
-//! pen really is. From that follow, per lead j (steps after the newest grid point of the preview):
+//! Contract: fixed size, no allocation, total. One call per tick learns ([`Skill::learn`]), one reports ([`Skill::report`]). Once per
+//! closed grid step every waiting preview is compared with where the pen really is. From that follow, per lead j (steps after the newest
+//! grid point of the preview):
 //!
 //! - *share* w in [0, 1]: trust per step. The regression of the pen's real way since its newest sample on the predicted way:
 //!   a predictor that overshoots at lead 12 is believed there only as far as it pays, and fully at lead 2. The scalar α of
@@ -23,13 +24,72 @@ pub use parameters::{OnsetParameters, SkillParameters};
 use feedback::Feedback;
 use lead::Lead;
 use onset::Onset;
-use shot::{Look, Shot};
+use shot::{Shot, Sight};
 
-use crate::predict::refine::{PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
-use crate::units::Stamp;
+use crate::pen::Motion;
+use crate::predict::refine::{Look, PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
 
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
 pub const SKILL_LEADS: usize = REFINED_LEADS;
+
+/// A preview as it was made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Foreseen<'a> {
+    /// The newest grid point [m].
+    pub base: [f64; 2],
+    /// The displacement that led to it [m per step]: what constant velocity goes on with.
+    pub velocity: [f64; 2],
+    /// Predicted positions [m], the first one step after the base.
+    pub path: &'a [[f64; 2]],
+    /// The predictor says that so many steps ≥ 1 after the base the pen will be within so much [m] of the path in nine of ten cases.
+    pub claim: Option<(usize, f64)>,
+}
+
+/// A grid step that closed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Closed {
+    /// Previews that wait foresaw nothing of a start or a jump.
+    pub motion: Motion,
+    /// Where the pen was [m].
+    pub position: [f64; 2],
+    /// Metres per normalised unit.
+    pub unit_m: f64,
+}
+
+/// What has happened since the last call, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Happened<'a> {
+    /// The preview that was made then, if one was.
+    pub preview: Option<Foreseen<'a>>,
+    /// What the newest sample said about the preview in force.
+    pub look: Option<Look>,
+    /// The arm followed a fresh plan in motion, at its limits (joints, acceleration or speed) or not; `None`: it did not.
+    pub at_limit: Option<bool>,
+    /// For so long [ns].
+    pub driven_ns: u64,
+    /// Grid steps that closed.
+    pub closed: &'a [Closed],
+}
+
+/// How far previews are believed, and why.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SkillReport {
+    /// w per lead from 1 [1]; 1 where previews are taken as they are.
+    pub shares: [f64; SKILL_LEADS],
+    /// Part of it that is left now, because the pen has hardly begun to move [1].
+    pub begun: f64,
+    /// Sums over the leads asked for.
+    pub record: Record,
+}
+
+impl SkillReport {
+    /// How far each step of the preview is believed now [1].
+    #[must_use]
+    pub fn believed(&self) -> [f64; SKILL_LEADS] {
+        self.shares.map(|share| share * self.begun)
+    }
+}
+
 /// See the module's description.
 #[derive(Debug, Clone)]
 pub struct Skill {
@@ -41,9 +101,10 @@ pub struct Skill {
     /// Latest part of the step from which the newest shot wants its earlier sample: they take turns.
     turn: usize,
     leads: [Lead; SKILL_LEADS],
-    refiner: Refiner,
-    /// Metres per normalised unit, the newest that was told; 0 before.
-    unit_m: f64,
+    /// What the leads come to.
+    shares: [f64; SKILL_LEADS],
+    /// Of the filter by which waiting previews were refined.
+    clarity: f64,
     step_s: f64,
     feedback: Feedback,
     onset: Onset,
@@ -64,21 +125,23 @@ impl Skill {
     /// The same with other parameters than the presets'.
     #[must_use]
     pub fn tuned(step_s: f64, per_step: bool, parameters: SkillParameters) -> Self {
-        Self {
+        let mut skill = Self {
             parameters,
             shots: [Shot::EMPTY; SKILL_LEADS],
             last: 0,
             waiting: 0,
             turn: 0,
             leads: untried_leads(&parameters),
-            refiner: Refiner::new(step_s),
-            unit_m: 0.0,
+            shares: [1.0; SKILL_LEADS],
+            clarity: 0.0,
             step_s,
             feedback: Feedback::new(0.0),
             onset: Onset::new(parameters.onset),
             surprise: 0.0,
             per_step,
-        }
+        };
+        skill.share_out();
+        skill
     }
 
     /// Hold, in the record, is what standing back from the prediction really means: feedback that lags `lag_s` [s] behind the
@@ -93,25 +156,54 @@ impl Skill {
     pub fn forget(&mut self) {
         self.waiting = 0;
         self.leads = untried_leads(&self.parameters);
-        self.refiner.forget();
         self.onset.forget();
         self.surprise = 0.0;
+        self.share_out();
     }
 
-    /// The pen was elsewhere at once: previews that wait foresaw nothing of it.
-    pub fn interrupt(&mut self) {
-        self.waiting = 0;
-        self.refiner.interrupt();
-        self.feedback.forget();
+    /// Learns from what happened, and teaches `refiner` what its corrections were worth.
+    pub fn learn(&mut self, refiner: &mut Refiner, happened: &Happened<'_>) {
+        if let Some(foreseen) = &happened.preview {
+            self.shoot(foreseen);
+        }
+        // What waits to be learned is about the velocities of another filter.
+        if refiner.clarity() != self.clarity {
+            self.clarity = refiner.clarity();
+            self.waiting = 0;
+        }
+        if let Some(look) = &happened.look {
+            self.sight(look);
+        }
+        if let Some(at_limit) = happened.at_limit {
+            self.onset.drove(at_limit, happened.driven_ns);
+        }
+        for closed in happened.closed {
+            match closed.motion {
+                Motion::Continues => self.realise(refiner, closed),
+                Motion::Start | Motion::Jump => {
+                    self.waiting = 0;
+                    refiner.interrupt();
+                    self.feedback.forget();
+                }
+            }
+        }
     }
 
-    /// A grid step closed at `position` [m] after ordinary motion: judges every preview that waits. `unit_m`: metres per
-    /// normalised unit.
-    pub fn realise(&mut self, position: [f64; 2], unit_m: f64) {
+    /// How far previews are believed, with the record of the leads `first` to `last` [steps].
+    #[must_use]
+    pub fn report(&self, first: usize, last: usize) -> SkillReport {
+        // Previews are judged without `begun`: what is kept back at first says nothing about them.
+        let begun = if self.per_step { self.onset.belief() } else { 1.0 };
+        SkillReport { shares: self.shares, begun, record: self.record(first, last) }
+    }
+
+    /// A grid step closed after ordinary motion: judges every preview that waits.
+    fn realise(&mut self, refiner: &mut Refiner, closed: &Closed) {
+        let Closed { position, unit_m, .. } = *closed;
         if !(unit_m > 0.0) {
             return;
         }
-        self.unit_m = unit_m;
+        refiner.measure(unit_m);
         self.feedback.close(position);
         self.onset.close(position, unit_m);
         for index in 0..self.waiting {
@@ -122,9 +214,9 @@ impl Skill {
             let shot = *shot;
             let Some(predicted) = shot.path.get(age) else { continue };
             if let Some(earlier) = shot.earlier {
-                self.judge(&shot, age, &earlier, *predicted, position);
+                self.judge(refiner, &shot, age, &earlier, *predicted, position);
             }
-            if let Some(judged) = self.judge(&shot, age, &shot.look, *predicted, position)
+            if let Some(judged) = self.judge(refiner, &shot, age, &shot.sight, *predicted, position)
                 && let Some(lead) = self.leads.get_mut(age)
             {
                 lead.add(&judged, self.parameters.forgetting);
@@ -135,28 +227,32 @@ impl Skill {
                 }
             }
         }
+        self.share_out();
     }
 
-    /// Learns from what the preview of `shot` had `predicted` [m] for the point `position` [m], corrected by `look`. `None`:
+    /// Learns from what the preview of `shot` had `predicted` [m] for the point `position` [m], refined at `sight`. `None`:
     /// a leap, or rest.
     fn judge(
         &mut self,
+        refiner: &mut Refiner,
         shot: &Shot,
         age: usize,
-        look: &Look,
+        sight: &Sight,
         predicted: [f64; 2],
         position: [f64; 2],
     ) -> Option<Lead> {
-        let normalised = |way: [f64; 2]| way.map(|v| v / self.unit_m);
-        let ahead = (age + 1) as f64 - look.phase;
-        let news = look.news.filter(|news| news.is_ordinary(self.unit_m));
-        if look.news.is_some() && news.is_none() {
+        let unit_m = refiner.unit_m();
+        let normalised = |way: [f64; 2]| way.map(|v| v / unit_m);
+        let Look { newest, phase, news: said } = sight.look;
+        let ahead = (age + 1) as f64 - phase;
+        let news = said.filter(|news| news.is_ordinary(unit_m));
+        if said.is_some() && news.is_none() {
             return None;
         }
-        let terms = news.map(|news| news.terms(from(predicted, look.newest), ahead).map(normalised));
-        let [cx, cy] = self.correction_at(look.phase, age, terms.as_ref());
+        let terms = news.map(|news| news.terms(from(predicted, newest), ahead).map(normalised));
+        let [cx, cy] = self.correction_at(refiner, phase, age, terms.as_ref());
         let [rx, ry] = normalised(from(position, predicted));
-        let [yx, yy] = normalised(from(position, look.newest));
+        let [yx, yy] = normalised(from(position, newest));
         let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
         // What is not a number is not ordinary either.
         let most = self.parameters.leap * (ahead + 0.5);
@@ -165,12 +261,12 @@ impl Skill {
         if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < self.parameters.rest) {
             return None;
         }
-        let share = self.share(age + 1);
-        self.onset.judged(look.moved, [share * dx, share * dy], [yx, yy], ahead);
-        let [hx, hy] = normalised(from(position, look.held));
+        let share = self.shares.get(age).copied().unwrap_or(0.0);
+        self.onset.judged(sight.moved, [share * dx, share * dy], [yx, yy], ahead);
+        let [hx, hy] = normalised(from(position, sight.held));
         let [vx, vy] = normalised(shot.velocity).map(|v| v * ahead);
         if let Some(terms) = &terms {
-            self.refiner.learn(look.phase, age, terms, [rx, ry], ahead);
+            refiner.learn(phase, age, terms, [rx, ry], ahead);
         }
         Some(Lead {
             preview: square(yx - share * dx, yy - share * dy),
@@ -184,27 +280,20 @@ impl Skill {
         })
     }
 
-    /// The predictor says of the newest preview that `lead` ≥ 1 steps after its base the pen will be within `radius` [m] of it in nine of
-    /// ten cases.
-    pub fn claim(&mut self, lead: usize, radius: f64) {
-        if let Some(shot) = self.shots.get_mut(self.last).filter(|_| self.waiting > 0) {
-            shot.claim = lead.checked_sub(1).map(|index| (index, radius));
-        }
-    }
-
-    /// A new preview: `path` [m] after the grid point at `base` [m], which was reached by `velocity` [m per step].
-    pub fn shoot(&mut self, base: [f64; 2], velocity: [f64; 2], path: &[[f64; 2]]) {
+    /// A new preview.
+    fn shoot(&mut self, foreseen: &Foreseen<'_>) {
         self.last = (self.last + 1) % SKILL_LEADS;
         self.turn = (self.turn + 1) % PHASES;
-        let held = self.feedback.tool(base, 0.0);
+        let held = self.feedback.tool(foreseen.base, 0.0);
         let Some(shot) = self.shots.get_mut(self.last) else { return };
         *shot = Shot {
-            look: Look { newest: base, held, moved: self.onset.moved(), ..Shot::EMPTY.look },
-            velocity,
+            sight: Sight { look: Look::at(foreseen.base), held, moved: self.onset.moved() },
+            velocity: foreseen.velocity,
+            claim: foreseen.claim.and_then(|(lead, radius)| Some((lead.checked_sub(1)?, radius))),
             ..Shot::EMPTY
         };
-        let mut last = base;
-        let mut given = path.iter();
+        let mut last = foreseen.base;
+        let mut given = foreseen.path.iter();
         for slot in &mut shot.path {
             last = given.next().copied().unwrap_or(last);
             *slot = last;
@@ -212,75 +301,22 @@ impl Skill {
         self.waiting = (self.waiting + 1).min(SKILL_LEADS);
     }
 
-    /// A sample at `stamp` and `position` [m]: the pen's velocity and acceleration are known from the first preview on only if
-    /// every sample is told. The same sample may be told again.
-    pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
-        if self.refiner.observe(stamp, position) {
-            self.waiting = 0;
-        }
-    }
-
-    /// A sample at `stamp` and `position` [m], `phase` of a step after the newest grid point, where the preview had `expected`.
-    /// The same sample may be told again.
-    pub fn sample(&mut self, stamp: Stamp, position: [f64; 2], phase: f64, expected: [f64; 2]) {
-        self.observe(stamp, position);
-        let news = self.refiner.hear(position, expected);
+    /// A newer sample looked at the newest preview.
+    fn sight(&mut self, look: &Look) {
         // Previews that are taken as they are know of nothing newer than their base, and neither may their yardsticks.
-        let held = self.feedback.tool(position, phase);
-        let usable = self.waiting > 0 && phase.is_finite() && self.per_step;
+        let held = self.feedback.tool(look.newest, look.phase);
+        let usable = self.waiting > 0 && look.phase.is_finite() && self.per_step;
         let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) else { return };
-        let last = bucket(shot.look.phase);
+        let last = bucket(shot.sight.look.phase);
         let wanted = shot.earlier.is_none() || last <= self.turn;
-        if shot.look.news.is_some() && last < bucket(phase) && wanted {
-            shot.earlier = Some(shot.look);
+        if shot.sight.look.news.is_some() && last < bucket(look.phase) && wanted {
+            shot.earlier = Some(shot.sight);
         }
-        let moved = self.onset.moved();
-        shot.look = Look { newest: position, held, moved, phase: phase.clamp(0.0, 1.0), news: Some(news) };
+        let look = Look { phase: look.phase.clamp(0.0, 1.0), ..*look };
+        shot.sight = Sight { look, held, moved: self.onset.moved() };
     }
 
-    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, after the newest sample at `phase`:
-    /// where that sample is, if it leapt.
-    #[must_use]
-    pub fn believed(&self, phase: f64, lead: usize, predicted: [f64; 2]) -> [f64; 2] {
-        let (newest, news) = (self.refiner.newest(), self.refiner.news());
-        let left = from(predicted, newest);
-        if self.per_step && self.unit_m > 0.0 && news.is_some_and(|news| !news.is_ordinary(self.unit_m)) {
-            return newest;
-        }
-        let ahead = lead as f64 - phase;
-        let terms = news.map(|news| news.terms(left, ahead));
-        let index = lead.saturating_sub(1).min(SKILL_LEADS - 1);
-        let [cx, cy] = self.correction_at(phase, index, terms.as_ref());
-        let ([lx, ly], [x, y], share) = (left, newest, self.share(lead) * self.begun());
-        [x + share * (lx + cx), y + share * (ly + cy)]
-    }
-
-    /// w at `lead` ≥ 1 steps.
-    #[must_use]
-    pub fn share(&self, lead: usize) -> f64 {
-        if !self.per_step {
-            return 1.0;
-        }
-        let index = lead.saturating_sub(1).min(SKILL_LEADS - 1);
-        self.leads.get(index).map_or(0.0, |lead| lead.share((index + 1) as f64, self.parameters.doubt))
-    }
-
-    /// The arm followed a fresh plan in motion for `dt_ns`, at its limits (joints, acceleration or speed) or not; `None`: it did not.
-    pub fn drove(&mut self, at_limit: Option<bool>, dt_ns: u64) {
-        if let Some(at_limit) = at_limit {
-            self.onset.drove(at_limit, dt_ns);
-        }
-    }
-
-    /// Part of it that is left now, because the pen has hardly begun to move. Previews are judged without: what is kept back at first
-    /// says nothing about them.
-    fn begun(&self) -> f64 {
-        if self.per_step { self.onset.belief() } else { 1.0 }
-    }
-
-    /// Sums over the leads `first` to `last` [steps].
-    #[must_use]
-    pub fn record(&self, first: usize, last: usize) -> Record {
+    fn record(&self, first: usize, last: usize) -> Record {
         let first = first.clamp(1, SKILL_LEADS);
         let count = last.clamp(first, SKILL_LEADS) + 1 - first;
         let mut record = Record { surprise: self.surprise, ..Record::default() };
@@ -293,11 +329,17 @@ impl Skill {
         record
     }
 
-    fn correction_at(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
-        match terms {
-            Some(terms) if self.per_step => self.refiner.correction(phase, index, terms),
-            _ => [0.0; 2],
+    fn share_out(&mut self) {
+        if self.per_step {
+            let doubt = self.parameters.doubt;
+            for (index, (share, lead)) in self.shares.iter_mut().zip(&self.leads).enumerate() {
+                *share = lead.share((index + 1) as f64, doubt);
+            }
         }
+    }
+
+    fn correction_at(&self, refiner: &Refiner, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
+        if self.per_step { refiner.correction(phase, index, terms) } else { [0.0; 2] }
     }
 }
 

@@ -1,10 +1,12 @@
 //! Evidence: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go wrong.
 
-use foretrace_control::skill::{Record, SKILL_LEADS, Skill};
+use foretrace_control::skill::{Record, SKILL_LEADS};
 use foretrace_control::trust::{TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+
+use crate::support::judging::Judge;
 
 /// Metres per normalised unit: a step of ordinary motion, 1 mm, is 10.
 const UNIT_M: f64 = 1e-4;
@@ -67,7 +69,7 @@ fn at(steps: f64) -> Stamp {
 
 /// Grid steps of `path`, `batch` of them closing at once, each batch followed by a preview and, if `phase` is given, by a
 /// sample that far on the straight line to the next grid point.
-fn live(evidence: &mut Skill, path: &[[f64; 2]], preview: Preview, phase: Option<f64>, batch: usize) {
+fn live(evidence: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option<f64>, batch: usize) {
     for k in 1..path.len() - 1 {
         evidence.realise(path[k], UNIT_M);
         if k % batch != 0 {
@@ -86,7 +88,7 @@ fn live(evidence: &mut Skill, path: &[[f64; 2]], preview: Preview, phase: Option
 fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
     // Constant velocity from the grid knows nothing of a change within the step; half a step later it shows.
     let path = wandering(2, 3000);
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     live(&mut evidence, &path[..2000], Preview::Steady, Some(0.5), 1);
     let (mut raw, mut believed) = ([0.0; 4], [0.0; 4]);
     for k in 2000..2900 {
@@ -98,7 +100,7 @@ fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
         for (lead, (raw, believed)) in (1..).zip(raw.iter_mut().zip(&mut believed)) {
             let missed = |from: [f64; 2]| minus(path[k + lead], from).iter().map(|x| x * x).sum::<f64>();
             *raw += missed(predicted[lead - 1]);
-            *believed += missed(evidence.believed(0.5, lead, predicted[lead - 1]));
+            *believed += missed(evidence.believed(lead, predicted[lead - 1]));
         }
     }
     let left: Vec<_> = believed.iter().zip(raw).map(|(believed, raw)| believed / raw).collect();
@@ -110,7 +112,7 @@ fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
 fn predictor_that_goes_too_far_is_shortened_by_as_much() {
     let path = smooth(3000);
     for factor in [1.25, 2.0, 3.0] {
-        let mut evidence = Skill::new(STEP_S, true);
+        let mut evidence = Judge::new(STEP_S, true);
         live(&mut evidence, &path, Preview::Truth(factor), None, 1);
         for lead in [2, 4, 8] {
             let share = evidence.share(lead);
@@ -122,7 +124,7 @@ fn predictor_that_goes_too_far_is_shortened_by_as_much() {
 #[test]
 fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
     for factor in [1.0, 0.7] {
-        let mut evidence = Skill::new(STEP_S, true);
+        let mut evidence = Judge::new(STEP_S, true);
         live(&mut evidence, &smooth(800), Preview::Truth(factor), None, 1);
         for lead in 1..=SKILL_LEADS {
             let share = evidence.share(lead);
@@ -133,7 +135,7 @@ fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
 
 /// What was judged, without what is left of the doubt that a record begins with.
 fn record_of(preview: Preview, per_step: bool) -> Record {
-    let mut evidence = Skill::new(STEP_S, per_step);
+    let mut evidence = Judge::new(STEP_S, per_step);
     let doubt = evidence.clone();
     live(&mut evidence, &smooth(1500), preview, None, 1);
     let mut sum = Record::default();
@@ -168,7 +170,7 @@ fn record_orders_perfect_constant_velocity_and_hold() {
 fn every_part_of_a_step_is_learned_where_samples_are_many() {
     let path = smooth(3000);
     let phases = [0.1, 0.35, 0.6, 0.85];
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     let (mut raw, mut believed) = ([0.0; 4], [0.0; 4]);
     for k in 1..path.len() - 4 {
         evidence.realise(path[k], UNIT_M);
@@ -182,7 +184,7 @@ fn every_part_of_a_step_is_learned_where_samples_are_many() {
             if k > 2000 {
                 let missed = |[x, y]: [f64; 2]| (x - path[k + 3][0]).powi(2) + (y - path[k + 3][1]).powi(2);
                 raw[part] += missed(predicted[2]);
-                believed[part] += missed(evidence.believed(phase, 3, predicted[2]));
+                believed[part] += missed(evidence.believed(3, predicted[2]));
             }
         }
     }
@@ -198,7 +200,7 @@ fn every_part_of_a_step_is_learned_where_samples_are_many() {
 
 /// What automatic trust makes of the evidence, step by step, when previews run the wrong way.
 fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
-    let mut evidence = Skill::new(STEP_S, per_step);
+    let mut evidence = Judge::new(STEP_S, per_step);
     let mut trust = TrustControl::new(TrustSettings { per_step, ..TrustSettings::default() }).unwrap();
     let path = smooth(400);
     let mut verdicts = Vec::new();
@@ -236,7 +238,7 @@ fn preview_that_runs_the_wrong_way_is_given_up_within_ten_cases_for_good() {
 
 #[test]
 fn shares_leave_nothing_of_a_preview_that_runs_the_wrong_way() {
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     live(&mut evidence, &smooth(400), Preview::Truth(-1.5), None, 1);
     for lead in [2, 3, 6, 12] {
         assert!(evidence.share(lead) < 0.01, "lead {lead}: {}", evidence.share(lead));
@@ -248,11 +250,11 @@ fn shares_leave_nothing_of_a_preview_that_runs_the_wrong_way() {
 #[test]
 fn leap_counts_nothing() {
     let path = smooth(400);
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     live(&mut evidence, &path, Preview::Steady, Some(0.3), 1);
-    let told = |evidence: &Skill| {
+    let told = |evidence: &Judge| {
         let leads = 1..=SKILL_LEADS;
-        let points = leads.clone().map(|lead| evidence.believed(0.3, lead, [0.01, 0.01]).map(f64::to_bits));
+        let points = leads.clone().map(|lead| evidence.believed(lead, [0.01, 0.01]).map(f64::to_bits));
         let points: Vec<_> = points.collect();
         let shares: Vec<_> = leads.map(|lead| evidence.share(lead).to_bits()).collect();
         (points, shares, evidence.record(1, SKILL_LEADS))
@@ -278,31 +280,31 @@ fn leap_counts_nothing() {
 #[test]
 fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen_it() {
     let path = smooth(600);
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     live(&mut evidence, &path, Preview::Steady, Some(0.5), 1);
     let [x, y] = path[599];
     let leapt = [x + 0.05, y - 0.03];
     evidence.sample(at(599.5), leapt, 0.5, [x, y]);
     for lead in 1..=SKILL_LEADS {
-        assert_eq!(evidence.believed(0.5, lead, [x + 0.001, y]), leapt);
+        assert_eq!(evidence.believed(lead, [x + 0.001, y]), leapt);
     }
     // A step that a pen can make is news like any other.
     evidence.interrupt();
     evidence.sample(at(600.5), [x + 0.001, y], 0.5, [x, y]);
-    assert!(evidence.believed(0.5, 2, [x, y]) != [x + 0.001, y]);
+    assert!(evidence.believed(2, [x, y]) != [x + 0.001, y]);
 }
 
 #[test]
 fn steps_that_close_together_are_told_apart() {
     // A preview that is right is right at every lead only if each step is compared with the lead that meant it.
     for batch in [2, 3, 7] {
-        let mut evidence = Skill::new(STEP_S, true);
+        let mut evidence = Judge::new(STEP_S, true);
         live(&mut evidence, &smooth(1200), Preview::Truth(1.0), None, batch);
         for lead in 1..=SKILL_LEADS {
             let record = evidence.record(lead, lead);
             assert!(record.cases > 100.0, "batch {batch}, lead {lead}: {record:?}");
             // The cases of doubt that every record begins with, and nothing else.
-            let doubt = Skill::new(STEP_S, true).record(lead, lead).preview;
+            let doubt = Judge::new(STEP_S, true).record(lead, lead).preview;
             assert!(record.preview <= doubt, "batch {batch}, lead {lead}: {record:?}");
         }
     }
@@ -310,10 +312,10 @@ fn steps_that_close_together_are_told_apart() {
 
 #[test]
 fn another_predictor_starts_from_nothing() {
-    let mut evidence = Skill::new(STEP_S, true);
+    let mut evidence = Judge::new(STEP_S, true);
     live(&mut evidence, &smooth(500), Preview::Truth(2.0), Some(0.4), 1);
     evidence.forget();
-    let new = Skill::new(STEP_S, true);
+    let new = Judge::new(STEP_S, true);
     assert_eq!(evidence.record(1, SKILL_LEADS), new.record(1, SKILL_LEADS));
     for lead in 1..=SKILL_LEADS {
         assert_eq!(evidence.share(lead), 1.0);
@@ -322,11 +324,11 @@ fn another_predictor_starts_from_nothing() {
 
 #[test]
 fn without_belief_per_step_previews_are_taken_as_they_are() {
-    let mut evidence = Skill::new(STEP_S, false);
+    let mut evidence = Judge::new(STEP_S, false);
     live(&mut evidence, &wandering(3, 800), Preview::Truth(2.0), Some(0.4), 1);
     for lead in 0..=SKILL_LEADS + 5 {
         assert_eq!(evidence.share(lead), 1.0);
-        let [x, y] = evidence.believed(0.4, lead, [0.3, -0.2]);
+        let [x, y] = evidence.believed(lead, [0.3, -0.2]);
         assert!((x - 0.3).abs() < 1e-15 && (y + 0.2).abs() < 1e-15, "{x} {y}");
     }
     assert!(evidence.record(3, 6).preview > 0.0, "previews are judged all the same");
@@ -351,7 +353,7 @@ fn nothing_that_comes_in_leaves_its_range_or_turns_to_nan() {
     let mut judged = 0.0_f64;
     for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(seed);
-        let mut evidence = Skill::new(STEP_S, seed % 4 != 0);
+        let mut evidence = Judge::new(STEP_S, seed % 4 != 0);
         for _ in 0..800 {
             let mut point = |scale| [nasty(&mut rng, scale), nasty(&mut rng, scale)];
             let (position, base, velocity, sample) = (point(2e-3), point(2e-3), point(1e-3), point(2e-3));
@@ -377,7 +379,7 @@ fn nothing_that_comes_in_leaves_its_range_or_turns_to_nan() {
             }
             let mut told = evidence.clone();
             told.sample(Stamp(stamp.0 / 2 + 5), [1e-3, 2e-3], 0.5, [1.1e-3, 2e-3]);
-            let point = told.believed(0.5, 3, [2e-3, 1e-3]);
+            let point = told.believed(3, [2e-3, 1e-3]);
             assert!(point.iter().all(|x| x.is_finite()), "seed {seed}: {point:?}");
             let record = evidence.record(rng.random_range(0..30), rng.random_range(0..30));
             let sums = [record.preview, record.hold, record.steady, record.cases];

@@ -9,11 +9,15 @@ mod blend;
 mod filter;
 mod news;
 mod observer;
+mod preview;
 
 pub(crate) use blend::Terms;
-pub(crate) use news::{News, from};
+pub use news::Look;
+pub(crate) use news::from;
+pub(crate) use preview::Preview;
 
 use blend::Blend;
+use news::News;
 use observer::Observers;
 
 use crate::units::Stamp;
@@ -25,81 +29,92 @@ pub(crate) const PHASES: usize = 4;
 
 /// What newer samples say, and what that was worth.
 #[derive(Debug, Clone)]
-pub(crate) struct Refiner {
+pub struct Refiner {
     corrections: [[Blend; REFINED_LEADS]; PHASES],
     observers: Observers,
     /// Of the observer that the corrections were learned with.
     clarity: f64,
-    /// Newest sample [m] and what it says.
-    newest: [f64; 2],
-    news: Option<News>,
+    /// Metres per normalised unit, the newest that was told; 0 before.
+    unit_m: f64,
     step_s: f64,
 }
 
 impl Refiner {
     /// Nothing seen yet; grid step `step_s` [s].
-    pub(crate) fn new(step_s: f64) -> Self {
-        Self {
-            corrections: fresh(0.0),
-            observers: Observers::new(),
-            clarity: 0.0,
-            newest: [0.0; 2],
-            news: None,
-            step_s,
-        }
+    #[must_use]
+    pub fn new(step_s: f64) -> Self {
+        Self { corrections: fresh(0.0), observers: Observers::new(), clarity: 0.0, unit_m: 0.0, step_s }
     }
 
     /// Another predictor answers from here on: what was learned about the last one goes.
-    pub(crate) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.corrections = fresh(self.clarity);
     }
 
     /// The pen was elsewhere at once.
     pub(crate) fn interrupt(&mut self) {
-        self.news = None;
         self.observers.forget();
     }
 
-    /// A sample at `stamp` and `position` [m]. True if another filter answers from here on: what was learned, and what waits to be, is
-    /// about the velocities of the last one.
-    pub(crate) fn observe(&mut self, stamp: Stamp, position: [f64; 2]) -> bool {
+    /// A sample at `stamp` and `position` [m]; the same may be told again. Velocity and acceleration are known only if every sample is
+    /// told. Where another filter answers from here on, what was learned is about the velocities of the last one and goes.
+    pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
         self.observers.see(stamp.0 as f64 * 1e-9, position);
         let clarity = self.observers.clarity();
-        let other = clarity != self.clarity;
-        if other {
+        if clarity != self.clarity {
             self.clarity = clarity;
             self.corrections = fresh(clarity);
         }
-        other
     }
 
-    /// What the observed sample at `position` [m] says beside what the preview had `expected` [m] there.
-    pub(crate) fn hear(&mut self, position: [f64; 2], expected: [f64; 2]) -> News {
+    /// What the observed sample at `position` [m], `phase` of a step after the newest grid point, says beside what the preview had
+    /// `expected` [m] there.
+    #[must_use]
+    pub fn hear(&self, position: [f64; 2], phase: f64, expected: [f64; 2]) -> Look {
         let [velocity, acceleration] = self.observers.motion();
         let news = News {
             innovation: from(position, expected),
             velocity: velocity.map(|v| v * self.step_s),
             acceleration: acceleration.map(|a| a * self.step_s * self.step_s),
         };
-        self.newest = position;
-        self.news = Some(news);
-        news
+        Look { newest: position, phase, news: Some(news) }
     }
 
-    /// The newest sample [m].
-    pub(crate) const fn newest(&self) -> [f64; 2] {
-        self.newest
+    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, as far as `share`, after the sample of `look`:
+    /// where that sample is, if it leapt.
+    #[must_use]
+    pub fn refined(&self, look: &Look, lead: usize, predicted: [f64; 2], share: f64) -> [f64; 2] {
+        if self.unit_m > 0.0 && look.news.is_some_and(|news| !news.is_ordinary(self.unit_m)) {
+            return look.newest;
+        }
+        let [lx, ly] = from(predicted, look.newest);
+        let ahead = lead as f64 - look.phase;
+        let index = lead.saturating_sub(1).min(REFINED_LEADS - 1);
+        let terms = look.news.map(|news| news.terms([lx, ly], ahead));
+        let [cx, cy] = self.correction(look.phase, index, terms.as_ref());
+        let [x, y] = look.newest;
+        [x + share * (lx + cx), y + share * (ly + cy)]
     }
 
-    /// What it says.
-    pub(crate) const fn news(&self) -> Option<News> {
-        self.news
+    /// Which filter answers, from 0, a coarse tablet, to 1, a clean one. Previews that were refined with another one tell nothing of it.
+    pub(crate) const fn clarity(&self) -> f64 {
+        self.clarity
     }
 
-    /// By how much a preview moves at the lead with this index, corrected by a sample at `phase`; in the unit of `terms`.
-    pub(crate) fn correction(&self, phase: f64, index: usize, terms: &Terms) -> [f64; 2] {
+    /// Metres per normalised unit; 0 before it was told.
+    pub(crate) const fn unit_m(&self) -> f64 {
+        self.unit_m
+    }
+
+    /// Metres per normalised unit from here on.
+    pub(crate) fn measure(&mut self, unit_m: f64) {
+        self.unit_m = unit_m;
+    }
+
+    /// By how much a preview moves at the lead with this index, corrected by a sample at `phase` that said `terms`; in their unit.
+    pub(crate) fn correction(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
         let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
-        blend.map_or([0.0; 2], |blend| blend.correction(terms))
+        terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms))
     }
 
     /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms` [normalised].

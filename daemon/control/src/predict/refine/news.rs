@@ -29,6 +29,25 @@ impl News {
     }
 }
 
+/// What a preview is refined by: the newest sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// Where it lies [m].
+    pub(crate) newest: [f64; 2],
+    /// How far in the step it lies, after the base of the preview [steps].
+    pub(crate) phase: f64,
+    /// What it says; `None`: the preview stands without a newer sample.
+    pub(crate) news: Option<News>,
+}
+
+impl Look {
+    /// Nothing newer than the base of the preview at `base` [m].
+    #[must_use]
+    pub const fn at(base: [f64; 2]) -> Self {
+        Self { newest: base, phase: 0.0, news: None }
+    }
+}
+
 /// The way to `there` [m] from `here` [m].
 pub(crate) fn from(there: [f64; 2], here: [f64; 2]) -> [f64; 2] {
     let ([tx, ty], [x, y]) = (there, here);

@@ -1,6 +1,7 @@
 //! A UR5 above a table, a pen, and ideal joint states: what the whole-step tests share.
 
 pub(crate) mod dybm;
+pub(crate) mod judging;
 pub(crate) mod lagging;
 pub(crate) mod limited;
 pub(crate) mod own_rules;

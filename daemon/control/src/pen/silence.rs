@@ -1,0 +1,64 @@
+//! Where a pen rests whose samples stay away: many devices say nothing while the pen stands.
+
+use super::PenReading;
+use crate::units::Stamp;
+
+/// Longest time between samples that a device may be used to [ns]; longer ones are pauses.
+const LONGEST_INTERVAL_NS: u64 = 40_000_000;
+/// No device is taken to be silent sooner [ns].
+const LEAST_PATIENCE_NS: u64 = 20_000_000;
+
+/// The newest sample and the usual time between samples.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Silence {
+    heard: Option<(Stamp, [f64; 2])>,
+    interval_ns: u64,
+}
+
+impl Silence {
+    /// Nothing heard yet; a device that is taken to sample once in `interval_ns` [ns].
+    pub(crate) const fn new(interval_ns: u64) -> Self {
+        Self { heard: None, interval_ns }
+    }
+
+    /// The newest sample; it may be told again.
+    pub(crate) fn hear(&mut self, newest: &PenReading) {
+        let elapsed_ns = self.heard.map_or(0, |(heard, _)| newest.stamp.0.saturating_sub(heard.0));
+        if (1..=LONGEST_INTERVAL_NS).contains(&elapsed_ns) {
+            self.interval_ns = self.interval_ns - self.interval_ns / 8 + elapsed_ns / 8;
+        }
+        self.heard = Some((newest.stamp, newest.position));
+    }
+
+    /// Where the pen is taken to have come to rest [m], if the device has been silent for longer than it usually is.
+    pub(crate) fn resting_at(&self, now: Stamp) -> Option<[f64; 2]> {
+        let patience_ns = (self.interval_ns * 5 / 2).max(LEAST_PATIENCE_NS);
+        let (_, position) = self.heard.filter(|(heard, _)| now.0.saturating_sub(heard.0) > patience_ns)?;
+        Some(position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pen_whose_samples_stay_away_has_stopped_at_the_last_one() {
+        for interval_ns in [5_000_000, 16_000_000] {
+            let mut silence = Silence::new(10_000_000);
+            let mut stamp = 1_000_000_000 - 40 * interval_ns;
+            for _ in 0..41 {
+                silence.hear(&PenReading::new(Stamp(stamp), [0.0007, -0.0001], true));
+                stamp += interval_ns;
+            }
+            let newest = stamp - interval_ns;
+            let patience = (interval_ns * 5 / 2).max(20_000_000);
+            for after in [0, patience - 500_000] {
+                assert_eq!(silence.resting_at(Stamp(newest + after)), None, "{interval_ns} ns");
+            }
+            let silent = silence.resting_at(Stamp(newest + patience + 500_000));
+            assert_eq!(silent, Some([0.0007, -0.0001]), "{interval_ns} ns");
+        }
+        assert_eq!(Silence::new(10_000_000).resting_at(Stamp(u64::MAX)), None, "nothing was heard");
+    }
+}
