@@ -7,8 +7,8 @@
 //! # One tick
 //!
 //! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it was told to be?), *pen* (samples
-//! onto the grid), *trust* (how far to believe the preview), *predict* and *refine* (by samples newer than the grid), *reference*, *plan*
-//! ([`mpc`]), *solve* ([`ik`], [`clearance`]), *envelope*, *guard*, *report*.
+//! onto the grid), *skill* (what past previews were worth), *predict* and *refine* (by samples newer than the grid), *trust* (how far
+//! to believe the preview), *reference*, *plan* ([`mpc`]), *solve* ([`ik`], [`clearance`]), *envelope*, *guard*, *report*.
 //!
 //! # The two problems
 //!

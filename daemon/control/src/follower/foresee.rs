@@ -1,11 +1,11 @@
-//! The stages that look ahead: trust in what was predicted before, the preview, and what newer samples make of it.
+//! The stages that look ahead: what past previews were worth, the preview, what newer samples make of it, and trust in it.
 
 use super::Follower;
 use super::io::Health;
 use super::see::PenNews;
 use crate::predict::OnlineWeights;
 use crate::predict::refine::Look;
-use crate::skill::{Foreseen, Happened};
+use crate::skill::{Foreseen, Happened, Record, SkillReport};
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
 
 /// Leads whose record decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
@@ -24,12 +24,6 @@ pub(super) struct Left {
     claim: Option<(usize, f64)>,
     look: Option<Look>,
     pub(super) at_limit: Option<bool>,
-}
-
-/// Trust after one tick, and whether another predictor took over.
-pub(super) struct Believed {
-    pub(super) report: TrustReport,
-    pub(super) switched: bool,
 }
 
 impl<const N: usize, const J: usize> Follower<N, J> {
@@ -57,9 +51,54 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
     }
 
-    /// Trust after the previews that were judged so far. At α = 0 another predictor takes over, if one waits.
-    pub(super) fn believe(&mut self, pen: &PenNews) -> Believed {
+    /// Another predictor takes over, if one waits and nothing of the last one's preview is used any more.
+    pub(super) fn switch(&mut self) -> bool {
+        if self.trust.alpha().alpha() > 0.0 {
+            return false;
+        }
+        let Some(kind) = self.pending_predictor.take() else { return false };
+        self.learner_doubt_ns = 0;
+        let switched = self.previewer.choose(kind).is_ok();
+        if switched {
+            self.skill.forget();
+            self.refiner.forget();
+        }
+        switched
+    }
+
+    /// Rolls the predictor out anew; a preview from a new grid point will be judged.
+    pub(super) fn predict(&mut self, pen: &PenNews) {
+        let steps = self.settings.steps_for(N, self.dead_time.ns());
+        self.preview.refresh(&self.previewer, steps);
+        if pen.count > 0 {
+            self.left.made = true;
+            let nearest = self.nearest_lead();
+            self.left.claim = self.preview.band(nearest as f64).map(|radius| (nearest, radius));
+        }
+    }
+
+    /// What previews of this predictor are worth, with the record of the leads that the plan looks at first.
+    pub(super) fn skill(&self) -> SkillReport {
         let nearest = self.nearest_lead();
+        self.skill.report(nearest, nearest + LEADS_JUDGED - 1)
+    }
+
+    /// Moves the preview by what the newest sample says, and shortens it to the shares that past previews justify.
+    pub(super) fn refine(&mut self, skill: &SkillReport, health: &mut Health) {
+        if let Some(newest) = self.pen.newest() {
+            let per_step =
+                self.settings.trust.per_step && !matches!(self.trust_request, TrustRequest::Manual(_));
+            self.refiner.observe(newest.stamp, newest.position);
+            let shares = per_step.then(|| skill.believed());
+            self.left.look = self.preview.refine(&newest, &mut self.refiner, shares.as_ref());
+        }
+        if !self.preview.is_finite() {
+            health.set(Health::PREDICTOR_INVALID);
+        }
+    }
+
+    /// Trust in the preview, after what past ones were worth.
+    pub(super) fn believe(&mut self, pen: &PenNews, record: Record) -> TrustReport {
         let report = self.trust.update(
             &TrustInputs {
                 request: self.trust_request,
@@ -74,48 +113,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 overtaxed: self.overtaxed,
                 reaction_ns: self.outcome.reaction_ns(self.dead_time.ns()),
                 weights_refused: self.learner_doubt_ns > 0,
-                record: self.skill.report(nearest, nearest + LEADS_JUDGED - 1).record,
+                record,
             },
             self.settings.period_ns,
         );
         self.learner_doubt_ns = self.learner_doubt_ns.saturating_sub(self.settings.period_ns);
-        let mut switched = false;
-        if report.alpha.alpha() <= 0.0
-            && let Some(kind) = self.pending_predictor.take()
-        {
-            switched = self.previewer.choose(kind).is_ok();
-            self.learner_doubt_ns = 0;
-        }
-        Believed { report, switched }
-    }
-
-    /// Rolls the predictor out anew; a preview from a new grid point will be judged.
-    pub(super) fn predict(&mut self, pen: &PenNews, switched: bool) {
-        let steps = self.settings.steps_for(N, self.dead_time.ns());
-        self.preview.refresh(&self.previewer, steps);
-        if switched {
-            self.skill.forget();
-            self.refiner.forget();
-        }
-        if pen.count > 0 {
-            self.left.made = true;
-            let nearest = self.nearest_lead();
-            self.left.claim = self.preview.band(nearest as f64).map(|radius| (nearest, radius));
-        }
-    }
-
-    /// Moves the preview by what the newest sample says, and shortens it to the shares that past previews justify.
-    pub(super) fn refine(&mut self, health: &mut Health) {
-        if let Some(newest) = self.pen.newest() {
-            let per_step =
-                self.settings.trust.per_step && !matches!(self.trust_request, TrustRequest::Manual(_));
-            self.refiner.observe(newest.stamp, newest.position);
-            let nearest = self.nearest_lead();
-            let shares = per_step.then(|| self.skill.report(nearest, nearest).believed());
-            self.left.look = self.preview.refine(&newest, &mut self.refiner, shares.as_ref());
-        }
-        if !self.preview.is_finite() {
-            health.set(Health::PREDICTOR_INVALID);
-        }
+        report
     }
 }

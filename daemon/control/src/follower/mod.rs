@@ -143,8 +143,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
     /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
     ///
-    /// The stages stand in the order in which they run. Trust is that of the previews before this tick's: how a preview turns out is
-    /// known only later.
+    /// The stages stand in the order in which they run, which is that of the data. What a stage needs of a later one is what that came to
+    /// in the tick before.
     pub fn step(
         &mut self,
         input: &StepInput<'_, J>,
@@ -162,24 +162,27 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         // Skill: what came of past previews.
         self.learn(&pen);
-        // Trust: how far to believe the preview, α and shares per lead.
+        // Predict, with the weights that the learner promoted and the predictor that the operator chose.
         self.adopt(input.weights, &mut health);
-        let trust = self.believe(&pen);
-        // Predict, then refine by samples newer than the grid.
-        if pen.count > 0 || input.weights.is_some() || trust.switched {
-            self.predict(&pen, trust.switched);
+        let switched = self.switch();
+        if pen.count > 0 || input.weights.is_some() || switched {
+            self.predict(&pen);
         }
-        self.refine(&mut health);
+        // Refine by samples newer than the grid, as far as past previews justify.
+        let skill = self.skill();
+        self.refine(&skill, &mut health);
+        // Trust: how far to believe what came of it.
+        let trust = self.believe(&pen, skill.record);
         clock.lap(Stage::Predict);
 
         // Reference: where the pen will be when the arm gets there.
-        let wanted = self.wanted(now, trust.report.alpha);
+        let wanted = self.wanted(now, trust.alpha);
         self.mover.pace_mps = self.monitor.allowed_mps();
         // Plan, solve, keep the envelope, guard: the plan's first step as joints that may be published.
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         let way = self.heed(now, seen.lost_ns, matches!(wanted, Some(Wanted::Follow { .. })), &moved, health);
         clock.lap(Stage::Guard);
 
-        self.report(now, Outcomes { health, seen, pen, trust: trust.report, moved, way })
+        self.report(now, Outcomes { health, seen, pen, trust, moved, way })
     }
 }
