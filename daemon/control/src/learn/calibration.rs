@@ -9,8 +9,9 @@
 //!
 //! Cases in which the pen rests before and after say nothing and are left out; so is what a jump interrupted.
 
+use crate::pen::REST;
 use crate::predict::LearnStep;
-use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE, REST_LEVEL};
+use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE};
 use crate::predict::{Models, OnlineWeights, Panel, PredictorKind, WeightsError};
 
 /// Predictors that get bands: all but the oracle.
@@ -134,7 +135,7 @@ impl Calibration {
         self.shots.rotate_right(1);
         let Some(shot) = self.shots.first_mut() else { return };
         shot.unit_m = step.level * step.scale_m;
-        shot.resting = step.level <= REST_LEVEL;
+        shot.resting = step.level <= REST;
         (shot.age, shot.way) = (0, [0.0; 2]);
         for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut shot.paths) {
             self.panel.roll_out(kind, step.limit, step.scale_m, [0.0; 2], path);

@@ -8,15 +8,13 @@
 
 use thiserror::Error;
 
-use crate::pen::TARGET_RMS;
+use crate::pen::{REST, TARGET_RMS};
 
 /// Farthest lead of the comparison [steps].
 pub const MAX_LEAD: usize = 32;
 
 /// Errors count no more than this: three typical displacements.
 const ERROR_CAP: f64 = 18.0 * TARGET_RMS * TARGET_RMS;
-/// Mean squared displacement per step below which the pen pauses: a tenth of the typical one.
-const PAUSE: f64 = 0.02 * TARGET_RMS * TARGET_RMS;
 
 /// The leads that count, both included [steps after the newest closed one].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -177,7 +175,7 @@ impl Shadow {
         let Some(real) = self.recent.get(..self.leads.last) else { return false };
         let moved: f64 = real.iter().flatten().map(|x| x * x).sum();
         // NaN counts as motion.
-        if moved < PAUSE * self.leads.last as f64 {
+        if moved < REST * REST * self.leads.last as f64 {
             return false;
         }
         let error = |path: &Path| path_error(path, real, self.leads.first);

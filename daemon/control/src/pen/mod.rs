@@ -11,7 +11,7 @@ mod tracker;
 mod scale;
 
 pub use queue::STEP_QUEUE_CAPACITY;
-pub use scale::{SpeedScale, SpeedScaleSettings, TARGET_RMS};
+pub use scale::{REST, SpeedScale, SpeedScaleSettings, TARGET_RMS, rests};
 pub(crate) use silence::Silence;
 pub use tracker::{PenCounters, PenTracker};
 

@@ -8,6 +8,17 @@ use super::{GridStep, Motion, PenError};
 /// RMS per component of a normalised displacement while the pen moves: the order of the reference recordings.
 pub const TARGET_RMS: f64 = 10.0;
 
+/// A pen that goes less far than this in a step rests [normalised, length in the plane]: a fourteenth of an ordinary step. Everything that
+/// learns from motion, or judges it, takes this for rest.
+pub const REST: f64 = 0.1 * TARGET_RMS;
+
+/// A way `x` in one step [normalised] is rest. What is not a number is motion, so that it stays visible.
+#[must_use]
+#[inline]
+pub fn rests([x, y]: [f64; 2]) -> bool {
+    x * x + y * y < REST * REST
+}
+
 /// A step shorter than this part of the typical one is a pause or a turning point and counts little.
 const SLOW: f64 = 0.2;
 /// How little, so that a pause in which the pen trembles hardly matters.

@@ -6,6 +6,7 @@
 
 use super::PredictorKind;
 use super::online::WeightsError;
+use crate::pen::REST;
 
 /// Leads with a band of their own [steps]; farther ahead there is none.
 pub const BAND_LEADS: usize = 24;
@@ -88,8 +89,6 @@ impl PreviewBands {
 
 /// Steps over which the level forgets.
 const LEVEL_STEPS: f64 = 8.0;
-/// The level of a resting pen [normalised]: less than a tenth of a typical step.
-pub const REST_LEVEL: f64 = 1.0;
 
 /// Mean squared step per component, times 2, after `x` [normalised²].
 #[must_use]
@@ -98,10 +97,10 @@ pub fn level_square(before: f64, x: [f64; 2]) -> f64 {
     before + (dx * dx + dy * dy - before) / LEVEL_STEPS
 }
 
-/// The recent step [normalised], never below [`REST_LEVEL`].
+/// The recent step [normalised], never below [`REST`], that of a resting pen.
 #[must_use]
 pub fn level(square: f64) -> f64 {
-    if square > REST_LEVEL * REST_LEVEL { square.sqrt() } else { REST_LEVEL }
+    if square > REST * REST { square.sqrt() } else { REST }
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ impl Default for LearnStep {
             contact: false,
             scale_m: 1e-4,
             limit: f64::INFINITY,
-            level: crate::predict::bands::REST_LEVEL,
+            level: crate::pen::REST,
         }
     }
 }

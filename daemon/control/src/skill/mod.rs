@@ -26,7 +26,7 @@ use lead::Lead;
 use onset::Onset;
 use shot::{Shot, Sight};
 
-use crate::pen::Motion;
+use crate::pen::{Motion, rests};
 use crate::predict::refine::{Look, PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
 
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
@@ -258,7 +258,7 @@ impl Skill {
         let most = self.parameters.leap * (ahead + 0.5);
         let ordinary =
             [rx, ry, yx, yy, dx, dy].iter().chain(terms.iter().flatten().flatten()).all(|v| v.abs() <= most);
-        if !ordinary || [yx, yy, dx, dy].into_iter().all(|v| v.abs() < self.parameters.rest) {
+        if !ordinary || (rests([yx, yy]) && rests([dx, dy])) {
             return None;
         }
         let share = self.shares.get(age).copied().unwrap_or(0.0);

@@ -5,6 +5,7 @@
 //! beginnings tell: where they were foreseen well there is nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
 
 use super::OnsetParameters;
+use crate::pen::{REST, rests};
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +47,7 @@ impl Onset {
     pub(super) fn close(&mut self, position: [f64; 2], unit_m: f64) {
         let ([x, y], [before_x, before_y]) = (position, self.at);
         self.at = position;
-        if (x - before_x).hypot(y - before_y) < self.parameters.rest * unit_m {
+        if rests([(x - before_x) / unit_m, (y - before_y) / unit_m]) {
             self.still = self.still.saturating_add(1);
             if self.still >= self.parameters.rest_steps {
                 self.moved = 0;
@@ -84,7 +85,7 @@ impl Onset {
         }
         let ([px, py], [x, y]) = (predicted, real);
         // Of a preview that goes nowhere, and one of less than a step, too little is divided by.
-        let long = px.hypot(py).max(self.parameters.rest);
+        let long = px.hypot(py).max(REST);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
         let scale = 1.0 / (ahead * ahead).max(1.0);
         let beyond = self.beyond * self.parameters.forgetting + scale * beyond * beyond;

@@ -8,8 +8,6 @@
 pub struct SkillParameters {
     /// Ways and errors beyond this are leaps, which no preview foresees [per axis and step ahead]: ten ordinary steps.
     pub leap: f64,
-    /// A pen that moved less than this and was not thought to move says nothing [per axis].
-    pub rest: f64,
     /// Factor by which the past loses weight per judged case [1]: about 500 steps of motion.
     pub forgetting: f64,
     /// A preview is shortened where its share is below 1 by more than this many standard deviations, and by what is more.
@@ -27,9 +25,7 @@ pub struct SkillParameters {
 /// How far previews are believed where the pen begins to move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OnsetParameters {
-    /// Shorter steps than this are rest [length in the plane]...
-    pub rest: f64,
-    /// ... and after so many of them motion begins anew.
+    /// After so many steps of rest ([`crate::pen::REST`]) motion begins anew.
     pub rest_steps: u32,
     /// Share of a preview that is believed at first where beginnings are foreseen badly [1]...
     pub first: f64,
@@ -55,14 +51,12 @@ impl SkillParameters {
     /// Those of the presets.
     pub const SHIPPED: Self = Self {
         leap: 100.0,
-        rest: 0.3,
         forgetting: 0.998,
         doubt: 3.0,
         head_start_cases: 20.0,
         head_start_error: 0.7,
         surprise_cases: 50.0,
         onset: OnsetParameters {
-            rest: 1.0,
             rest_steps: 5,
             first: 0.3,
             more: 0.1,

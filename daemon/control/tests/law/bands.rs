@@ -3,8 +3,9 @@
 use crate::support::learner;
 use crate::support::strokes::handwriting;
 use foretrace_control::learn::Learner;
+use foretrace_control::pen::REST;
 use foretrace_control::pen::{GridStep, Motion};
-use foretrace_control::predict::bands::{BAND_LEADS, COVERAGE, REST_LEVEL};
+use foretrace_control::predict::bands::{BAND_LEADS, COVERAGE};
 use foretrace_control::predict::{PredictorKind, PreviewSettings, Previewer};
 
 fn previewer(learner: &Learner) -> Previewer {
@@ -25,7 +26,7 @@ fn coverage(steps: &[GridStep], lead: usize, from: usize) -> Vec<f64> {
         }
         let Some(real) = steps.get(k + lead).filter(|_| k >= from) else { continue };
         let [x, y] = real.position;
-        let resting = learned.level <= REST_LEVEL;
+        let resting = learned.level <= REST;
         if resting && (x - step.position[0]).hypot(y - step.position[1]) <= learned.level * learned.scale_m {
             continue;
         }

@@ -77,8 +77,9 @@ pub struct ArRlsLearner {
     counters: ArRlsCounters,
 }
 
-/// Part of the gate below which a whole regressor is silence: nothing is learned from it, and P does not forget.
-const SILENCE: f64 = 1e-3;
+/// Part of the gate below which a whole regressor excites nothing: from it nothing is learned, and P does not forget. A part, because the
+/// model knows no unit of length; rest of the pen ([`crate::pen::REST`]) is another matter.
+const LEAST_EXCITATION: f64 = 1e-3;
 
 impl ArRlsLearner {
     /// Starts from `weights` with empty memory and P₀.
@@ -116,8 +117,8 @@ impl ArRlsLearner {
 
     fn update(&mut self, innovation: [f64; 2]) {
         let phi = self.state.regressor();
-        let still = SILENCE * self.settings.gate;
-        if phi.iter().map(|p| p * p).sum::<f64>() <= still * still {
+        let least = LEAST_EXCITATION * self.settings.gate;
+        if phi.iter().map(|p| p * p).sum::<f64>() <= least * least {
             return;
         }
         let Some(gain) = self.covariance.update(phi, self.settings.forgetting) else {

@@ -161,7 +161,7 @@ impl<const D: usize> RlsReadout<D> {
     /// k; zero where there is nothing to learn from.
     fn gain(&mut self, features: &[f32; D]) -> [f32; D] {
         let phi = features.map(f64::from);
-        if phi.iter().map(|p| p * p).sum::<f64>() <= SILENCE {
+        if phi.iter().map(|p| p * p).sum::<f64>() <= LEAST_EXCITATION {
             return [0.0; D];
         }
         let gain = self.covariance.update(&phi, self.rule.forgetting);
@@ -169,8 +169,8 @@ impl<const D: usize> RlsReadout<D> {
     }
 }
 
-/// |φ|² below which nothing moves.
-const SILENCE: f64 = 1e-4;
+/// |φ|² below which features excite nothing. A pen at rest is learned from: the network's cells go on, and what they say is corrected.
+const LEAST_EXCITATION: f64 = 1e-4;
 
 #[cfg(test)]
 mod tests {
