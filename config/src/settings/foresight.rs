@@ -82,6 +82,8 @@ section! {
         ar_rls @ "ar_rls": ArRlsSection;
         /// The mixture.
         mixture @ "mixture": MixtureSection;
+        /// What newer samples say.
+        refine @ "refine": RefineSection;
     }
 }
 
@@ -167,6 +169,16 @@ section! {
         rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
         /// Part of the weights that is dealt out anew at every step, so that no expert is given up for good.
         share: f64 = Between(0.0, 0.1), Default("0.001"), AtStart, "0.001";
+    }
+}
+
+section! {
+    /// How samples newer than the grid move the preview (trust.per_step): learned from the hand, from weights that other hands
+    /// taught.
+    pub struct RefineSection {
+        /// The weights from which that starts: the shipped "refine-prior", or a .toml file relative to the settings file. Not
+        /// set: the shipped ones.
+        prior: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
     }
 }
 

@@ -77,7 +77,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let step_ns = settings.pen.step_ns;
         let mut mover = Mover::new(&settings)?;
         let feedback_lag_s = mover.feedback_lag_s();
-        let skill = Skill::tuned(step_ns as f64 * 1e-9, settings.trust.per_step, settings.skill);
+        let skill =
+            Skill::tuned(step_ns as f64 * 1e-9, settings.trust.per_step, settings.skill, settings.refine);
         let aim = if settings.servo_ns() > 0 { Aim::GroupDelay } else { Aim::Shift };
         Ok(Self {
             watch: Watch::new(settings.safety),
@@ -91,7 +92,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             plans: Plans::default(),
             overtaxed: None,
             // The tool is the command's, which a plan that models its servo has ahead of the arm.
-            outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s)),
+            outcome: Box::new(Outcome::new(
+                settings.period_ns,
+                feedback_lag_s - settings.mpc.servo_s,
+                &settings.trust.parameters,
+            )),
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),

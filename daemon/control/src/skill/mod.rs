@@ -25,7 +25,7 @@ use lead::Lead;
 use onset::Onset;
 use shot::{Look, Shot};
 
-use crate::predict::refine::{PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
+use crate::predict::refine::{PHASES, REFINED_LEADS, RefineParameters, Refiner, Terms, bucket, from};
 use crate::units::Stamp;
 
 /// Leads with evidence of their own [steps]; farther ahead the last one counts.
@@ -58,12 +58,12 @@ impl Skill {
     /// shares.
     #[must_use]
     pub fn new(step_s: f64, per_step: bool) -> Self {
-        Self::tuned(step_s, per_step, SkillParameters::SHIPPED)
+        Self::tuned(step_s, per_step, SkillParameters::SHIPPED, RefineParameters::SHIPPED)
     }
 
     /// The same with other parameters than the presets'.
     #[must_use]
-    pub fn tuned(step_s: f64, per_step: bool, parameters: SkillParameters) -> Self {
+    pub fn tuned(step_s: f64, per_step: bool, parameters: SkillParameters, refine: RefineParameters) -> Self {
         Self {
             parameters,
             shots: [Shot::EMPTY; SKILL_LEADS],
@@ -71,7 +71,7 @@ impl Skill {
             waiting: 0,
             turn: 0,
             leads: untried_leads(&parameters),
-            refiner: Refiner::new(step_s),
+            refiner: Refiner::new(step_s, refine),
             unit_m: 0.0,
             step_s,
             feedback: Feedback::new(0.0),
@@ -149,7 +149,7 @@ impl Skill {
     ) -> Option<Lead> {
         let normalised = |way: [f64; 2]| way.map(|v| v / self.unit_m);
         let ahead = (age + 1) as f64 - look.phase;
-        let news = look.news.filter(|news| news.is_ordinary(self.unit_m));
+        let news = look.news.filter(|news| self.refiner.is_ordinary(news, self.unit_m));
         if look.news.is_some() && news.is_none() {
             return None;
         }
@@ -244,7 +244,10 @@ impl Skill {
     pub fn believed(&self, phase: f64, lead: usize, predicted: [f64; 2]) -> [f64; 2] {
         let (newest, news) = (self.refiner.newest(), self.refiner.news());
         let left = from(predicted, newest);
-        if self.per_step && self.unit_m > 0.0 && news.is_some_and(|news| !news.is_ordinary(self.unit_m)) {
+        if self.per_step
+            && self.unit_m > 0.0
+            && news.is_some_and(|news| !self.refiner.is_ordinary(&news, self.unit_m))
+        {
             return newest;
         }
         let ahead = lead as f64 - phase;

@@ -2,13 +2,20 @@
 //! step of what is known about the pen would lie idle.
 //!
 //! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned while the pen moves
-//! (`blend`), from a prior, from the velocities of the filter that suits the tablet (`observer`). A preview that is right without is
+//! (`blend`), from a prior (`prior`), from the velocities of the filter that suits the tablet (`observer`). A preview that is right without is
 //! not moved: what past corrections were worth counts as well.
 
+mod prior;
+mod parameters;
 mod blend;
 mod filter;
 mod news;
 mod observer;
+
+pub use parameters::{BlendParameters, FilterParameters, OBSERVERS, ObserverParameters, RefineParameters};
+pub use prior::{
+    CURVE_PARTS, Curve, CurvePart, Curves, LARGEST_COEFFICIENT, LEGAL_REACH, PriorError, RefinePrior, Shape,
+};
 
 pub(crate) use blend::Terms;
 pub(crate) use news::{News, from};
@@ -26,6 +33,7 @@ pub(crate) const PHASES: usize = 4;
 /// What newer samples say, and what that was worth.
 #[derive(Debug, Clone)]
 pub(crate) struct Refiner {
+    parameters: RefineParameters,
     corrections: [[Blend; REFINED_LEADS]; PHASES],
     observers: Observers,
     /// Of the observer that the corrections were learned with.
@@ -38,10 +46,11 @@ pub(crate) struct Refiner {
 
 impl Refiner {
     /// Nothing seen yet; grid step `step_s` [s].
-    pub(crate) fn new(step_s: f64) -> Self {
+    pub(crate) fn new(step_s: f64, parameters: RefineParameters) -> Self {
         Self {
-            corrections: fresh(0.0),
-            observers: Observers::new(),
+            parameters,
+            corrections: fresh(0.0, &parameters),
+            observers: Observers::new(parameters.observer),
             clarity: 0.0,
             newest: [0.0; 2],
             news: None,
@@ -51,7 +60,7 @@ impl Refiner {
 
     /// Another predictor answers from here on: what was learned about the last one goes.
     pub(crate) fn forget(&mut self) {
-        self.corrections = fresh(self.clarity);
+        self.corrections = fresh(self.clarity, &self.parameters);
     }
 
     /// The pen was elsewhere at once.
@@ -68,7 +77,7 @@ impl Refiner {
         let other = clarity != self.clarity;
         if other {
             self.clarity = clarity;
-            self.corrections = fresh(clarity);
+            self.corrections = fresh(clarity, &self.parameters);
         }
         other
     }
@@ -96,16 +105,21 @@ impl Refiner {
         self.news
     }
 
+    /// Neither a leap nor what a filter makes of one; `unit_m`: metres per normalised unit.
+    pub(crate) fn is_ordinary(&self, news: &News, unit_m: f64) -> bool {
+        news.is_ordinary(self.parameters.leap * unit_m)
+    }
+
     /// By how much a preview moves at the lead with this index, corrected by a sample at `phase`; in the unit of `terms`.
     pub(crate) fn correction(&self, phase: f64, index: usize, terms: &Terms) -> [f64; 2] {
         let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
-        blend.map_or([0.0; 2], |blend| blend.correction(terms))
+        blend.map_or([0.0; 2], |blend| blend.correction(terms, &self.parameters.blend))
     }
 
     /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms` [normalised].
     pub(crate) fn learn(&mut self, phase: f64, index: usize, terms: &Terms, error: [f64; 2], ahead: f64) {
         if let Some(blend) = self.corrections.get_mut(bucket(phase)).and_then(|row| row.get_mut(index)) {
-            blend.learn(terms, error, ahead);
+            blend.learn(terms, error, ahead, &self.parameters.blend);
         }
     }
 }
@@ -115,9 +129,9 @@ pub(crate) fn bucket(phase: f64) -> usize {
     ((phase * PHASES as f64) as usize).min(PHASES - 1)
 }
 
-fn fresh(clarity: f64) -> [[Blend; REFINED_LEADS]; PHASES] {
+fn fresh(clarity: f64, parameters: &RefineParameters) -> [[Blend; REFINED_LEADS]; PHASES] {
     std::array::from_fn(|bucket| {
         let phase = (bucket as f64 + 0.5) / PHASES as f64;
-        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity))
+        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity, parameters))
     })
 }
