@@ -13,9 +13,9 @@ use crate::pen::TARGET_RMS;
 /// Farthest lead of the comparison [steps].
 pub const MAX_LEAD: usize = 32;
 
-/// Errors count no more than this: three typical displacements.
+/// Errors count no more than this [in the plane, squared]: three typical displacements.
 const ERROR_CAP: f64 = 18.0 * TARGET_RMS * TARGET_RMS;
-/// Mean squared displacement per step below which the pen pauses: a tenth of the typical one.
+/// Mean squared displacement per step below which the pen pauses [in the plane, squared]: a tenth of the typical one.
 const PAUSE: f64 = 0.02 * TARGET_RMS * TARGET_RMS;
 
 /// The leads that count, both included [steps after the newest closed one].
@@ -70,7 +70,7 @@ impl Leads {
     }
 }
 
-/// Recent errors (mean squared, normalised) of two sets of weights over the same steps.
+/// Recent errors (mean squared) [in the plane, per step, squared] of two sets of weights over the same steps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Versus {
     /// Moving steps compared since one of the two changed, other than by learning.

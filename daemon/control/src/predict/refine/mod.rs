@@ -2,8 +2,8 @@
 //! step of what is known about the pen would lie idle.
 //!
 //! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned while the pen moves
-//! (`blend`), from a prior (`prior`), from the velocities of the filter that suits the tablet (`observer`). A preview that is right without is
-//! not moved: what past corrections were worth counts as well.
+//! (`blend`), from a prior (`prior`), from the velocities of the filter that suits the tablet (`observer`). A preview that is right
+//! without is not moved: what past corrections were worth counts as well. The numbers of all that are in `parameters`.
 
 mod prior;
 mod parameters;
