@@ -6,24 +6,25 @@ use std::path::Path;
 
 use foretrace_control::pen::STEP_QUEUE_CAPACITY;
 use foretrace_control::predict::models::dybm::MAX_TRACES;
+use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{MAX_PREVIEW, Models};
 
 use crate::follower::judge;
 use crate::layers::Found;
-use crate::predictor::models;
+use crate::predictor::{models, prior};
 use crate::problem::Problem;
 use crate::robot::{Robot, robot};
 use crate::settings::{Optimiser, Settings};
 use crate::written::Place;
 
-/// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot
-/// and the models that the settings describe, unless a contradiction is about them.
+/// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot,
+/// the models and the start of refinement that the settings describe, unless a contradiction is about them.
 pub(crate) fn check(
     settings: &Settings,
     found: &Found,
     whole: &Place,
     problems: &mut Vec<Problem>,
-) -> Option<(Robot, Models)> {
+) -> Option<(Robot, Models, RefinePrior)> {
     let mut report = Report { found, whole, problems };
     time(settings, &mut report);
     plane(settings, &mut report);
@@ -35,14 +36,15 @@ pub(crate) fn check(
         return None;
     }
     let (robot, models) = (robot(settings, &mut report), models(settings, &mut report));
-    let (robot, models) = (robot?, models?);
+    let prior = prior(settings, &mut report);
+    let (robot, models, prior) = (robot?, models?, prior?);
     if report.problems.is_empty()
-        && let Err(refused) = judge(settings, &robot, &models)
+        && let Err(refused) = judge(settings, &robot, &models, &prior)
     {
         report.problems.push(Problem::Refused { place: whole.clone(), why: refused.to_string() });
         return None;
     }
-    Some((robot, models))
+    Some((robot, models, prior))
 }
 
 /// Knows where each key was written.

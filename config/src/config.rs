@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use foretrace_control::predict::Models;
+use foretrace_control::predict::refine::RefinePrior;
 use toml::de::DeValue;
 
 use crate::check::check;
 use crate::layers::{self, Found};
-use crate::models::shipped;
+use crate::models::{SHIPPED_PRIOR, shipped};
 use crate::plain::plain;
 use crate::predictor::NO_NETWORK;
 use crate::presets;
@@ -25,6 +26,7 @@ pub struct Config {
     settings: Settings,
     robot: Robot,
     models: Models,
+    prior: RefinePrior,
     found: Found,
     name: String,
 }
@@ -78,6 +80,12 @@ impl Config {
     #[must_use]
     pub const fn models(&self) -> &Models {
         &self.models
+    }
+
+    /// The weights from which refinement starts.
+    #[must_use]
+    pub const fn prior(&self) -> &RefinePrior {
+        &self.prior
     }
 
     /// What these settings do without, or will be refused for later, although they are right; one line each, for people.
@@ -220,9 +228,11 @@ impl Draft {
                     let known = |name: &str| name == NO_NETWORK || shipped(name).is_some();
                     *network = network.take().map(|name| resolved(&name, &folder, known));
                 }
+                let prior = &mut settings.predictor.refine.prior;
+                *prior = prior.take().map(|name| resolved(&name, &folder, |name| name == SHIPPED_PRIOR.name));
                 let built = check(&settings, &found, &whole, &mut problems);
-                if let (Some((robot, models)), true) = (built, problems.is_empty()) {
-                    return Ok(Config { settings, robot, models, found, name: whole.to_string() });
+                if let (Some((robot, models, prior)), true) = (built, problems.is_empty()) {
+                    return Ok(Config { settings, robot, models, prior, found, name: whole.to_string() });
                 }
             }
         }

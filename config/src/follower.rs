@@ -15,6 +15,7 @@ use foretrace_control::mpc::{
 };
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::plane::Plane;
+use foretrace_control::predict::refine::{RefineParameters, RefinePrior};
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
 use foretrace_control::skill::SkillParameters;
 use foretrace_control::trust::{TrustParameters, TrustRequest, TrustSettings};
@@ -29,7 +30,7 @@ impl Config {
     /// What the follower is built from; the horizon N is `settings().mpc.horizon`.
     #[must_use]
     pub fn follower_settings(&self) -> FollowerSettings<JOINTS> {
-        follower_settings(self.settings(), self.robot(), self.models())
+        follower_settings(self.settings(), self.robot(), self.models(), self.prior())
     }
 
     /// What the learner is built from.
@@ -87,9 +88,14 @@ impl settings::TrustSection {
 }
 
 /// What the control law says to settings that passed every other test.
-pub(crate) fn judge(settings: &Settings, robot: &Robot, models: &Models) -> Result<(), Refused> {
+pub(crate) fn judge(
+    settings: &Settings,
+    robot: &Robot,
+    models: &Models,
+    prior: &RefinePrior,
+) -> Result<(), Refused> {
     Learner::new(learner_settings(settings), models)?;
-    let follower = follower_settings(settings, robot, models);
+    let follower = follower_settings(settings, robot, models, prior);
     match settings.mpc.horizon {
         10 => drop(Follower::<10, JOINTS>::new(follower)?),
         20 => drop(Follower::<20, JOINTS>::new(follower)?),
@@ -126,7 +132,12 @@ const fn keys(error: &FollowerError) -> &'static str {
     }
 }
 
-fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSettings<JOINTS> {
+fn follower_settings(
+    s: &Settings,
+    robot: &Robot,
+    models: &Models,
+    prior: &RefinePrior,
+) -> FollowerSettings<JOINTS> {
     FollowerSettings {
         period_ns: s.period_ns(),
         pen: pen(s),
@@ -146,6 +157,7 @@ fn follower_settings(s: &Settings, robot: &Robot, models: &Models) -> FollowerSe
         },
         models: models.clone(),
         weights: models.initial_weights(),
+        refine: RefineParameters { prior: *prior, ..RefineParameters::SHIPPED },
         skill: SkillParameters::SHIPPED,
         trust: TrustSettings {
             step_ns: s.step_ns(),

@@ -66,6 +66,11 @@ impl Config {
                 (Some("networks as loaded".to_owned()), Some("their files as they are now".to_owned()));
             refused.push(StartOnlyKey(KeyChange { key: "predictor.lstm".to_owned(), from, to }));
         }
+        if refused.is_empty() && self.prior() != new.prior() {
+            let (from, to) =
+                (Some("weights as loaded".to_owned()), Some("their file as it is now".to_owned()));
+            refused.push(StartOnlyKey(KeyChange { key: "predictor.refine.prior".to_owned(), from, to }));
+        }
         if refused.is_empty() {
             Ok(LiveChange { keys, settings: new.settings().clone() })
         } else {

@@ -1,4 +1,4 @@
-//! The predictors: sizes and learning rules from the settings, trained networks from their files.
+//! The predictors: sizes and learning rules from the settings, trained networks and the start of refinement from their files.
 //!
 //! Contract: networks are loaded and judged when the settings are, so that a daemon that starts has networks that fit.
 
@@ -7,13 +7,14 @@ use std::sync::Arc;
 use foretrace_control::predict::models::ar_rls::ArRlsSettings;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::ReservoirSettings;
+use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{
     DybmSettings, InitialWeights, LstmWeights, MixtureSettings, ModelSettings, Models, Networks, Optimiser,
     PredictorKind,
 };
 
 use crate::check::Report;
-use crate::models::{LstmModel, shipped};
+use crate::models::{LstmModel, SHIPPED_PRIOR, find_prior, shipped};
 use crate::settings::{self, PredictorChoice, Settings, TraceChoice};
 
 impl PredictorChoice {
@@ -84,6 +85,19 @@ fn network(
                 format!("cannot be used: {error}"),
                 format!("name another network, or leave the key out (\"{NO_NETWORK}\" does without)"),
             );
+            None
+        }
+    }
+}
+
+/// The weights from which refinement starts; `None` when something was reported.
+pub(crate) fn prior(settings: &Settings, report: &mut Report<'_>) -> Option<RefinePrior> {
+    let name = settings.predictor.refine.prior.as_deref().unwrap_or(SHIPPED_PRIOR.name);
+    match find_prior(name) {
+        Ok(prior) => Some(prior),
+        Err(error) => {
+            let remedy = "name another file, or leave the key out";
+            report.conflict("predictor.refine.prior", format!("cannot be used: {error}"), remedy);
             None
         }
     }

@@ -1,4 +1,5 @@
-//! Trained networks: safetensors files in, [`LstmWeights`](foretrace_control::predict::LstmWeights) out, and back.
+//! Trained networks: safetensors files in, [`LstmWeights`](foretrace_control::predict::LstmWeights) out, and back. And the weights from
+//! which refinement starts: a TOML file in, [`RefinePrior`](foretrace_control::predict::refine::RefinePrior) out.
 //!
 //! Contract: what is loaded is complete, of the right sizes, finite and bounded, or the error names file, tensor, what was
 //! found, what is needed and what to do. No file content panics or takes more memory than the file's size allows. Files are
@@ -22,9 +23,11 @@ mod container;
 mod problem;
 mod lstm;
 mod shipped;
+mod prior;
 
 pub use container::{Container, DType, Tensor, container_bytes};
 pub use lstm::{Assumed, LstmModel};
+pub use prior::{SHIPPED_PRIOR, ShippedPrior, find_prior, parse_prior};
 pub use problem::ModelError;
 pub use shipped::{Shipped, shipped, shipped_names};
 

@@ -1,6 +1,7 @@
 //! What can be wrong with a model file: one variant per bound that can be broken, each with file, place and remedy.
 
 use foretrace_control::predict::LstmError;
+use foretrace_control::predict::refine::PriorError;
 
 /// Why a model was not loaded or saved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -134,6 +135,24 @@ pub enum ModelError {
         file: String,
         /// By the control law.
         why: LstmError,
+    },
+    /// Not the coefficients that refinement starts from: syntax, a key that is missing or means nothing, a word.
+    #[error(
+        "{file}: not where refinement can start, {what}: take config/models/refine-prior.toml as a pattern"
+    )]
+    Prior {
+        /// The file.
+        file: String,
+        /// What is wrong, with the line.
+        what: String,
+    },
+    /// Coefficients that the control law does not take.
+    #[error("{file}: {why}")]
+    PriorRefused {
+        /// The file.
+        file: String,
+        /// By the control law.
+        why: PriorError,
     },
     /// Neither a shipped model nor a file.
     #[error(

@@ -82,6 +82,8 @@ section! {
         ar_rls @ "ar_rls": ArRlsSection;
         /// The mixture.
         mixture @ "mixture": MixtureSection;
+        /// What newer samples say.
+        refine @ "refine": RefineSection;
     }
 }
 
@@ -142,11 +144,11 @@ section! {
 
 section! {
     /// Autoregression over the last 8 steps by recursive least squares (predictor.kind = "ar-rls"). Lengths are
-    /// normalised: a typical step is 14.
+    /// normalised: a typical step is 10 per axis, 14 in the plane.
     pub struct ArRlsSection {
         /// Factor per step by which the past loses weight: 0.999 remembers a thousand steps.
         forgetting: f64 = Between(0.9, 1.0), Default("0.999"), AtStart, "0.999";
-        /// A longer step is a jump: it empties the memory and is not learned from.
+        /// A step that is longer in the plane is a jump: it empties the memory and is not learned from.
         gate: f64 = Between(1.0, 1e6), Default("100.0"), AtStart, "100";
         /// Largest error per axis that is learned from in full.
         huber: f64 = Between(0.001, 1e4), Default("12.0"), AtStart, "12";
@@ -167,6 +169,16 @@ section! {
         rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
         /// Part of the weights that is dealt out anew at every step, so that no expert is given up for good.
         share: f64 = Between(0.0, 0.1), Default("0.001"), AtStart, "0.001";
+    }
+}
+
+section! {
+    /// How samples newer than the grid move the preview (trust.per_step): learned from the hand, from weights that other hands
+    /// taught.
+    pub struct RefineSection {
+        /// The weights from which that starts: the shipped "refine-prior", or a .toml file relative to the settings file. Not
+        /// set: the shipped ones.
+        prior: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
     }
 }
 
@@ -192,7 +204,7 @@ section! {
         promote_ratio: f64 = Between(0.1, 1.0), Default("0.95"), AtStart, "0.95";
         /// The live weights are rolled back when their error is above this many times their predecessor's.
         rollback_ratio: f64 = Between(1.0, 10.0), Default("1.1"), AtStart, "1.1";
-        /// Displacements longer than this (normalised; a typical one is 14) are not learned from.
+        /// Displacements longer than this in the plane (normalised; a typical one is 14) are not learned from.
         max_learned: f64 = Between(10.0, 1e6), Default("60.0"), AtStart, "60";
     }
 }

@@ -16,7 +16,7 @@ pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, 
 pub use clearance::ClearanceSection;
 pub use foresight::{
     ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, PredictorChoice,
-    ScaleSection, TraceChoice, TrustMode, TrustSection,
+    RefineSection, ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};

@@ -124,7 +124,7 @@ fn what_no_key_forbids_is_still_judged_by_the_law() {
     let refused = |change: fn(&mut Settings)| {
         let mut settings = config.settings().clone();
         change(&mut settings);
-        judge(&settings, config.robot(), config.models()).map_err(|error| error.to_string())
+        judge(&settings, config.robot(), config.models(), config.prior()).map_err(|error| error.to_string())
     };
     assert_eq!(refused(|_| ()), Ok(()));
     assert!(refused(|s| s.mpc.effort = f64::NAN).unwrap_err().contains("effort"));

@@ -1,5 +1,6 @@
 //! Settings and models as files, good ones and broken ones.
 
 mod models;
+mod prior;
 mod models_fuzz;
 mod settings_fuzz;

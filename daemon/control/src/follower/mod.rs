@@ -92,7 +92,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             silence: Silence::new(step_ns),
             previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
             preview: Preview::new(step_ns, steps),
-            refiner: Box::new(Refiner::new(step_ns as f64 * 1e-9)),
+            refiner: Box::new(Refiner::tuned(step_ns as f64 * 1e-9, settings.refine)),
             pending_predictor: None,
             skill: Box::new(skill.beside_feedback(feedback_lag_s)),
             left: Left::default(),
@@ -102,7 +102,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             plans: Plans::default(),
             overtaxed: None,
             // The tool is the command's, which a plan that models its servo has ahead of the arm.
-            outcome: Box::new(Outcome::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s)),
+            outcome: Box::new(Outcome::new(
+                settings.period_ns,
+                feedback_lag_s - settings.mpc.servo_s,
+                &settings.trust.parameters,
+            )),
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),

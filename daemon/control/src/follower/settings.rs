@@ -14,6 +14,7 @@ use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::plane::Plane;
+use crate::predict::refine::{PriorError, RefineParameters};
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
 use crate::skill::SkillParameters;
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
@@ -62,6 +63,8 @@ pub struct FollowerSettings<const J: usize> {
     pub models: Models,
     /// Weights at start of those that learn online.
     pub weights: OnlineWeights,
+    /// How samples newer than the grid move a preview.
+    pub refine: RefineParameters,
     /// The numbers behind shares and records of past previews.
     pub skill: SkillParameters,
     /// When to believe the preview.
@@ -203,6 +206,9 @@ pub enum FollowerError {
     /// The tool's envelope.
     #[error(transparent)]
     Envelope(#[from] EnvelopeError),
+    /// Where refinement starts.
+    #[error(transparent)]
+    Prior(#[from] PriorError),
     /// The predictor.
     #[error(transparent)]
     Preview(#[from] PreviewError),
@@ -302,6 +308,7 @@ impl<const J: usize> FollowerSettings<J> {
         if step_ns == 0 || !step_ns.is_multiple_of(period_ns) {
             return Err(FollowerError::StepNotMultiple { step_ns, period_ns });
         }
+        self.refine.prior.validate()?;
         let parts = [("preview", self.preview.step_ns), ("trust", self.trust.step_ns)];
         if let Some((part, got_ns)) = parts.into_iter().find(|(_, ns)| *ns != step_ns) {
             return Err(FollowerError::StepMismatch { part, got_ns, grid_ns: step_ns });

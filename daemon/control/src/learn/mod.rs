@@ -30,7 +30,7 @@ pub struct LearnerSettings {
     pub leads: Leads,
     /// When live weights may change.
     pub rule: Rule,
-    /// Displacements longer than this (normalised, typical is 14) are remembered but not learned from.
+    /// Displacements longer than this are remembered but not learned from [in the plane; an ordinary step is 14].
     pub max_learned: f64,
 }
 
@@ -101,7 +101,7 @@ pub struct Promotion {
     pub cause: PromotionCause,
     /// Grid index of the step that decided.
     pub index: u64,
-    /// Recent roll-out error of the weights that leave (mean squared, normalised).
+    /// Recent roll-out error of the weights that leave (mean squared) [in the plane, per step, squared].
     pub error_leaving: f64,
     /// Recent roll-out error of the weights that come.
     pub error_coming: f64,

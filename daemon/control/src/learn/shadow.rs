@@ -13,7 +13,7 @@ use crate::pen::{REST, TARGET_RMS};
 /// Farthest lead of the comparison [steps].
 pub const MAX_LEAD: usize = 32;
 
-/// Errors count no more than this: three typical displacements.
+/// Errors count no more than this [in the plane, squared]: three typical displacements.
 const ERROR_CAP: f64 = 18.0 * TARGET_RMS * TARGET_RMS;
 
 /// The leads that count, both included [steps after the newest closed one].
@@ -68,7 +68,7 @@ impl Leads {
     }
 }
 
-/// Recent errors (mean squared, normalised) of two sets of weights over the same steps.
+/// Recent errors (mean squared) [in the plane, per step, squared] of two sets of weights over the same steps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Versus {
     /// Moving steps compared since one of the two changed, other than by learning.

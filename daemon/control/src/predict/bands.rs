@@ -14,7 +14,7 @@ pub const BAND_LEADS: usize = 24;
 /// Share of the cases in which the pen shall lie within the band.
 pub const COVERAGE: f64 = 0.9;
 
-/// Largest legal factor: a thousand times the recent step.
+/// Largest legal factor: ten thousand times the recent step.
 const MAX_FACTOR: f32 = 1e4;
 
 /// Factors of one predictor, one per lead from 1; 0: not known yet.
@@ -90,14 +90,14 @@ impl PreviewBands {
 /// Steps over which the level forgets.
 const LEVEL_STEPS: f64 = 8.0;
 
-/// Mean squared step per component, times 2, after `x` [normalised²].
+/// Mean squared step after `x` [in the plane, squared].
 #[must_use]
 pub fn level_square(before: f64, x: [f64; 2]) -> f64 {
     let [dx, dy] = x;
     before + (dx * dx + dy * dy - before) / LEVEL_STEPS
 }
 
-/// The recent step [normalised], never below [`REST`], that of a resting pen.
+/// The recent step [in the plane], never below [`REST`], that of a resting pen.
 #[must_use]
 pub fn level(square: f64) -> f64 {
     if square > REST * REST { square.sqrt() } else { REST }

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::pen::TARGET_RMS;
 
-/// A displacement with a component beyond this is no motion in any unit: its squares would drown or overflow whatever a
+/// A displacement with a component beyond this [per axis] is no motion in any unit: its squares would drown or overflow whatever a
 /// learner adds up.
 pub const LARGEST_DISPLACEMENT: f64 = 1e6;
 

@@ -156,7 +156,7 @@ impl Panel {
     }
 
     /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
-    /// than `limit` (normalised); beyond [`MAX_PREVIEW`] the last is repeated.
+    /// than `limit` (normalised, in the plane); beyond [`MAX_PREVIEW`] the last is repeated.
     pub fn roll_out(
         &self,
         kind: PredictorKind,

@@ -85,7 +85,7 @@ pub struct PreviewReport {
     pub bands: PreviewBands,
 }
 
-/// Normalised displacements beyond this are not taken for motion: a thousand times the typical one.
+/// Displacements beyond this are not taken for motion [per axis]: a thousand times the typical one.
 const LARGEST_OBSERVED: f64 = 1000.0 * TARGET_RMS;
 
 /// All predictors behind one history, and the normaliser.
@@ -99,9 +99,9 @@ pub struct Previewer {
     bands: BandTable,
     newest: Option<GridStep>,
     history: u32,
-    /// Recent peak of |x|, normalised.
+    /// Recent peak of |x| [in the plane].
     peak: f64,
-    /// Recent mean of |x|², normalised².
+    /// Recent mean of |x|² [in the plane, squared].
     level_square: f64,
 }
 
@@ -269,7 +269,7 @@ impl Previewer {
         self.panel.forget();
     }
 
-    /// Longest predicted displacement, normalised.
+    /// Longest predicted displacement [in the plane]; the peak counts as no less than 10, that a resting hand may set off.
     fn limit(&self) -> f64 {
         self.settings.limit_factor * self.peak.max(TARGET_RMS)
     }

@@ -6,7 +6,7 @@ use crate::pen::TARGET_RMS;
 /// What is known about one lead; sums forget.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Lead {
-    /// Squared errors [normalised²].
+    /// Squared errors [in the plane, squared].
     pub(super) preview: f64,
     pub(super) hold: f64,
     pub(super) steady: f64,
@@ -47,7 +47,7 @@ impl Lead {
     }
 }
 
-/// Squared errors over the leads that a plan looks at [normalised²], and from how many cases.
+/// Squared errors over the leads that a plan looks at [in the plane, squared], and from how many cases.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Record {
     /// Of the preview, as it would be used.

@@ -245,7 +245,7 @@ impl Skill {
         let normalised = |way: [f64; 2]| way.map(|v| v / unit_m);
         let Look { newest, phase, news: said } = sight.look;
         let ahead = (age + 1) as f64 - phase;
-        let news = said.filter(|news| news.is_ordinary(unit_m));
+        let news = said.filter(|news| refiner.is_ordinary(news));
         if said.is_some() && news.is_none() {
             return None;
         }

@@ -4,14 +4,11 @@
 //! then, also where a plan models its servo (commands then lead by what the servo takes back). Feedback alone has the tool where
 //! the pen was that time and its own lag before.
 
+use super::TrustParameters;
 use crate::units::Stamp;
 
 /// Ticks remembered: half a second in periods of 1 ms, more than the longest dead time and lag.
 const TICKS: usize = 512;
-/// Time over which squared errors are averaged [s]: a stroke.
-const TIME_S: f64 = 0.15;
-/// Part of feedback's mean squared error above which following is not worth much.
-const POOR: f64 = 0.5;
 
 /// See the module's description.
 #[derive(Debug, Clone)]
@@ -23,6 +20,9 @@ pub struct Outcome {
     known: usize,
     period_ns: u64,
     lag_ns: u64,
+    /// See [`TrustParameters::outcome_s`] and [`TrustParameters::outcome_poor`].
+    time_s: f64,
+    poor: f64,
     /// Mean squared errors [m²].
     followed: f64,
     held: f64,
@@ -31,7 +31,7 @@ pub struct Outcome {
 impl Outcome {
     /// Nothing seen yet, in ticks of `period_ns` [ns]; feedback lags `lag_s` [s] behind the samples.
     #[must_use]
-    pub fn new(period_ns: u64, lag_s: f64) -> Self {
+    pub fn new(period_ns: u64, lag_s: f64, parameters: &TrustParameters) -> Self {
         Self {
             tool: [[0.0; 2]; TICKS],
             pen: [[0.0; 2]; TICKS],
@@ -39,6 +39,8 @@ impl Outcome {
             known: 0,
             period_ns: period_ns.max(1),
             lag_ns: (lag_s * 1e9) as u64,
+            time_s: parameters.outcome_s,
+            poor: parameters.outcome_poor,
             followed: 0.0,
             held: 0.0,
         }
@@ -74,7 +76,7 @@ impl Outcome {
             let [px, py] = pen;
             (x - px) * (x - px) + (y - py) * (y - py)
         };
-        let pace = self.period_ns as f64 * 1e-9 / TIME_S;
+        let pace = self.period_ns as f64 * 1e-9 / self.time_s;
         let (followed, held) = (
             self.followed + pace * (off(reached) - self.followed),
             self.held + pace * (off(feedback) - self.held),
@@ -93,7 +95,7 @@ impl Outcome {
     /// Following was hardly better than feedback alone.
     #[must_use]
     pub fn is_poor(&self) -> bool {
-        self.followed > POOR * self.held
+        self.followed > self.poor * self.held
     }
 }
 
@@ -122,7 +124,7 @@ mod tests {
 
     #[test]
     fn who_follows_like_feedback_follows_poorly_and_who_is_there_does_not() {
-        let mut outcome = Outcome::new(PERIOD_NS, LAG_S);
+        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
         assert!(!outcome.is_poor());
         follow(&mut outcome, 0.0);
         assert!(!outcome.is_poor());
@@ -142,9 +144,28 @@ mod tests {
     }
 
     #[test]
+    fn what_is_poor_and_how_long_is_looked_back_are_parameters() {
+        let mut strict = TrustParameters { outcome_poor: 0.01, ..TrustParameters::SHIPPED };
+        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
+        let mut asked = Outcome::new(PERIOD_NS, LAG_S, &strict);
+        strict.outcome_s = 1e3;
+        let mut slow = Outcome::new(PERIOD_NS, LAG_S, &strict);
+        for outcome in [&mut outcome, &mut asked, &mut slow] {
+            follow(outcome, 0.02);
+        }
+        assert!(!outcome.is_poor() && asked.is_poor());
+        assert!(slow.held < 0.01 * asked.held, "{} {}", slow.held, asked.held);
+        // Parameters that are none learn nothing.
+        let nothing = TrustParameters { outcome_s: 0.0, outcome_poor: f64::NAN, ..TrustParameters::SHIPPED };
+        let mut broken = Outcome::new(PERIOD_NS, LAG_S, &nothing);
+        follow(&mut broken, 0.02);
+        assert!(!broken.is_poor() && broken.followed == 0.0);
+    }
+
+    #[test]
     fn time_that_was_lost_is_no_error_of_an_arm_that_is_where_it_should_be() {
         let followed = |tells: bool| {
-            let mut outcome = Outcome::new(PERIOD_NS, LAG_S);
+            let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
             let mut now = Stamp(1_000_000_000);
             for tick in 0..3000_u64 {
                 now = now + PERIOD_NS;
@@ -165,7 +186,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_and_times_that_cannot_be_leave_sound_sums() {
-        let mut outcome = Outcome::new(PERIOD_NS, f64::NAN);
+        let mut outcome = Outcome::new(PERIOD_NS, f64::NAN, &TrustParameters::SHIPPED);
         follow(&mut outcome, 0.1);
         let bad = [f64::NAN, f64::INFINITY, -1e300];
         for (tick, bad) in bad.into_iter().cycle().take(600).enumerate() {

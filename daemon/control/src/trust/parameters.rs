@@ -41,6 +41,11 @@ pub struct TrustParameters {
     /// ... but where the plans of more than this share of the recent ticks failed [1]: plans at limits take the solver more steps than
     /// it has.
     pub failed: f64,
+    /// Time over which squared errors of following and of feedback are averaged [s]: a stroke.
+    pub outcome_s: f64,
+    /// Part of feedback's mean squared error above which following is not worth much [1]: 0 is to be at the pen, 1 is as far from it as
+    /// feedback alone.
+    pub outcome_poor: f64,
     /// Headroom falls by a factor e in this many times of what a change of trust takes to show, dead time and feedback's lag [1]: 0.42 s
     /// behind a UR5, 0.83 s behind 100 ms. Behind a UR5 0.42 instead of 0.75 s leave train writers of unipen-ced 4 % less error and 8
     /// instead of 15 % of their sequences worse than feedback, pendigits 3 % less, unipen-tos 1 % more.
@@ -63,6 +68,8 @@ impl TrustParameters {
         unplanned: Hysteresis { ends: 0.25, begins: 0.05 },
         right: 0.1,
         failed: 0.05,
+        outcome_s: 0.15,
+        outcome_poor: 0.5,
         headroom_fall: 7.0,
         headroom_rise_s: 0.19,
         headroom_least: 0.1,

@@ -44,5 +44,6 @@ mod predict;
 mod predictors;
 mod qp_box;
 mod qp_rows;
+mod refine_parameters;
 mod support;
 mod trust;

@@ -5,7 +5,8 @@
 //! before and after say nothing and are not learned from.
 
 use foretrace_control::learn::Factor;
-use foretrace_control::predict::bands::{REST_LEVEL, level, level_square};
+use foretrace_control::pen::REST;
+use foretrace_control::predict::bands::{level, level_square};
 
 use super::super::scaled::RunningScale;
 use super::{LEADS_MS, SHARES};
@@ -63,7 +64,7 @@ impl Bands {
 
     /// A prediction made now missed by `error` a target that the pen reaches before `due`, `moved` away [raw units].
     pub(super) fn push(&mut self, lead: usize, due: usize, error: f64, moved: f64) {
-        let (unit, resting) = (self.unit(), level(self.level_square) <= REST_LEVEL);
+        let (unit, resting) = (self.unit(), level(self.level_square) <= REST);
         self.waiting.push(Waiting { lead, due, error, moved, unit, resting });
     }
 

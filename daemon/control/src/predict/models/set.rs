@@ -45,6 +45,12 @@ pub struct ModelSettings {
 }
 
 impl ModelSettings {
+    /// Longer displacements than this are jumps to the AR-RLS of the preset loop [in the plane]: seven ordinary steps. Jumps have been
+    /// recognised before a displacement comes there; this is for what is left.
+    pub const AR_RLS_GATE: f64 = 100.0;
+    /// Larger errors than this it learns from as if they were this large [per axis]: 1.2 ordinary steps.
+    pub const AR_RLS_HUBER: f64 = 12.0;
+
     /// The models of the preset loop; how they were chosen stands in [`crate::learn::LearnerSettings::preset`].
     #[must_use]
     pub fn preset(step_ns: u64) -> Self {
@@ -59,8 +65,11 @@ impl ModelSettings {
             initial: InitialWeights::Persistent(0.95),
             reservoir: ReservoirSettings::default(),
             readout: Optimiser::ada_grad(0.01),
-            // Jumps have been recognised before a displacement comes here; the gate is for what is left.
-            ar_rls: ArRlsSettings { gate: 100.0, huber: 12.0, ..ArRlsSettings::default() },
+            ar_rls: ArRlsSettings {
+                gate: Self::AR_RLS_GATE,
+                huber: Self::AR_RLS_HUBER,
+                ..ArRlsSettings::default()
+            },
             mixture: MixtureSettings::default(),
         }
     }

@@ -5,24 +5,12 @@
 //! the pen's velocity and acceleration then ([`super::observer`]). What is more than a regression
 //! needs is shrunk towards a prior, so that a new hand starts with what other hands had. Sums forget.
 
+use super::parameters::{BlendParameters, RefineParameters};
+
 /// Terms: way left in the preview, innovation, the ways that velocity and acceleration make until the lead.
 pub(crate) const TERMS: usize = 4;
 /// One value of each term, both axes.
 pub(crate) type Terms = [[f64; 2]; TERMS];
-
-/// Factor by which the past loses weight per judged case: about 500 steps of motion.
-const FORGETTING: f64 = 0.998;
-/// Squares of the terms in ordinary motion [normalised²] one step ahead.
-const ORDINARY: [f64; TERMS] = [100.0, 10.0, 100.0, 4.0];
-/// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead: errors far ahead repeat
-/// themselves from case to case.
-const PRIOR_CASES: f64 = 40.0;
-/// Cases that the prior weighs by which corrections are worth what they say.
-const PRIOR_WORTH: f64 = 5.0;
-/// No weight learned is larger.
-const LARGEST: f64 = 4.0;
-/// Least horizon that a row is divided by [steps].
-const SHORTEST: f64 = 0.5;
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,11 +30,12 @@ pub(super) struct Blend {
 
 impl Blend {
     /// Nothing seen yet; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.
-    pub(super) fn new(ahead: f64, clarity: f64) -> Self {
-        let prior = prior(ahead, clarity);
-        let horizon = ahead.max(SHORTEST);
-        let cases = PRIOR_CASES * (1.0 + horizon) / (horizon * horizon);
-        let [left, innovation, velocity, acceleration] = ORDINARY.map(|square| cases * square);
+    pub(super) fn new(ahead: f64, clarity: f64, parameters: &RefineParameters) -> Self {
+        let BlendParameters { ordinary, prior_cases, largest, shortest, .. } = parameters.blend;
+        let prior = parameters.prior.weights(ahead, clarity).map(|weight| bounded(weight, largest));
+        let horizon = ahead.max(shortest);
+        let cases = prior_cases * (1.0 + horizon) / (horizon * horizon);
+        let [left, innovation, velocity, acceleration] = ordinary.map(|square| cases * square);
         let square = horizon * horizon;
         let trust = [left * square, innovation, velocity * square, acceleration * square * square];
         Self {
@@ -62,19 +51,19 @@ impl Blend {
     }
 
     /// By how much the preview moves: by what the weights say, as far as that was worth anything.
-    pub(super) fn correction(&self, terms: &Terms) -> [f64; 2] {
-        let worth = self.worth();
+    pub(super) fn correction(&self, terms: &Terms, parameters: &BlendParameters) -> [f64; 2] {
+        let worth = self.worth(parameters.prior_worth);
         self.said(terms).map(|way| worth * way)
     }
 
     /// Share of what was said that went the way of the error, in [0, 1]: nothing moves a preview that is right as it is.
-    fn worth(&self) -> f64 {
+    fn worth(&self, prior_cases: f64) -> f64 {
         if !(self.asked > 0.0) {
             return 1.0;
         }
         // Cases, not squares: a correction of a micrometre has to prove itself like one of a millimetre.
         let past = self.cases * self.paid / self.asked;
-        ((past + PRIOR_WORTH) / (self.cases + PRIOR_WORTH)).clamp(0.0, 1.0)
+        ((past + prior_cases) / (self.cases + prior_cases)).clamp(0.0, 1.0)
     }
 
     fn said(&self, terms: &Terms) -> [f64; 2] {
@@ -88,26 +77,27 @@ impl Blend {
     }
 
     /// One case: the preview missed by `error`, `ahead` steps after the sample. All in normalised units.
-    pub(super) fn learn(&mut self, terms: &Terms, error: [f64; 2], ahead: f64) {
+    pub(super) fn learn(&mut self, terms: &Terms, error: [f64; 2], ahead: f64, parameters: &BlendParameters) {
+        let BlendParameters { forgetting, largest, shortest, .. } = *parameters;
         let ([sx, sy], [rx, ry]) = (self.said(terms), error);
-        self.paid = FORGETTING * self.paid + sx * rx + sy * ry;
-        self.asked = FORGETTING * self.asked + sx * sx + sy * sy;
-        self.cases = FORGETTING * self.cases + 1.0;
-        let scale = 1.0 / ahead.max(SHORTEST);
+        self.paid = forgetting * self.paid + sx * rx + sy * ry;
+        self.asked = forgetting * self.asked + sx * sx + sy * sy;
+        self.cases = forgetting * self.cases + 1.0;
+        let scale = 1.0 / ahead.max(shortest);
         let scale = scale * scale;
         for ((row, cross), [x, y]) in self.squares.iter_mut().zip(&mut self.cross).zip(terms) {
             let [ex, ey] = error;
-            *cross = FORGETTING * *cross + scale * (x * ex + y * ey);
+            *cross = forgetting * *cross + scale * (x * ex + y * ey);
             for (entry, [u, v]) in row.iter_mut().zip(terms) {
-                *entry = FORGETTING * *entry + scale * (x * u + y * v);
+                *entry = forgetting * *entry + scale * (x * u + y * v);
             }
         }
-        self.weights = self.solved().unwrap_or(self.prior);
+        self.weights = self.solved(largest).unwrap_or(self.prior);
     }
 
     /// (Σ + P) w = c + P w₀ by Cholesky's factors; `None` if numbers went wrong.
     #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
-    fn solved(&self) -> Option<[f64; TERMS]> {
+    fn solved(&self, largest: f64) -> Option<[f64; TERMS]> {
         let mut factor = self.squares;
         let mut w = self.cross;
         for k in 0..TERMS {
@@ -134,26 +124,13 @@ impl Blend {
             w[k] /= factor[k][k];
         }
         let sound = w.iter().all(|w| w.is_finite());
-        sound.then(|| w.map(|w| w.clamp(-LARGEST, LARGEST)))
+        sound.then(|| w.map(|w| bounded(w, largest)))
     }
 }
 
-/// Weights that fit ten UNIPEN train writers in front of the shipped predictor (`clarity` 0, coarse tablets) and a tablet of
-/// 200 Hz with little noise (1), by steps ahead.
-fn prior(ahead: f64, clarity: f64) -> [f64; TERMS] {
-    let fading = |within: f64| (-ahead / within).exp();
-    let falling = |within: f64| (-(ahead / within) * (ahead / within)).exp();
-    let mut weights = [
-        -0.6 - 0.3 * fading(1.5),
-        1.9 * (1.0 - fading(4.0)),
-        0.68 * fading(5.5),
-        0.25 * fading(15.0) - 0.9 * fading(0.6),
-    ];
-    let clean = [-0.3 - 0.7 * falling(12.0), 1.2 * (1.0 - falling(5.0)), falling(9.0), falling(10.0)];
-    for (weight, clean) in weights.iter_mut().zip(clean) {
-        *weight += clarity * (clean - *weight);
-    }
-    weights
+/// Within ± `largest`; nothing, where it is no number. Total, unlike `clamp`: whoever made `largest` is not asked.
+fn bounded(weight: f64, largest: f64) -> f64 {
+    if weight.is_finite() { weight.max(-largest).min(largest) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -163,6 +140,9 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+
+    const SHIPPED: RefineParameters = RefineParameters::SHIPPED;
+    const BLEND: BlendParameters = SHIPPED.blend;
 
     fn random(rng: &mut Pcg64, size: f64) -> [f64; 2] {
         [rng.random_range(-size..size), rng.random_range(-size..size)]
@@ -184,17 +164,17 @@ mod tests {
     fn weights_are_those_of_the_ridge_regression_over_the_same_cases() {
         let ahead = 3.5;
         let mut rng = Pcg64::seed_from_u64(5);
-        let mut blend = Blend::new(ahead, 0.0);
+        let mut blend = Blend::new(ahead, 0.0, &SHIPPED);
         let scale = 1.0 / (ahead * ahead);
         let cases = 40.0 * (1.0 + ahead) * scale;
         let ridge =
             Vector4::new(100.0 * ahead * ahead, 10.0, 100.0 * ahead * ahead, 4.0 * ahead.powi(4)) * cases;
-        let prior = Vector4::from(super::prior(ahead, 0.0));
+        let prior = Vector4::from(SHIPPED.prior.weights(ahead, 0.0));
         let (mut squares, mut cross) = (Matrix4::zeros(), Vector4::zeros());
         for _ in 0..700 {
             let (terms, error) = case(&mut rng, ahead, [-0.7, 2.0, 0.3, 0.5], 3.0);
-            blend.learn(&terms, error, ahead);
-            (squares, cross) = (squares * FORGETTING, cross * FORGETTING);
+            blend.learn(&terms, error, ahead, &BLEND);
+            (squares, cross) = (squares * BLEND.forgetting, cross * BLEND.forgetting);
             for axis in 0..2 {
                 let x = Vector4::from(terms.map(|term| term[axis]));
                 squares += x * x.transpose() * scale;
@@ -212,14 +192,14 @@ mod tests {
     #[test]
     fn a_new_hand_has_what_other_hands_had_and_learns_its_own() {
         let mut rng = Pcg64::seed_from_u64(6);
-        let mut blend = Blend::new(1.5, 0.0);
-        assert_eq!(blend.weights, prior(1.5, 0.0));
+        let mut blend = Blend::new(1.5, 0.0, &SHIPPED);
+        assert_eq!(blend.weights, SHIPPED.prior.weights(1.5, 0.0));
         let own = [-0.1, 3.0, 0.2, 0.8];
         for _ in 0..4000 {
             let (terms, error) = case(&mut rng, 1.5, own, 1.0);
-            blend.learn(&terms, error, 1.5);
+            blend.learn(&terms, error, 1.5, &BLEND);
         }
-        for ((got, own), prior) in blend.weights.iter().zip(own).zip(super::prior(1.5, 0.0)) {
+        for ((got, own), prior) in blend.weights.iter().zip(own).zip(SHIPPED.prior.weights(1.5, 0.0)) {
             assert!((got - own).abs() < 0.2 * (prior - own).abs(), "{got}, {own}, once {prior}");
         }
     }
@@ -228,11 +208,15 @@ mod tests {
     fn weights_stay_finite_and_bounded_whatever_is_learned() {
         let mut rng = Pcg64::seed_from_u64(7);
         for size in [1e-300, 1e-3, 1e3, 1e150] {
-            let mut blend = Blend::new(0.2, 0.0);
+            let mut blend = Blend::new(0.2, 0.0, &SHIPPED);
             for _ in 0..200 {
                 let terms = std::array::from_fn(|_| random(&mut rng, size));
-                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2);
-                assert!(blend.weights.iter().all(|w| w.abs() <= LARGEST), "{size}: {:?}", blend.weights);
+                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2, &BLEND);
+                assert!(
+                    blend.weights.iter().all(|w| w.abs() <= BLEND.largest),
+                    "{size}: {:?}",
+                    blend.weights
+                );
             }
         }
     }

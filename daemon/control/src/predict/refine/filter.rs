@@ -2,15 +2,12 @@
 //!
 //! Contract: O(1) per sample, no allocation, total. It begins anew after a silence and after a non-finite sample.
 
-/// First standard deviations of position, velocity [1/s] and acceleration [1/s²], in units of a sample's noise: of a hand, 0.3 m/s
-/// and 10 m/s² for 0.3 mm. With an acceleration that may be anything it would explain the whole way to the second sample.
-const FIRST: [f64; 3] = [1.0, 1e3, 3e4];
-/// A longer silence [s] tells nothing about the velocity any more.
-const FORGET_AFTER_S: f64 = 0.1;
+use super::parameters::FilterParameters;
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
+    parameters: FilterParameters,
     /// Change of acceleration per sample over the noise of its position [1/s²].
     change: f64,
     /// Time of the newest sample [s]; `None` before the first.
@@ -23,8 +20,8 @@ pub(super) struct Filter {
 
 impl Filter {
     /// Nothing seen yet; `change`: of the acceleration from sample to sample [1/s²], in units of a sample's noise.
-    pub(super) const fn new(change: f64) -> Self {
-        Self { change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
+    pub(super) const fn new(change: f64, parameters: FilterParameters) -> Self {
+        Self { parameters, change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
     }
 
     /// The pen was elsewhere at once.
@@ -39,7 +36,7 @@ impl Filter {
             return;
         }
         self.newest_s = Some(time_s);
-        if !(elapsed_s <= FORGET_AFTER_S) {
+        if !(elapsed_s <= self.parameters.forget_after_s) {
             self.begin(position);
             return;
         }
@@ -91,7 +88,7 @@ impl Filter {
     fn begin(&mut self, position: [f64; 2]) {
         self.axes = position.map(|x| [x, 0.0, 0.0]);
         self.covariance = [[0.0; 3]; 3];
-        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(FIRST) {
+        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(self.parameters.first) {
             if let Some(diagonal) = row.get_mut(i) {
                 *diagonal = deviation * deviation;
             }
@@ -102,11 +99,14 @@ impl Filter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::predict::refine::RefineParameters;
+
+    const SHIPPED: FilterParameters = RefineParameters::SHIPPED.observer.filter;
 
     #[test]
     fn a_steady_acceleration_is_found_at_any_rate() {
         for rate_hz in [60.0, 133.0, 1000.0] {
-            let mut filter = Filter::new(3e4);
+            let mut filter = Filter::new(3e4, SHIPPED);
             let at = |t: f64| [0.1 * t + 0.5 * 3.0 * t * t, 0.2 - 0.3 * t];
             for k in 0..400 {
                 let t = 5.0 + f64::from(k) / rate_hz;
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn two_samples_tell_a_velocity_and_no_acceleration() {
         for (change, rate_hz) in [(3e3, 60.0), (3e3, 100.0), (3e3, 200.0), (3e4, 200.0)] {
-            let mut filter = Filter::new(change);
+            let mut filter = Filter::new(change, SHIPPED);
             filter.see(1.0, [0.02, -0.01]);
             filter.see(1.0 + 1.0 / rate_hz, [0.02 + 0.3 / rate_hz, -0.01]);
             let [[vx, vy], [ax, ay]] = filter.motion();
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn silence_and_numbers_that_are_none_start_anew() {
-        let mut filter = Filter::new(3e4);
+        let mut filter = Filter::new(3e4, SHIPPED);
         for k in 0..50 {
             filter.see(0.01 * f64::from(k), [0.01 * f64::from(k), 0.0]);
         }

@@ -2,14 +2,21 @@
 //! step of what is known about the pen would lie idle.
 //!
 //! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned while the pen moves
-//! (`blend`), from a prior, from the velocities of the filter that suits the tablet (`observer`). A preview that is right without is
-//! not moved: what past corrections were worth counts as well.
+//! (`blend`), from a prior (`prior`), from the velocities of the filter that suits the tablet (`observer`). A preview that is right
+//! without is not moved: what past corrections were worth counts as well. The numbers of all that are in `parameters`.
 
 mod blend;
 mod filter;
 mod news;
 mod observer;
+mod parameters;
 mod preview;
+mod prior;
+
+pub use parameters::{BlendParameters, FilterParameters, OBSERVERS, ObserverParameters, RefineParameters};
+pub use prior::{
+    CURVE_PARTS, Curve, CurvePart, Curves, LARGEST_COEFFICIENT, LEGAL_REACH, PriorError, RefinePrior, Shape,
+};
 
 pub(crate) use blend::Terms;
 pub use news::Look;
@@ -30,6 +37,7 @@ pub(crate) const PHASES: usize = 4;
 /// What newer samples say, and what that was worth.
 #[derive(Debug, Clone)]
 pub struct Refiner {
+    parameters: RefineParameters,
     corrections: [[Blend; REFINED_LEADS]; PHASES],
     observers: Observers,
     /// Of the observer that the corrections were learned with.
@@ -43,12 +51,25 @@ impl Refiner {
     /// Nothing seen yet; grid step `step_s` [s].
     #[must_use]
     pub fn new(step_s: f64) -> Self {
-        Self { corrections: fresh(0.0), observers: Observers::new(), clarity: 0.0, unit_m: 0.0, step_s }
+        Self::tuned(step_s, RefineParameters::SHIPPED)
+    }
+
+    /// The same with other parameters than the presets'.
+    #[must_use]
+    pub fn tuned(step_s: f64, parameters: RefineParameters) -> Self {
+        Self {
+            parameters,
+            corrections: fresh(0.0, &parameters),
+            observers: Observers::new(parameters.observer),
+            clarity: 0.0,
+            unit_m: 0.0,
+            step_s,
+        }
     }
 
     /// Another predictor answers from here on: what was learned about the last one goes.
     pub fn forget(&mut self) {
-        self.corrections = fresh(self.clarity);
+        self.corrections = fresh(self.clarity, &self.parameters);
     }
 
     /// The pen was elsewhere at once.
@@ -63,7 +84,7 @@ impl Refiner {
         let clarity = self.observers.clarity();
         if clarity != self.clarity {
             self.clarity = clarity;
-            self.corrections = fresh(clarity);
+            self.corrections = fresh(clarity, &self.parameters);
         }
     }
 
@@ -84,7 +105,7 @@ impl Refiner {
     /// where that sample is, if it leapt.
     #[must_use]
     pub fn refined(&self, look: &Look, lead: usize, predicted: [f64; 2], share: f64) -> [f64; 2] {
-        if self.unit_m > 0.0 && look.news.is_some_and(|news| !news.is_ordinary(self.unit_m)) {
+        if self.unit_m > 0.0 && look.news.is_some_and(|news| !self.is_ordinary(&news)) {
             return look.newest;
         }
         let [lx, ly] = from(predicted, look.newest);
@@ -94,6 +115,11 @@ impl Refiner {
         let [cx, cy] = self.correction(look.phase, index, terms.as_ref());
         let [x, y] = look.newest;
         [x + share * (lx + cx), y + share * (ly + cy)]
+    }
+
+    /// Neither a leap nor what a filter makes of one.
+    pub(crate) fn is_ordinary(&self, news: &News) -> bool {
+        news.is_ordinary(self.parameters.leap * self.unit_m)
     }
 
     /// Which filter answers, from 0, a coarse tablet, to 1, a clean one. Previews that were refined with another one tell nothing of it.
@@ -114,13 +140,13 @@ impl Refiner {
     /// By how much a preview moves at the lead with this index, corrected by a sample at `phase` that said `terms`; in their unit.
     pub(crate) fn correction(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
         let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
-        terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms))
+        terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms, &self.parameters.blend))
     }
 
     /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms` [normalised].
     pub(crate) fn learn(&mut self, phase: f64, index: usize, terms: &Terms, error: [f64; 2], ahead: f64) {
         if let Some(blend) = self.corrections.get_mut(bucket(phase)).and_then(|row| row.get_mut(index)) {
-            blend.learn(terms, error, ahead);
+            blend.learn(terms, error, ahead, &self.parameters.blend);
         }
     }
 }
@@ -130,9 +156,9 @@ pub(crate) fn bucket(phase: f64) -> usize {
     ((phase * PHASES as f64) as usize).min(PHASES - 1)
 }
 
-fn fresh(clarity: f64) -> [[Blend; REFINED_LEADS]; PHASES] {
+fn fresh(clarity: f64, parameters: &RefineParameters) -> [[Blend; REFINED_LEADS]; PHASES] {
     std::array::from_fn(|bucket| {
         let phase = (bucket as f64 + 0.5) / PHASES as f64;
-        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity))
+        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity, parameters))
     })
 }

@@ -2,9 +2,6 @@
 
 use super::blend::Terms;
 
-/// News beyond this [normalised] tells of a leap, and nothing of where the pen goes next.
-const LARGEST_NEWS: f64 = 150.0;
-
 /// What the newest sample says beyond its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct News {
@@ -16,10 +13,10 @@ pub(crate) struct News {
 }
 
 impl News {
-    /// Neither a leap nor what a filter makes of one, nor no number; `unit_m`: metres per normalised unit.
-    pub(crate) fn is_ordinary(&self, unit_m: f64) -> bool {
+    /// Neither a leap nor what a filter makes of one, nor no number; `leap`: the largest that is none [m, m/step, m/step² per axis].
+    pub(super) fn is_ordinary(&self, leap: f64) -> bool {
         let said = self.innovation.iter().chain(&self.velocity).chain(&self.acceleration);
-        said.into_iter().all(|v| v.abs() <= LARGEST_NEWS * unit_m)
+        said.into_iter().all(|v| v.abs() <= leap)
     }
 
     /// The terms of a correction for `left` [m] of predicted way, `ahead` steps after the sample.

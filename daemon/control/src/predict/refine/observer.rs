@@ -7,26 +7,18 @@
 //! extrapolates best answers.
 
 use super::filter::Filter;
-
-/// Change of acceleration per sample over the noise of its position [1/s²], from coarse to clean.
-const CHANGES: [f64; 5] = [3e3, 1e4, 3e4, 1e5, 3e5];
-/// How far the filters extrapolate to be judged [s].
-const REACH_S: f64 = 0.015;
-/// How much a judgement counts, if the pen moved a lot.
-const PACE: f64 = 0.03;
-/// Judgements before anything is chosen, and how much better another filter has to be.
-const SETTLED: u32 = 8;
-const BETTER: f64 = 0.85;
+use super::parameters::{OBSERVERS, ObserverParameters};
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observers {
-    filters: [Filter; CHANGES.len()],
+    parameters: ObserverParameters,
+    filters: [Filter; OBSERVERS],
     chosen: usize,
-    /// What waits for the pen to be [`REACH_S`] farther.
+    /// What waits for the pen to be `reach_s` farther.
     claim: Option<Claim>,
     /// Mean squared errors of the filters and mean square of the ways [m²].
-    missed: [f64; CHANGES.len()],
+    missed: [f64; OBSERVERS],
     moved: f64,
     judged: u32,
 }
@@ -36,17 +28,18 @@ pub(super) struct Observers {
 struct Claim {
     time_s: f64,
     position: [f64; 2],
-    motions: [[[f64; 2]; 2]; CHANGES.len()],
+    motions: [[[f64; 2]; 2]; OBSERVERS],
 }
 
 impl Observers {
     /// Nothing seen yet: a coarse tablet.
-    pub(super) fn new() -> Self {
+    pub(super) fn new(parameters: ObserverParameters) -> Self {
         Self {
-            filters: CHANGES.map(Filter::new),
+            parameters,
+            filters: parameters.changes.map(|change| Filter::new(change, parameters.filter)),
             chosen: 0,
             claim: None,
-            missed: [0.0; CHANGES.len()],
+            missed: [0.0; OBSERVERS],
             moved: 0.0,
             judged: 0,
         }
@@ -66,10 +59,10 @@ impl Observers {
             filter.see(time_s, position);
         }
         let elapsed_s = self.claim.map_or(f64::INFINITY, |claim| time_s - claim.time_s);
-        if elapsed_s < REACH_S {
+        if elapsed_s < self.parameters.reach_s {
             return;
         }
-        if let Some(claim) = self.claim.filter(|_| elapsed_s < 2.0 * REACH_S) {
+        if let Some(claim) = self.claim.filter(|_| elapsed_s < 2.0 * self.parameters.reach_s) {
             self.judge(&claim, elapsed_s, position);
         }
         self.claim = Some(Claim { time_s, position, motions: self.filters.each_ref().map(Filter::motion) });
@@ -77,7 +70,7 @@ impl Observers {
 
     /// From 0, a coarse tablet, to 1, a clean one: which filter answers.
     pub(super) fn clarity(&self) -> f64 {
-        self.chosen as f64 / (CHANGES.len() - 1) as f64
+        self.chosen as f64 / (OBSERVERS - 1) as f64
     }
 
     /// Velocity [m/s] and acceleration [m/s²] at the newest sample.
@@ -95,7 +88,7 @@ impl Observers {
             square([wx - elapsed_s * vx - half * ax, wy - elapsed_s * vy - half * ay])
         });
         // Rest says nothing about filters, so it makes nothing forgotten either.
-        let pace = PACE * way / (way + self.moved);
+        let pace = self.parameters.pace * way / (way + self.moved);
         let sound = errors.iter().all(|error| error.is_finite());
         if !(pace > 0.0 && sound) {
             return;
@@ -107,8 +100,8 @@ impl Observers {
         self.judged = self.judged.saturating_add(1);
         let best = self.missed.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
         if let (Some((best, least)), Some(now)) = (best, self.missed.get(self.chosen))
-            && self.judged >= SETTLED
-            && *least < BETTER * now
+            && self.judged >= self.parameters.settled
+            && *least < self.parameters.better * now
         {
             self.chosen = best;
         }
@@ -121,7 +114,9 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::predict::refine::RefineParameters;
 
+    const SHIPPED: ObserverParameters = RefineParameters::SHIPPED.observer;
     const RATE_HZ: f64 = 100.0;
 
     /// Writes for `seconds` on a tablet with this noise [m]; returns how well the chosen filter knows the velocity at the end,
@@ -146,13 +141,13 @@ mod tests {
     #[test]
     fn a_coarse_tablet_and_a_clean_one_get_the_filter_that_suits_them() {
         for (noise_m, suits) in [(2e-3, 0.0..=0.25), (1e-6, 0.75..=1.0)] {
-            let mut observers = Observers::new();
+            let mut observers = Observers::new(SHIPPED);
             let error = write(&mut observers, 0.0, 6.0, noise_m);
             assert!(suits.contains(&observers.clarity()), "{noise_m} m: {}", observers.clarity());
             // Better than the filter for the other kind.
-            for other in [0, CHANGES.len() - 1].into_iter().filter(|other| *other != observers.chosen) {
-                let mut wrong = Observers::new();
-                wrong.filters = [Filter::new(CHANGES[other]); CHANGES.len()];
+            for other in [0, OBSERVERS - 1].into_iter().filter(|other| *other != observers.chosen) {
+                let mut wrong = Observers::new(SHIPPED);
+                wrong.filters = [Filter::new(SHIPPED.changes[other], SHIPPED.filter); OBSERVERS];
                 let wrong = write(&mut wrong, 0.0, 6.0, noise_m);
                 assert!(error < 0.8 * wrong, "{noise_m} m: {error} m/s, with {other} {wrong} m/s");
             }
@@ -161,7 +156,7 @@ mod tests {
 
     #[test]
     fn another_tablet_is_noticed_and_rest_changes_nothing() {
-        let mut observers = Observers::new();
+        let mut observers = Observers::new(SHIPPED);
         write(&mut observers, 0.0, 4.0, 1e-6);
         let clean = observers.clarity();
         for k in 0..3000 {
@@ -174,7 +169,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_choose_nothing() {
-        let mut observers = Observers::new();
+        let mut observers = Observers::new(SHIPPED);
         write(&mut observers, 0.0, 2.0, 1e-6);
         let chosen = observers.chosen;
         for (k, bad) in [f64::NAN, f64::INFINITY, -1e300, 1e300].into_iter().cycle().take(200).enumerate() {

@@ -1,7 +1,7 @@
 //! `Judge`: the skill and its refiner, told event by event what a follower tells them tick by tick.
 
 use foretrace_control::pen::Motion;
-use foretrace_control::predict::refine::{Look, Refiner};
+use foretrace_control::predict::refine::{Look, RefineParameters, Refiner};
 use foretrace_control::skill::{Closed, Foreseen, Happened, Record, SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 
@@ -30,6 +30,11 @@ impl Judge {
             newest: Look::at([0.0; 2]),
             per_step,
         }
+    }
+
+    /// With other parameters of refinement than the presets'.
+    pub(crate) fn refining(step_s: f64, parameters: RefineParameters) -> Self {
+        Self { refiner: Refiner::tuned(step_s, parameters), ..Self::new(step_s, true) }
     }
 
     pub(crate) fn forget(&mut self) {

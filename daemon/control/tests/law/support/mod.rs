@@ -28,6 +28,7 @@ use foretrace_control::plane::Plane;
 use foretrace_control::predict::Networks;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::refine::RefineParameters;
 use foretrace_control::predict::{
     DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, PredictorKind, PreviewSettings,
 };
@@ -81,6 +82,7 @@ pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         preview: PreviewSettings { step_ns: STEP_NS, kind, ..PreviewSettings::default() },
         models: models(),
         weights: models().initial_weights(),
+        refine: RefineParameters::SHIPPED,
         skill: SkillParameters::SHIPPED,
         trust: TrustSettings { step_ns: STEP_NS, ..TrustSettings::default() },
         trust_request: TrustRequest::Auto,

@@ -14,9 +14,9 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 pub struct ArRlsSettings {
     /// λ, 0.9 to 1: the past counts 1/(1 − λ) steps.
     pub forgetting: f64,
-    /// A displacement longer than this is a jump, not motion.
+    /// A displacement longer than this is a jump, not motion [in the plane].
     pub gate: f64,
-    /// Largest innovation per axis that is learned from in full.
+    /// Largest innovation that is learned from in full [per axis].
     pub huber: f64,
     /// P₀ = this·I [1/units²], and the bound of P's mean diagonal up to which it forgets.
     pub covariance: f64,

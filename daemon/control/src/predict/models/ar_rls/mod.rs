@@ -53,7 +53,7 @@ pub struct ArRls {
 }
 
 impl ArRls {
-    /// Starts with empty memory; displacements longer than `gate` (in units of the inputs) are jumps.
+    /// Starts with empty memory; displacements longer than `gate` (in units of the inputs, in the plane) are jumps.
     ///
     /// *Errors*: invalid weights, or a gate that is not positive.
     pub fn new(weights: ArRlsWeights, gate: f64) -> Result<Self, WeightsError> {

@@ -21,7 +21,7 @@ pub struct ReservoirSettings {
     pub leak: f64,
     /// Largest magnitude of W_rec's eigenvalues, below 1 so that the past fades; 0.95.
     pub spectral_radius: f64,
-    /// Standard deviation of W_in's entries; 0.1/√2 for inputs of RMS 10.
+    /// Standard deviation of W_in's entries; 0.1/√2 for inputs of RMS 10 per axis.
     pub input_std: f64,
 }
 

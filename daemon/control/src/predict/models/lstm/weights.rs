@@ -14,7 +14,8 @@ pub const HIDDEN_SIZES: [usize; 3] = [10, 32, 64];
 pub const MAX_HIDDEN: usize = 64;
 /// Gates per cell: input i, forget f, candidate g, output o.
 pub const GATES: usize = 4;
-/// Without `input_clip`, scaled inputs count as at most this: a hundred thousand times the typical one.
+/// Without `input_clip`, scaled inputs count as at most this [per axis, in units of `input_scale`]: a hundred thousand times the typical
+/// one.
 pub const LARGEST_INPUT: f64 = 1e5;
 
 /// What a network looks like and what it was trained for.

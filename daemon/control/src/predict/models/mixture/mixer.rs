@@ -29,10 +29,14 @@ pub(super) struct Mixer {
     pending: Box<[[Path; EXPERTS]]>,
     newest: usize,
     seen: usize,
-    /// ℓ̄ per node.
+    /// ℓ̄ per node [in the plane, squared].
     mean: [f64; NODE_COUNT],
 }
 
+/// ℓ̄ before the first error, one step ahead [in the plane, squared]; farther ahead with the square of the lead.
+const FIRST_MEAN: f64 = 4.0;
+/// ℓ̄ counts as no less than this [in the plane, squared]: errors of a pen that rests say nothing.
+const LEAST_MEAN: f64 = 1e-6;
 /// Part of the way by which ℓ̄ follows one error.
 const MEAN_RATE: f64 = 0.003;
 /// One error counts as at most this many mean ones in ℓ̄.
@@ -41,7 +45,7 @@ const MEAN_CAP: f64 = 10.0;
 impl Mixer {
     pub(super) fn new(rule: MixerRule, taking_part: usize) -> Self {
         let pending = vec![[[[0.0; 2]; NODE_COUNT]; EXPERTS]; KEPT].into();
-        let mean = NODES.map(|node| 4.0 * (node * node) as f64);
+        let mean = NODES.map(|node| FIRST_MEAN * (node * node) as f64);
         Self { rule, taking_part, pending, newest: 0, seen: 0, mean }
     }
 
@@ -81,7 +85,7 @@ impl Mixer {
             if own.is_finite() {
                 *mean += MEAN_RATE * (own.min(MEAN_CAP * *mean) - *mean);
             }
-            self.rule.reweigh(*lead, shares, &losses, mean.max(1e-6), self.taking_part);
+            self.rule.reweigh(*lead, shares, &losses, mean.max(LEAST_MEAN), self.taking_part);
         }
     }
 

@@ -44,7 +44,7 @@ pub const NODE_COUNT: usize = 16;
 pub const LEADS: usize = 24;
 /// Experts of the mixture.
 pub const EXPERTS: usize = 5;
-/// Displacements longer than this (normalised) are jumps.
+/// Displacements longer than this (normalised, in the plane) are jumps: five ordinary steps.
 pub const GATE: f64 = 7.0 * TARGET_RMS;
 
 /// Summed displacements at the nodes (normalised): where the pen will be, seen from where it is.

@@ -13,6 +13,8 @@ const OUTPUTS: usize = 2 * NODE_COUNT;
 const KEPT: usize = LEADS + 1;
 /// Part of the way by which the typical error follows one error.
 const TYPICAL_RATE: f64 = 0.005;
+/// The typical error before the first, one step ahead [in the plane]; farther ahead in proportion.
+const FIRST_TYPICAL: f64 = 1.0;
 /// An error counts as at most this many typical ones in that.
 const TYPICAL_CAP: f64 = 3.0;
 
@@ -25,7 +27,7 @@ pub(super) struct Readout<const D: usize> {
 impl<const D: usize> Readout<D> {
     pub(super) const ZERO: Self = Self { rows: [[0.0; OUTPUTS]; D] };
 
-    /// φᵀ W, per node [normalised].
+    /// φᵀ W, per node [per axis].
     pub(super) fn of(&self, features: &[f32; D]) -> Path {
         let mut sums = [0.0_f32; OUTPUTS];
         for (row, feature) in self.rows.iter().zip(features) {
@@ -98,7 +100,7 @@ pub(super) struct RlsReadout<const D: usize> {
     newest: usize,
     /// Steps seen since the last interruption, at most KEPT.
     seen: usize,
-    /// Typical error per node.
+    /// Typical error per node [in the plane].
     typical: [f64; NODE_COUNT],
 }
 
@@ -111,7 +113,7 @@ impl<const D: usize> RlsReadout<D> {
             pending: vec![empty; KEPT].into(),
             newest: 0,
             seen: 0,
-            typical: NODES.map(|node| node as f64),
+            typical: NODES.map(|node| FIRST_TYPICAL * node as f64),
         }
     }
 
