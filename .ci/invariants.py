@@ -16,7 +16,10 @@ ROOMS = {
         "units", "plane", "geometry", "stop", "pen", "predict", "learn", "skill", "trust", "reference", "arm", "qp", "mpc",
         "envelope", "clearance", "ik", "guard", "monitor", "follower", "ghost", "extent",
     ],
-    "daemon/src": ["wire", "ports", "rt", "learner", "ipc", "supervisor"],
+    "daemon/src": [
+        "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",
+        "supervisor",
+    ],
 }
 problems: list[str] = []
 

@@ -7,7 +7,6 @@ use foretrace_shm::{InstanceError, ServiceError};
 
 use crate::limits::TooLow;
 use crate::memory::NoSpace;
-use crate::supervisor::{OPENING, STOPPING};
 
 /// Why a daemon did not start, or did not end as it should.
 #[derive(Debug, thiserror::Error)]
@@ -35,10 +34,12 @@ pub enum DaemonError {
     Learner(#[from] LearnError),
     /// Opening shared memory hangs.
     #[error(
-        "opening the shared memory of instance {number} takes longer than {} s: end all programs of this instance, \
-         then remove /dev/shm/{prefix}* and {root}/iox2", OPENING.as_secs()
+        "opening the shared memory of instance {number} takes longer than {seconds} s: end all programs of this instance, \
+         then remove /dev/shm/{prefix}* and {root}/iox2"
     )]
     Hangs {
+        /// How long was waited for it [s].
+        seconds: u64,
         /// Number of the instance.
         number: u32,
         /// Prefix of its names.
@@ -63,6 +64,9 @@ pub enum DaemonError {
         cause: String,
     },
     /// The arm did not come to rest in time, or nobody wanted to wait for it.
-    #[error("ended before the arm was at rest (at most {} s are waited for it): it brakes by itself", STOPPING.as_secs())]
-    NotAtRest,
+    #[error("ended before the arm was at rest (at most {seconds} s are waited for it): it brakes by itself")]
+    NotAtRest {
+        /// How long [s].
+        seconds: u64,
+    },
 }

@@ -20,6 +20,7 @@ pub mod limits;
 pub mod memory;
 pub mod options;
 pub mod error;
+pub mod law_rehearsal;
 pub mod stop_socket;
 pub mod supervisor;
 mod log;

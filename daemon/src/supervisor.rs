@@ -27,11 +27,11 @@ use foretrace_shm::{ControlStatus, Instance, InstanceError, Purge, Status};
 use crate::error::DaemonError;
 use crate::ipc::requests::{ReloadOutcome, ReloadRequest};
 use crate::ipc::{IpcOrder, IpcSummary};
+use crate::law_rehearsal::rehearse_law;
 use crate::learner::LearnerOrder;
 use crate::limits;
 use crate::memory;
 use crate::options::{Options, StopHandle};
-use crate::rt::law_rehearsal::rehearse_law;
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
 use crate::stop_socket::StopSocket;
@@ -40,9 +40,9 @@ use notify::Manager;
 use start::open_services;
 
 /// Opening shared memory takes milliseconds; damaged files can make it hang.
-pub(crate) const OPENING: Duration = Duration::from_secs(10);
+const OPENING: Duration = Duration::from_secs(10);
 /// An arm at full speed comes to rest in well under a second.
-pub(crate) const STOPPING: Duration = Duration::from_secs(5);
+const STOPPING: Duration = Duration::from_secs(5);
 /// Threads end within a few periods.
 const ENDING: Duration = Duration::from_secs(2);
 /// How often signals and threads are looked at.
@@ -250,7 +250,7 @@ impl Daemon {
         };
         if !ended_unless(self.rt.as_ref(), STOPPING, impatient) {
             self.rt_orders.quit();
-            outcome = outcome.and(Err(DaemonError::NotAtRest));
+            outcome = outcome.and(Err(DaemonError::NotAtRest { seconds: STOPPING.as_secs() }));
         }
         if ended(self.rt.as_ref(), ENDING)
             && let Some(Err(panic)) = self.rt.take().map(JoinHandle::join)

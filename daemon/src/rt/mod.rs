@@ -12,4 +12,3 @@ pub mod overruns;
 pub mod tick;
 pub mod thread;
 pub mod rehearsal;
-pub mod law_rehearsal;

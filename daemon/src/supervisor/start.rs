@@ -15,7 +15,7 @@ use foretrace_shm::{Instance, InstanceLock, Services, Session, missing_rights};
 
 use super::hearing::Hearing;
 use super::notify::Manager;
-use super::{Daemon, OPENING, settings_hash};
+use super::{Daemon, OPENING, STOPPING, settings_hash};
 use crate::error::DaemonError;
 use crate::ipc::ghost::GhostShell;
 use crate::ipc::homeward::Homeward;
@@ -58,6 +58,7 @@ pub(super) fn open_services(
 
 fn hangs(instance: &Instance) -> DaemonError {
     DaemonError::Hangs {
+        seconds: OPENING.as_secs(),
         number: instance.number(),
         prefix: instance.prefix().to_owned(),
         root: instance.root().display().to_string(),
@@ -136,7 +137,7 @@ impl Daemon {
             Ok(()) => Ok(daemon),
             Err(error) => daemon
                 .end(Err(error), &options.stop, &mut Manager::default())
-                .and(Err(DaemonError::NotAtRest)),
+                .and(Err(DaemonError::NotAtRest { seconds: STOPPING.as_secs() })),
         }
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use foretrace_config::{Config, Settings};
 use foretraced::Rights;
-use foretraced::rt::law_rehearsal::rehearse_law;
+use foretraced::law_rehearsal::rehearse_law;
 use foretraced::rt::os::{Missing, Right};
 use foretraced::rt::rehearsal::{Rehearsal, rehearse};
 use serde::Serialize;

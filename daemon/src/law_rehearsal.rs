@@ -13,8 +13,8 @@ use foretrace_control::follower::{
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
 
-use super::os;
 use crate::error::DaemonError;
+use crate::rt::os;
 use crate::wire::JOINTS;
 
 /// Ticks that are judged at most, and after how many a slow law is known well enough.
