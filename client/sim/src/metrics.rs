@@ -52,7 +52,7 @@ pub struct ErrorSample {
 
 /// Speed, acceleration and jerk of a motion, by differences between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub struct Motion {
+pub struct Smoothness {
     /// [m/s]
     pub peak_speed_mps: f64,
     /// [m/s]
@@ -110,7 +110,7 @@ pub fn error_series(pen: &[PathSample], tool: &[ToolSample]) -> Vec<ErrorSample>
 ///
 /// Derivatives are divided differences over each sample's own stamps; noise in positions grows with every order.
 #[must_use]
-pub fn motion(samples: &[ToolSample]) -> Motion {
+pub fn motion(samples: &[ToolSample]) -> Smoothness {
     let mut steps: Vec<f64> = samples
         .windows(2)
         .filter_map(|w| Some(w.get(1)?.t_s - w.first()?.t_s))
@@ -136,7 +136,7 @@ pub fn motion(samples: &[ToolSample]) -> Motion {
         }
     }
     let [speed, acceleration, jerk] = sums;
-    Motion {
+    Smoothness {
         peak_speed_mps: speed.peak,
         rms_speed_mps: speed.rms(),
         peak_acceleration_mps2: acceleration.peak,

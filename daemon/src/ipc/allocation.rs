@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use foretrace_control::units::Stamp;
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 
 /// The loop connects in the first tick after a change; a stalled machine may delay that tick by this much [ns].
 const NOTICE_NS: u64 = 250_000_000;
@@ -61,16 +61,16 @@ impl AllocationJudge {
     }
 
     /// Takes note of one tick.
-    pub fn tick(&mut self, evidence: &Evidence) {
-        let now = (evidence.tally.port_allocations, evidence.tally.law_allocations);
-        let warm = evidence.tick > self.warm_after_ticks;
+    pub fn tick(&mut self, facts: &TickFacts) {
+        let now = (facts.tally.port_allocations, facts.tally.law_allocations);
+        let warm = facts.tick > self.warm_after_ticks;
         let (ports, law) = match self.seen.replace(now) {
             Some((ports, law)) if warm => (now.0.saturating_sub(ports), now.1.saturating_sub(law)),
             _ => return,
         };
         self.totals.unexplained += law;
         if ports > 0 {
-            self.waiting.push_back((evidence.finished, ports));
+            self.waiting.push_back((facts.finished, ports));
         }
     }
 
@@ -111,17 +111,17 @@ impl AllocationJudge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ipc::tests::evidence;
+    use crate::ipc::tests::facts;
 
     const MS: u64 = 1_000_000;
 
     /// One tick per 2 ms, with cumulative counts at the ports and in the law.
-    fn tick(tick: u64, ports: u64, law: u64) -> Evidence {
-        let mut evidence = evidence(tick);
-        evidence.finished = Stamp(tick * 2 * MS);
-        evidence.tally.port_allocations = ports;
-        evidence.tally.law_allocations = law;
-        evidence
+    fn tick(tick: u64, ports: u64, law: u64) -> TickFacts {
+        let mut facts = facts(tick);
+        facts.finished = Stamp(tick * 2 * MS);
+        facts.tally.port_allocations = ports;
+        facts.tally.law_allocations = law;
+        facts
     }
 
     #[test]

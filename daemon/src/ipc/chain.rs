@@ -10,7 +10,7 @@ use hdrhistogram::Histogram;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{RejectReason, Rejection};
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::wire::{Echo, Refused};
 
 /// Commands that an echo may still name: a second at 1 kHz.
@@ -73,28 +73,28 @@ impl ChainWatch {
     }
 
     /// Takes note of a tick; returns its parts.
-    pub fn tick(&mut self, evidence: &Evidence) -> Parts {
-        let (now, output) = (evidence.wake.release, &evidence.output);
+    pub fn tick(&mut self, facts: &TickFacts) -> Parts {
+        let (now, output) = (facts.wake.release, &facts.output);
         if now.since(*self.since.get_or_insert(now)).abs() >= STRETCH_NS {
             self.since = Some(now);
             self.recent.iter_mut().for_each(Recent::turn);
         }
-        let commanded = output.command.is_some() && !evidence.not_sent;
+        let commanded = output.command.is_some() && !facts.not_sent;
         if commanded {
             if self.sent.len() == KEPT {
                 self.sent.pop_front();
             }
             self.sent.push_back(Sent {
-                tick: evidence.tick,
-                published: evidence.published,
+                tick: facts.tick,
+                published: facts.published,
                 pen_sequence: output.pen_origin.sequence,
                 pen_stamp: output.pen_stamp,
             });
         }
-        let news = evidence.echo != self.echoed;
+        let news = facts.echo != self.echoed;
         if news {
-            self.echoed = evidence.echo;
-            let outcome = evidence.echo.map(|echo| self.transport_of(&echo));
+            self.echoed = facts.echo;
+            let outcome = facts.echo.map(|echo| self.transport_of(&echo));
             self.transport = outcome.and_then(|outcome| outcome.ok().flatten());
             if let Some(Err(why)) = outcome {
                 self.refused = Some(Refused { why, at: now });
@@ -110,7 +110,7 @@ impl ChainWatch {
             pen_reader: between(output.pen_stamp, sent),
             pen_transport: between(sent, received),
             pen_age: between(output.pen_stamp, Some(now)),
-            compute: commanded.then(|| evidence.published.0.saturating_sub(evidence.wake.started.0)),
+            compute: commanded.then(|| facts.published.0.saturating_sub(facts.wake.started.0)),
             command_transport: self.transport,
         };
         let new = [
@@ -209,35 +209,35 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     /// A tick that commands, with pen sample `tick` stamped 4 ms, sent 3 ms, taken in at its start.
-    fn tick(tick: u64) -> Evidence {
-        let mut evidence = commanding(tick);
-        let now = evidence.wake.release;
-        evidence.output.pen_stamp = Some(Stamp(now.0 - 4 * MS));
-        evidence.output.pen_origin.sequence = tick;
-        evidence.output.pen_origin.sent = Stamp(now.0 - 3 * MS);
-        evidence.output.pen_origin.received = now;
-        evidence.published = now.plus_ns(30_000);
-        evidence
+    fn tick(tick: u64) -> TickFacts {
+        let mut facts = commanding(tick);
+        let now = facts.wake.release;
+        facts.output.pen_stamp = Some(Stamp(now.0 - 4 * MS));
+        facts.output.pen_origin.sequence = tick;
+        facts.output.pen_origin.sent = Stamp(now.0 - 3 * MS);
+        facts.output.pen_origin.received = now;
+        facts.published = now.plus_ns(30_000);
+        facts
     }
 
-    /// `evidence` as it would be `ticks` later.
-    fn later(evidence: &Evidence, ticks: u64) -> Evidence {
-        let mut later = Evidence { tick: evidence.tick + ticks, ..*evidence };
+    /// `facts` as it would be `ticks` later.
+    fn later(facts: &TickFacts, ticks: u64) -> TickFacts {
+        let mut later = TickFacts { tick: facts.tick + ticks, ..*facts };
         let ns = 2 * ticks * MS;
         let (wake, origin) = (&mut later.wake, &mut later.output.pen_origin);
         let stamps = [&mut wake.release, &mut wake.started, &mut origin.sent, &mut origin.received];
         stamps.into_iter().chain([&mut later.published]).for_each(|stamp| *stamp = stamp.plus_ns(ns));
-        later.output.pen_stamp = evidence.output.pen_stamp.map(|stamp| stamp.plus_ns(ns));
+        later.output.pen_stamp = facts.output.pen_stamp.map(|stamp| stamp.plus_ns(ns));
         origin.sequence += ticks;
         later
     }
 
-    fn echo_of(evidence: &Evidence, after_ns: u64) -> Echo {
+    fn echo_of(facts: &TickFacts, after_ns: u64) -> Echo {
         Echo {
-            tick: evidence.tick,
-            accepted: Some(evidence.published.plus_ns(after_ns)),
-            pen_sequence: evidence.output.pen_origin.sequence,
-            pen_stamp: evidence.output.pen_stamp,
+            tick: facts.tick,
+            accepted: Some(facts.published.plus_ns(after_ns)),
+            pen_sequence: facts.output.pen_origin.sequence,
+            pen_stamp: facts.output.pen_stamp,
         }
     }
 
@@ -246,7 +246,7 @@ mod tests {
         let mut watch = ChainWatch::new();
         let first = tick(100);
         assert_eq!(watch.tick(&first).command_transport, None);
-        let second = Evidence { echo: Some(echo_of(&first, 400_000)), ..tick(101) };
+        let second = TickFacts { echo: Some(echo_of(&first, 400_000)), ..tick(101) };
         let parts = Parts {
             pen_reader: Some(MS),
             pen_transport: Some(3 * MS),
@@ -271,10 +271,10 @@ mod tests {
             Echo { accepted: Some(Stamp(first.published.0 - 1)), ..good },
         ];
         for (next, echo) in (101..).zip(bad) {
-            let parts = watch.tick(&Evidence { echo: Some(echo), ..tick(next) });
+            let parts = watch.tick(&TickFacts { echo: Some(echo), ..tick(next) });
             assert_eq!(parts.command_transport, None, "{echo:?}");
         }
-        let parts = watch.tick(&Evidence { echo: Some(good), ..tick(110) });
+        let parts = watch.tick(&TickFacts { echo: Some(good), ..tick(110) });
         assert_eq!(parts.command_transport, Some(400_000));
     }
 

@@ -10,7 +10,7 @@ use hdrhistogram::Histogram;
 use foretrace_control::follower::{FollowerError, FollowerSettings};
 use foretrace_control::ghost::{Ghost, GhostFigures, GhostReport, GhostTick};
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::rt::os;
 use crate::wire::JOINTS;
 
@@ -61,20 +61,20 @@ impl GhostShell {
     }
 
     /// Goes along with one tick; `waiting` records come after it.
-    pub fn follow(&mut self, evidence: &Evidence, waiting: usize) -> GhostReport {
+    pub fn follow(&mut self, facts: &TickFacts, waiting: usize) -> GhostReport {
         let Some(ghost) = self.ghost.as_mut().filter(|_| waiting <= TOO_MANY_WAITING) else {
             return GhostReport::default();
         };
         let began = os::monotonic_ns();
-        let output = &evidence.output;
+        let output = &facts.output;
         // What fits the arm's motion best as a mere delay; until that is known, what the plan takes it for.
         let measured = output.lag.map(|lag| (lag.shift_s * 1e9) as i64);
         let report = ghost.follow(&GhostTick {
-            tick: evidence.tick,
-            now: evidence.wake.release,
-            budget: evidence.budget,
+            tick: facts.tick,
+            now: facts.wake.release,
+            budget: facts.budget,
             output,
-            measured: evidence.measured,
+            measured: facts.measured,
             lag_ns: measured.unwrap_or_else(|| i64::try_from(output.dead_time_ns).unwrap_or(i64::MAX)),
         });
         if report.tool.is_some()

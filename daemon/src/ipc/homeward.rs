@@ -5,7 +5,7 @@ use foretrace_control::clearance::way::MORE_M;
 use foretrace_control::follower::{FollowerSettings, Mode, WayBlocked};
 use foretrace_shm::WayHome;
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::wire::JOINTS;
 
 /// What has to be known of the arm for that.
@@ -31,7 +31,7 @@ impl Homeward {
 
     /// The way from where the arm was measured, or what is left of it while it moves.
     #[must_use]
-    pub fn told(&self, newest: &Evidence) -> WayHome {
+    pub fn told(&self, newest: &TickFacts) -> WayHome {
         let way = newest.measured.and_then(|(_, q)| self.settings.way_home(&q));
         let Some((joint, farthest_rad, left_s)) = way else { return WayHome::UNKNOWN };
         let way = WayHome {

@@ -7,7 +7,7 @@ use hdrhistogram::Histogram;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{LATENCY_BINS, Latency, Percentiles};
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 
 /// Longer times count as this [ns].
 const LONGEST_NS: u64 = 60_000_000_000;
@@ -33,17 +33,17 @@ impl Latencies {
     ///
     /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was taken in. Command to
     /// motion: from there to the command's stamp, and on by the lag that the arm was measured to have.
-    pub fn tick(&mut self, evidence: &Evidence) {
-        let output = &evidence.output;
+    pub fn tick(&mut self, facts: &TickFacts) {
+        let output = &facts.output;
         let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
         let fresh = pen != self.pen;
         self.pen = pen;
-        let Some(command) = output.command.filter(|_| !evidence.not_sent) else { return };
+        let Some(command) = output.command.filter(|_| !facts.not_sent) else { return };
         if let Some((stamp, _)) = pen.filter(|_| fresh) {
-            self.pen_to_command.add(evidence.published.since(stamp));
+            self.pen_to_command.add(facts.published.since(stamp));
         }
         if let Some(lag) = output.lag.filter(|lag| lag.std_s <= KNOWN_S) {
-            self.command_to_motion.add(command.stamp.since(evidence.published) + (lag.lag_s * 1e9) as i64);
+            self.command_to_motion.add(command.stamp.since(facts.published) + (lag.lag_s * 1e9) as i64);
         }
     }
 
@@ -118,21 +118,21 @@ mod tests {
     fn each_pen_sample_counts_once_and_the_tail_is_seen() {
         let mut latencies = Latencies::new();
         for tick in 1..=1000_u64 {
-            let mut evidence = commanding(tick);
+            let mut facts = commanding(tick);
             // One sample in five ticks; each hundredth of them 50 ms old, the others 2 ms.
             let sample = tick / 5;
             let age = if sample.is_multiple_of(100) { 50 } else { 2 };
-            evidence.published = evidence.wake.release.plus_ns(100_000_000);
-            evidence.output.pen_origin.sequence = sample;
+            facts.published = facts.wake.release.plus_ns(100_000_000);
+            facts.output.pen_origin.sequence = sample;
             let first = tick.is_multiple_of(5) || tick == 1;
-            evidence.output.pen_stamp = Some(if first {
-                Stamp(evidence.published.0 - age * MS)
+            facts.output.pen_stamp = Some(if first {
+                Stamp(facts.published.0 - age * MS)
             } else {
                 latencies.pen.expect("a sample before").0
             });
-            evidence.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 1e-4, shift_s: 0.04 });
-            evidence.output.command.as_mut().unwrap().stamp = evidence.published.plus_ns(MS);
-            latencies.tick(&evidence);
+            facts.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 1e-4, shift_s: 0.04 });
+            facts.output.command.as_mut().unwrap().stamp = facts.published.plus_ns(MS);
+            latencies.tick(&facts);
         }
         let pen = latencies.pen_to_command();
         assert_eq!(pen.count, 201);
@@ -150,13 +150,13 @@ mod tests {
     #[test]
     fn nothing_is_claimed_of_an_arm_that_is_not_known_or_a_command_that_did_not_leave() {
         let mut latencies = Latencies::new();
-        let mut evidence = commanding(1);
-        evidence.output.pen_stamp = Some(Stamp(1));
-        evidence.not_sent = true;
-        latencies.tick(&evidence);
-        evidence.not_sent = false;
-        evidence.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 0.02, shift_s: 0.04 });
-        latencies.tick(&evidence);
+        let mut facts = commanding(1);
+        facts.output.pen_stamp = Some(Stamp(1));
+        facts.not_sent = true;
+        latencies.tick(&facts);
+        facts.not_sent = false;
+        facts.output.lag = Some(LagEstimate { lag_s: 0.04, std_s: 0.02, shift_s: 0.04 });
+        latencies.tick(&facts);
         assert_eq!((latencies.pen_to_command().count, latencies.command_to_motion().count), (0, 0));
     }
 }

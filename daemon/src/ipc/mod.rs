@@ -30,7 +30,7 @@ use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, Tool
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
 use crate::ports::shm::IpcPorts;
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::rt::os;
 use crate::rt::tick::IpcRings;
 use crate::wire::{self, JOINTS};
@@ -154,7 +154,7 @@ struct Ipc {
     rate: RateMeter,
     rate_hz: f64,
     predictor: RunningRms,
-    newest: Option<Evidence>,
+    newest: Option<TickFacts>,
     telemetry_failed: u64,
     settings_revision: u64,
     missing: u32,
@@ -210,8 +210,8 @@ impl Ipc {
         }
         let mut changed = false;
         for _ in 0..ROUND {
-            let Ok(evidence) = self.links.rings.evidence.pop() else { break };
-            changed |= self.learn_of(&evidence);
+            let Ok(facts) = self.links.rings.facts.pop() else { break };
+            changed |= self.learn_of(&facts);
         }
         self.judge.look(now, self.ports.watch.fingerprint());
         while let Ok(event) = self.links.learner.try_recv() {
@@ -248,34 +248,34 @@ impl Ipc {
     }
 
     /// Takes one tick in; returns whether the mode changed with it.
-    fn learn_of(&mut self, evidence: &Evidence) -> bool {
-        self.judge.tick(evidence);
-        self.rate_hz = self.rate.measure(evidence);
-        if evidence.tick > self.settings.warm_after_ticks {
-            self.spreads.add(&evidence.times);
-            self.latencies.tick(evidence);
+    fn learn_of(&mut self, facts: &TickFacts) -> bool {
+        self.judge.tick(facts);
+        self.rate_hz = self.rate.measure(facts);
+        if facts.tick > self.settings.warm_after_ticks {
+            self.spreads.add(&facts.times);
+            self.latencies.tick(facts);
         }
-        if let Some(error) = evidence.output.predictor_error {
+        if let Some(error) = facts.output.predictor_error {
             self.predictor.add(error);
         }
-        let parts = self.chain.tick(evidence);
-        if evidence.output.begins {
+        let parts = self.chain.tick(facts);
+        if facts.output.begins {
             self.links.extent.restart();
         }
         // On its way home the tool may be anywhere.
-        let led = evidence.output.command.filter(|_| evidence.output.mode != Mode::Homing);
-        if let (Some(_), Some((_, q))) = (led, &evidence.measured) {
+        let led = facts.output.command.filter(|_| facts.output.mode != Mode::Homing);
+        if let (Some(_), Some((_, q))) = (led, &facts.measured) {
             self.links.extent.see(q);
         }
-        let ghost = self.links.ghost.follow(evidence, self.links.rings.evidence.slots());
-        if evidence.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
-            let record = record::tick_record(evidence, &parts, &ghost, &self.tally());
-            if self.ports.telemetry.publish(evidence.finished.0, record).is_err() {
+        let ghost = self.links.ghost.follow(facts, self.links.rings.facts.slots());
+        if facts.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
+            let record = record::tick_record(facts, &parts, &ghost, &self.tally());
+            if self.ports.telemetry.publish(facts.finished.0, record).is_err() {
                 self.telemetry_failed += 1;
             }
         }
-        self.newest = Some(*evidence);
-        self.narrator.tick(evidence)
+        self.newest = Some(*facts);
+        self.narrator.tick(facts)
     }
 
     fn mode_and_trust(&self) -> (Mode, Trust) {

@@ -14,7 +14,7 @@ use tracing::{debug, info, warn};
 
 use super::refused;
 use crate::learner::LearnerEvent;
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::wire;
 
 /// Time between two lines about the same flood [ns].
@@ -53,9 +53,9 @@ struct Troubles {
 }
 
 impl Troubles {
-    fn of(evidence: &Evidence) -> Self {
-        let (tally, ports) = (&evidence.tally, &evidence.ports);
-        let pen = &evidence.output.pen_counters;
+    fn of(facts: &TickFacts) -> Self {
+        let (tally, ports) = (&facts.tally, &facts.ports);
+        let pen = &facts.output.pen_counters;
         let by_grid = pen.non_finite + pen.out_of_range + pen.from_future + pen.time_backwards;
         let sum = |counts: &[u64]| counts.iter().fold(0_u64, |sum, n| sum.saturating_add(*n));
         Self {
@@ -127,43 +127,43 @@ pub struct Narrator {
 
 impl Narrator {
     /// Takes note of a tick; returns whether the mode changed with it.
-    pub fn tick(&mut self, evidence: &Evidence) -> bool {
-        let output = &evidence.output;
-        self.now = evidence.finished;
-        self.worst_wakeup_ns = self.worst_wakeup_ns.max(evidence.times.wakeup);
-        self.worst_step_ns = self.worst_step_ns.max(evidence.times.step);
+    pub fn tick(&mut self, facts: &TickFacts) -> bool {
+        let output = &facts.output;
+        self.now = facts.finished;
+        self.worst_wakeup_ns = self.worst_wakeup_ns.max(facts.times.wakeup);
+        self.worst_step_ns = self.worst_step_ns.max(facts.times.step);
         let changed = output.mode != self.mode;
         if changed {
             let (from, to) = (wire::mode(self.mode).label(), wire::mode(output.mode).label());
             match output.stop_reason {
-                StopReason::None => info!(tick = evidence.tick, "mode {from} -> {to}"),
-                StopReason::Requested => info!(tick = evidence.tick, "mode {from} -> {to}: as requested"),
+                StopReason::None => info!(tick = facts.tick, "mode {from} -> {to}"),
+                StopReason::Requested => info!(tick = facts.tick, "mode {from} -> {to}: as requested"),
                 reason => {
                     let mut why = wire::fault(reason).label().to_owned();
                     let detail = wire::stop_detail(&output.stop_detail).to_string();
                     if !detail.is_empty() {
                         why = format!("{why}: {detail}");
                     }
-                    warn!(tick = evidence.tick, "mode {from} -> {to}: {why}; arm again to go on");
+                    warn!(tick = facts.tick, "mode {from} -> {to}: {why}; arm again to go on");
                 }
             }
             self.mode = output.mode;
         }
         if self.predictor != Some(output.predictor) {
             if self.predictor.is_some() {
-                info!(tick = evidence.tick, "predictor {} has taken over", output.predictor.name());
+                info!(tick = facts.tick, "predictor {} has taken over", output.predictor.name());
             }
             self.predictor = Some(output.predictor);
         }
-        self.pace(evidence);
-        self.floods(evidence);
+        self.pace(facts);
+        self.floods(facts);
         changed
     }
 
     /// Says once that the arm is slow, and once that it is not any more; between the two shares nothing changes.
-    fn pace(&mut self, evidence: &Evidence) {
-        let Some(share) = evidence.output.arm_speed_share else { return };
-        let tick = evidence.tick;
+    fn pace(&mut self, facts: &TickFacts) {
+        let Some(share) = facts.output.arm_speed_share else { return };
+        let tick = facts.tick;
         if share < SLOW_SHARE && !self.slow {
             self.slow = true;
             let percent = 100.0 * share;
@@ -177,16 +177,16 @@ impl Narrator {
         }
     }
 
-    fn floods(&mut self, evidence: &Evidence) {
-        let now = Troubles::of(evidence);
+    fn floods(&mut self, facts: &TickFacts) {
+        let now = Troubles::of(facts);
         if now == self.told {
             return;
         }
         // Who sent what was refused can mend it only if told what was wrong with it.
         let refusals = [
-            ("pen", refused::pen(evidence), now.pen_rejected > self.told.pen_rejected),
-            ("arm", evidence.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
-            ("dead man", evidence.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
+            ("pen", refused::pen(facts), now.pen_rejected > self.told.pen_rejected),
+            ("arm", facts.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
+            ("dead man", facts.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
         ];
         let refusals = refusals.map(|(who, refused, more)| (who, refused.filter(|_| more)));
         let mut unheard = false;
@@ -199,9 +199,8 @@ impl Narrator {
                 unheard = true;
             }
         }
-        let since = *self.since.get_or_insert(evidence.finished);
-        let soon =
-            evidence.finished.since(self.told_at) < FLOOD_NS || evidence.finished.since(since) < GATHER_NS;
+        let since = *self.since.get_or_insert(facts.finished);
+        let soon = facts.finished.since(self.told_at) < FLOOD_NS || facts.finished.since(since) < GATHER_NS;
         if soon && !unheard {
             return;
         }
@@ -214,9 +213,9 @@ impl Narrator {
         }
         // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its step.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
-        warn!(tick = evidence.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
+        warn!(tick = facts.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
         self.told = now;
-        self.told_at = evidence.finished;
+        self.told_at = facts.finished;
         self.worst_wakeup_ns = 0;
         self.worst_step_ns = 0;
     }
@@ -269,14 +268,14 @@ impl Narrator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ipc::tests::evidence;
+    use crate::ipc::tests::facts;
 
     #[test]
     fn only_what_increased_is_told() {
-        let mut later = evidence(9);
+        let mut later = facts(9);
         later.tally.overruns = 3;
         later.ports.pen_rejected = [1, 0, 2, 0, 0, 0, 0, 0, 0];
-        let lines = Troubles::of(&later).since(&Troubles::of(&evidence(1)));
+        let lines = Troubles::of(&later).since(&Troubles::of(&facts(1)));
         assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
         assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
     }
@@ -284,7 +283,7 @@ mod tests {
     #[test]
     fn what_is_refused_for_another_reason_is_told_at_once() {
         let mut narrator = Narrator::default();
-        let mut evidence = evidence(1);
+        let mut facts = facts(1);
         let refused = |reason, field| {
             Some(crate::wire::Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) })
         };
@@ -294,11 +293,11 @@ mod tests {
         let mut told = Vec::new();
         for (ms, newest) in [(2000, None), (2100, degrees), (2200, degrees), (2300, future), (2400, degrees)]
         {
-            evidence.finished = Stamp(ms * 1_000_000);
-            evidence.tally.overruns = 5;
-            evidence.ports.joints_refused = newest;
-            evidence.ports.joints_rejected[0] += u64::from(newest.is_some());
-            narrator.tick(&evidence);
+            facts.finished = Stamp(ms * 1_000_000);
+            facts.tally.overruns = 5;
+            facts.ports.joints_refused = newest;
+            facts.ports.joints_rejected[0] += u64::from(newest.is_some());
+            narrator.tick(&facts);
             told.push(narrator.told.joints_rejected);
         }
         assert_eq!(told, [0, 1, 1, 3, 3]);
@@ -307,7 +306,7 @@ mod tests {
     #[test]
     fn new_weights_are_told_at_once_then_counted_for_ten_seconds() {
         let mut narrator = Narrator::default();
-        let mut evidence = evidence(1);
+        let mut facts = facts(1);
         let promotion = Promotion {
             model: PredictorKind::Dybm,
             version: 2,
@@ -319,8 +318,8 @@ mod tests {
         let counts = |narrator: &Narrator| narrator.lessons[PredictorKind::Dybm.index()].better;
         let mut seen = Vec::new();
         for second in [1_u64, 2, 5, 10, 12] {
-            evidence.finished = Stamp(second * 1_000_000_000);
-            narrator.tick(&evidence);
+            facts.finished = Stamp(second * 1_000_000_000);
+            narrator.tick(&facts);
             narrator.learner(&LearnerEvent::Promoted(promotion));
             seen.push(counts(&narrator));
         }
@@ -331,12 +330,12 @@ mod tests {
     #[test]
     fn a_slow_arm_is_told_once() {
         let mut narrator = Narrator::default();
-        let mut evidence = evidence(1);
+        let mut facts = facts(1);
         for (share, slow) in
             [(None, false), (Some(0.8), false), (Some(0.3), true), (Some(0.9), true), (Some(1.0), false)]
         {
-            evidence.output.arm_speed_share = share;
-            narrator.tick(&evidence);
+            facts.output.arm_speed_share = share;
+            narrator.tick(&facts);
             assert_eq!(narrator.slow, slow, "{share:?}");
         }
     }
@@ -344,10 +343,10 @@ mod tests {
     #[test]
     fn a_change_of_mode_is_noticed_once() {
         let mut narrator = Narrator::default();
-        let mut evidence = evidence(1);
-        assert!(!narrator.tick(&evidence));
-        evidence.output.mode = Mode::Armed;
-        assert!(narrator.tick(&evidence));
-        assert!(!narrator.tick(&evidence));
+        let mut facts = facts(1);
+        assert!(!narrator.tick(&facts));
+        facts.output.mode = Mode::Armed;
+        assert!(narrator.tick(&facts));
+        assert!(!narrator.tick(&facts));
     }
 }

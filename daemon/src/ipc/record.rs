@@ -9,7 +9,7 @@ use foretrace_shm::Stage;
 use super::chain::Parts;
 use super::refused;
 use crate::ports::PortTally;
-use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+use crate::rt::facts::{LoopTally, StageTimes, TickFacts};
 use crate::wire::{self, JOINTS, UNKNOWN, flag, known};
 
 /// What the ipc thread counts, or adds to what the loop counts.
@@ -35,54 +35,54 @@ pub struct IpcTally {
 
 /// All counters as they stand on the wire.
 #[must_use]
-pub fn counters(evidence: &Evidence, ipc: &IpcTally) -> shm::Counters {
+pub fn counters(facts: &TickFacts, ipc: &IpcTally) -> shm::Counters {
     let (
         LoopTally { ticks, overruns, skipped, shed, joints_stale, evidence_dropped, learn_dropped, .. },
         PortTally { pen_received, pen_dropped, joints_received, joints_dropped, commands_sent, .. },
-    ) = (evidence.tally, evidence.ports);
-    let pen = &evidence.output.pen_counters;
+    ) = (facts.tally, facts.ports);
+    let pen = &facts.output.pen_counters;
     shm::Counters {
         ticks,
         overruns,
         skipped_ticks: skipped,
         shed_ticks: shed,
         commands_sent,
-        commands_failed: evidence.ports.commands_failed,
+        commands_failed: facts.ports.commands_failed,
         pen_received,
         pen_dropped,
         pen_out_of_order: pen.repeats + pen.time_backwards,
         pen_outliers: pen.outliers,
         // The very first sample starts the grid too, and is no gap.
         pen_gaps: pen.restarts.saturating_sub(1),
-        pen_deferred_ticks: evidence.ports.pen_deferred,
-        pen_rejected: pen_rejected(evidence),
+        pen_deferred_ticks: facts.ports.pen_deferred,
+        pen_rejected: pen_rejected(facts),
         joint_state_received: joints_received,
         joint_state_dropped: joints_dropped,
         joint_state_stale: joints_stale,
-        joint_state_rejected: shm::Rejections { by_reason: evidence.ports.joints_rejected },
-        enable_rejected: evidence.ports.enable_rejected,
-        enable_dropped: evidence.ports.enable_dropped,
-        receive_failures: evidence.ports.receive_failures,
+        joint_state_rejected: shm::Rejections { by_reason: facts.ports.joints_rejected },
+        enable_rejected: facts.ports.enable_rejected,
+        enable_dropped: facts.ports.enable_dropped,
+        receive_failures: facts.ports.receive_failures,
         telemetry_ring_dropped: evidence_dropped,
         telemetry_failed: ipc.telemetry_failed,
         learner_ring_dropped: learn_dropped + pen.overwritten,
-        weights_refused: evidence.tally.weights_refused,
-        weights_overtaken: evidence.tally.weights_overtaken + ipc.weights_overtaken,
+        weights_refused: facts.tally.weights_refused,
+        weights_overtaken: facts.tally.weights_overtaken + ipc.weights_overtaken,
         learner_events_lost: ipc.learner_events_lost,
         requests: ipc.requests,
         requests_refused: ipc.requests_refused,
         allocations: ipc.allocations,
         connection_allocations: ipc.connection_allocations,
         connection_ticks: ipc.connection_ticks,
-        page_faults_minor: evidence.tally.faults_minor,
-        page_faults_major: evidence.tally.faults_major,
+        page_faults_minor: facts.tally.faults_minor,
+        page_faults_major: facts.tally.faults_major,
     }
 }
 
 /// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of their own.
-fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
-    let pen = &evidence.output.pen_counters;
-    let mut rejected = shm::Rejections { by_reason: evidence.ports.pen_rejected };
+fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
+    let pen = &facts.output.pen_counters;
+    let mut rejected = shm::Rejections { by_reason: facts.ports.pen_rejected };
     let by_grid = [
         (shm::RejectReason::NotFinite, pen.non_finite),
         (shm::RejectReason::OutOfRange, pen.out_of_range),
@@ -96,38 +96,33 @@ fn pen_rejected(evidence: &Evidence) -> shm::Rejections {
     rejected
 }
 
-/// One tick's evidence as it is published.
+/// One tick's facts as it is published.
 #[must_use]
-pub fn tick_record(
-    evidence: &Evidence,
-    parts: &Parts,
-    ghost: &GhostReport,
-    ipc: &IpcTally,
-) -> shm::TickRecord {
-    let output = &evidence.output;
+pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &IpcTally) -> shm::TickRecord {
+    let output = &facts.output;
     let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
     let [pen_x, pen_y] = output.pen_position;
-    let now = evidence.wake.release;
+    let now = facts.wake.release;
     let mut record = shm::TickRecord {
-        tick: evidence.tick,
-        release_ns: evidence.wake.release.0,
+        tick: facts.tick,
+        release_ns: facts.wake.release.0,
         command_stamp_ns: output.command.map_or(0, |command| command.stamp.0),
-        slack_ns: evidence.deadline.since(evidence.finished),
-        budget_mpc_iterations: evidence.budget.max_iterations,
-        budget_ik_iterations: evidence.budget.max_iterations,
-        shed: evidence.budget.shed.into(),
-        skipped_ticks: u32::try_from(evidence.wake.skipped).unwrap_or(u32::MAX),
+        slack_ns: facts.deadline.since(facts.finished),
+        budget_mpc_iterations: facts.budget.max_iterations,
+        budget_ik_iterations: facts.budget.max_iterations,
+        shed: facts.budget.shed.into(),
+        skipped_ticks: u32::try_from(facts.wake.skipped).unwrap_or(u32::MAX),
         pen_sequence: output.pen_origin.sequence,
         pen_stamp_ns: output.pen_stamp.map_or(0, |stamp| stamp.0),
         chain: chain(parts),
         pen_m: [pen_x, pen_y, 0.0],
-        pen_samples: evidence.pen_samples,
+        pen_samples: facts.pen_samples,
         pen_flags: flag(output.pen_contact, shm::pen_flags::CONTACT),
-        joint_state_age_ns: age_ns(now, evidence.measured.map(|(stamp, _)| stamp)),
-        measured_q: evidence.measured.map_or([0.0; JOINTS], |(_, q)| q),
-        echo_tick: evidence.echo.map_or(0, |echo| echo.tick),
-        echo_pen_sequence: evidence.echo.map_or(0, |echo| echo.pen_sequence),
-        echo_pen_stamp_ns: evidence.echo.and_then(|echo| echo.pen_stamp).map_or(0, |stamp| stamp.0),
+        joint_state_age_ns: age_ns(now, facts.measured.map(|(stamp, _)| stamp)),
+        measured_q: facts.measured.map_or([0.0; JOINTS], |(_, q)| q),
+        echo_tick: facts.echo.map_or(0, |echo| echo.tick),
+        echo_pen_sequence: facts.echo.map_or(0, |echo| echo.pen_sequence),
+        echo_pen_stamp_ns: facts.echo.and_then(|echo| echo.pen_stamp).map_or(0, |stamp| stamp.0),
         reference_m: output.reference,
         setpoint_m: output.setpoint.map(|axis| axis.position),
         setpoint_mps: output.setpoint.map(|axis| axis.velocity),
@@ -142,7 +137,7 @@ pub fn tick_record(
         rung: wire::rung(output.rung).into(),
         mode: wire::mode(output.mode).into(),
         fault: wire::fault(output.stop_reason).into(),
-        health: health(evidence),
+        health: health(facts),
         guard_mask: wire::guard_mask(output.guard_altered),
         mpc_active: output.axes.map(|axis| axis.active.total()),
         mpc_iterations: output.axes.map(|axis| axis.iterations),
@@ -151,11 +146,11 @@ pub fn tick_record(
         predictor_error_m: output.predictor_error.map_or(UNKNOWN, known),
         predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
         learner_version: output.weights_version,
-        learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
+        learner_age_ns: facts.weights_since.map_or(0, |since| age_ns(now, Some(since))),
         predictor: wire::predictor(output.predictor).into(),
-        allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
-        connections_changed: (evidence.port_allocations > 0).into(),
-        counters: counters(evidence, ipc),
+        allocations: facts.port_allocations.saturating_add(facts.law_allocations),
+        connections_changed: (facts.port_allocations > 0).into(),
+        counters: counters(facts, ipc),
         arm_lag: wire::arm_lag(output),
         ghost_tool_m: ghost.tool.unwrap_or_default(),
         ghost_state: wire::ghost_state(ghost.state).into(),
@@ -172,7 +167,7 @@ pub fn tick_record(
         record.compared_contact = compared.contact.into();
     }
     wire::ik_report(&mut record, &output.ik, output);
-    for (stage, ns) in stages(&evidence.times) {
+    for (stage, ns) in stages(&facts.times) {
         record.set_stage(stage, ns);
     }
     record
@@ -192,7 +187,7 @@ pub fn chain(parts: &Parts) -> shm::Chain {
 }
 
 /// Fills in what a status says about the newest tick; ages are taken at `now`.
-pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, now: Stamp) {
+pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally, now: Stamp) {
     let output = &newest.output;
     status.mode = wire::mode(output.mode).into();
     status.fault = wire::fault(output.stop_reason).into();
@@ -232,11 +227,11 @@ pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
     ]
 }
 
-fn health(evidence: &Evidence) -> u32 {
-    wire::health(evidence.output.health)
-        | flag(evidence.finished > evidence.deadline, shm::health::OVERRUN)
-        | flag(evidence.not_sent, shm::health::COMMAND_NOT_SENT)
-        | flag(evidence.port_allocations > 0 || evidence.law_allocations > 0, shm::health::ALLOCATED)
+fn health(facts: &TickFacts) -> u32 {
+    wire::health(facts.output.health)
+        | flag(facts.finished > facts.deadline, shm::health::OVERRUN)
+        | flag(facts.not_sent, shm::health::COMMAND_NOT_SENT)
+        | flag(facts.port_allocations > 0 || facts.law_allocations > 0, shm::health::ALLOCATED)
 }
 
 fn age_ns(now: Stamp, stamp: Option<Stamp>) -> u64 {

@@ -1,16 +1,16 @@
 //! The newest pen sample that was refused, whoever refused it: a port or the grid of the law.
 
-use crate::rt::evidence::Evidence;
+use crate::rt::facts::TickFacts;
 use crate::wire::{Refused, pen_rejection};
 
 /// The newest pen sample refused, at the port or by the grid.
 #[must_use]
-pub fn pen(evidence: &Evidence) -> Option<Refused> {
-    let grid = evidence
+pub fn pen(facts: &TickFacts) -> Option<Refused> {
+    let grid = facts
         .output
         .pen_refused
         .and_then(|refusal| pen_rejection(&refusal).map(|why| Refused { why, at: refusal.at }));
-    match (evidence.ports.pen_refused, grid) {
+    match (facts.ports.pen_refused, grid) {
         (Some(port), Some(grid)) => Some(if port.at > grid.at { port } else { grid }),
         (port, grid) => port.or(grid),
     }
@@ -23,11 +23,11 @@ mod tests {
     use foretrace_shm::{RejectReason, Rejection};
 
     use super::*;
-    use crate::ipc::tests::evidence;
+    use crate::ipc::tests::facts;
 
     #[test]
     fn newest_of_port_and_grid_is_told_with_its_evidence() {
-        let mut tick = evidence(1);
+        let mut tick = facts(1);
         assert_eq!(pen(&tick), None);
         let grid = PenRefusal {
             why: PenRejection::OutOfRange,

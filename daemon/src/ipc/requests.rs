@@ -14,7 +14,7 @@ use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now
 
 use super::IpcLinks;
 use super::homeward::Homeward;
-use crate::rt::evidence::{Answered, Asked};
+use crate::rt::facts::{Answered, Asked};
 use crate::rt::tick::IpcRings;
 use crate::wire::{self, Asked as Meaning, Refused};
 

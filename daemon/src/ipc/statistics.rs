@@ -6,7 +6,7 @@ use foretrace_control::units::Stamp;
 use foretrace_shm::{Percentiles, STAGES};
 
 use super::record;
-use crate::rt::evidence::{Evidence, StageTimes};
+use crate::rt::facts::{StageTimes, TickFacts};
 
 /// Longer times count as this [ns].
 const LONGEST_NS: u64 = 1_000_000_000;
@@ -65,8 +65,8 @@ pub struct RateMeter {
 
 impl RateMeter {
     /// Takes note of a tick; returns the rate [Hz], 0 during the first second.
-    pub fn measure(&mut self, evidence: &Evidence) -> f64 {
-        let (now, ticks) = (evidence.wake.started, evidence.tally.ticks);
+    pub fn measure(&mut self, facts: &TickFacts) -> f64 {
+        let (now, ticks) = (facts.wake.started, facts.tally.ticks);
         let (then, before) = *self.since.get_or_insert((now, ticks));
         let seconds = now.seconds_since(then);
         if seconds >= 1.0 {

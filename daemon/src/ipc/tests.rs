@@ -7,20 +7,20 @@ use foretrace_control::units::Stamp;
 
 use crate::ports::PortTally;
 use crate::rt::cyclic::Wake;
-use crate::rt::evidence::{Evidence, LoopTally, StageTimes};
+use crate::rt::facts::{LoopTally, StageTimes, TickFacts};
 use crate::wire::JOINTS;
 
 /// An uneventful tick that sends a command.
-pub(crate) fn commanding(tick: u64) -> Evidence {
-    let mut evidence = evidence(tick);
-    let (stamp, q) = (evidence.deadline, [0.0; JOINTS]);
+pub(crate) fn commanding(tick: u64) -> TickFacts {
+    let mut facts = facts(tick);
+    let (stamp, q) = (facts.deadline, [0.0; JOINTS]);
     let valid_until = stamp.plus_ns(10_000_000);
-    evidence.output.command = Some(JointCommand { stamp, valid_until, q, qd: q, enabled: true });
-    evidence
+    facts.output.command = Some(JointCommand { stamp, valid_until, q, qd: q, enabled: true });
+    facts
 }
 
 /// An uneventful tick of an idle loop.
-pub(crate) fn evidence(tick: u64) -> Evidence {
+pub(crate) fn facts(tick: u64) -> TickFacts {
     // Of an idle loop the output does not tell when it was.
     static IDLE: OnceLock<StepOutput<JOINTS>> = OnceLock::new();
     let output = *IDLE.get_or_init(|| {
@@ -30,7 +30,7 @@ pub(crate) fn evidence(tick: u64) -> Evidence {
     });
     let now = Stamp(tick * 2_000_000);
     let wake = Wake { index: tick, due: now, release: now, started: now, skipped: 0 };
-    Evidence {
+    TickFacts {
         tick,
         wake,
         finished: now,

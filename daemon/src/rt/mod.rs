@@ -5,7 +5,7 @@
 pub mod os;
 pub mod clock;
 pub mod cyclic;
-pub mod evidence;
+pub mod facts;
 pub mod handover;
 pub mod stops;
 pub mod overruns;

@@ -16,7 +16,7 @@ use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use super::evidence::{Answered, Asked, Evidence, LapClock, LoopTally};
+use super::facts::{Answered, Asked, LapClock, LoopTally, TickFacts};
 use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
 use super::overruns::{OverrunBudget, OverrunLimit, Solve, Verdict};
@@ -34,12 +34,12 @@ const WEIGHTS: usize = 4;
 /// Grid steps that may wait for the learner: 5 s at 10 ms.
 const LEARN_STEPS: usize = 512;
 /// Records that may wait for the ipc thread: half a second at 1 kHz.
-const EVIDENCE: usize = 512;
+const FACTS: usize = 512;
 
 /// The loop's ends of the rings.
 #[derive(Debug)]
 pub struct TickRings {
-    evidence: Producer<Evidence>,
+    facts: Producer<TickFacts>,
     asked: Consumer<Asked>,
     answered: Producer<Answered>,
     learn: Producer<LearnStep>,
@@ -50,7 +50,7 @@ pub struct TickRings {
 #[derive(Debug)]
 pub struct IpcRings {
     /// One record per tick.
-    pub evidence: Consumer<Evidence>,
+    pub facts: Consumer<TickFacts>,
     /// Requests to the loop.
     pub asked: Producer<Asked>,
     /// Its answers.
@@ -69,14 +69,14 @@ pub struct LearnerRings {
 /// All rings between the loop and the other threads.
 #[must_use]
 pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
-    let (evidence, evidence_out) = RingBuffer::new(EVIDENCE);
+    let (facts, evidence_out) = RingBuffer::new(FACTS);
     let (asked_in, asked) = RingBuffer::new(REQUESTS);
     let (answered, answered_out) = RingBuffer::new(REQUESTS);
     let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
     let (weights_in, weights) = handover(WEIGHTS);
     (
-        TickRings { evidence, asked, answered, learn, weights },
-        IpcRings { evidence: evidence_out, asked: asked_in, answered: answered_out },
+        TickRings { facts, asked, answered, learn, weights },
+        IpcRings { facts: evidence_out, asked: asked_in, answered: answered_out },
         LearnerRings { learn: learn_out, weights: weights_in },
     )
 }
@@ -228,7 +228,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
         self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
         self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
-        let evidence = Evidence {
+        let facts = TickFacts {
             tick: self.tally.ticks,
             wake: *wake,
             finished,
@@ -247,7 +247,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             tally: self.tally,
             ports: *self.ports.tally(),
         };
-        if self.rings.evidence.push(evidence).is_err() {
+        if self.rings.facts.push(facts).is_err() {
             self.tally.evidence_dropped += 1;
         }
         output.mode

@@ -9,7 +9,7 @@ use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, Status
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::children::Child;
-use super::evidence::{Evidence, JointUse, StopNote, TickNote};
+use super::gathered::{Gathered, JointUse, StopNote, TickNote};
 use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -28,7 +28,7 @@ pub(crate) struct Watch {
     status: StatusReader,
     telemetry: Telemetry,
     requests: Requests,
-    pub(crate) evidence: Evidence,
+    pub(crate) gathered: Gathered,
     /// When the newest stop that is known latched [ns].
     stopped_ns: u64,
 }
@@ -48,15 +48,15 @@ impl Watch {
             status: foretrace.status().map_err(unattached)?,
             telemetry: foretrace.telemetry().map_err(unattached)?,
             requests: foretrace.requests().map_err(unattached)?,
-            evidence: Evidence::default(),
+            gathered: Gathered::default(),
             stopped_ns: 0,
         })
     }
 
     /// Takes in what came since the last look.
     fn read(&mut self) {
-        let Self { telemetry, evidence, stopped_ns, .. } = self;
-        let Evidence { ticks, stops, joints, .. } = evidence;
+        let Self { telemetry, gathered, stopped_ns, .. } = self;
+        let Gathered { ticks, stops, joints, .. } = gathered;
         telemetry.drain(|record| {
             ticks.push(TickNote::of(record));
             joints.see(record);
@@ -65,33 +65,33 @@ impl Watch {
                 stops.push(StopNote::of(record.fault, &record.stop));
             }
         });
-        self.evidence.status = self.status.latest().copied().or(self.evidence.status);
+        self.gathered.status = self.status.latest().copied().or(self.gathered.status);
         // The record of the tick may have been lost; the status repeats its stop.
-        if let Some(status) = self.evidence.status.filter(|status| status.stop.at_ns > self.stopped_ns) {
+        if let Some(status) = self.gathered.status.filter(|status| status.stop.at_ns > self.stopped_ns) {
             self.stopped_ns = status.stop.at_ns;
-            self.evidence.stops.push(StopNote::of(status.fault, &status.stop));
+            self.gathered.stops.push(StopNote::of(status.fault, &status.stop));
         }
     }
 
     /// From here on nothing of what was before counts.
     fn begin(&mut self) {
         self.read();
-        self.evidence.ticks.clear();
-        self.evidence.stops.clear();
-        self.evidence.joints = JointUse::default();
+        self.gathered.ticks.clear();
+        self.gathered.stops.clear();
+        self.gathered.joints = JointUse::default();
     }
 
     /// The last words of the daemon about itself.
-    pub(crate) fn last_words(mut self) -> Evidence {
+    pub(crate) fn last_words(mut self) -> Gathered {
         let last = self.status.next_within(ANSWER);
         self.read();
-        self.evidence.status = last.or(self.evidence.status);
-        self.evidence.ticks_lost = self.telemetry.lost();
-        self.evidence
+        self.gathered.status = last.or(self.gathered.status);
+        self.gathered.ticks_lost = self.telemetry.lost();
+        self.gathered
     }
 
     fn mode(&self) -> Option<Mode> {
-        self.evidence.status.and_then(|status| Mode::try_from(status.mode).ok())
+        self.gathered.status.and_then(|status| Mode::try_from(status.mode).ok())
     }
 }
 
@@ -186,7 +186,7 @@ impl Crew {
     /// Has the arm stopped smoothly and let go of.
     pub(crate) fn let_go(&mut self, watch: &mut Watch) -> Result<(), Failure> {
         watch.read();
-        let stops = watch.evidence.stops.len();
+        let stops = watch.gathered.stops.len();
         watch.requests.disarm(ANSWER).map_err(|error| refused(&error))?;
         let deadline = Instant::now() + STOPPING;
         while watch.mode() != Some(Mode::Idle) {
@@ -198,7 +198,7 @@ impl Crew {
             std::thread::sleep(STRIDE);
         }
         // The stop that the demo itself has just asked for is none that anybody wants to hear of.
-        watch.evidence.stops.truncate(stops);
+        watch.gathered.stops.truncate(stops);
         Ok(())
     }
 

@@ -12,8 +12,8 @@ use foretrace_sim::plot::page::{
     Bound, Curve, CurvePanel, Picture, Shares, Shown, Traced, curves, durations, paths, shares,
 };
 
-use super::evidence::Evidence;
 use super::figures::{Figures, Scored};
+use super::gathered::Gathered;
 use super::told::{Against, arm, ghost};
 
 const ARM: &str = "the arm";
@@ -37,19 +37,19 @@ pub(crate) struct Drawings {
 impl Drawings {
     /// `scored`: the part of the run that counts; `turn_s`: one repetition of the pen's path [s], of which the last is shown.
     pub(crate) fn of(
-        evidence: &Evidence,
+        gathered: &Gathered,
         figures: &Figures,
         scored: Option<&Scored>,
         bounds: &ExtentBounds,
         turn_s: f64,
     ) -> Self {
-        let run = Run::new(evidence, scored);
+        let run = Run::new(gathered, scored);
         let about = about(figures);
         Self {
             path: run.path(&about, turn_s),
             error: run.error(&about),
             lag: run.lag(&about),
-            times: times(evidence, figures),
+            times: times(gathered, figures),
             limits: limits(figures),
             heights: run.heights(figures, bounds),
         }
@@ -72,7 +72,7 @@ fn about(figures: &Figures) -> String {
 
 /// The run from where the way to the paper is over.
 struct Run<'a> {
-    evidence: &'a Evidence,
+    gathered: &'a Gathered,
     tool: Vec<ToolSample>,
     ghost: Vec<ToolSample>,
     /// Errors of the arm and of the ghost while the pen wrote [s, mm].
@@ -82,9 +82,9 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(evidence: &'a Evidence, scored: Option<&Scored>) -> Self {
-        let notes: Vec<_> = evidence.ticks.iter().filter_map(|tick| tick.compared).collect();
-        let whole = Scored::whole(evidence);
+    fn new(gathered: &'a Gathered, scored: Option<&Scored>) -> Self {
+        let notes: Vec<_> = gathered.ticks.iter().filter_map(|tick| tick.compared).collect();
+        let whole = Scored::whole(gathered);
         let errors = if notes.is_empty() {
             // No ghost: the records of arm and pen alone.
             let rows = scored.unwrap_or(&whole).errors.iter();
@@ -99,9 +99,9 @@ impl<'a> Run<'a> {
         let first = known().fold(f64::INFINITY, f64::min);
         let last = known().fold(f64::NEG_INFINITY, f64::max);
         let inside = |sample: &ToolSample| (first..=last).contains(&sample.t_s);
-        let tool = evidence.tool.iter().filter(|sample| inside(sample)).copied().collect();
-        let ghost = evidence.ticks.iter().filter_map(|tick| tick.ghost).filter(inside).collect();
-        Self { evidence, tool, ghost, errors, span: (first, last) }
+        let tool = gathered.tool.iter().filter(|sample| inside(sample)).copied().collect();
+        let ghost = gathered.ticks.iter().filter_map(|tick| tick.ghost).filter(inside).collect();
+        Self { gathered, tool, ghost, errors, span: (first, last) }
     }
 
     fn path(&self, about: &str, turn_s: f64) -> Option<Picture> {
@@ -120,7 +120,7 @@ impl<'a> Run<'a> {
 
     fn error(&self, about: &str) -> Option<Picture> {
         let [arm, ghost] = self.errors.each_ref().map(|rows| self.since_begin(rows));
-        let trust: Vec<_> = self.evidence.ticks.iter().map(|tick| (tick.t_s, tick.trust)).collect();
+        let trust: Vec<_> = self.gathered.ticks.iter().map(|tick| (tick.t_s, tick.trust)).collect();
         let trust = self.since_begin(&trust);
         let drawn = [
             Curve { shown: Shown::Ghost, label: GHOST, wide: false, points: &ghost },
@@ -203,7 +203,7 @@ impl<'a> Run<'a> {
     }
 
     fn heights(&self, figures: &Figures, bounds: &ExtentBounds) -> Option<Picture> {
-        let inside = self.evidence.heights.iter().filter(|p| (self.span.0..=self.span.1).contains(&p.0));
+        let inside = self.gathered.heights.iter().filter(|p| (self.span.0..=self.span.1).contains(&p.0));
         let rows: Vec<_> = inside.map(|(t_s, z_m)| (t_s - self.span.0, 1e3 * z_m)).collect();
         let drawn = [Curve {
             shown: Shown::Arm,
@@ -225,7 +225,7 @@ impl<'a> Run<'a> {
     }
 
     fn pen(&self, from_s: f64, to_s: f64) -> Vec<PathSample> {
-        self.evidence.pen.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s)).copied().collect()
+        self.gathered.pen.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s)).copied().collect()
     }
 
     /// Stretches of time with the pen down [s].
@@ -266,9 +266,9 @@ fn broken(rows: impl Iterator<Item = (f64, f64, bool)>) -> Vec<(f64, f64)> {
     points
 }
 
-fn times(evidence: &Evidence, figures: &Figures) -> Option<Picture> {
+fn times(gathered: &Gathered, figures: &Figures) -> Option<Picture> {
     let of = |label: &str, stage: Stage| {
-        let us = evidence.ticks.iter().map(|tick| f64::from(tick.stage_ns(stage)) * 1e-3);
+        let us = gathered.ticks.iter().map(|tick| f64::from(tick.stage_ns(stage)) * 1e-3);
         Distribution::from_values_us(label, us)
     };
     let shown = [

@@ -10,7 +10,7 @@ use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::evidence::{Evidence, JointUse, StopNote};
+use super::gathered::{Gathered, JointUse, StopNote};
 use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::ghost::Comparison;
@@ -175,53 +175,53 @@ pub(crate) struct Scored {
 
 impl Scored {
     /// Everything, for pictures of a run that cannot be scored.
-    pub(crate) fn whole(evidence: &Evidence) -> Self {
-        Self { tool: evidence.tool.clone(), errors: error_series(&evidence.pen, &evidence.tool) }
+    pub(crate) fn whole(gathered: &Gathered) -> Self {
+        Self { tool: gathered.tool.clone(), errors: error_series(&gathered.pen, &gathered.tool) }
     }
 }
 
 /// The tool from the first instant at which it had come as near to the pen as the loop wants it before lowering it.
 ///
 /// `None`: it never did.
-pub(crate) fn scored(evidence: &Evidence, settings: &Settings) -> Option<Scored> {
+pub(crate) fn scored(gathered: &Gathered, settings: &Settings) -> Option<Scored> {
     let near = settings.safety.approach_distance_m;
-    let following = evidence.ticks.iter().find(|tick| tick.mode == u32::from(Mode::Following));
+    let following = gathered.ticks.iter().find(|tick| tick.mode == u32::from(Mode::Following));
     let from_s = following.map(|tick| tick.t_s).unwrap_or(f64::INFINITY);
-    let errors = error_series(&evidence.pen, &evidence.tool);
+    let errors = error_series(&gathered.pen, &gathered.tool);
     let begin = errors.iter().position(|error| error.t_s >= from_s && error.error_m <= near);
     let errors = errors.get(begin?..)?;
     let first_s = errors.first().map_or(f64::INFINITY, |error| error.t_s);
-    let tool = evidence.tool.iter().filter(|sample| sample.t_s >= first_s).copied().collect();
+    let tool = gathered.tool.iter().filter(|sample| sample.t_s >= first_s).copied().collect();
     Some(Scored { tool, errors: errors.to_vec() })
 }
 
 /// Recomputes everything that people ask about.
 pub(crate) fn figures(
-    evidence: &Evidence,
+    gathered: &Gathered,
     scored: Option<&Scored>,
     config: &Config,
     setting: SettingFigures,
 ) -> Result<Figures, Failure> {
     let settings = config.settings();
-    let status = evidence.status.ok_or_else(|| {
+    let status = gathered.status.ok_or_else(|| {
         Failure::failed("the daemon said nothing about itself", "look at its messages above")
     })?;
     let counts = &status.counters;
-    let score = scored.and_then(|scored| tracking(&evidence.pen, &scored.tool));
-    let armed_s = evidence.ticks.first().map_or(0.0, |tick| tick.t_s);
+    let score = scored.and_then(|scored| tracking(&gathered.pen, &scored.tool));
+    let armed_s = gathered.ticks.first().map_or(0.0, |tick| tick.t_s);
     let spread = |stage: Stage| {
         let mut spread = Spread::new();
-        evidence.ticks.iter().for_each(|tick| spread.add_ns(u64::from(tick.stage_ns(stage))));
+        gathered.ticks.iter().for_each(|tick| spread.add_ns(u64::from(tick.stage_ns(stage))));
         spread.quantiles()
     };
     let (step_us, wakeup_us) = (spread(Stage::Step), spread(Stage::Wakeup));
     let period_us = 1e6 / f64::from(settings.control_loop.rate_hz);
     let late = |ns: u32| f64::from(ns) * 1e-3 + step_us.p50 > period_us;
-    let by_wakeup = evidence
+    let by_wakeup = gathered
         .ticks
         .iter()
         .filter(|tick| tick.health & health::OVERRUN != 0 && late(tick.stage_ns(Stage::Wakeup)));
-    let trusts = evidence.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
+    let trusts = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (sum, count) = trusts.fold((0.0, 0_u32), |(sum, count), tick| (sum + tick.trust, count + 1));
     let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_u64).unwrap_or(0);
     Ok(Figures {
@@ -236,8 +236,8 @@ pub(crate) fn figures(
             step_us,
             wakeup_us,
             missing_rights: foretrace_client::missing_rights::labels(status.missing_rights).collect(),
-            telemetry_lost: evidence.ticks_lost + counts.telemetry_ring_dropped,
-            stops: evidence.stops.iter().map(|stop| StopFigures::of(stop, armed_s)).collect(),
+            telemetry_lost: gathered.ticks_lost + counts.telemetry_ring_dropped,
+            stops: gathered.stops.iter().map(|stop| StopFigures::of(stop, armed_s)).collect(),
         },
         tracking: score.map(|score| TrackingFigures {
             mse_m2: score.mse_m2,
@@ -247,16 +247,16 @@ pub(crate) fn figures(
             mse_at_lag_m2: score.mse_at_lag_m2,
             samples: score.samples,
         }),
-        envelope: evidence.extent.map(ExtentFigures::from),
-        ghost: ghost(evidence, &status),
-        commands: evidence.arm.get("commands").cloned().unwrap_or(Value::Null),
-        joints: JointFigures::of(&evidence.joints, &config.robot().limits),
+        envelope: gathered.extent.map(ExtentFigures::from),
+        ghost: ghost(gathered, &status),
+        commands: gathered.arm.get("commands").cloned().unwrap_or(Value::Null),
+        joints: JointFigures::of(&gathered.joints, &config.robot().limits),
         pen: PenFigures {
-            samples: number(&evidence.player, "samples"),
+            samples: number(&gathered.player, "samples"),
             rejected: counts.pen_rejected.total() + counts.pen_out_of_order + counts.pen_outliers,
             dropped: counts.pen_dropped,
             gaps: counts.pen_gaps,
-            unheard: number(&evidence.player, "unheard"),
+            unheard: number(&gathered.player, "unheard"),
         },
         learner: LearnerFigures {
             updates: status.learner_updates,
@@ -265,14 +265,14 @@ pub(crate) fn figures(
             refused: status.learner_refused,
         },
         trust: TrustFigures { mean: sum / f64::from(count.max(1)), last: status.trust },
-        arm: evidence.arm.get("arm").cloned().unwrap_or(Value::Null),
+        arm: gathered.arm.get("arm").cloned().unwrap_or(Value::Null),
         setting,
     })
 }
 
 /// What the daemon says about its ghost, and how far apart the two were.
-fn ghost(evidence: &Evidence, status: &Status) -> GhostFigures {
-    let following = evidence.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
+fn ghost(gathered: &Gathered, status: &Status) -> GhostFigures {
+    let following = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (mut followed, mut compared, mut apart_m) = (0_u64, 0_u64, None);
     for tick in following {
         followed += 1;
@@ -281,7 +281,7 @@ fn ghost(evidence: &Evidence, status: &Status) -> GhostFigures {
             apart_m = Some(distance.max(apart_m.unwrap_or(0.0)));
         }
     }
-    let written = || evidence.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
+    let written = || gathered.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
     GhostFigures {
         max_m: written().map(|note| note.error_m).reduce(f64::max),
         ghost_max_m: written().map(|note| note.ghost_error_m).reduce(f64::max),
@@ -301,11 +301,11 @@ impl Figures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::demo::evidence::TickNote;
+    use crate::demo::gathered::TickNote;
     use foretrace_sim::path::PathSample;
 
     /// The pen stands still at 0; the tool comes from 100 mm away at 0.1 m/s and stays from t = 1 s on.
-    fn run() -> Evidence {
+    fn run() -> Gathered {
         let pen =
             (0..400).map(|k| PathSample { t_s: f64::from(k) * 0.005, x_m: 0.0, y_m: 0.0, contact: true });
         let tool = (0..1000).map(|k| {
@@ -322,7 +322,7 @@ mod tests {
             ghost: None,
             compared: None,
         };
-        Evidence { pen: pen.collect(), tool: tool.collect(), ticks: vec![tick], ..Evidence::default() }
+        Gathered { pen: pen.collect(), tool: tool.collect(), ticks: vec![tick], ..Gathered::default() }
     }
 
     #[test]
@@ -338,10 +338,10 @@ mod tests {
     #[test]
     fn an_arm_that_never_comes_near_is_not_scored() {
         let config = foretrace_config::Config::preset("ur5").unwrap();
-        let mut evidence = run();
-        evidence.tool.iter_mut().for_each(|sample| sample.y_m = 0.05);
-        assert!(scored(&evidence, config.settings()).is_none());
-        evidence.ticks.clear();
-        assert!(scored(&evidence, config.settings()).is_none());
+        let mut gathered = run();
+        gathered.tool.iter_mut().for_each(|sample| sample.y_m = 0.05);
+        assert!(scored(&gathered, config.settings()).is_none());
+        gathered.ticks.clear();
+        assert!(scored(&gathered, config.settings()).is_none());
     }
 }

@@ -6,7 +6,7 @@
 mod scratch;
 mod children;
 mod crew;
-mod evidence;
+mod gathered;
 mod figures;
 mod told;
 mod verdict;
@@ -31,8 +31,8 @@ use crate::settings::{SettingsArgs, judged};
 use crate::values;
 use crew::{Crew, Followed, Watch};
 use drawings::Drawings;
-use evidence::Evidence;
 use figures::{Figures, SettingFigures};
+use gathered::Gathered;
 use scratch::Leftovers;
 pub(crate) use scratch::Scratch;
 use verdict::Finding;
@@ -136,8 +136,8 @@ impl Stage {
     /// Nothing of the run is left but this: printing it may end the program, where nobody listens any more.
     pub(crate) fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
         let Self { interrupt, scratch, source, config, turn_s } = self;
-        let evidence = evidence_of(args, &source, &config, &scratch, &interrupt)?;
-        let scored = figures::scored(&evidence, config.settings());
+        let gathered = evidence_of(args, &source, &config, &scratch, &interrupt)?;
+        let scored = figures::scored(&gathered, config.settings());
         let setting = SettingFigures {
             pen: args.pen.clone(),
             predictor: config.settings().predictor.kind.word(),
@@ -145,10 +145,10 @@ impl Stage {
             settings: config.name().to_owned(),
             optimised_build: !cfg!(debug_assertions),
         };
-        let figures = figures::figures(&evidence, scored.as_ref(), &config, setting)?;
+        let figures = figures::figures(&gathered, scored.as_ref(), &config, setting)?;
         let bounds = ExtentBounds::of(&config.follower_settings());
-        let findings = verdict::of(&evidence, &figures, &bounds);
-        let drawings = Drawings::of(&evidence, &figures, scored.as_ref(), &bounds, turn_s);
+        let findings = verdict::of(&gathered, &figures, &bounds);
+        let drawings = Drawings::of(&gathered, &figures, scored.as_ref(), &bounds, turn_s);
         Ok((figures, drawings, findings))
     }
 }
@@ -200,7 +200,7 @@ fn evidence_of(
     config: &Config,
     scratch: &Scratch,
     interrupt: &Interrupt,
-) -> Result<Evidence, Failure> {
+) -> Result<Gathered, Failure> {
     let instance = instance_of(config.settings())?;
     // Declared first, so that it goes last.
     let _leftovers = Leftovers(instance.clone());
@@ -231,7 +231,7 @@ fn evidence_of(
     player.extend(words(&["--", &args.pen]));
     crew.start("player", &player)?;
     let followed = crew.follow(&mut watch, args.seconds)?;
-    // After a stop it is the evidence that counts: what cannot be let go of in order any more must not cost the report.
+    // After a stop it is what was gathered that counts: what cannot be let go of in order any more must not cost the report.
     let let_go = |crew: &mut Crew, watch: &mut Watch| match (followed, crew.let_go(watch)) {
         (Followed::Whole, Err(failure)) => Err(failure),
         _ => Ok(()),
@@ -240,18 +240,18 @@ fn evidence_of(
     crew.end("player")?;
     let_go(&mut crew, &mut watch)?;
     crew.end("arm")?;
-    let mut evidence = watch.last_words();
+    let mut gathered = watch.last_words();
     drop(foretrace);
     crew.end("daemon")?;
     crew.done();
 
     let plane = config.follower_settings().plane;
-    evidence.pen = evidence::pen(&scratch.file("pen.csv"), &plane)?;
-    (evidence.tool, evidence.heights, evidence.extent) =
-        evidence::tool(&scratch.file("arm.csv"), config, &plane)?;
-    evidence.arm = evidence::report(&scratch.file("arm.json"))?;
-    evidence.player = evidence::report(&scratch.file("pen.json"))?;
-    Ok(evidence)
+    gathered.pen = gathered::pen(&scratch.file("pen.csv"), &plane)?;
+    (gathered.tool, gathered.heights, gathered.extent) =
+        gathered::tool(&scratch.file("arm.csv"), config, &plane)?;
+    gathered.arm = gathered::report(&scratch.file("arm.json"))?;
+    gathered.player = gathered::report(&scratch.file("pen.json"))?;
+    Ok(gathered)
 }
 
 /// `source` as the options that lead to it, but for the rate, which only the daemon needs.

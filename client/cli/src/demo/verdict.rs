@@ -4,8 +4,8 @@
 
 use foretrace_control::extent::ExtentBounds;
 
-use super::evidence::Evidence;
 use super::figures::Figures;
+use super::gathered::Gathered;
 use crate::failure::Failure;
 use crate::stopped;
 
@@ -35,7 +35,7 @@ impl Finding {
 
 /// All findings, the worst first; none for a run as it should be. An arm that did not follow its commands may leave the
 /// envelope as well: the stop, which names the cause, comes first.
-pub(crate) fn of(evidence: &Evidence, figures: &Figures, bounds: &ExtentBounds) -> Vec<Finding> {
+pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) -> Vec<Finding> {
     let count = figures.limit_violations();
     let illegal = (count > 0).then(|| {
         Finding::new(
@@ -43,13 +43,13 @@ pub(crate) fn of(evidence: &Evidence, figures: &Figures, bounds: &ExtentBounds) 
             "this is a fault of foretrace: please report it with the report folder",
         )
     });
-    let breach = evidence.extent.and_then(|extent| bounds.broken_by(&extent)).map(|breach| {
+    let breach = gathered.extent.and_then(|extent| bounds.broken_by(&extent)).map(|breach| {
         Finding::new(
             format!("the tool left its envelope: {breach}"),
             "lower the speed of the pen or of plane.scale, or give the plan back its mpc.limits; the report has the picture",
         )
     });
-    let stops = evidence.stops.iter().zip(&figures.control_loop.stops).map(|(stop, told)| Finding {
+    let stops = gathered.stops.iter().zip(&figures.control_loop.stops).map(|(stop, told)| Finding {
         what: format!("the daemon stopped the arm by itself after {:.1} s", told.at_s),
         reason: told.words(),
         remedy: stopped::remedy(stop.fault).to_owned(),

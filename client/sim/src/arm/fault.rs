@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 use std::str::FromStr;
 
-use super::servo::Motion;
+use super::servo::JointMotion;
 use super::{JOINTS, Joints};
 
 /// Swings per second of [`FaultKind::Oscillation`], where it begins [rad], and its growth [1/s].
@@ -111,7 +111,7 @@ impl Broken {
     }
 
     /// Another cycle has passed; joints that stand hold their servo and their loop.
-    pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [Motion; JOINTS]; 2]) {
+    pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [JointMotion; JOINTS]; 2]) {
         self.since_s += cycle_s;
         for motions in axes {
             for (axis, (motion, from)) in motions.iter_mut().zip(self.from).enumerate() {
@@ -121,7 +121,7 @@ impl Broken {
                     _ => false,
                 };
                 if stands {
-                    *motion = Motion { q: from, qd: 0.0 };
+                    *motion = JointMotion { q: from, qd: 0.0 };
                 }
             }
         }

@@ -21,7 +21,7 @@ pub use fault::{Fault, FaultKind, NoFault};
 
 use delay::DelayLine;
 use fault::Broken;
-use servo::{Clamp, Motion, follow, settle};
+use servo::{Clamp, JointMotion, follow, settle};
 
 /// Joints of the simulated arm.
 pub const JOINTS: usize = 6;
@@ -122,8 +122,8 @@ pub struct ArmModel {
     newest_target: [f64; JOINTS],
     /// Where the servo was sent in the previous cycle.
     previous_target: [f64; JOINTS],
-    servo: [Motion; JOINTS],
-    joint: [Motion; JOINTS],
+    servo: [JointMotion; JOINTS],
+    joint: [JointMotion; JOINTS],
     clamped: bool,
     cycles: u64,
     broken: Option<Broken>,
@@ -133,7 +133,7 @@ impl ArmModel {
     /// An arm at rest at `q` [rad].
     #[must_use]
     pub fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
-        let still = q.map(|q| Motion { q, qd: 0.0 });
+        let still = q.map(|q| JointMotion { q, qd: 0.0 });
         Self {
             settings,
             scaling: settings.scaling(),

@@ -4,7 +4,7 @@
 
 /// Position [rad] and velocity [rad/s] of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Motion {
+pub(super) struct JointMotion {
     pub(super) q: f64,
     pub(super) qd: f64,
 }
@@ -14,7 +14,13 @@ pub(super) struct Motion {
 /// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and exact:
 /// e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Closing speed is bounded by what can still be braked, so that a large step
 /// meets the acceleration clamp without overshoot.
-pub(super) fn follow(state: Motion, from: f64, to: f64, look_ahead_s: f64, clamp: &Clamp) -> Motion {
+pub(super) fn follow(
+    state: JointMotion,
+    from: f64,
+    to: f64,
+    look_ahead_s: f64,
+    clamp: &Clamp,
+) -> JointMotion {
     let dt = clamp.dt;
     let slope = (to - from) / dt;
     if look_ahead_s <= 0.0 {
@@ -32,17 +38,17 @@ pub(super) fn follow(state: Motion, from: f64, to: f64, look_ahead_s: f64, clamp
         let most = clamp.brakeable((e.abs() - 0.5 * ed.abs() * dt).max(0.0));
         ed_next = ed_next.clamp(-most, most);
     }
-    Motion { q: to - lag + e_next, qd: slope + ed_next }
+    JointMotion { q: to - lag + e_next, qd: slope + ed_next }
 }
 
 /// No servo: on the target where the limits let it be, else after it as fast as it can still be braked.
-fn pass(state: Motion, from: f64, to: f64, clamp: &Clamp) -> Motion {
+fn pass(state: JointMotion, from: f64, to: f64, clamp: &Clamp) -> JointMotion {
     let dt = clamp.dt;
     let slope = (to - from) / dt;
-    let with = |qd: f64| Motion { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
+    let with = |qd: f64| JointMotion { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
     // Farther than this off the way between both velocities, no acceleration within the limit gets there in one cycle.
     if !((to - with(slope).q).abs() > 0.25 * clamp.a * dt * dt) {
-        return Motion { q: to, qd: slope };
+        return JointMotion { q: to, qd: slope };
     }
     let gap = from - state.q;
     // What is left when this cycle has gone by.
@@ -51,14 +57,14 @@ fn pass(state: Motion, from: f64, to: f64, clamp: &Clamp) -> Motion {
 }
 
 /// First order with time constant `tau` behind an input going straight `from` → `to` within the cycle; exact.
-pub(super) fn settle(state: Motion, from: f64, to: f64, tau: f64, dt: f64) -> Motion {
+pub(super) fn settle(state: JointMotion, from: f64, to: f64, tau: f64, dt: f64) -> JointMotion {
     let slope = (to - from) / dt;
     if tau <= 0.0 {
-        return Motion { q: to, qd: slope };
+        return JointMotion { q: to, qd: slope };
     }
     let lag = tau * slope;
     let e_next = (state.q - (from - lag)) * (-dt / tau).exp();
-    Motion { q: to - lag + e_next, qd: slope - e_next / tau }
+    JointMotion { q: to - lag + e_next, qd: slope - e_next / tau }
 }
 
 /// The velocity and acceleration clamps of one joint over one cycle.
@@ -70,14 +76,14 @@ pub(super) struct Clamp {
 
 impl Clamp {
     /// `wanted` if it is within reach of `state`, else the nearest velocity that is, with the position it leads to.
-    pub(super) fn apply(&self, state: Motion, wanted: Motion) -> Motion {
+    pub(super) fn apply(&self, state: JointMotion, wanted: JointMotion) -> JointMotion {
         let qd =
             wanted.qd.clamp(state.qd - self.a * self.dt, state.qd + self.a * self.dt).clamp(-self.v, self.v);
         let mean = (wanted.q - state.q) / self.dt;
         if qd == wanted.qd && mean.abs() <= self.v {
             wanted
         } else {
-            Motion { q: state.q + 0.5 * (state.qd + qd) * self.dt, qd }
+            JointMotion { q: state.q + 0.5 * (state.qd + qd) * self.dt, qd }
         }
     }
 

@@ -22,7 +22,7 @@ const STEP_S: f64 = 0.25e-3;
 
 /// Commands and the joint states to be explained.
 #[derive(Debug)]
-pub(super) struct Problem<'a> {
+pub(super) struct LagProblem<'a> {
     pub(super) path: Path,
     pub(super) states: &'a [Sample],
     /// Joints that move.
@@ -36,7 +36,7 @@ pub(super) struct Fit {
     pub(super) rms: f64,
 }
 
-impl Problem<'_> {
+impl LagProblem<'_> {
     /// (shift [s], RMS of what it leaves unexplained [rad]) over the whole range.
     pub(super) fn curve(&self) -> Vec<(f64, f64)> {
         let count = ((SHIFTS_S.1 - SHIFTS_S.0) / SCAN_S).round() as usize;

@@ -14,7 +14,7 @@ mod response;
 mod fit;
 
 use crate::arm::JOINTS;
-use fit::{Fit, Problem, SHIFTS_S};
+use fit::{Fit, LagProblem, SHIFTS_S};
 use response::Path;
 
 /// Joints that were commanded or measured at an instant.
@@ -205,7 +205,7 @@ pub fn identify(commands: &[Sample], states: &[Sample]) -> Result<Identified, La
         return Err(LagError::NotMoved { commanded_rad: moved_rad[most], measured_rad });
     }
 
-    let problem = Problem { path: Path::commanded(&commands, &joints), states: &inside, joints: &joints };
+    let problem = LagProblem { path: Path::commanded(&commands, &joints), states: &inside, joints: &joints };
     let curve = problem.curve();
     let shift = problem.shift(&curve);
     let motion_rad = motion_rms(&inside, &joints);
@@ -242,7 +242,7 @@ pub fn modelled(commands: &[Sample], joint: usize, servo: &Servo, times_s: &[f64
 }
 
 /// Fits the delay anew in each of [`BLOCKS`] blocks of equal length; blocks without motion are left out.
-fn spread(problem: &Problem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
+fn spread(problem: &LagProblem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
     let [_, filter_s, loop_s] = fit.p;
     let length_s = (window_s.1 - window_s.0) / BLOCKS as f64;
     let path = problem.path.filtered(filter_s, loop_s);
@@ -257,7 +257,7 @@ fn spread(problem: &Problem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
         if states.len() < 5 || motion_rms(states, problem.joints) < 0.2 * whole_rad {
             continue;
         }
-        let part = Problem { path: path.clone(), states, joints: problem.joints };
+        let part = LagProblem { path: path.clone(), states, joints: problem.joints };
         blocks_s.push(part.refined([fit.p[0], 0.0, 0.0], &[0]).p[0] + filter_s + loop_s);
     }
     let mut sorted = blocks_s.clone();

@@ -9,7 +9,7 @@ mod travel;
 pub use place::{Anchor, Ink, Layout, Lift, PathError, Placement};
 pub use travel::travel_duration_s;
 
-use crate::metrics::{Motion, ToolSample, motion};
+use crate::metrics::{Smoothness, ToolSample, motion};
 use std::ops::Range;
 
 /// One reading of the pen.
@@ -121,7 +121,7 @@ impl PenPath {
 
     /// Peak and RMS of the pen's derivatives, hover included, gaps left out.
     #[must_use]
-    pub fn motion(&self) -> Motion {
+    pub fn motion(&self) -> Smoothness {
         let samples: Vec<ToolSample> =
             self.samples.iter().map(|s| ToolSample { t_s: s.t_s, x_m: s.x_m, y_m: s.y_m }).collect();
         motion(&samples)

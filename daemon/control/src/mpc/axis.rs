@@ -6,7 +6,7 @@
 use super::behind::Arm;
 use super::cost::{Cost, Weights};
 use super::limits::{Influence, inside};
-use super::model::{Motion, State, rollout};
+use super::model::{MotionRows, State, rollout};
 use super::plan::{ActiveLimits, AxisReport, SolvePath};
 use crate::qp::dual::{Bounds, DualActiveSet, Termination};
 use crate::qp::{KKT_TOLERANCE, QpStatus};
@@ -44,7 +44,7 @@ impl<const N: usize> AxisProblem<'_, N> {
 
     /// ∇½J at `motion` plus C̃ᵀ `multipliers`.
     #[inline]
-    pub(super) fn gradient(&self, motion: &Motion<N>, multipliers: &Motion<N>) -> [f64; N] {
+    pub(super) fn gradient(&self, motion: &MotionRows<N>, multipliers: &MotionRows<N>) -> [f64; N] {
         self.cost.gradient((&self.start, self.arm), motion, &self.pull, multipliers)
     }
 
@@ -85,7 +85,7 @@ impl<const N: usize> AxisProblem<'_, N> {
         &self,
         set: &mut DualActiveSet<4, N, N>,
         max_iterations: u32,
-        mut motion: Motion<N>,
+        mut motion: MotionRows<N>,
         scale: f64,
     ) -> ([f64; N], AxisReport) {
         let influence = Influence(self.cost);
@@ -137,7 +137,7 @@ impl<const N: usize> AxisProblem<'_, N> {
     fn refine(
         &self,
         jerks: &mut [f64; N],
-        motion: &Motion<N>,
+        motion: &MotionRows<N>,
         gradient: &[f64; N],
         set: &mut DualActiveSet<4, N, N>,
     ) {
@@ -146,7 +146,7 @@ impl<const N: usize> AxisProblem<'_, N> {
         let mut excess = [0.0; N];
         for (entry, (row, side)) in excess.iter_mut().zip(set.active()) {
             let bounds = if side > 0.0 { &self.bounds.upper } else { &self.bounds.lower };
-            let at = |rows: &Motion<N>| rows.as_flattened().get(row).copied().unwrap_or(0.0);
+            let at = |rows: &MotionRows<N>| rows.as_flattened().get(row).copied().unwrap_or(0.0);
             *entry = at(motion) + at(&moved) - at(bounds);
         }
         let [correction, ..] = set.correct(&excess, self.bounds);
@@ -160,8 +160,8 @@ impl<const N: usize> AxisProblem<'_, N> {
     #[inline]
     pub(super) fn residual(
         &self,
-        motion: &Motion<N>,
-        multipliers: &Motion<N>,
+        motion: &MotionRows<N>,
+        multipliers: &MotionRows<N>,
         gradient: &[f64; N],
         scale: f64,
     ) -> f64 {
@@ -194,7 +194,7 @@ impl<const N: usize> AxisProblem<'_, N> {
     }
 
     /// Rows with a multiplier, by kind.
-    pub(super) fn count(&self, multipliers: &Motion<N>) -> ActiveLimits {
+    pub(super) fn count(&self, multipliers: &MotionRows<N>) -> ActiveLimits {
         let mut saturated = 0;
         let mut held = [0_u8; 4];
         for ((kind, row), prices) in held.iter_mut().zip(multipliers).zip(&self.bounds.penalty) {

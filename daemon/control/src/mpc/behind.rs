@@ -7,7 +7,7 @@ use std::ops::{Add, Mul};
 
 use nalgebra::Matrix6;
 
-use super::model::{Motion, State};
+use super::model::{MotionRows, State};
 use crate::qp::cholesky::Square;
 use crate::qp::dual::Rows;
 
@@ -86,7 +86,7 @@ impl Behind {
         &self,
         start: &State,
         arm: Arm<f64>,
-        motion: &Motion<N>,
+        motion: &MotionRows<N>,
     ) -> Rows<3, N> {
         let [jerks, accelerations, velocities, positions] = motion;
         let mut rows = [[0.0; N]; 3];
@@ -102,7 +102,7 @@ impl Behind {
     }
 
     /// Adds to `force` on a motion what `seen`, a force on the arm along it, comes to: the transpose of [`Self::along`].
-    pub(super) fn along_transposed<const N: usize>(&self, seen: &Rows<3, N>, force: &mut Motion<N>) {
+    pub(super) fn along_transposed<const N: usize>(&self, seen: &Rows<3, N>, force: &mut MotionRows<N>) {
         let [seen_a, seen_w, seen_y] = seen;
         let [jerks, accelerations, velocities, positions] = force;
         let (mut on_arm, mut on_command) = ([0.0; 2], [0.0; 3]);

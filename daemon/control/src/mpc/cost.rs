@@ -6,7 +6,7 @@
 
 use super::behind::{Arm, Behind};
 use super::condense::Condensed;
-use super::model::{Motion, State, adjoint};
+use super::model::{MotionRows, State, adjoint};
 use crate::qp::cholesky::{Cholesky, Square};
 use crate::units::Trust;
 
@@ -68,7 +68,7 @@ pub struct Cost<const N: usize> {
     inverse: Square<N>,
 }
 
-/// Squared gains in the order of [`Motion`] without its jerk block.
+/// Squared gains in the order of [`MotionRows`] without its jerk block.
 pub type Weights<const N: usize> = [[f64; N]; 3];
 
 impl<const N: usize> Cost<N> {
@@ -254,9 +254,9 @@ impl<const N: usize> Cost<N> {
     pub(super) fn gradient(
         &self,
         (start, arm): (&State, Arm<f64>),
-        motion: &Motion<N>,
+        motion: &MotionRows<N>,
         pull: &Weights<N>,
-        multipliers: &Motion<N>,
+        multipliers: &MotionRows<N>,
     ) -> [f64; N] {
         let [jerk, states @ ..] = motion;
         let [_, _, weights] = &self.weights;

@@ -4,7 +4,7 @@
 //! and a start outside still has a best plan. All rows are two-sided, in normalised units.
 
 use super::cost::Cost;
-use super::model::{Motion, Scale, rollout};
+use super::model::{MotionRows, Scale, rollout};
 use crate::qp::dual::{Bounds, Gram, Rows};
 use crate::units::AxisState;
 
@@ -110,7 +110,7 @@ fn selection<const N: usize>(cost: &Cost<N>) -> Rows<4, N> {
 /// Every row keeps its limit; `false` for NaN.
 #[must_use]
 #[inline]
-pub(super) fn inside<const N: usize>(motion: &Motion<N>, bounds: &Bounds<4, N>) -> bool {
+pub(super) fn inside<const N: usize>(motion: &MotionRows<N>, bounds: &Bounds<4, N>) -> bool {
     let limits = bounds.lower.as_flattened().iter().zip(bounds.upper.as_flattened());
     let mut kept = true;
     for (r, (lower, upper)) in motion.as_flattened().iter().zip(limits) {
@@ -125,7 +125,7 @@ pub(super) struct Influence<'a, const N: usize>(pub &'a Cost<N>);
 
 impl<const N: usize> Gram<4, N> for Influence<'_, N> {
     #[inline]
-    fn column(&self, row: usize, out: &mut Motion<N>) {
+    fn column(&self, row: usize, out: &mut MotionRows<N>) {
         let Self(cost) = self;
         let jerks = if let Some(column) = cost.inverse().get(row) {
             *column

@@ -38,7 +38,7 @@ use behind::Behind;
 use condense::Condensed;
 use cost::Cost;
 use free::{Free, FreeOptimum};
-use model::{Motion, Scale, rollout};
+use model::{MotionRows, Scale, rollout};
 
 /// Where a plan begins, per axis of the writing plane's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -262,7 +262,7 @@ impl<const N: usize> Axis<N> {
     }
 }
 
-/// C̃: the rows of [`Motion`] as a 4N x N matrix, row by row.
+/// C̃: the rows of [`MotionRows`] as a 4N x N matrix, row by row.
 fn constraint_rows<const N: usize>(condensed: &Condensed<N>) -> Vec<[f64; N]> {
     let mut rows = vec![[0.0; N]; N];
     for (i, row) in rows.iter_mut().enumerate() {
@@ -286,7 +286,7 @@ fn by_clarabel<const N: usize>(problem: &AxisProblem<'_, N>, qp: &mut SoftRowQp)
         return (jerks, report);
     };
     let free = rollout(&problem.start, &[0.0; N]);
-    let relative = |bounds: &Motion<N>| {
+    let relative = |bounds: &MotionRows<N>| {
         let mut rows = *bounds;
         for (bound, free) in rows.as_flattened_mut().iter_mut().zip(free.as_flattened()) {
             *bound -= free;

@@ -12,7 +12,7 @@ pub type State = [f64; 3];
 
 /// Per step along the horizon: jerk u_{i−1}, then acceleration, velocity and position of x_i; normalised.
 /// The blocks of every row vector stand in this order.
-pub type Motion<const N: usize> = Rows<4, N>;
+pub type MotionRows<const N: usize> = Rows<4, N>;
 
 /// x_{i+1} = A x_i + B u_i.
 pub const A: [[f64; 3]; 3] = [[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
@@ -59,7 +59,7 @@ impl Scale {
 /// The motion from `start` under `jerks`: the forward sweep.
 #[must_use]
 #[inline]
-pub fn rollout<const N: usize>(start: &State, jerks: &[f64; N]) -> Motion<N> {
+pub fn rollout<const N: usize>(start: &State, jerks: &[f64; N]) -> MotionRows<N> {
     let [mut p, mut v, mut a] = *start;
     let mut motion = [*jerks, [0.0; N], [0.0; N], [0.0; N]];
     let [_, accelerations, velocities, positions] = &mut motion;
@@ -78,7 +78,7 @@ pub fn rollout<const N: usize>(start: &State, jerks: &[f64; N]) -> Motion<N> {
 /// B̃ᵀ f for `force` f on the states (its jerk block passes through): the backward sweep.
 #[must_use]
 #[inline]
-pub fn adjoint<const N: usize>(force: &Motion<N>) -> [f64; N] {
+pub fn adjoint<const N: usize>(force: &MotionRows<N>) -> [f64; N] {
     let [jerk, on_acceleration, on_velocity, on_position] = force;
     let mut gradient = *jerk;
     let [mut p, mut v, mut a] = [0.0; 3];

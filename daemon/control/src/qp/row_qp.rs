@@ -182,7 +182,7 @@ pub fn solve<const J: usize>(
     for (k, z) in set.multipliers().as_flattened().iter().skip(J).enumerate() {
         state.yielded |= u32::from(-z >= PENALTY && state.held >> k & 1 == 0) << k;
     }
-    let problem = Problem { h, g: &g, lower: &lower, upper: &upper, rows };
+    let problem = RowProblem { h, g: &g, lower: &lower, upper: &upper, rows };
     let Some((x, multipliers)) = problem.refined(&found, &state) else {
         return RowSolution { iterations, x: inside, ..failed(QpStatus::Uncertified) };
     };
@@ -234,7 +234,7 @@ struct State {
     yielded: u32,
 }
 
-struct Problem<'a, const J: usize> {
+struct RowProblem<'a, const J: usize> {
     h: &'a Square<J>,
     g: &'a [f64; J],
     lower: &'a [f64; J],
@@ -242,7 +242,7 @@ struct Problem<'a, const J: usize> {
     rows: &'a RowSet<J>,
 }
 
-impl<const J: usize> Problem<'_, J> {
+impl<const J: usize> RowProblem<'_, J> {
     /// Solution and row multipliers solved anew for what holds them, from H itself instead of updated quantities:
     /// x = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
     #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]

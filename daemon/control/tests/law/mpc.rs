@@ -1,7 +1,7 @@
 //! The MPC: model, optimality, limits, trust, hostile input.
 
 use foretrace_control::mpc::condense::Condensed;
-use foretrace_control::mpc::model::{Motion, Scale, adjoint, rollout};
+use foretrace_control::mpc::model::{MotionRows, Scale, adjoint, rollout};
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcError, MpcSettings, Plan, SoftPenalty, SolvePath,
 };
@@ -87,7 +87,8 @@ fn condensed_model_matches_the_rolled_out_one() {
             assert!((motion[block][i] - free - forced).abs() < 1e-12, "step {i}, quantity {quantity}");
         }
     }
-    let force: Motion<N> = std::array::from_fn(|b| std::array::from_fn(|i| (b * 10 + i) as f64 * 0.01 - 0.1));
+    let force: MotionRows<N> =
+        std::array::from_fn(|b| std::array::from_fn(|i| (b * 10 + i) as f64 * 0.01 - 0.1));
     let gradient = adjoint(&force);
     for (j, entry) in gradient.iter().enumerate() {
         let mut expected = force[0][j];

@@ -54,7 +54,7 @@ impl Bench {
     }
 
     /// One period; the arm follows exactly.
-    fn run(&mut self, late_ns: u64) -> Evidence {
+    fn run(&mut self, late_ns: u64) -> TickFacts {
         let period = self.tick.period_ns;
         self.joints.stamp = Stamp(self.release);
         self.peer.joints.push(self.joints).unwrap();
@@ -76,7 +76,7 @@ impl Bench {
             self.joints.q = command.q;
             self.joints.qd = command.qd;
         }
-        self.ipc.evidence.pop().unwrap()
+        self.ipc.facts.pop().unwrap()
     }
 
     fn ask(&mut self, token: u64, request: Request) -> Answered {
@@ -94,7 +94,7 @@ impl Bench {
     }
 
     /// Follows a circle of 2 cm for `ticks`.
-    fn follow(&mut self, ticks: u64) -> Evidence {
+    fn follow(&mut self, ticks: u64) -> TickFacts {
         let mut last = self.run(0);
         for k in 0..ticks {
             if k % 4 == 0 {
@@ -171,7 +171,7 @@ fn a_slow_solver_is_not_shed_for_ever() {
 #[test]
 fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
     let mut bench = Bench::new();
-    for _ in 0..EVIDENCE + 10 {
+    for _ in 0..FACTS + 10 {
         let wake = Wake {
             index: 0,
             due: Stamp(bench.release),
@@ -184,7 +184,7 @@ fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
         bench.release += bench.tick.period_ns;
     }
     assert_eq!(bench.tick.tally.evidence_dropped, 10);
-    let first = bench.ipc.evidence.pop().unwrap();
+    let first = bench.ipc.facts.pop().unwrap();
     assert_eq!(first.tick, 1);
 }
 

@@ -15,11 +15,11 @@ impl Bench {
     }
 
     /// One tick whose work takes longer than its period.
-    fn run_long(&mut self) -> Evidence {
+    fn run_long(&mut self) -> TickFacts {
         self.clock.1.set(self.tick.period_ns / 2);
-        let evidence = self.run(0);
+        let facts = self.run(0);
         self.clock.1.set(100);
-        evidence
+        facts
     }
 
     /// One tick with a request that was sent `ago_ns` before its release; the answer.

@@ -25,13 +25,13 @@ fn who_asks_hears_when_the_way_is_known_and_once() {
     let mut bench = asking();
     let mut answers = Vec::new();
     for _ in 0..20_000 {
-        let evidence = bench.run(0);
+        let facts = bench.run(0);
         while let Ok(answer) = bench.ipc.answered.pop() {
             assert_eq!(answer.mode, Mode::Homing);
-            assert!(evidence.output.home.is_some_and(|home| home.moving));
+            assert!(facts.output.home.is_some_and(|home| home.moving));
             answers.push((answer.token, answer.outcome));
         }
-        if evidence.output.mode == Mode::Idle {
+        if facts.output.mode == Mode::Idle {
             break;
         }
     }
@@ -59,7 +59,7 @@ fn a_request_that_was_sent_before_a_stop_moves_nothing() {
     flag.ask();
     let (stamp, sent) = (Stamp(bench.release), Stamp(bench.release - 1_000_000));
     bench.ipc.asked.push(Asked { token: 5, request: Request::MoveHome, stamp, sent }).unwrap();
-    let evidence = bench.run(0);
-    assert_eq!((evidence.output.mode, evidence.output.command), (Mode::Idle, None));
+    let facts = bench.run(0);
+    assert_eq!((facts.output.mode, facts.output.command), (Mode::Idle, None));
     assert_eq!(bench.ipc.answered.pop().unwrap().outcome, Err(Refusal::StopCame));
 }

@@ -15,7 +15,7 @@ use crate::failure::Failure;
 
 /// Everything collected while the loop ran.
 #[derive(Debug, Default)]
-pub(crate) struct Evidence {
+pub(crate) struct Gathered {
     /// Tick records since arming, thinned to what the report needs.
     pub(crate) ticks: Vec<TickNote>,
     /// Every stop that latched while the arm followed.

@@ -131,7 +131,7 @@ pub struct LoopTally {
 
 /// Everything one tick saw, decided and cost.
 #[derive(Debug, Clone, Copy)]
-pub struct Evidence {
+pub struct TickFacts {
     /// Number of the tick, from 1, without skipped ones.
     pub tick: u64,
     /// When it started.
