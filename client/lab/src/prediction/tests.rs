@@ -1,3 +1,5 @@
+//! Ranking: nothing leaks from what is scored, and names, units and models that cannot train are told.
+
 use super::*;
 use foretrace_sim::data::Split;
 use std::path::Path;

@@ -1,3 +1,5 @@
+//! Pen paths: ink, lifts and gaps as recorded or made up.
+
 use super::*;
 use crate::data::{Character, Component};
 use proptest::prelude::*;

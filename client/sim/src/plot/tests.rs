@@ -1,3 +1,5 @@
+//! Charts: whole SVG or a refusal, axes with labels, quantiles that count weights.
+
 use super::*;
 use crate::metrics::ToolSample;
 use crate::path::PathSample;

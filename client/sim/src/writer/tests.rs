@@ -1,3 +1,5 @@
+//! The built-in writer: every promised glyph, one hand per seed, sizes and hovers.
+
 use super::*;
 use crate::data::median_glyph_height;
 use crate::path::Layout;

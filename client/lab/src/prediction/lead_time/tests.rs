@@ -1,3 +1,5 @@
+//! Lead times: what simple motion must come to, windows, rates, and predictions from files.
+
 use super::*;
 use crate::prediction::{Model, Sequence, Set};
 use std::path::Path;

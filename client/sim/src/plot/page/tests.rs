@@ -1,3 +1,5 @@
+//! Pictures of a page: well formed, with their figures, and never a panic.
+
 use super::*;
 use crate::metrics::ToolSample;
 use crate::path::PathSample;
