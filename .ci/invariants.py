@@ -6,6 +6,9 @@ import re
 import subprocess
 import sys
 
+import documents
+import tables
+
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 OUR_FOLDERS = {"daemon", "client", "shm-schema", "config", "tests"}
 UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/src/os.rs", "client/cli/src/os.rs"}
@@ -146,8 +149,8 @@ def promised_tests_exist() -> None:
 
 def pictures_say_what_is_said_of_them() -> None:
     """Figures in the text of a link to a picture stand in that picture, and the picture exists."""
-    link = re.compile(r"\[([^\]]*)\]\(((?:\.\./)?client/pictures/[\w.-]+\.svg)\)")
-    for doc in [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    link = re.compile(r"\[([^\]]*)\]\(((?:\.\./|docs/)*pictures/[\w.-]+\.svg)\)")
+    for doc in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]):
         name = doc.relative_to(ROOT)
         for text, target in link.findall(doc.read_text(encoding="utf-8")):
             picture = (doc.parent / target).resolve()
@@ -190,6 +193,7 @@ def main() -> int:
     promised_tests_exist()
     pictures_say_what_is_said_of_them()
     sizes_and_places()
+    problems.extend([*documents.problems(), *tables.problems(bless=False)])
     for problem in problems:
         print(f"invariant broken: {problem}", file=sys.stderr)
     print(f"invariants: {len(problems)} broken")

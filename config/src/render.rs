@@ -1,4 +1,4 @@
-//! Showing: the settings in force as a commented file, and the table of keys for the README.
+//! Showing: the settings in force as a commented file, and the table of keys for the documents.
 
 use std::fmt::Write as _;
 
@@ -75,7 +75,7 @@ impl Config {
     }
 }
 
-/// All keys as a Markdown table per section, for `config/README.md`.
+/// All keys as a Markdown table per section, for `docs/configure/settings.md`.
 #[must_use]
 pub fn key_table() -> String {
     let mut text = String::new();

@@ -114,7 +114,7 @@ fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS
             let remedy = match error {
                 ChainError::Count { found, .. } if found > JOINTS => {
                     "name a robot.tip_link before the gripper, if joints of that are counted; \
-                     why six, and what seven would take: docs/arms.md"
+                     why six, and what seven would take: docs/extend/arm.md"
                 }
                 ChainError::Xacro => "name the expanded file",
                 _ => "correct the description, or robot.base_link and robot.tip_link",

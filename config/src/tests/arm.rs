@@ -156,7 +156,7 @@ fn a_seventh_joint_is_refused_with_where_the_reason_stands_and_a_xacro_file_is_r
         <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"#;
     let seven = presets::robot("ur5").unwrap().replace("</robot>", joint);
     let text = with_urdf(&seven, "tip_link = \"l7\"\n").unwrap_err();
-    assert!(text.contains("7 moving joints") && text.contains("docs/arms.md"), "{text}");
+    assert!(text.contains("7 moving joints") && text.contains("docs/extend/arm.md"), "{text}");
     for macros in ["<xacro:include filename=\"a\"/>", "<link name=\"${prefix}base\"/>"] {
         let text = with_urdf(&format!("<robot name=\"a\">{macros}</robot>"), "").unwrap_err();
         assert!(text.contains("xacro FILE > robot.urdf") && !text.contains("the links are"), "{text}");

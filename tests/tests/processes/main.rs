@@ -13,6 +13,7 @@ mod record;
 mod refused;
 mod security;
 mod snippets;
+mod snippets_shell;
 mod syscalls;
 mod train;
 mod wrong_input;

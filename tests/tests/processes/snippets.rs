@@ -2,7 +2,8 @@
 //!
 //! The functions below are the documents' snippets with what their readers bring themselves (a tablet, an arm, a proposal).
 //! Nobody calls them: they would need a daemon and never end. A snippet that no function here has, letter for letter, fails
-//! the test; one that does not compile fails the build. Settings snippets must be accepted.
+//! the test; one that does not compile fails the build. Settings must be accepted, dependencies be crates of this workspace,
+//! and blocks are of a kind that is checked. Shell: [`crate::snippets_shell`].
 
 #![allow(dead_code, reason = "compiled, not run")]
 
@@ -122,57 +123,129 @@ fn guard_alone(position: [[f64; 2]; 2], [velocity, acceleration, braking, measur
     }
 }
 
-/// The documents with their place.
-fn documents() -> Vec<(PathBuf, String)> {
+/// The documents with their place: those at the top, the book, the cards of the models.
+pub(crate) fn documents() -> Vec<(PathBuf, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let folders = ["", "docs", "config", "config/models", "client", "daemon", "shm-schema", "tests"];
-    let mut found = Vec::new();
-    for entry in folders.iter().flat_map(|folder| std::fs::read_dir(root.join(folder)).unwrap()) {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|ending| ending == "md") {
+    let (mut found, mut folders) = (Vec::new(), vec![root.join("docs"), root.join("config/models")]);
+    let mut look = |folder: &Path, folders: Option<&mut Vec<PathBuf>>| {
+        let (below, files): (Vec<PathBuf>, Vec<PathBuf>) = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .partition(|path| path.is_dir());
+        for path in files.into_iter().filter(|path| path.extension().is_some_and(|ending| ending == "md")) {
             let text = std::fs::read_to_string(&path).unwrap();
             found.push((path, text));
         }
+        if let Some(folders) = folders {
+            folders.extend(below);
+        }
+    };
+    look(&root, None);
+    while let Some(folder) = folders.pop() {
+        look(&folder, Some(&mut folders));
     }
     found
+}
+
+/// What stands between fences of a document, with the word behind the first of them; without the indentation of a list.
+pub(crate) fn blocks(text: &str) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    let mut block: Option<(String, String, usize)> = None;
+    for line in text.lines() {
+        if let Some(kind) = line.trim_start().strip_prefix("```") {
+            match block.take() {
+                Some((kind, body, _)) => found.push((kind, body)),
+                None => block = Some((kind.to_owned(), String::new(), line.len() - line.trim_start().len())),
+            }
+        } else if let Some((_, body, indent)) = &mut block {
+            body.push_str(line.get(*indent..).unwrap_or_default());
+            body.push('\n');
+        }
+    }
+    assert!(block.is_none(), "a block without an end");
+    found
+}
+
+/// The blocks of one kind with the document that each stands in.
+pub(crate) fn blocks_of(wanted: &str) -> Vec<(PathBuf, String)> {
+    let of = |(path, text): (PathBuf, String)| {
+        let here = blocks(&text).into_iter().filter(|(kind, _)| kind == wanted);
+        here.map(|(_, body)| (path.clone(), body)).collect::<Vec<_>>()
+    };
+    documents().into_iter().flat_map(of).collect()
+}
+
+#[test]
+fn every_block_of_the_documents_is_of_a_kind_that_is_checked() {
+    for (path, text) in documents() {
+        for (kind, body) in blocks(&text) {
+            let known = ["rust", "sh", "toml", "text"].contains(&kind.as_str());
+            assert!(
+                known,
+                "{}: a block of kind {kind:?}; text is what a program prints:\n{body}",
+                path.display()
+            );
+        }
+    }
 }
 
 #[test]
 fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
     let compiled = include_str!("snippets.rs");
-    let mut count = 0;
-    for (path, text) in documents() {
-        for snippet in text.split("```rust\n").skip(1) {
-            let snippet = snippet.split("```").next().unwrap();
-            let indented: String = snippet
-                .lines()
-                .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
-                .collect();
-            assert!(
-                compiled.contains(&indented),
-                "{}: this snippet is not compiled; put it into a function of tests/tests/processes/snippets.rs:\n{snippet}",
-                path.display()
-            );
-            count += 1;
+    let snippets = blocks_of("rust");
+    assert!(snippets.len() >= 5, "only {} snippets were found", snippets.len());
+    for (path, snippet) in snippets {
+        let indented: String = snippet
+            .lines()
+            .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
+            .collect();
+        assert!(
+            compiled.contains(&indented),
+            "{}: this snippet is not compiled; put it into a function of tests/tests/processes/snippets.rs:\n{snippet}",
+            path.display()
+        );
+    }
+}
+
+/// Whether a manifest's dependencies are crates of this workspace, seen from a folder beside the repository.
+fn depends_on_crates_of_ours(manifest: &toml::Table) -> Result<(), String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let dependencies =
+        manifest.get("dependencies").and_then(toml::Value::as_table).ok_or("no [dependencies]")?;
+    for (name, dependency) in dependencies {
+        let path =
+            dependency.get("path").and_then(toml::Value::as_str).ok_or(format!("{name} has no path"))?;
+        let folder =
+            path.strip_prefix("../foretrace/").ok_or(format!("{path} is not beside the repository"))?;
+        let theirs = std::fs::read_to_string(root.join(folder).join("Cargo.toml"))
+            .map_err(|error| format!("{path}: {error}"))?;
+        let theirs: toml::Table = theirs.parse().map_err(|error| format!("{path}: {error}"))?;
+        if theirs["package"]["name"].as_str() != Some(name) {
+            return Err(format!("{path} is not {name}"));
         }
     }
-    assert!(count >= 5, "only {count} snippets were found");
+    if manifest.len() == 1 { Ok(()) } else { Err("more than [dependencies]".to_owned()) }
 }
 
 #[test]
-fn every_settings_snippet_of_the_documents_is_accepted() {
-    let mut count = 0;
-    for (path, text) in documents() {
-        for snippet in text.split("```toml\n").skip(1) {
-            let snippet = snippet.split("```").next().unwrap();
-            if !snippet.contains("preset = ") {
-                continue;
-            }
-            if let Err(error) = foretrace_config::Config::parse(snippet, "a snippet", "/") {
-                panic!("{}: {error}\n{snippet}", path.display());
-            }
-            count += 1;
+fn every_toml_snippet_of_the_documents_is_accepted_as_settings_or_as_dependencies() {
+    let (mut settings, mut manifests) = (0, 0);
+    for (path, snippet) in blocks_of("toml") {
+        let outcome = if snippet.contains("preset = ") {
+            settings += 1;
+            foretrace_config::Config::parse(&snippet, "a snippet", "/")
+                .map(drop)
+                .map_err(|error| error.to_string())
+        } else {
+            manifests += 1;
+            let manifest: Result<toml::Table, _> = snippet.parse();
+            manifest
+                .map_err(|error| error.to_string())
+                .and_then(|manifest| depends_on_crates_of_ours(&manifest))
+        };
+        if let Err(why) = outcome {
+            panic!("{}: {why}\n{snippet}", path.display());
         }
     }
-    assert!(count >= 2, "only {count} snippets were found");
+    assert!(settings >= 2 && manifests >= 3, "found {settings} settings and {manifests} manifests");
 }

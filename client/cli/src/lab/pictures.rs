@@ -46,7 +46,7 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
 )]
 pub(crate) struct PicturesArgs {
     /// Folder of the pictures
-    #[arg(long, value_name = "DIR", default_value = "client/pictures")]
+    #[arg(long, value_name = "DIR", default_value = "docs/pictures")]
     out: PathBuf,
 
     /// Folder with the data sets unipen-ced, unipen-tos, pendigits-orig and character-trajectories
@@ -155,9 +155,9 @@ mod tests {
             assert!(arguments(&format!("lab {} --out x", line.replace("{}", sets))).is_ok(), "{line}");
         }
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let documents = ["README.md", "docs/closed-loop.md", "docs/results.md", "docs/predictors.md"]
-            .map(|name| std::fs::read_to_string(root.join(name)).unwrap());
-        let mut files: Vec<String> = std::fs::read_dir(root.join("client/pictures"))
+        let documents: Vec<String> =
+            crate::documented::documents().into_iter().map(|(_, text)| text).collect();
+        let mut files: Vec<String> = std::fs::read_dir(root.join("docs/pictures"))
             .unwrap()
             .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
             .collect();
@@ -170,10 +170,10 @@ mod tests {
         made.sort();
         assert_eq!(files, made, "the folder and the table");
         for file in made {
-            let shown = format!("](client/pictures/{file})");
-            let from_docs = format!("](../client/pictures/{file})");
+            let [from_the_top, from_a_page] =
+                ["docs", ".."].map(|folder| format!("]({folder}/pictures/{file})"));
             assert!(
-                documents.iter().any(|text| text.contains(&shown) || text.contains(&from_docs)),
+                documents.iter().any(|text| text.contains(&from_the_top) || text.contains(&from_a_page)),
                 "no document shows {file}"
             );
         }

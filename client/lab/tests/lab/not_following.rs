@@ -1,7 +1,7 @@
 //! Arms that do not do what they are told, or do not say what they do, in simulated time: the daemon's law stops, soon, with the
 //! reason; and arms that do obey, however late and uneven, are never blamed.
 //!
-//! The table of docs/safety.md: `cargo test --release -p foretrace-lab --test lab not_following -- --nocapture`.
+//! The table of docs/results/not-following.md: `cargo test --release -p foretrace-lab --test lab not_following -- --nocapture`.
 
 use crate::desk::{Desk, Pen, Seen};
 use foretrace_config::Config;

@@ -28,7 +28,7 @@ pub struct TrackingSettings {
 }
 
 impl TrackingSettings {
-    /// Found by measurement, see docs/safety.md.
+    /// Found by measurement, see docs/results/not-following.md.
     pub const DEFAULT: Self = Self {
         joint_rad: 0.02,
         tool_m: 0.015,

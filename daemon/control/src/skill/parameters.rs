@@ -1,7 +1,7 @@
 //! The numbers behind shares and records, each with what it measures and why it has its value.
 //!
 //! Lengths are normalised per axis (RMS of recent motion [`crate::pen::TARGET_RMS`]): a step of ordinary motion is 10 per axis, about 14
-//! long. Set on train writers of the data sets, judged on the test writers of all four (docs/closed-loop.md).
+//! long. Set on train writers of the data sets, judged on the test writers of all four (docs/results/closed-loop.md).
 
 /// See the module's description.
 #[derive(Debug, Clone, Copy, PartialEq)]

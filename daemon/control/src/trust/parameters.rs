@@ -1,7 +1,7 @@
 //! The numbers behind α, each with what it measures, where it starts and ends to count, and why it has its value.
 //!
 //! The values are those of the presets; they were set on train writers of the data sets and judged on the test writers of all four
-//! (docs/closed-loop.md). Model: the parameters of Google's ink-stroke-modeler, which are public, documented and in one place.
+//! (docs/results/closed-loop.md). Model: the parameters of Google's ink-stroke-modeler, which are public, documented and in one place.
 
 /// A bound with a memory: what has ended begins again at another value, so that nothing flickers at the bound.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! The numbers behind refinement, each with what it measures, where it starts and ends to count, and why it has its value.
 //!
 //! Lengths are normalised (see [`crate::predict`]) unless they say metres. Set on train writers of the data sets, judged on the test
-//! writers of all four (docs/closed-loop.md).
+//! writers of all four (docs/results/closed-loop.md).
 
 use super::blend::TERMS;
 use super::prior::RefinePrior;
