@@ -24,8 +24,8 @@ ROOMS = {
         "supervisor",
     ],
 }
-# Tests that documents name; it may grow.
-LEAST_PROMISED = 98
+# Different tests that documents name; it may grow.
+LEAST_PROMISED = 145
 problems: list[str] = []
 
 
@@ -136,15 +136,15 @@ def unsafe_code_is_justified() -> None:
 
 def promised_tests_exist() -> None:
     """Every `file::test` of a document is a test of that file, and there are no fewer than there were."""
-    promised = 0
+    promised = set()
     for doc in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]):
         for name, test in re.findall(r"`([\w./-]+\.rs)::(\w+)`", doc.read_text(encoding="utf-8")):
-            promised += 1
+            promised.add((name, test))
             path = ROOT / name
             if not path.is_file() or not re.search(rf"\bfn {test}\b", path.read_text(encoding="utf-8")):
                 problems.append(f"{doc.relative_to(ROOT)} names the test {test}, which {name} does not have")
-    if promised < LEAST_PROMISED:
-        problems.append(f"documents name {promised} tests, less than {LEAST_PROMISED}: a promise lost its test")
+    if len(promised) < LEAST_PROMISED:
+        problems.append(f"documents name {len(promised)} tests, less than {LEAST_PROMISED}: a promise lost its test")
 
 
 def pictures_say_what_is_said_of_them() -> None:
