@@ -13,7 +13,7 @@ use crate::Arguments;
 /// A line, where it stands, and whether it is to be run as it is.
 struct Line {
     place: String,
-    words: String,
+    words: Vec<String>,
     whole: bool,
 }
 
@@ -42,15 +42,37 @@ pub(crate) fn documents() -> Vec<(String, String)> {
     found
 }
 
+/// The words of a line as a shell makes them of it: what stands in quotes is one, and what begins a comment or goes to another
+/// program or file ends it.
+fn words(line: &str) -> Vec<String> {
+    let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
+    for character in line.chars() {
+        match (quote, character) {
+            (Some(end), _) if character == end => quote = None,
+            (Some(_), _) => word.push(character),
+            (None, '\'' | '"') => quote = Some(character),
+            (None, '|' | '>' | ';' | '&') => break,
+            (None, '#') if word.is_empty() => break,
+            (None, _) if character.is_whitespace() => words.push(std::mem::take(&mut word)),
+            (None, _) => word.push(character),
+        }
+    }
+    words.push(word);
+    words.retain(|word| !word.is_empty());
+    words
+}
+
 /// The part of a line that this program takes, `foretrace` first; comments and what the shell does are left out.
-fn of_this_program(line: &str) -> Option<String> {
-    let line = line.trim().trim_start_matches("sudo ").split(" #").next()?.trim();
-    let line = line.split(['|', '>', ';']).next()?.trim_end_matches('&').trim();
-    let at_our_aliases = line.strip_prefix("cargo foretrace ").or_else(|| line.strip_prefix("foretrace "));
-    let demo = || (line == "cargo demo").then_some("").or_else(|| line.strip_prefix("cargo demo "));
-    at_our_aliases
-        .map(|rest| format!("foretrace {rest}"))
-        .or_else(|| demo().map(|rest| format!("foretrace demo {rest}")))
+fn of_this_program(line: &str) -> Option<Vec<String>> {
+    let words = words(line.trim().trim_start_matches("sudo "));
+    let said: Vec<&str> = words.iter().map(String::as_str).collect();
+    let (first, rest): (&[&str], _) = match said.as_slice() {
+        ["cargo", "demo", rest @ ..] => (&["foretrace", "demo"], rest),
+        ["cargo", "foretrace", rest @ ..] => (&["foretrace"], rest),
+        ["foretrace", rest @ ..] if !rest.is_empty() => (&["foretrace"], rest),
+        _ => return None,
+    };
+    Some(first.iter().chain(rest).map(|&word| word.to_owned()).collect())
 }
 
 fn lines(place: &str, text: &str) -> Vec<Line> {
@@ -93,7 +115,7 @@ fn every_documented_command_line_is_one_that_the_program_takes() {
     for (name, text) in documents() {
         for line in lines(&name, &text) {
             *if line.whole { &mut whole } else { &mut mentioned } += 1;
-            let words = line.words.split_whitespace().map(filled);
+            let words = line.words.iter().map(|word| filled(word));
             let Err(error) = Arguments::try_parse_from(words) else { continue };
             let told = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
             let short = matches!(
@@ -104,7 +126,12 @@ fn every_documented_command_line_is_one_that_the_program_takes() {
                     | ErrorKind::InvalidValue
             ) && !line.whole;
             if !told && !short {
-                wrong.push(format!("{}: {}\n  {}", line.place, line.words, error.to_string().trim()));
+                wrong.push(format!(
+                    "{}: {}\n  {}",
+                    line.place,
+                    line.words.join(" "),
+                    error.to_string().trim()
+                ));
             }
         }
     }

@@ -109,8 +109,27 @@ fn wrong_with_cargo(words: &[&str]) -> Option<String> {
     missing.map(|part| format!("no test is called {part}"))
 }
 
+/// The line with what stands in quotes as one word, whatever is in it.
+fn unquoted(line: &str) -> String {
+    let mut quote = None;
+    let mut closed = |character: char| match quote {
+        Some(end) if character == end => {
+            quote = None;
+            '_'
+        }
+        Some(_) => '_',
+        None if matches!(character, '\'' | '"') => {
+            quote = Some(character);
+            '_'
+        }
+        None => character,
+    };
+    line.chars().map(&mut closed).collect()
+}
+
 /// What is wrong with one command, without the variables before it and what the shell does around it.
 fn wrong_with(command: &str) -> Option<String> {
+    let command = unquoted(command);
     let command = command.split(" #").next()?.split([';', '|', '>', '&']).next()?;
     let mut words: Vec<&str> = command.split_whitespace().collect();
     let variables =
