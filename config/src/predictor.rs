@@ -21,13 +21,13 @@ impl PredictorChoice {
     #[must_use]
     pub const fn kind(self) -> PredictorKind {
         match self {
-            Self::Hold => PredictorKind::Hold,
-            Self::ConstantVelocity => PredictorKind::ConstantVelocity,
-            Self::Dybm => PredictorKind::Dybm,
-            Self::DybmEsn => PredictorKind::DybmEsn,
-            Self::Lstm => PredictorKind::Lstm,
-            Self::ArRls => PredictorKind::ArRls,
-            Self::Mixture => PredictorKind::Mixture,
+            Self::Hold => PredictorKind::HOLD,
+            Self::ConstantVelocity => PredictorKind::CONSTANT_VELOCITY,
+            Self::Dybm => PredictorKind::DYBM,
+            Self::DybmEsn => PredictorKind::DYBM_ESN,
+            Self::Lstm => PredictorKind::LSTM,
+            Self::ArRls => PredictorKind::AR_RLS,
+            Self::Mixture => PredictorKind::MIXTURE,
         }
     }
 }

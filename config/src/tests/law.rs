@@ -98,7 +98,7 @@ fn words_choose_what_they_say() {
     )
     .unwrap();
     let law = config.follower_settings();
-    assert_eq!(law.preview.kind, PredictorKind::Hold);
+    assert_eq!(law.preview.kind, PredictorKind::HOLD);
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
     assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
     assert_eq!(law.models.settings().initial, InitialWeights::Zero);
@@ -183,7 +183,7 @@ fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
 fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
     let without = |text: &str| {
         let law = over_ur5(text).unwrap().follower_settings();
-        (law.models.has(PredictorKind::Lstm), law.models.networks().mixture.is_some())
+        (law.models.has(PredictorKind::LSTM), law.models.networks().mixture.is_some())
     };
     assert_eq!(without(""), (true, true));
     assert_eq!(

@@ -67,31 +67,13 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
 
 /// A predictor's number.
 #[must_use]
-pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
-    match kind {
-        PredictorKind::Hold => shm::PredictorId::Hold,
-        PredictorKind::ConstantVelocity => shm::PredictorId::ConstantVelocity,
-        PredictorKind::Dybm => shm::PredictorId::Dybm,
-        PredictorKind::Oracle => shm::PredictorId::Oracle,
-        PredictorKind::Lstm => shm::PredictorId::Lstm,
-        PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
-        PredictorKind::ArRls => shm::PredictorId::ArRls,
-        PredictorKind::Mixture => shm::PredictorId::Mixture,
-    }
+pub fn predictor(kind: PredictorKind) -> shm::PredictorId {
+    shm::PredictorId::from_label(kind.name()).unwrap_or(shm::PredictorId::Hold)
 }
 
 /// The law's predictor of that number, if it has it.
-pub(super) const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
-    match id {
-        shm::PredictorId::Hold => Some(PredictorKind::Hold),
-        shm::PredictorId::ConstantVelocity => Some(PredictorKind::ConstantVelocity),
-        shm::PredictorId::Dybm => Some(PredictorKind::Dybm),
-        shm::PredictorId::Oracle => Some(PredictorKind::Oracle),
-        shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
-        shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
-        shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
-        shm::PredictorId::Mixture => Some(PredictorKind::Mixture),
-    }
+pub(super) fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
+    PredictorKind::from_name(id.label())
 }
 
 /// Why trust is what it is.

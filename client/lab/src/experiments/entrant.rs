@@ -19,23 +19,23 @@ impl LawEntrant {
     /// All, in the order of figures and tables.
     pub const ALL: [Self; 9] = [
         Self::Hold,
-        Self::Believed(PredictorKind::ConstantVelocity),
-        Self::Believed(PredictorKind::Dybm),
-        Self::Believed(PredictorKind::DybmEsn),
-        Self::Believed(PredictorKind::Lstm),
-        Self::Believed(PredictorKind::ArRls),
-        Self::Believed(PredictorKind::Mixture),
+        Self::Believed(PredictorKind::CONSTANT_VELOCITY),
+        Self::Believed(PredictorKind::DYBM),
+        Self::Believed(PredictorKind::DYBM_ESN),
+        Self::Believed(PredictorKind::LSTM),
+        Self::Believed(PredictorKind::AR_RLS),
+        Self::Believed(PredictorKind::MIXTURE),
         Self::Mixture,
-        Self::Believed(PredictorKind::Oracle),
+        Self::Believed(PredictorKind::ORACLE),
     ];
 
     /// Who predicts.
     #[must_use]
     pub const fn predictor(self) -> PredictorKind {
         match self {
-            Self::Hold => PredictorKind::Hold,
+            Self::Hold => PredictorKind::HOLD,
             Self::Believed(kind) => kind,
-            Self::Mixture => PredictorKind::Mixture,
+            Self::Mixture => PredictorKind::MIXTURE,
         }
     }
 

@@ -80,7 +80,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
 #[test]
 fn switching_from_feedback_to_prediction_is_smooth() {
     let config = Config::preset("ur5").unwrap();
-    for kind in [PredictorKind::Mixture, PredictorKind::Dybm] {
+    for kind in [PredictorKind::MIXTURE, PredictorKind::DYBM] {
         let figure = fig3(&config, &written(), kind, || {}).unwrap();
         println!("{kind:?}: jerk ratio {}, irregularity {}", figure.max_jerk_ratio, figure.irregularity);
         assert!(figure.max_jerk_ratio < 1.5 && figure.irregularity < 1.5, "{kind:?}");

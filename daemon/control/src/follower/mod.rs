@@ -105,7 +105,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub fn use_oracle(&mut self, oracle: Oracle) {
         self.previewer.load_recording(oracle);
         // A recording was just loaded, the only thing `choose` can miss.
-        let _ = self.previewer.choose(PredictorKind::Oracle);
+        let _ = self.previewer.choose(PredictorKind::ORACLE);
     }
 
     /// What it was built from.

@@ -199,11 +199,11 @@ impl Learner {
         Ok(Self {
             settings,
             models: models.clone(),
-            dybm: Course::new(PredictorKind::Dybm, settled, rule, leads, dybm),
-            dybm_esn: Course::new(PredictorKind::DybmEsn, settled, rule, leads, dybm_esn),
-            ar_rls: Course::new(PredictorKind::ArRls, following, rule, leads, ar_rls),
+            dybm: Course::new(PredictorKind::DYBM, settled, rule, leads, dybm),
+            dybm_esn: Course::new(PredictorKind::DYBM_ESN, settled, rule, leads, dybm_esn),
+            ar_rls: Course::new(PredictorKind::AR_RLS, following, rule, leads, ar_rls),
             mixture: Course::new(
-                PredictorKind::Mixture,
+                PredictorKind::MIXTURE,
                 following,
                 rule,
                 leads,
@@ -297,10 +297,10 @@ impl Learner {
     #[must_use]
     pub fn errors(&self, model: PredictorKind) -> CourseErrors {
         match model {
-            PredictorKind::Dybm => self.dybm.errors(),
-            PredictorKind::DybmEsn => self.dybm_esn.errors(),
-            PredictorKind::ArRls => self.ar_rls.errors(),
-            PredictorKind::Mixture => self.mixture.errors(),
+            PredictorKind::DYBM => self.dybm.errors(),
+            PredictorKind::DYBM_ESN => self.dybm_esn.errors(),
+            PredictorKind::AR_RLS => self.ar_rls.errors(),
+            PredictorKind::MIXTURE => self.mixture.errors(),
             _ => CourseErrors::default(),
         }
     }
@@ -322,10 +322,10 @@ impl Learner {
     #[must_use]
     pub fn counters_of(&self, model: PredictorKind) -> CourseCounters {
         match model {
-            PredictorKind::Dybm => self.dybm.counters(),
-            PredictorKind::DybmEsn => self.dybm_esn.counters(),
-            PredictorKind::ArRls => self.ar_rls.counters(),
-            PredictorKind::Mixture => self.mixture.counters(),
+            PredictorKind::DYBM => self.dybm.counters(),
+            PredictorKind::DYBM_ESN => self.dybm_esn.counters(),
+            PredictorKind::AR_RLS => self.ar_rls.counters(),
+            PredictorKind::MIXTURE => self.mixture.counters(),
             _ => CourseCounters::default(),
         }
     }

@@ -14,6 +14,8 @@ mod panel;
 mod previewer;
 mod step;
 
+use std::fmt;
+
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
     DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
@@ -47,70 +49,69 @@ pub trait Predictor {
     fn reset(&mut self);
 }
 
-/// The predictors one can choose, in the order of [`PredictorKind::ALL`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PredictorKind {
-    /// Last position, at rest (the paper's conservative model).
-    Hold,
-    /// Last displacement repeated (the baseline of the paper's Table 1).
-    ConstantVelocity,
-    /// Linear dynamic Boltzmann machine, learning online.
-    Dybm,
-    /// The recorded future; experiments only.
-    Oracle,
-    /// Trained network, if one was loaded.
-    Lstm,
-    /// DyBM with an echo state network beside it, learning online.
-    DybmEsn,
-    /// Autoregression by recursive least squares, learning online.
-    ArRls,
-    /// Mixture of experts that learns online whom to believe.
-    #[default]
-    Mixture,
-}
+/// One of the predictors, by its place in [`PredictorKind::ALL`].
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct PredictorKind(u8);
 
 impl PredictorKind {
+    /// Last position, at rest (the paper's conservative model).
+    pub const HOLD: Self = Self(0);
+    /// Last displacement repeated (the baseline of the paper's Table 1).
+    pub const CONSTANT_VELOCITY: Self = Self(1);
+    /// Linear dynamic Boltzmann machine, learning online.
+    pub const DYBM: Self = Self(2);
+    /// The recorded future; experiments only.
+    pub const ORACLE: Self = Self(3);
+    /// Trained network, if one was loaded.
+    pub const LSTM: Self = Self(4);
+    /// DyBM with an echo state network beside it, learning online.
+    pub const DYBM_ESN: Self = Self(5);
+    /// Autoregression by recursive least squares, learning online.
+    pub const AR_RLS: Self = Self(6);
+    /// Mixture of experts that learns online whom to believe.
+    pub const MIXTURE: Self = Self(7);
+
     /// Every predictor.
     pub const ALL: [Self; 8] = [
-        Self::Hold,
-        Self::ConstantVelocity,
-        Self::Dybm,
-        Self::Oracle,
-        Self::Lstm,
-        Self::DybmEsn,
-        Self::ArRls,
-        Self::Mixture,
+        Self::HOLD,
+        Self::CONSTANT_VELOCITY,
+        Self::DYBM,
+        Self::ORACLE,
+        Self::LSTM,
+        Self::DYBM_ESN,
+        Self::AR_RLS,
+        Self::MIXTURE,
     ];
 
     /// Those that a running loop has: all but the oracle.
     pub const LIVE: [Self; 7] = [
-        Self::Hold,
-        Self::ConstantVelocity,
-        Self::Dybm,
-        Self::Lstm,
-        Self::DybmEsn,
-        Self::ArRls,
-        Self::Mixture,
+        Self::HOLD,
+        Self::CONSTANT_VELOCITY,
+        Self::DYBM,
+        Self::LSTM,
+        Self::DYBM_ESN,
+        Self::AR_RLS,
+        Self::MIXTURE,
     ];
 
     /// Place in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {
-        self as usize
+        self.0 as usize
     }
 
     /// Name in settings, requests and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Hold => "hold",
-            Self::ConstantVelocity => "constant-velocity",
-            Self::Dybm => "dybm",
-            Self::Oracle => "oracle",
-            Self::Lstm => "lstm",
-            Self::DybmEsn => "dybm-esn",
-            Self::ArRls => "ar-rls",
-            Self::Mixture => "mixture",
+            Self::HOLD => "hold",
+            Self::CONSTANT_VELOCITY => "constant-velocity",
+            Self::DYBM => "dybm",
+            Self::ORACLE => "oracle",
+            Self::LSTM => "lstm",
+            Self::DYBM_ESN => "dybm-esn",
+            Self::AR_RLS => "ar-rls",
+            _ => "mixture",
         }
     }
 
@@ -128,6 +129,18 @@ impl PredictorKind {
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+impl Default for PredictorKind {
+    fn default() -> Self {
+        Self::MIXTURE
+    }
+}
+
+impl fmt::Debug for PredictorKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 

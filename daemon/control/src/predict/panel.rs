@@ -135,8 +135,8 @@ impl Panel {
     #[must_use]
     pub fn offers(&self, kind: PredictorKind) -> bool {
         match kind {
-            PredictorKind::Oracle => self.oracle.is_some(),
-            PredictorKind::Lstm => self.lstm.is_some(),
+            PredictorKind::ORACLE => self.oracle.is_some(),
+            PredictorKind::LSTM => self.lstm.is_some(),
             _ => true,
         }
     }
@@ -169,7 +169,7 @@ impl Panel {
         let wanted = out.len().min(MAX_PREVIEW);
         let steps = scratch.get_mut(..wanted).unwrap_or_default();
         // What is known is not bounded.
-        let limit = if kind == PredictorKind::Oracle { f64::INFINITY } else { limit };
+        let limit = if kind == PredictorKind::ORACLE { f64::INFINITY } else { limit };
         self.preview(kind, limit, steps);
         let mut report = RollOut { finite: true, limited: 0 };
         let almost = limit * (1.0 - 1e-9);
@@ -222,15 +222,15 @@ impl Panel {
     /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet.
     fn predictor(&self, kind: PredictorKind) -> &dyn Predictor {
         match kind {
-            PredictorKind::Oracle => self.oracle.as_ref().map_or(&self.hold, |oracle| oracle),
+            PredictorKind::ORACLE => self.oracle.as_ref().map_or(&self.hold, |oracle| oracle),
             _ if !self.knows => &self.hold,
-            PredictorKind::Hold => &self.hold,
-            PredictorKind::ConstantVelocity => &self.constant_velocity,
-            PredictorKind::Dybm => &self.dybm,
-            PredictorKind::DybmEsn => &self.dybm_esn,
-            PredictorKind::ArRls => &self.ar_rls,
-            PredictorKind::Mixture => &self.mixture,
-            PredictorKind::Lstm => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
+            PredictorKind::CONSTANT_VELOCITY => &self.constant_velocity,
+            PredictorKind::DYBM => &self.dybm,
+            PredictorKind::DYBM_ESN => &self.dybm_esn,
+            PredictorKind::AR_RLS => &self.ar_rls,
+            PredictorKind::MIXTURE => &self.mixture,
+            PredictorKind::LSTM => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
+            _ => &self.hold,
         }
     }
 }

@@ -35,7 +35,7 @@ impl Default for PreviewSettings {
     fn default() -> Self {
         Self {
             step_ns: 10_000_000,
-            kind: PredictorKind::Mixture,
+            kind: PredictorKind::MIXTURE,
             limit_factor: 1.25,
             peak_fade: 0.98,
             scale: SpeedScaleSettings::default(),
@@ -292,7 +292,7 @@ impl Previewer {
 fn offered(panel: &Panel, kind: PredictorKind) -> Result<(), PreviewError> {
     match kind {
         _ if panel.offers(kind) => Ok(()),
-        PredictorKind::Lstm => Err(PreviewError::NoNetwork),
+        PredictorKind::LSTM => Err(PreviewError::NoNetwork),
         _ => Err(PreviewError::NoRecording),
     }
 }

@@ -128,7 +128,7 @@ impl Models {
     /// `kind` can be chosen. The oracle needs a recording as well.
     #[must_use]
     pub const fn has(&self, kind: PredictorKind) -> bool {
-        !matches!(kind, PredictorKind::Lstm) || self.networks.lstm.is_some()
+        !matches!(kind, PredictorKind::LSTM) || self.networks.lstm.is_some()
     }
 
     /// The weights before anything was learned.
