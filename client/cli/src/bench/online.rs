@@ -10,7 +10,8 @@ use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
 use foretrace_control::predict::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmLearner, DybmSettings, DybmWeights, Models, OnlineModel, Optimiser, Predictor, WeightsError,
+    DybmLearner, DybmSettings, DybmWeights, Mixture, Models, OnlineModel, Optimiser, Predictor, Taught,
+    WeightsError,
 };
 
 use super::predictors::Candidate;
@@ -61,11 +62,15 @@ pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
 pub(super) fn mixture(models: &Models, leads: usize) -> Result<[Candidate; 2], WeightsError> {
     let weights = models.initial_weights();
     Ok([
-        Candidate { name: "mixture", steps: leads, predictor: Box::new(models.mixture(&weights)?) },
+        Candidate {
+            name: "mixture",
+            steps: leads,
+            predictor: Box::new(Mixture::predictor(models, &weights.mixture)?),
+        },
         Candidate {
             name: "mixture, learning",
             steps: 0,
-            predictor: Box::new(Learning(models.mixture_learner(&weights)?)),
+            predictor: Box::new(Learning(Mixture::learner(models, &weights.mixture)?)),
         },
     ])
 }

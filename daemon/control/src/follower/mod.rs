@@ -117,7 +117,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// The weights in use.
     #[must_use]
     pub fn weights(&self) -> OnlineWeights {
-        self.previewer.weights()
+        let mut weights = self.settings.weights;
+        self.previewer.tell_weights(&mut weights);
+        weights
     }
 
     /// Takes charge of an arm that stands at `q` [rad], whoever had it before: for a loop that runs beside the real one.

@@ -8,25 +8,28 @@
 pub mod models;
 pub mod bands;
 pub mod refine;
+mod member;
 mod online;
 mod online_weights;
 mod panel;
 mod previewer;
+mod registry;
 mod step;
-
-use std::fmt;
+mod taught;
 
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
     DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
     Lstm, LstmError, LstmWeights, Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings,
-    Models, ModelsError, Networks, Optimiser, Oracle,
+    Models, ModelsError, Networks, Optimiser, Oracle, REGISTRY,
 };
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
+pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
 pub use step::LearnStep;
+pub use taught::{Handed, Pace, Parameters, Taught};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;
@@ -47,101 +50,9 @@ pub trait Predictor {
 
     /// Forgets the history; parameters stay.
     fn reset(&mut self);
-}
 
-/// One of the predictors, by its place in [`PredictorKind::ALL`].
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub struct PredictorKind(u8);
-
-impl PredictorKind {
-    /// Last position, at rest (the paper's conservative model).
-    pub const HOLD: Self = Self(0);
-    /// Last displacement repeated (the baseline of the paper's Table 1).
-    pub const CONSTANT_VELOCITY: Self = Self(1);
-    /// Linear dynamic Boltzmann machine, learning online.
-    pub const DYBM: Self = Self(2);
-    /// The recorded future; experiments only.
-    pub const ORACLE: Self = Self(3);
-    /// Trained network, if one was loaded.
-    pub const LSTM: Self = Self(4);
-    /// DyBM with an echo state network beside it, learning online.
-    pub const DYBM_ESN: Self = Self(5);
-    /// Autoregression by recursive least squares, learning online.
-    pub const AR_RLS: Self = Self(6);
-    /// Mixture of experts that learns online whom to believe.
-    pub const MIXTURE: Self = Self(7);
-
-    /// Every predictor.
-    pub const ALL: [Self; 8] = [
-        Self::HOLD,
-        Self::CONSTANT_VELOCITY,
-        Self::DYBM,
-        Self::ORACLE,
-        Self::LSTM,
-        Self::DYBM_ESN,
-        Self::AR_RLS,
-        Self::MIXTURE,
-    ];
-
-    /// Those that a running loop has: all but the oracle.
-    pub const LIVE: [Self; 7] = [
-        Self::HOLD,
-        Self::CONSTANT_VELOCITY,
-        Self::DYBM,
-        Self::LSTM,
-        Self::DYBM_ESN,
-        Self::AR_RLS,
-        Self::MIXTURE,
-    ];
-
-    /// Place in [`Self::ALL`].
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self.0 as usize
-    }
-
-    /// Name in settings, requests and reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::HOLD => "hold",
-            Self::CONSTANT_VELOCITY => "constant-velocity",
-            Self::DYBM => "dybm",
-            Self::ORACLE => "oracle",
-            Self::LSTM => "lstm",
-            Self::DYBM_ESN => "dybm-esn",
-            Self::AR_RLS => "ar-rls",
-            _ => "mixture",
-        }
-    }
-
-    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other names.
-    #[must_use]
-    pub fn renamed(name: &str) -> &'static str {
-        if name == "ours" || name.starts_with("ours-") {
-            " (what was called ours is called mixture)"
-        } else {
-            ""
-        }
-    }
-
-    /// The predictor of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-}
-
-impl Default for PredictorKind {
-    fn default() -> Self {
-        Self::MIXTURE
-    }
-}
-
-impl fmt::Debug for PredictorKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
+    /// Hears where the loop is: newest closed grid index and present scale [m per unit]. For what replays a recording.
+    fn place(&mut self, _index: u64, _scale_m: f64) {}
 }
 
 /// `x` shortened to `limit` if it is longer; what is not finite becomes NaN, so that it stays visible.

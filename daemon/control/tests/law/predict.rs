@@ -150,7 +150,10 @@ fn diverging_weights_are_bounded_by_the_recent_peak_in_the_previewer_only() {
 fn oracle_previews_the_recording_by_grid_index() {
     let recording: Vec<[f64; 2]> = (1000..1300).map(|index| circle(index).displacement).collect();
     let mut previewer = previewer(DybmWeights::zero(STEP_NS, shape()));
-    assert_eq!(previewer.choose(PredictorKind::ORACLE), Err(PreviewError::NoRecording));
+    assert_eq!(
+        previewer.choose(PredictorKind::ORACLE),
+        Err(PreviewError::NoRecording { predictor: "oracle" })
+    );
     previewer.load_recording(Oracle::new(1000, recording.into_boxed_slice()));
     previewer.choose(PredictorKind::ORACLE).unwrap();
     // From the start, and again after an interruption in the middle.
