@@ -152,7 +152,7 @@ pub fn tick_record(
         predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
         learner_version: output.weights_version,
         learner_age_ns: evidence.weights_since.map_or(0, |since| age_ns(now, Some(since))),
-        predictor: wire::predictor(output.predictor).into(),
+        predictor: wire::predictor(output.predictor),
         allocations: evidence.port_allocations.saturating_add(evidence.law_allocations),
         connections_changed: (evidence.port_allocations > 0).into(),
         counters: counters(evidence, ipc),
@@ -201,7 +201,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &Evidence, ipc: &IpcTally, 
     status.trust = output.trust.alpha.alpha();
     status.trust_target = output.trust.target.alpha();
     status.trust_reason = wire::trust_reason(output.trust.reason).into();
-    status.predictor = wire::predictor(output.predictor).into();
+    status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
