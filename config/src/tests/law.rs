@@ -12,8 +12,7 @@ use foretrace_control::units::Trust;
 
 use super::over_ur5;
 use crate::follower::judge;
-use crate::settings::PredictorChoice;
-use crate::{Config, JOINTS, Settings};
+use crate::{Config, JOINTS, Settings, keys};
 
 #[test]
 fn every_preset_builds_a_follower() {
@@ -154,15 +153,17 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
 
 #[test]
 fn every_predictor_of_the_law_but_the_oracle_can_be_chosen() {
-    let choices: Vec<_> = PredictorChoice::WORDS.to_vec();
+    let key = keys().iter().find(|key| key.path == "predictor.kind").unwrap();
     for kind in PredictorKind::LIVE {
-        assert!(choices.contains(&kind.name()), "{kind:?} cannot be chosen");
+        assert!(key.legal_text.contains(&format!("{:?}", kind.name())), "{}", key.legal_text);
+        assert!(key.meaning.contains(kind.about()), "{kind:?} is not explained: {}", key.meaning);
         let text = format!("[predictor]\nkind = \"{}\"\n", kind.name());
         let config = over_ur5(&text).unwrap();
         let law = config.follower_settings();
         assert_eq!((law.preview.kind, law.models.has(kind)), (kind, true));
     }
-    assert_eq!(choices.len(), PredictorKind::LIVE.len());
+    let refused = over_ur5("[predictor]\nkind = \"oracle\"\n").unwrap_err().to_string();
+    assert!(refused.contains("oracle") && refused.contains("\"mixture\""), "{refused}");
 }
 
 #[test]

@@ -144,7 +144,7 @@ impl Stage {
         let scored = figures::scored(&evidence, config.settings());
         let setting = SettingFigures {
             pen: args.pen.clone(),
-            predictor: config.settings().predictor.kind.word(),
+            predictor: config.settings().predictor.kind.name(),
             seconds: args.seconds,
             settings: config.name().to_owned(),
             optimised_build: !cfg!(debug_assertions),

@@ -105,7 +105,7 @@ impl Session {
             if !has(&LawEntrant::Believed(PredictorKind::LSTM)) {
                 note!("lab: no network for lstm at this pen.step_ms (predictor.lstm): left out");
             }
-            return Ok(LawEntrant::ALL.into_iter().filter(has).collect());
+            return Ok(LawEntrant::all().filter(has).collect());
         }
         let mut entrants: Vec<LawEntrant> = Vec::new();
         for name in names {

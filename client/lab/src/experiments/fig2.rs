@@ -74,13 +74,13 @@ const fn name(entrant: LawEntrant) -> &'static str {
 /// The entrant of the figure with that name.
 #[must_use]
 pub fn fig2_entrant(wanted: &str) -> Option<LawEntrant> {
-    LawEntrant::ALL.into_iter().find(|entrant| name(*entrant) == wanted)
+    LawEntrant::all().find(|entrant| name(*entrant) == wanted)
 }
 
 /// Names of all entrants, for a message.
 #[must_use]
 pub fn fig2_names() -> String {
-    LawEntrant::ALL.map(name).join(", ")
+    LawEntrant::all().map(name).collect::<Vec<_>>().join(", ")
 }
 
 /// So many fit the picture.

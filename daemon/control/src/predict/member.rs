@@ -6,8 +6,13 @@ use super::online::WeightsError;
 use super::taught::Handed;
 use super::{OnlineWeights, Predictor};
 
-/// A predictor of any type.
-pub(super) trait Member: Predictor + Debug + Send + Sync {
+/// A predictor of any type, for any thread.
+pub trait AnyPredictor: Predictor + Debug + Send + Sync {}
+
+impl<P: Predictor + Debug + Send + Sync> AnyPredictor for P {}
+
+/// One that is part of a panel.
+pub(super) trait Member: AnyPredictor {
     /// A copy with its memory.
     fn copied(&self) -> Box<dyn Member>;
 

@@ -17,6 +17,7 @@ mod registry;
 mod step;
 mod taught;
 
+pub use member::AnyPredictor;
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
     DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
@@ -29,7 +30,7 @@ pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
 pub use step::LearnStep;
-pub use taught::{Handed, Pace, Parameters, Taught};
+pub use taught::{Handed, Learning, Pace, Parameters, Taught};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;

@@ -6,10 +6,10 @@
 
 use std::fmt;
 
-use super::member::{Member, Plain, Pupil};
+use super::member::{AnyPredictor, Member, Plain, Pupil};
 use super::models::REGISTRY;
 use super::online::WeightsError;
-use super::taught::{Handed, Taught};
+use super::taught::{Handed, Learning, Taught};
 use super::{Models, OnlineWeights, Predictor};
 
 /// Bytes of the longest name: what a message has room for.
@@ -35,14 +35,18 @@ pub trait Trained: Predictor + Clone + fmt::Debug + Send + Sync + Sized + 'stati
 /// A member with empty memory; `None` where what it needs is not there.
 type Building = fn(&Models, &OnlineWeights) -> Result<Option<Box<dyn Member>>, WeightsError>;
 
+/// The learner of a model, taken for a predictor.
+type Schooling = fn(&Models, &OnlineWeights) -> Result<Box<dyn AnyPredictor>, WeightsError>;
+
 /// A line of the registry.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
     name: &'static str,
     about: &'static str,
     needs: Needs,
-    learns: bool,
     build: Building,
+    /// Of those that learn.
+    learner: Option<Schooling>,
     has: fn(&Models) -> bool,
 }
 
@@ -55,7 +59,7 @@ impl Entry {
         P: Predictor + Default + Clone + fmt::Debug + Send + Sync + 'static,
     {
         let build: Building = |_, _| Ok(Some(Box::new(Plain(P::default()))));
-        Self { name, about, needs: Needs::Nothing, learns: false, build, has: |_| true }
+        Self { name, about, needs: Needs::Nothing, build, learner: None, has: |_| true }
     }
 
     /// A predictor that learns online.
@@ -65,7 +69,10 @@ impl Entry {
             let predictor = P::predictor(models, P::part(weights))?;
             Ok(Some(Box::new(Pupil(predictor))))
         };
-        Self { name: P::NAME, about, needs: Needs::Nothing, learns: true, build, has: |_| true }
+        let learner: Schooling =
+            |models, weights| Ok(Box::new(Learning(P::learner(models, P::part(weights))?)));
+        let needs = Needs::Nothing;
+        Self { name: P::NAME, about, needs, build, learner: Some(learner), has: |_| true }
     }
 
     /// A predictor that is made of a network.
@@ -74,13 +81,13 @@ impl Entry {
         let build: Building =
             |models, _| Ok(P::of(models).map(|predictor| -> Box<dyn Member> { Box::new(Plain(predictor)) }));
         let has = |models: &Models| P::of(models).is_some();
-        Self { name, about, needs: Needs::Network, learns: false, build, has }
+        Self { name, about, needs: Needs::Network, build, learner: None, has }
     }
 
     /// A predictor that replays a recording, which is loaded later.
     #[must_use]
     pub const fn recorded(name: &'static str, about: &'static str) -> Self {
-        Self { name, about, needs: Needs::Recording, learns: false, build: |_, _| Ok(None), has: |_| true }
+        Self { name, about, needs: Needs::Recording, build: |_, _| Ok(None), learner: None, has: |_| true }
     }
 
     /// As a member of a panel.
@@ -162,6 +169,18 @@ impl PredictorKind {
         live
     };
 
+    /// Names of [`Self::LIVE`].
+    pub const LIVE_NAMES: [&'static str; LIVE] = {
+        let mut names = [""; LIVE];
+        let mut room: &mut [&str] = &mut names;
+        let mut rest: &[Self] = &Self::LIVE;
+        while let ([name, left @ ..], [kind, others @ ..]) = (room, rest) {
+            *name = kind.name();
+            (room, rest) = (left, others);
+        }
+        names
+    };
+
     /// Place in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {
@@ -189,7 +208,30 @@ impl PredictorKind {
     /// It learns online.
     #[must_use]
     pub const fn learns(self) -> bool {
-        self.entry().learns
+        self.entry().learner.is_some()
+    }
+
+    /// The predictor by itself, with empty memory; `None` where what it needs is not there.
+    ///
+    /// *Errors*: weights that are invalid or do not fit.
+    pub fn predictor(
+        self,
+        models: &Models,
+        weights: &OnlineWeights,
+    ) -> Result<Option<Box<dyn AnyPredictor>>, WeightsError> {
+        let member = self.entry().build(models, weights)?;
+        Ok(member.map(|member| -> Box<dyn AnyPredictor> { member }))
+    }
+
+    /// The same, learning from whatever it observes; `None` where it does not learn.
+    ///
+    /// *Errors*: settings outside their bounds, or weights that are invalid or do not fit.
+    pub fn learner(
+        self,
+        models: &Models,
+        weights: &OnlineWeights,
+    ) -> Result<Option<Box<dyn AnyPredictor>>, WeightsError> {
+        self.entry().learner.map(|learner| learner(models, weights)).transpose()
     }
 
     /// `models` have what it needs; what needs a recording needs that as well.

@@ -81,3 +81,24 @@ pub trait Handed: Taught {
     /// The same, to be changed.
     fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self>;
 }
+
+/// A learner that predicts for itself: it learns from whatever it observes, and nobody judges what it learned.
+#[derive(Debug, Clone)]
+pub struct Learning<M>(pub M);
+
+impl<M: OnlineModel> Predictor for Learning<M> {
+    fn observe(&mut self, x: [f64; 2]) {
+        self.0.learn(x);
+    }
+
+    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
+        // Who asks for nothing shall not pay for it.
+        if !out.is_empty() {
+            self.0.preview_from(self.0.parameters(), self.0.memory(), limit, out);
+        }
+    }
+
+    fn reset(&mut self) {
+        self.0.reset_state();
+    }
+}

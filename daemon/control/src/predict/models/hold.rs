@@ -3,7 +3,7 @@
 use crate::predict::{Entry, Predictor};
 
 pub(crate) const ENTRY: Entry =
-    Entry::plain::<Hold>("hold", "the last position, at rest: the paper's conservative model");
+    Entry::plain::<Hold>("hold", "the last position, at rest (the paper's conservative model)");
 
 /// Predicts no displacement; has no memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
