@@ -48,7 +48,8 @@ pub(crate) fn predictor(text: &str) -> Result<PredictorKind, String> {
     })
 }
 
-fn predictors() -> String {
+/// Their names, for a message.
+pub(crate) fn predictors() -> String {
     PredictorKind::LIVE.map(PredictorKind::name).join(", ")
 }
 

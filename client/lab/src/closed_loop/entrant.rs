@@ -34,8 +34,8 @@ impl Entrant {
 
     /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows the future.
     pub fn all() -> impl Iterator<Item = Self> {
-        let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::Oracle;
-        let law = LawEntrant::ALL.into_iter();
+        let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::ORACLE;
+        let law = LawEntrant::all();
         let knowing = law.clone().filter(oracle).map(Self::Law);
         law.filter(move |law| !oracle(law))
             .map(Self::Law)
@@ -54,14 +54,12 @@ impl Entrant {
             Self::Legal(BaselineKind::ServojRos) => "servoj-ros-legal",
             Self::Legal(BaselineKind::Otg) => "otg-legal",
             Self::Legal(BaselineKind::Kalman) => "kalman-legal",
-            Self::Law(LawEntrant::Believed(PredictorKind::Hold)) => "hold-trust1",
-            Self::Law(LawEntrant::Believed(PredictorKind::ConstantVelocity)) => "constant-velocity",
-            Self::Law(LawEntrant::Believed(PredictorKind::Dybm)) => "dybm-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::DybmEsn)) => "dybm-esn-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::Lstm)) => "lstm10",
-            Self::Law(LawEntrant::Believed(PredictorKind::ArRls)) => "ar-rls",
-            Self::Law(LawEntrant::Believed(PredictorKind::Mixture)) => "mixture-trust1",
-            Self::Law(LawEntrant::Believed(PredictorKind::Oracle)) => "oracle",
+            Self::Law(LawEntrant::Believed(PredictorKind::HOLD)) => "hold-trust1",
+            Self::Law(LawEntrant::Believed(PredictorKind::DYBM)) => "dybm-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::DYBM_ESN)) => "dybm-esn-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::LSTM)) => "lstm10",
+            Self::Law(LawEntrant::Believed(PredictorKind::MIXTURE)) => "mixture-trust1",
+            Self::Law(LawEntrant::Believed(other)) => other.name(),
         }
     }
 

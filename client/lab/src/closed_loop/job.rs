@@ -214,7 +214,7 @@ impl Benchmark<'_> {
         let (kind, trust) = match job.entrant {
             Entrant::Law(law) => (law.predictor(), law.trust()),
             Entrant::Baseline(kind) | Entrant::Legal(kind) => {
-                let law = settings_for(self.config, arm, PredictorKind::Hold);
+                let law = settings_for(self.config, arm, PredictorKind::HOLD);
                 let settings = match job.tuning {
                     Tuning::Baseline(settings) => **settings,
                     _ => baseline_settings(self.config, job.arm, kind),
@@ -237,7 +237,7 @@ impl Benchmark<'_> {
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;
         let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
-        let options = DeskOptions { arm, oracle: kind == PredictorKind::Oracle, learner };
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
         desk(horizon, &settings, home, options).map_err(|error| wrong(&error))
     }
 }

@@ -12,7 +12,7 @@ use nalgebra::{Rotation3, Vector3};
 const MARGIN_M: f64 = 0.001;
 
 fn within(envelope: EnvelopeSettings) -> FollowerSettings<6> {
-    let mut settings = settings(PredictorKind::ConstantVelocity);
+    let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
     settings.safety.envelope = envelope;
     settings
 }

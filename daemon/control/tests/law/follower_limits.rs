@@ -53,7 +53,7 @@ fn hurried(
 
 /// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by so much.
 fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
-    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.dead_time_ns = (DEAD_S * 1e9) as u64;
     for axis in &mut wanted.mpc.axes {
         axis.acceleration_mps2 = acceleration_mps2;

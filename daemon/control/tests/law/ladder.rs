@@ -25,7 +25,7 @@ struct Writer {
 impl Writer {
     /// Three seconds into the curve.
     fn writing() -> Self {
-        let bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        let bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
         let mut writer = Self { bench, tick: 0 };
         for _ in 0..1500 {
             writer.write(None, Budget::default());
@@ -138,7 +138,7 @@ fn stop_changes_acceleration_gradually_without_a_jerk_limit_in_the_settings() {
         let mut writer = Writer::writing();
         let mut before: Option<[f64; 6]> = None;
         let mut qdd = [0.0; 6];
-        let limits = settings(PredictorKind::ConstantVelocity).limits;
+        let limits = settings(PredictorKind::CONSTANT_VELOCITY).limits;
         assert_eq!(limits.jerk(), None);
         let jerk = stop_jerk(&limits);
         let mut moved = 0.0_f64;

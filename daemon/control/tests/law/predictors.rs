@@ -127,7 +127,7 @@ fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_er
 
 #[test]
 fn every_switch_goes_through_no_trust_and_only_then_takes_over() {
-    let mut pair = Pair::new(PredictorKind::Hold);
+    let mut pair = Pair::new(PredictorKind::HOLD);
     pair.follow(1500);
     for to in PredictorKind::LIVE.into_iter().cycle().skip(1).take(2 * PredictorKind::LIVE.len()) {
         let mut before = None;
