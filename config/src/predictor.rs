@@ -13,7 +13,7 @@ use foretrace_control::predict::{
     PredictorKind,
 };
 
-use crate::check::Report;
+use crate::check::Findings;
 use crate::models::{LstmModel, SHIPPED_PRIOR, find_prior, shipped};
 use crate::problem::Problem;
 use crate::schema::Rule;
@@ -41,7 +41,7 @@ impl Value for PredictorKind {
 pub(crate) const NO_NETWORK: &str = "none";
 
 /// Builds what the predictors are made of; `None` when something was reported.
-pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Models> {
+pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<Models> {
     let section = &settings.predictor;
     let lstm = network("predictor.lstm", section.lstm.as_deref(), "lstm10", settings, report);
     let mixture =
@@ -72,7 +72,7 @@ fn network(
     name: Option<&str>,
     family: &str,
     settings: &Settings,
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) -> Option<Option<Arc<LstmWeights>>> {
     let suited = format!("{family}-{}ms", settings.pen.step_ms);
     let name = match name {
@@ -96,7 +96,7 @@ fn network(
 }
 
 /// The weights from which refinement starts; `None` when something was reported.
-pub(crate) fn prior(settings: &Settings, report: &mut Report<'_>) -> Option<RefinePrior> {
+pub(crate) fn prior(settings: &Settings, report: &mut Findings<'_>) -> Option<RefinePrior> {
     let name = settings.predictor.refine.prior.as_deref().unwrap_or(SHIPPED_PRIOR.name);
     match find_prior(name) {
         Ok(prior) => Some(prior),

@@ -7,7 +7,7 @@ use crate::experiments::LawEntrant;
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Entrant {
+pub enum Rival {
     /// The daemon's control law.
     Law(LawEntrant),
     /// A baseline instead of the law.
@@ -19,14 +19,14 @@ pub enum Entrant {
 /// A name that nobody has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
-pub struct UnknownEntrant {
+pub struct UnknownRival {
     /// As given.
     pub name: String,
     /// Every name.
     pub known: Vec<&'static str>,
 }
 
-impl Entrant {
+impl Rival {
     /// Feedback only.
     pub const HOLD: Self = Self::Law(LawEntrant::Hold);
     /// The daemon as it is shipped.
@@ -63,14 +63,14 @@ impl Entrant {
         }
     }
 
-    /// The entrant called `name`.
+    /// The rival called `name`.
     ///
     /// # Errors
     /// A name that nobody has.
-    pub fn named(name: &str) -> Result<Self, UnknownEntrant> {
+    pub fn named(name: &str) -> Result<Self, UnknownRival> {
         let known = || Self::all().chain(BaselineKind::ALL.map(Self::Legal));
         known()
-            .find(|entrant| entrant.name() == name)
-            .ok_or_else(|| UnknownEntrant { name: name.to_owned(), known: known().map(Self::name).collect() })
+            .find(|rival| rival.name() == name)
+            .ok_or_else(|| UnknownRival { name: name.to_owned(), known: known().map(Self::name).collect() })
     }
 }
