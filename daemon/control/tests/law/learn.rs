@@ -5,7 +5,7 @@ use crate::support;
 
 use crate::support::strokes::{first_order, handwriting};
 use crate::support::{STEP_NS, learner, models_with_network as models, preset, with_dybm as with};
-use foretrace_control::learn::{Learner, Lesson, Promotion, PromotionCause, Versus};
+use foretrace_control::learn::{CourseCounters, Learner, Lesson, Promotion, PromotionCause, Versus};
 use foretrace_control::pen::{GridStep, Motion};
 use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::{
@@ -260,4 +260,12 @@ fn a_wrong_candidate_of_least_squares_is_not_followed() {
     }
     let live = learner.weights().ar_rls;
     assert!((live.coefficients[0][0][0] - before.coefficients[0][0][0]).abs() < 0.1, "{live:?}");
+}
+
+#[test]
+fn counters_of_several_models_add_up_each_for_itself() {
+    let each =
+        |n| CourseCounters { promotions: n, rollbacks: 10 * n, poisoned: 100 * n, abandoned: 1000 * n };
+    assert_eq!([1, 2, 4].map(each).into_iter().sum::<CourseCounters>(), each(7));
+    assert_eq!([].into_iter().sum::<CourseCounters>(), each(0));
 }
