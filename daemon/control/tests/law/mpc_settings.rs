@@ -6,7 +6,7 @@ use foretrace_control::mpc::MpcSettings;
 use foretrace_control::predict::PredictorKind;
 
 fn settings() -> MpcSettings {
-    support::settings(PredictorKind::ConstantVelocity).mpc
+    support::settings(PredictorKind::CONSTANT_VELOCITY).mpc
 }
 
 fn legal(change: impl Fn(&mut MpcSettings)) -> bool {

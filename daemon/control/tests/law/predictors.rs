@@ -220,7 +220,7 @@ fn a_jump_empties_memory_and_teaches_nothing_whatever_predicts() {
 fn who_asks_by_an_old_name_is_told_the_new_one() {
     for old in ["ours", "ours-plus"] {
         assert_eq!(PredictorKind::from_name(old), None);
-        assert!(PredictorKind::renamed(old).contains(PredictorKind::Mixture.name()), "{old}");
+        assert!(PredictorKind::renamed(old).contains(PredictorKind::MIXTURE.name()), "{old}");
     }
     for name in PredictorKind::ALL.map(PredictorKind::name).into_iter().chain(["", "our", "hours-"]) {
         assert_eq!(PredictorKind::renamed(name), "", "{name}");
