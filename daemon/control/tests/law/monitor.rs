@@ -130,6 +130,10 @@ fn what_creeps_away_is_blamed_where_the_tolerance_ends() {
     assert_eq!(detail.amount, -creep(tick));
     assert!((200..=206).contains(&tick), "{tick}");
 
+    // At the tolerance to the last bit it is still inside.
+    let mut rig = Rig::usual().rested();
+    assert!((0..800).all(|tick| rig.tick([0.0, 0.0, creep(tick).max(-joint_rad)], [0.0; 3]).is_none()));
+
     // The tool is judged by its distance: the way along three axes together.
     for (off, blamed) in [(0.0088, true), (0.0085, false)] {
         let mut rig = Rig::usual().rested();
@@ -147,6 +151,29 @@ fn what_creeps_away_is_blamed_where_the_tolerance_ends() {
     let mut rig = Rig::usual().rested();
     assert_eq!(rig.tick([0.5, 0.0, 0.0], [0.0; 3]), None);
     rig.rested();
+}
+
+/// About commands that stand: swings of `size` [rad] at 1.5 Hz, each `growth` times as far as the one before.
+fn swinging(size: f64, growth: f64) -> Option<StopDetail> {
+    let mut rig = Rig::usual().rested();
+    (0..1500).find_map(|tick| {
+        let swings = 3.0 * f64::from(tick) * TICK_S;
+        let q = size * growth.powf(swings.floor()) * (0.5 * TAU * swings).sin();
+        rig.tick([0.0, q, 0.0], [0.0; 3])
+    })
+}
+
+#[test]
+fn a_joint_that_swings_farther_each_time_is_blamed_long_before_the_tolerance_ends() {
+    let joint_rad = TrackingSettings::DEFAULT.joint_rad;
+    let detail = swinging(0.0025, 1.3).expect("it is about to be unstable");
+    assert_eq!((detail.cause, detail.joint), (StopCause::Oscillation, Some(1)));
+    assert_eq!(detail.limit, 0.25 * joint_rad);
+    assert!(detail.amount > 0.25 * joint_rad && detail.amount < 0.4 * joint_rad, "{detail:?}");
+    for growth in [1.0, 0.9] {
+        assert_eq!(swinging(0.45 * joint_rad, growth), None, "{growth}");
+    }
+    assert_eq!(swinging(5e-4, 1.2), None, "too small to say anything");
 }
 
 #[test]

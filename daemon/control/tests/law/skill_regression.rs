@@ -1,8 +1,9 @@
 //! Shares and records of the skill against sums over all cases, worked out anew at every step.
 
 use crate::support::judging::Judge;
-use foretrace_control::pen::TARGET_RMS;
-use foretrace_control::skill::{SKILL_LEADS, SkillParameters};
+use foretrace_control::pen::{Motion, TARGET_RMS};
+use foretrace_control::predict::refine::Refiner;
+use foretrace_control::skill::{Closed, Foreseen, Happened, SKILL_LEADS, Skill, SkillParameters};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -106,4 +107,33 @@ fn shares_and_records_are_those_of_all_cases() {
         }
     }
     assert!(partly > 200, "{partly} shares between nothing and all");
+}
+
+/// The share of surprises after `cases` claims of `radius_m`, `lead` steps ahead, about a pen that is 0.5 mm beside every preview.
+fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
+    let (mut skill, mut refiner) = (Skill::new(0.01, false), Refiner::new(0.01));
+    for k in 0..cases + lead {
+        let base = [1e-3 * k as f64, 0.0];
+        let path: Vec<_> = (1..=SKILL_LEADS).map(|ahead| [base[0] + 1e-3 * ahead as f64, 5e-4]).collect();
+        let preview = Foreseen { base, velocity: [1e-3, 0.0], path: &path, claim: Some((lead, radius_m)) };
+        let next = Closed { motion: Motion::Continues, position: [base[0] + 1e-3, 0.0], unit_m: UNIT_M };
+        let happened = Happened { preview: Some(preview), closed: &[next], ..Happened::default() };
+        skill.learn(&mut refiner, &happened);
+    }
+    // The first claim is judged when its step closes, `lead` steps after.
+    skill.report(1, 1).record.surprise
+}
+
+#[test]
+fn surprises_are_the_claims_that_the_pen_left() {
+    let memory = SkillParameters::SHIPPED.surprise_cases;
+    for lead in [1, 3, 9] {
+        for cases in [1, 40, 300] {
+            assert_eq!(surprise(lead, 5.1e-4, cases), 0.0, "lead {lead}");
+            let all = 1.0 - (1.0 - 1.0 / memory).powi(cases as i32 + 1);
+            let found = surprise(lead, 4.9e-4, cases);
+            assert!((found - all).abs() < 1e-12, "lead {lead}, {cases} cases: {found} {all}");
+        }
+    }
+    assert_eq!(surprise(0, 1e-4, 100), 0.0, "a claim about the base says nothing");
 }
