@@ -163,7 +163,7 @@ mod tests {
     #[test]
     fn states_and_covariances_are_those_of_the_filter_in_matrices() {
         let change = 2e4;
-        let mut filter = Filter::new(change);
+        let mut filter = Filter::new(change, SHIPPED);
         let (mut state, mut covariance) = (Matrix3x2::zeros(), Matrix3::zeros());
         let mut time_s: f64 = 7.0;
         for k in 0..60 {

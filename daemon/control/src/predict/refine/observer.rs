@@ -183,9 +183,9 @@ mod tests {
     #[test]
     fn filters_are_judged_by_where_they_said_that_the_pen_goes() {
         let mut rng = Pcg64::seed_from_u64(13);
-        let mut observers = Observers::new();
-        let mut filters = CHANGES.map(Filter::new);
-        let (mut missed, mut moved) = ([0.0; CHANGES.len()], 0.0);
+        let mut observers = Observers::new(SHIPPED);
+        let mut filters = SHIPPED.changes.map(|change| Filter::new(change, SHIPPED.filter));
+        let (mut missed, mut moved) = ([0.0; OBSERVERS], 0.0);
         let mut claimed = None;
         for k in 0..400 {
             let t = 0.02 * f64::from(k);
@@ -199,10 +199,10 @@ mod tests {
             {
                 let from: [f64; 2] = from;
                 let way: f64 = (0..2).map(|i| (position[i] - from[i]).powi(2)).sum();
-                let counts = PACE * way / (way + moved);
+                let counts = SHIPPED.pace * way / (way + moved);
                 if counts > 0.0 {
                     moved += counts * (way - moved);
-                    let motions: [[[f64; 2]; 2]; CHANGES.len()] = motions;
+                    let motions: [[[f64; 2]; 2]; OBSERVERS] = motions;
                     for (missed, [velocity, acceleration]) in missed.iter_mut().zip(motions) {
                         let said =
                             |i: usize| from[i] + 0.02 * velocity[i] + 0.5 * 0.02 * 0.02 * acceleration[i];
@@ -216,9 +216,9 @@ mod tests {
                 assert!((found - expected).abs() <= 1e-9 * expected, "{k}: {found} {expected}");
             }
             // Nobody is 15 % better than whoever answers.
-            if observers.judged > SETTLED {
+            if observers.judged > SHIPPED.settled {
                 let least = missed.iter().copied().fold(f64::INFINITY, f64::min);
-                assert!(least >= BETTER * missed[observers.chosen] * (1.0 - 1e-9), "{k}: {missed:?}");
+                assert!(least >= SHIPPED.better * missed[observers.chosen] * (1.0 - 1e-9), "{k}: {missed:?}");
             }
         }
         assert!(observers.judged > 300 && observers.chosen != 0, "{observers:?}");
