@@ -1,6 +1,7 @@
 //! The control law from outside, one file a subject. One binary: what they share is compiled once.
 
 mod ar_rls;
+mod arming;
 mod bands;
 mod clearance_distance;
 mod clearance_follower;

@@ -1,7 +1,10 @@
 //! The tracking monitor by itself: arms made by hand, each wrong in one way, and what they are blamed for.
 
+use crate::support;
 use foretrace_control::arm::lag::LagEstimate;
+use foretrace_control::follower::FollowerError;
 use foretrace_control::monitor::{Monitor, SlowArm, TrackingSettings};
+use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
 use std::f64::consts::TAU;
@@ -271,4 +274,84 @@ fn a_little_less_speed_counts_only_where_the_arm_falls_behind() {
     assert!(slowed);
     let (share, allowed) = (rig.monitor.speed_share().unwrap(), rig.monitor.allowed_mps().unwrap());
     assert!((share - 0.9).abs() < 0.03 && (allowed - 0.9 * LEVER_M).abs() < 0.01, "{share} {allowed}");
+}
+
+/// Three joints that write circles of 1 cm, 100 ms late, the first turned about: what it is blamed for.
+fn mirrored(size: f64) -> Option<StopDetail> {
+    let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000).rested();
+    (0..2000).find_map(|tick| {
+        let at = |tick: f64| {
+            let phase = TAU * 2.5 * (tick * TICK_S).max(0.0);
+            [size * phase.sin(), size * (1.0 - phase.cos()), size * (phase.sin() - phase.cos() + 1.0)]
+        };
+        let [a, b, c] = at(f64::from(tick) - 50.0);
+        rig.tick([-a, b, c], at(f64::from(tick + 1)))
+    })
+}
+
+#[test]
+fn a_joint_that_moves_against_the_others_inside_its_commands_is_blamed_for_its_travel() {
+    let detail = mirrored(0.008).expect("it is turned about");
+    let limit = 2.0 * TrackingSettings::DEFAULT.still_rad;
+    assert_eq!((detail.cause, detail.joint, detail.limit), (StopCause::WrongDirection, Some(0), limit));
+    assert!(detail.amount > limit, "{detail:?}");
+    // On so small a circle it travels less within the memory.
+    assert_eq!(mirrored(0.002), None);
+}
+
+/// How long [s] after commands went 0.2 rad away a joint is blamed that hardly follows. Before, it moved for `moved_s`.
+fn blamed_after(moved_s: f64, std_s: f64) -> f64 {
+    let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000);
+    rig.lag = Some(LagEstimate { lag_s: 0.02, std_s, shift_s: 0.02 });
+    let mut rig = rig.rested();
+    let begin = (moved_s / TICK_S) as u32;
+    for tick in 0..begin {
+        let at = |t: f64| 0.5 * ((t.max(0.0) + 0.25).rem_euclid(0.5) - 0.25).abs();
+        let t = f64::from(tick) * TICK_S;
+        assert_eq!(rig.tick([at(t - 0.02), 0.0, 0.0], [at(t + TICK_S), 0.0, 0.0]), None);
+    }
+    let after = (0..1000).find(|tick| {
+        let t = f64::from(*tick) * TICK_S;
+        let went = |t: f64| 2.0 * t.clamp(0.0, 0.1);
+        rig.tick([0.1 * t, 0.0, 0.0], [went(t + TICK_S), 0.0, 0.0]).is_some()
+    });
+    f64::from(after.expect("it does not follow")) * TICK_S
+}
+
+/// The longest lag, what a servo of that lag or of the known one spreads, and jitter: 0.2 + 2 · 0.2 + 0.02 s, or 2 · 0.02 s.
+#[test]
+fn a_lag_counts_when_it_is_known_well_and_the_arm_has_moved_for_two_seconds() {
+    for (moved_s, std_s, reach_s) in
+        [(2.5, 1e-3, 0.26), (2.5, 5e-3, 0.62), (1.5, 1e-3, 0.62), (0.0, 1e-3, 0.62)]
+    {
+        let after = blamed_after(moved_s, std_s);
+        // Until the tolerance is used up, which lasts for 10 ms; blocks of 10 ms.
+        assert!((reach_s..reach_s + 0.1).contains(&after), "{moved_s} s, {std_s} s: {after} s");
+    }
+}
+
+#[test]
+fn tolerances_outside_their_range_are_refused_by_name() {
+    type Set = fn(&mut TrackingSettings, f64);
+    let with = |set: Set, value: f64| {
+        let mut settings = support::settings(PredictorKind::ConstantVelocity);
+        set(&mut settings.safety.tracking, value);
+        settings.preview_steps(10)
+    };
+    let ranges: [(&str, Set, f64, f64, &str); 4] = [
+        ("joint tolerance", |s, x| s.joint_rad = x, 0.002, 0.5, "rad"),
+        ("tool tolerance", |s, x| s.tool_m = x, 0.001, 0.2, "m"),
+        ("motion that has to show", |s, x| s.still_rad = x, 0.002, 0.5, "rad"),
+        ("runaway speed", |s, x| s.runaway_radps = x, 0.02, 3.0, "rad/s"),
+    ];
+    for (name, set, low, high, unit) in ranges {
+        assert!(with(set, low).is_ok() && with(set, high).is_ok(), "{name}");
+        for value in [low.next_down(), high.next_up(), 0.0] {
+            assert_eq!(with(set, value), Err(FollowerError::Number { name, value, low, high, unit }));
+        }
+    }
+    let hold: Set = |s, ns| s.hold_ns = ns as u64;
+    assert!(with(hold, 0.0).is_ok() && with(hold, 2e8).is_ok());
+    let refused = with(hold, 2.1e8).unwrap_err().to_string();
+    assert!(refused.contains("hold time of the tracking monitor"), "{refused}");
 }
