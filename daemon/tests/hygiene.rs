@@ -62,7 +62,7 @@ fn no_tick_of_the_way_home_allocates() {
 }
 
 #[test]
-fn no_tick_allocates_with_any_predictor_while_peers_come_and_go() {
+fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
     let _turn = turn();
     let place = Place::new();
     let daemon = Running::start(&place, place.source());

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn only_predictors_that_are_granted_are_offered() {
+    fn every_predictor_that_is_granted_is_offered_and_no_other() {
         for kind in PredictorKind::LIVE {
             assert_eq!(predictor(kind.name()), Ok(kind));
         }

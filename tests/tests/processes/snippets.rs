@@ -13,6 +13,13 @@ use foretrace_client::{JOINTS, PenReading, monotonic_now_ns};
 use foretrace_control::guard::Commanded as Command;
 use foretrace_control::units::Stamp;
 
+/// The predictors of docs/own-predictor.md, which are compiled and run by the law's tests, and where they are listed.
+const EXAMPLES: [&str; 3] = [
+    include_str!("../../../daemon/control/src/predict/models/damped_velocity.rs"),
+    include_str!("../../../daemon/control/src/predict/models/learned_damping.rs"),
+    include_str!("../../../daemon/control/src/predict/models/mod.rs"),
+];
+
 /// What a reader has.
 struct Arm;
 
@@ -148,8 +155,11 @@ fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
                 .lines()
                 .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
                 .collect();
+            // From the start of a line: an example must not be found in the midst of one.
+            let example =
+                || EXAMPLES.iter().any(|file| format!("\n{file}").contains(&format!("\n{snippet}")));
             assert!(
-                compiled.contains(&indented),
+                compiled.contains(&indented) || example(),
                 "{}: this snippet is not compiled; put it into a function of tests/tests/processes/snippets.rs:\n{snippet}",
                 path.display()
             );
@@ -157,6 +167,15 @@ fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
         }
     }
     assert!(count >= 5, "only {count} snippets were found");
+}
+
+#[test]
+fn the_first_predictor_of_ones_own_is_shown_whole() {
+    let [whole, ..] = EXAMPLES;
+    let (_, code) = whole.split_once("\n\n").unwrap();
+    let (code, _) = code.split_once("\n#[cfg(test)]").unwrap();
+    let shown = documents().into_iter().any(|(_, text)| text.contains(&format!("```rust\n{code}```")));
+    assert!(shown, "docs/own-predictor.md does not show the whole of damped_velocity.rs");
 }
 
 #[test]

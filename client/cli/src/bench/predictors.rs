@@ -139,3 +139,18 @@ fn displacements<const N: usize>(config: &Config, workload: &Workload<N>) -> Res
     }
     Ok(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_predictor_but_the_two_that_cost_nothing_has_a_row() {
+        let rows = candidates(&Config::preset("ur5").unwrap()).unwrap();
+        let costs =
+            |kind: &PredictorKind| ![PredictorKind::HOLD, PredictorKind::CONSTANT_VELOCITY].contains(kind);
+        for kind in PredictorKind::LIVE.into_iter().filter(costs) {
+            assert!(rows.iter().any(|row| row.name.starts_with(kind.name())), "{kind:?} has no row");
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! The predictors, one folder or file each, and the registry: the only list of them (`docs/predictor.md`).
+//! The predictors, one folder or file each, and the registry: the only list of them (`docs/own-predictor.md`).
 
 pub mod activation;
 pub mod ar_rls;
@@ -8,7 +8,11 @@ pub mod lstm;
 pub mod mixture;
 mod constant_velocity;
 mod covariance;
+#[cfg(any(test, feature = "examples"))]
+mod damped_velocity;
 pub(super) mod hold;
+#[cfg(any(test, feature = "examples"))]
+pub mod learned_damping;
 mod oracle;
 mod set;
 
@@ -35,6 +39,10 @@ pub const REGISTRY: &[Entry] = &[
     esn::ENTRY,
     ar_rls::ENTRY,
     mixture::ENTRY,
+    #[cfg(any(test, feature = "examples"))]
+    damped_velocity::ENTRY,
+    #[cfg(any(test, feature = "examples"))]
+    learned_damping::ENTRY,
 ];
 
 /// Gives the list of those that learn online, each with the name of its part in [`OnlineWeights`](super::OnlineWeights), to the
@@ -50,6 +58,9 @@ macro_rules! for_each_taught {
             ar_rls: ar_rls::{ArRls, ArRlsWeights},
             /// The mixture and its experts.
             mixture: mixture::{Mixture, MixtureParameters},
+            /// Learned damping.
+            #[cfg(any(test, feature = "examples"))]
+            learned_damping: learned_damping::{LearnedDamping, Damping},
         }
     };
 }
