@@ -9,7 +9,7 @@ use nalgebra::{Rotation3, Vector3};
 const MARGIN_M: f64 = 0.02;
 
 fn narrow() -> FollowerSettings<6> {
-    let mut settings = settings(PredictorKind::ConstantVelocity);
+    let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
     settings.safety.arm_workspace_margin = MARGIN_M;
     settings
 }

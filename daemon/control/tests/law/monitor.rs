@@ -334,7 +334,7 @@ fn a_lag_counts_when_it_is_known_well_and_the_arm_has_moved_for_two_seconds() {
 fn tolerances_outside_their_range_are_refused_by_name() {
     type Set = fn(&mut TrackingSettings, f64);
     let with = |set: Set, value: f64| {
-        let mut settings = support::settings(PredictorKind::ConstantVelocity);
+        let mut settings = support::settings(PredictorKind::CONSTANT_VELOCITY);
         set(&mut settings.safety.tracking, value);
         settings.preview_steps(10)
     };
