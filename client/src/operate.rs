@@ -94,7 +94,7 @@ impl Requests {
         self.ask(ControlOp::Disarm, 0.0, timeout)
     }
 
-    /// Stop smoothly and latch. [`crate::stop`] does the same where this way is closed.
+    /// Stop smoothly and latch. Prefer [`crate::stop`]: it needs no middleware and works where this way is closed.
     pub fn stop(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::Stop, 0.0, timeout)
     }
