@@ -191,3 +191,23 @@ impl OnlineModel for ArRlsLearner {
         roll_out(parameters, *memory, limit, out);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_without_a_covariance_are_counted_and_teach_nothing() {
+        let settings = ArRlsSettings::default();
+        let start = ArRlsWeights::constant_velocity(10_000_000);
+        let mut learner = ArRlsLearner::new(settings, start).unwrap();
+        learner.learn([3.0, -2.0]);
+        for count in 1..4 {
+            learner.covariance = Covariance::new(f64::NAN, 1.0);
+            learner.learn([5.0, 1.0]);
+            let counters = learner.counters();
+            assert_eq!((counters.restarted, counters.learned), (count, 0));
+            assert_eq!(learner.weights, start);
+        }
+    }
+}
