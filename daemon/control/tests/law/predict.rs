@@ -334,3 +334,16 @@ fn what_was_forgotten_is_in_no_preview() {
         first.observe(x);
     }
 }
+
+#[test]
+fn a_reset_and_what_is_no_number_leave_nothing_of_the_pen() {
+    let fresh = Dybm::new(DybmWeights::persistent(STEP_NS, shape(), 0.9)).unwrap();
+    let empty: [fn(&mut Dybm); 2] = [Predictor::reset, |dybm| dybm.observe([f64::NAN, 1.0])];
+    for empty in empty {
+        let mut used = fresh;
+        (0..20).for_each(|t| used.observe([f64::from(t), -3.0]));
+        assert_ne!(used.state(), fresh.state());
+        empty(&mut used);
+        assert_eq!(used, fresh);
+    }
+}

@@ -210,4 +210,20 @@ mod tests {
             assert_eq!(learner.weights, start);
         }
     }
+
+    #[test]
+    fn lessons_are_counted_and_those_that_were_clipped() {
+        let settings = ArRlsSettings::default();
+        let start = ArRlsWeights::constant_velocity(10_000_000);
+        let mut learner = ArRlsLearner::new(settings, start).unwrap();
+        let wild = [10.0, 2.0 * settings.huber];
+        // Before the first displacement there is nothing to learn from.
+        for (x, learned, clipped) in
+            [([10.0, 0.0], 0, 0), ([10.0, 0.0], 1, 0), ([10.0, 0.1], 2, 0), (wild, 3, 1)]
+        {
+            learner.learn(x);
+            let counters = learner.counters();
+            assert_eq!((counters.learned, counters.clipped), (learned, clipped), "{x:?}");
+        }
+    }
 }
