@@ -83,3 +83,15 @@ fn who_has_not_been_heard_of_for_three_of_its_own_intervals_is_not_armed() {
         assert_eq!(after(oldest_ms + 40), Err(Refusal::JointStateStale), "every {every_ms} ms");
     }
 }
+
+#[test]
+fn commands_are_valid_for_as_many_periods_as_the_settings_say() {
+    for valid_periods in [2, 5, 9] {
+        let mut settings = narrow();
+        settings.safety.valid_periods = valid_periods;
+        assert_eq!(settings.valid_ns(), u64::from(valid_periods) * PERIOD_NS);
+        let mut bench = Bench::armed(settings);
+        let command = bench.tick(&[]).command.unwrap();
+        assert_eq!(command.valid_until, command.stamp + u64::from(valid_periods) * PERIOD_NS);
+    }
+}

@@ -242,3 +242,28 @@ fn all_ways_that_there_are_and_no_other() {
     }
     assert_eq!(seen, allowed);
 }
+
+#[test]
+fn the_way_home_stands_on_the_first_rung_and_its_end_on_the_last_two() {
+    for stopped in [false, true] {
+        let mut bench = Bench::new(settings(PredictorKind::Hold));
+        bench.joints.q[0] += 0.2;
+        let mut rungs = Vec::new();
+        for tick in 0..3000 {
+            let request = match tick {
+                0 => Some(Request::MoveHome),
+                700 if stopped => Some(Request::Stop),
+                _ => None,
+            };
+            let before = bench.joints.q;
+            let output = bench.tick_with(&[], request, Budget::default());
+            let moves = bench.joints.q != before;
+            if rungs.last() != Some(&(output.rung, moves)) {
+                rungs.push((output.rung, moves));
+            }
+        }
+        rungs.retain(|(_, moves)| *moves);
+        let expected: &[_] = if stopped { &[Rung::FreshPlan, Rung::Stop] } else { &[Rung::FreshPlan] };
+        assert!(rungs.iter().map(|(rung, _)| rung).eq(expected), "{stopped}: {rungs:?}");
+    }
+}

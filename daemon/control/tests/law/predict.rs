@@ -6,7 +6,7 @@ use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
-    Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
+    Panel, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
 };
 use proptest::prelude::*;
 
@@ -309,5 +309,44 @@ proptest! {
                 predictor.preview_within(limit, &mut out);
             }
         }
+    }
+}
+
+#[test]
+fn what_was_forgotten_is_in_no_preview() {
+    let models = support::models_with_network();
+    let fresh = Panel::new(&models, &models.initial_weights()).unwrap();
+    let mut used = fresh.clone();
+    (0..60).map(f64::from).for_each(|t| used.observe([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
+    let path = |panel: &Panel, kind| {
+        let mut path = [[0.0; 2]; 12];
+        panel.roll_out(kind, 100.0, 1e-4, [0.01, 0.02], &mut path);
+        path
+    };
+    for kind in PredictorKind::LIVE {
+        let remembers = path(&used, kind) != path(&fresh, kind);
+        assert_eq!(remembers, kind != PredictorKind::Hold, "{kind:?}");
+    }
+    used.forget();
+    let mut first = fresh.clone();
+    for x in [[3.0, -2.0], [5.0, 1.0]] {
+        for kind in PredictorKind::LIVE {
+            assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
+        }
+        used.observe(x);
+        first.observe(x);
+    }
+}
+
+#[test]
+fn a_reset_and_what_is_no_number_leave_nothing_of_the_pen() {
+    let fresh = Dybm::new(DybmWeights::persistent(STEP_NS, shape(), 0.9)).unwrap();
+    let empty: [fn(&mut Dybm); 2] = [Predictor::reset, |dybm| dybm.observe([f64::NAN, 1.0])];
+    for empty in empty {
+        let mut used = fresh;
+        (0..20).for_each(|t| used.observe([f64::from(t), -3.0]));
+        assert_ne!(used.state(), fresh.state());
+        empty(&mut used);
+        assert_eq!(used, fresh);
     }
 }
