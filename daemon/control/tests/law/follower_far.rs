@@ -17,7 +17,7 @@ fn circle(t: f64) -> [f64; 2] {
 /// 80 ms ahead of its newest sample the pen is 7 cm farther: that is no pen that was lost.
 #[test]
 fn a_tool_that_is_where_the_pen_is_foreseen_writes_there_however_far_that_is_from_the_sample() {
-    let mut wanted = settings(PredictorKind::Hold);
+    let mut wanted = settings(PredictorKind::HOLD);
     wanted.dead_time_ns = 80_000_000;
     wanted.trust_request = TrustRequest::Manual(Trust::FULL);
     let mut bench = Bench::armed(wanted);
@@ -41,7 +41,7 @@ fn a_tool_that_is_where_the_pen_is_foreseen_writes_there_however_far_that_is_fro
 #[test]
 fn a_starved_solver_is_asked_for_what_it_can_plan() {
     for max_iterations in [3, 6] {
-        let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
         let (mut planned, mut way) = (0, 0.0);
         let mut before = None;
         for tick in 0..5000_u64 {

@@ -174,10 +174,10 @@ fn jerk_that_is_too_little_for_any_plan_is_refused_with_whose_it_is() {
         }
         other => panic!("{:?}", other.map(|_| "taken")),
     };
-    let mut plan = settings(PredictorKind::Hold);
+    let mut plan = settings(PredictorKind::HOLD);
     plan.mpc.axes[1].jerk_mps3 = 39.0;
     assert_eq!(refused(plan), ("the plan's limits", 1));
-    let mut weak = settings(PredictorKind::Hold);
+    let mut weak = settings(PredictorKind::HOLD);
     let tau = std::f64::consts::TAU;
     let limits = JointLimits::new([[-tau, tau]; 6], [3.0; 6], [2.0; 6]).unwrap();
     weak.limits = limits.with_jerk([80.0; 6]).unwrap().with_stale_braking(0.01, [1.9; 6]).unwrap();

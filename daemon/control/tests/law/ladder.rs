@@ -246,7 +246,7 @@ fn all_ways_that_there_are_and_no_other() {
 #[test]
 fn the_way_home_stands_on_the_first_rung_and_its_end_on_the_last_two() {
     for stopped in [false, true] {
-        let mut bench = Bench::new(settings(PredictorKind::Hold));
+        let mut bench = Bench::new(settings(PredictorKind::HOLD));
         bench.joints.q[0] += 0.2;
         let mut rungs = Vec::new();
         for tick in 0..3000 {

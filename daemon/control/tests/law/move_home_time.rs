@@ -32,7 +32,7 @@ fn underway(settings: FollowerSettings<6>) -> (Bench, HomeProgress, f64) {
 
 #[test]
 fn what_is_left_of_the_way_is_told_to_the_tick() {
-    let (mut bench, mut told, seconds) = underway(settings(PredictorKind::Hold));
+    let (mut bench, mut told, seconds) = underway(settings(PredictorKind::HOLD));
     assert!((told.left_s - seconds).abs() <= 2.0 * PERIOD_S, "{told:?} of {seconds} s");
     let mut shares = 0;
     while told.left_s > 2.0 * PERIOD_S {
@@ -51,7 +51,7 @@ fn what_is_left_of_the_way_is_told_to_the_tick() {
 
 /// Seconds by the stamps until it is there, and whether it stood on the way, if `lost` periods are lost in the middle.
 fn arrives(lost: u64) -> (f64, bool) {
-    let (mut bench, ..) = underway(settings(PredictorKind::Hold));
+    let (mut bench, ..) = underway(settings(PredictorKind::HOLD));
     let begin = bench.now;
     let mut stood = false;
     for tick in 0..5000 {

@@ -325,7 +325,7 @@ fn what_was_forgotten_is_in_no_preview() {
     };
     for kind in PredictorKind::LIVE {
         let remembers = path(&used, kind) != path(&fresh, kind);
-        assert_eq!(remembers, kind != PredictorKind::Hold, "{kind:?}");
+        assert_eq!(remembers, kind != PredictorKind::HOLD, "{kind:?}");
     }
     used.forget();
     let mut first = fresh.clone();
