@@ -62,7 +62,7 @@ def main() -> int:
         tally[outcome["summary"]] += 1
         if outcome["summary"] == "MissedMutant":
             missed.append(name)
-    open_ones = [name for name in missed if not any(place["mutant"] in name for place in argued)]
+    open_ones = [name for name in missed if not any(place.get("file", "") in name and name.endswith(place["mutant"]) for place in argued)]
     caught = tally["CaughtMutant"] + tally["Timeout"]
     viable = caught + len(open_ones)
     for name in missed:

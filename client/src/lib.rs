@@ -44,7 +44,7 @@ foretrace_shm::debug_is_sentence!(
 pub use foretrace_shm::{
     ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
     FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState,
-    LATENCY_BINS, Latency, Mode, PenSample, Percentiles, PredictorId, PublishError, Refused, RejectField,
+    LATENCY_BINS, Latency, Mode, PenSample, Percentiles, PredictorName, PublishError, Refused, RejectField,
     RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
     Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome,
     command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,

@@ -4,7 +4,7 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    AskError, ControlOp, ControlRequest, ControlResponse, ControlStatus, ControlTopic, Enable, PredictorId,
+    AskError, ControlOp, ControlRequest, ControlResponse, ControlStatus, ControlTopic, Enable, PredictorName,
     PublishError, Publisher, Rejection, ServiceError, Validate, monotonic_now_ns,
 };
 
@@ -76,66 +76,72 @@ impl Foretrace {
 impl Requests {
     /// Ask for mode (`detail`) and trust (`value`).
     pub fn query(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::Query, 0, 0.0, timeout)
+        self.ask(ControlOp::Query, 0.0, timeout)
     }
 
     /// Begin from the measured joints.
     pub fn arm(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::Arm, 0, 0.0, timeout)
+        self.ask(ControlOp::Arm, 0.0, timeout)
     }
 
     /// Move the arm home, slowly and straight in joint space; the answer comes when the way has been looked along.
     pub fn move_home(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::MoveHome, 0, 0.0, timeout)
+        self.ask(ControlOp::MoveHome, 0.0, timeout)
     }
 
     /// Stop smoothly and go idle.
     pub fn disarm(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::Disarm, 0, 0.0, timeout)
+        self.ask(ControlOp::Disarm, 0.0, timeout)
     }
 
-    /// Stop smoothly and latch. [`crate::stop`] does the same where this way is closed.
+    /// Stop smoothly and latch. Prefer [`crate::stop`]: it needs no middleware and works where this way is closed.
     pub fn stop(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::Stop, 0, 0.0, timeout)
+        self.ask(ControlOp::Stop, 0.0, timeout)
     }
 
     /// Set trust by hand: 1 prediction only, 0 hold only.
     pub fn set_trust(&mut self, trust: f64, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::SetTrust, 0, trust, timeout)
+        self.ask(ControlOp::SetTrust, trust, timeout)
     }
 
     /// Keep the trust as it is.
     pub fn freeze_trust(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::FreezeTrust, 0, 0.0, timeout)
+        self.ask(ControlOp::FreezeTrust, 0.0, timeout)
     }
 
     /// Trust from evidence again.
     pub fn trust_auto(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::TrustAuto, 0, 0.0, timeout)
+        self.ask(ControlOp::TrustAuto, 0.0, timeout)
     }
 
-    /// Predict with another predictor.
+    /// Predict with another predictor, by its name in the settings; which there are is the daemon's to say.
     pub fn switch_predictor(
         &mut self,
-        predictor: PredictorId,
+        name: &str,
         timeout: Duration,
     ) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::SwitchPredictor, predictor.into(), 0.0, timeout)
+        // What is no name is refused as none before it is sent.
+        let predictor = PredictorName::new(name).unwrap_or(PredictorName::NONE);
+        self.ask_with(ControlOp::SwitchPredictor, predictor, 0.0, timeout)
     }
 
     /// Read the settings file again.
     pub fn reload(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
-        self.ask(ControlOp::Reload, 0, 0.0, timeout)
+        self.ask(ControlOp::Reload, 0.0, timeout)
     }
 
-    fn ask(
+    fn ask(&mut self, op: ControlOp, value: f64, timeout: Duration) -> Result<ControlResponse, RequestError> {
+        self.ask_with(op, PredictorName::NONE, value, timeout)
+    }
+
+    fn ask_with(
         &mut self,
         op: ControlOp,
-        param: u32,
+        predictor: PredictorName,
         value: f64,
         timeout: Duration,
     ) -> Result<ControlResponse, RequestError> {
-        let request = ControlRequest { param, value, ..ControlRequest::new(0, 0, op) };
+        let request = ControlRequest { predictor, value, ..ControlRequest::new(0, 0, op) };
         request.validate()?;
         let response = bounded(&self.topic, request, timeout)?;
         if response.is_success() {

@@ -25,7 +25,7 @@ pub(crate) fn check(
     whole: &Place,
     problems: &mut Vec<Problem>,
 ) -> Option<(Robot, Models, RefinePrior)> {
-    let mut report = Report { found, whole, problems };
+    let mut report = Findings { found, whole, problems };
     time(settings, &mut report);
     plane(settings, &mut report);
     ranges(settings, &mut report);
@@ -48,13 +48,13 @@ pub(crate) fn check(
 }
 
 /// Knows where each key was written.
-pub(crate) struct Report<'a> {
+pub(crate) struct Findings<'a> {
     pub(crate) found: &'a Found,
     pub(crate) whole: &'a Place,
     pub(crate) problems: &'a mut Vec<Problem>,
 }
 
-impl Report<'_> {
+impl Findings<'_> {
     /// Reports that `key` contradicts something.
     pub(crate) fn conflict(&mut self, key: &str, conflict: impl Into<String>, remedy: impl Into<String>) {
         let node = self.found.get(key);
@@ -68,7 +68,7 @@ impl Report<'_> {
     }
 }
 
-fn time(s: &Settings, report: &mut Report<'_>) {
+fn time(s: &Settings, report: &mut Findings<'_>) {
     let period_us = 1_000_000 / s.control_loop.rate_hz.max(1);
     let step_us = s.pen.step_ms * 1000;
     if !step_us.is_multiple_of(period_us) {
@@ -173,7 +173,7 @@ fn time(s: &Settings, report: &mut Report<'_>) {
     }
 }
 
-fn plane(s: &Settings, report: &mut Report<'_>) {
+fn plane(s: &Settings, report: &mut Findings<'_>) {
     /// A calibration with three touches is good to about this much; beyond it, something was mistyped.
     const TOLERANCE: f64 = 1e-2;
     let dot = |a: &[f64; 3], b: &[f64; 3]| -> f64 { a.iter().zip(b).map(|(x, y)| x * y).sum() };
@@ -215,7 +215,7 @@ fn plane(s: &Settings, report: &mut Report<'_>) {
     }
 }
 
-fn ranges(s: &Settings, report: &mut Report<'_>) {
+fn ranges(s: &Settings, report: &mut Findings<'_>) {
     /// What the plan needs to tell one wall from the other.
     const NARROWEST_M: f64 = 1e-3;
     let workspace =
@@ -232,7 +232,7 @@ fn ranges(s: &Settings, report: &mut Report<'_>) {
     }
 }
 
-fn predictor(s: &Settings, report: &mut Report<'_>) {
+fn predictor(s: &Settings, report: &mut Findings<'_>) {
     let dybm = &s.predictor.dybm;
     if dybm.decays.len() > MAX_TRACES {
         report.conflict(
@@ -258,7 +258,7 @@ fn predictor(s: &Settings, report: &mut Report<'_>) {
     }
 }
 
-fn process(s: &Settings, report: &mut Report<'_>) {
+fn process(s: &Settings, report: &mut Findings<'_>) {
     /// What the sockets of the middleware leave of their 108 bytes.
     const LONGEST: usize = 60;
     if let Some(root) = &s.instance.root_dir

@@ -3,7 +3,7 @@
 use foretrace_control::arm::{Chain, JointLimits};
 use foretrace_control::clearance::{Clearance, ClearanceError, ClearanceSettings, Obstacle};
 
-use crate::check::Report;
+use crate::check::Findings;
 use crate::robot::JOINTS;
 use crate::settings::Settings;
 
@@ -13,7 +13,7 @@ pub(crate) fn clearance(
     chain: &Chain<JOINTS>,
     limits: &JointLimits<JOINTS>,
     home: &[f64; JOINTS],
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) -> Option<ClearanceSettings> {
     let section = &settings.clearance;
     let mut obstacles = Vec::new();

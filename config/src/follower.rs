@@ -143,7 +143,7 @@ fn follower_settings(
         pen: pen(s),
         preview: PreviewSettings {
             step_ns: s.step_ns(),
-            kind: s.predictor.kind.kind(),
+            kind: s.predictor.kind,
             limit_factor: s.predictor.limit_factor,
             peak_fade: s.predictor.peak_fade,
             scale: SpeedScaleSettings {

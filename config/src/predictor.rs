@@ -13,23 +13,27 @@ use foretrace_control::predict::{
     PredictorKind,
 };
 
-use crate::check::Report;
+use crate::check::Findings;
 use crate::models::{LstmModel, SHIPPED_PRIOR, find_prior, shipped};
-use crate::settings::{self, PredictorChoice, Settings, TraceChoice};
+use crate::problem::Problem;
+use crate::schema::Rule;
+use crate::settings::{self, Settings, TraceChoice};
+use crate::value::{Value, word};
+use crate::written::Node;
 
-impl PredictorChoice {
-    /// The predictor of the control law.
-    #[must_use]
-    pub const fn kind(self) -> PredictorKind {
-        match self {
-            Self::Hold => PredictorKind::Hold,
-            Self::ConstantVelocity => PredictorKind::ConstantVelocity,
-            Self::Dybm => PredictorKind::Dybm,
-            Self::DybmEsn => PredictorKind::DybmEsn,
-            Self::Lstm => PredictorKind::Lstm,
-            Self::ArRls => PredictorKind::ArRls,
-            Self::Mixture => PredictorKind::Mixture,
-        }
+impl Value for PredictorKind {
+    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        // Whatever is legal by the rule is a name of the registry.
+        word(node, rule, problems).and_then(Self::from_name)
+    }
+
+    fn write(&self) -> Option<String> {
+        Some(format!("{:?}", self.name()))
+    }
+
+    fn explained() -> String {
+        let each = Self::LIVE.map(|kind| format!("{:?}: {}", kind.name(), kind.about()));
+        format!(" {}.", each.join("; "))
     }
 }
 
@@ -37,22 +41,23 @@ impl PredictorChoice {
 pub(crate) const NO_NETWORK: &str = "none";
 
 /// Builds what the predictors are made of; `None` when something was reported.
-pub(crate) fn models(settings: &Settings, report: &mut Report<'_>) -> Option<Models> {
+pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<Models> {
     let section = &settings.predictor;
     let lstm = network("predictor.lstm", section.lstm.as_deref(), "lstm10", settings, report);
     let mixture =
         network("predictor.mixture.network", section.mixture.network.as_deref(), "mixture", settings, report);
     let networks = Networks { lstm: lstm?, mixture: mixture? };
-    if section.kind == PredictorChoice::Lstm && networks.lstm.is_none() {
-        report.conflict(
-            "predictor.kind",
-            format!("needs a trained network, and none is there for pen.step_ms = {}", settings.pen.step_ms),
-            "set predictor.lstm to a .safetensors file made for this step, or choose another predictor",
-        );
-        return None;
-    }
     match Models::new(model_settings(settings), networks) {
-        Ok(models) => Some(models),
+        Ok(models) if models.has(section.kind) => Some(models),
+        Ok(_) => {
+            let name = section.kind.name();
+            report.conflict(
+                "predictor.kind",
+                format!("needs a trained network, and none is there for pen.step_ms = {}", settings.pen.step_ms),
+                format!("set predictor.{name} to a .safetensors file made for this step, or choose another predictor"),
+            );
+            None
+        }
         Err(error) => {
             report.conflict("predictor.kind", format!("cannot be built: {error}"), "correct that setting");
             None
@@ -67,7 +72,7 @@ fn network(
     name: Option<&str>,
     family: &str,
     settings: &Settings,
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) -> Option<Option<Arc<LstmWeights>>> {
     let suited = format!("{family}-{}ms", settings.pen.step_ms);
     let name = match name {
@@ -91,7 +96,7 @@ fn network(
 }
 
 /// The weights from which refinement starts; `None` when something was reported.
-pub(crate) fn prior(settings: &Settings, report: &mut Report<'_>) -> Option<RefinePrior> {
+pub(crate) fn prior(settings: &Settings, report: &mut Findings<'_>) -> Option<RefinePrior> {
     let name = settings.predictor.refine.prior.as_deref().unwrap_or(SHIPPED_PRIOR.name);
     match find_prior(name) {
         Ok(prior) => Some(prior),

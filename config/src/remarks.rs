@@ -2,13 +2,13 @@
 
 use foretrace_control::arm::Chain;
 use foretrace_control::follower::{FollowerSettings, Refusal};
-use foretrace_control::predict::Models;
+use foretrace_control::predict::{Models, PredictorKind};
 
 use crate::config::Config;
 use crate::models::shipped;
 use crate::predictor::NO_NETWORK;
 use crate::robot::JOINTS;
-use crate::settings::{PredictorChoice, Settings};
+use crate::settings::Settings;
 
 /// A limit that is lowered by less than this share is not worth a line.
 const WORTH: f64 = 0.01;
@@ -68,7 +68,7 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
 fn network(settings: &Settings, models: &Models) -> Option<String> {
     let Settings { predictor, pen, .. } = settings;
     let renounced = predictor.mixture.network.is_some();
-    if predictor.kind != PredictorChoice::Mixture || renounced || models.networks().mixture.is_some() {
+    if predictor.kind != PredictorKind::MIXTURE || renounced || models.networks().mixture.is_some() {
         return None;
     }
     let with: Vec<String> = (4..=20)

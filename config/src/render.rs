@@ -67,7 +67,7 @@ impl Config {
             s.pen.step_ms,
             s.mpc.horizon,
             s.plan_step_s() * 1e3,
-            s.predictor.kind.word(),
+            s.predictor.kind.name(),
             s.trust.mode.word(),
             s.robot.urdf,
             s.timing.dead_time_ms,

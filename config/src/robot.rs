@@ -8,7 +8,7 @@ use foretrace_control::clearance::ClearanceSettings;
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::check::Report;
+use crate::check::Findings;
 use crate::clearance::clearance;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
@@ -42,7 +42,7 @@ impl PlaneSection {
 }
 
 /// Builds the robot and checks that it reaches the plane; `None` when something was reported.
-pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robot> {
+pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Robot> {
     let before = report.problems.len();
     let section = &settings.robot;
     let chain = chain(section, report)?;
@@ -70,7 +70,7 @@ pub(crate) fn robot(settings: &Settings, report: &mut Report<'_>) -> Option<Robo
 }
 
 /// A preset's tool belongs to the preset's arm: under a description or a tip link of one's own it would be a pen too many.
-fn tool_of_another(section: &RobotSection, report: &mut Report<'_>) {
+fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
     let preset = |key: &str| {
         report.found.get(key).is_none_or(|node| matches!(node.place, Place::Preset { .. } | Place::Default))
     };
@@ -90,7 +90,7 @@ fn tool_of_another(section: &RobotSection, report: &mut Report<'_>) {
     }
 }
 
-fn chain(section: &RobotSection, report: &mut Report<'_>) -> Option<Chain<JOINTS>> {
+fn chain(section: &RobotSection, report: &mut Findings<'_>) -> Option<Chain<JOINTS>> {
     let text = match presets::robot(&section.urdf) {
         Some(text) => text.to_owned(),
         None => match std::fs::read_to_string(&section.urdf) {
@@ -129,9 +129,9 @@ fn limits(
     section: &RobotSection,
     chain: &Chain<JOINTS>,
     hold_s: f64,
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) -> Option<JointLimits<JOINTS>> {
-    let optional = |key: &str, list: Option<&Vec<f64>>, report: &mut Report<'_>| match list {
+    let optional = |key: &str, list: Option<&Vec<f64>>, report: &mut Findings<'_>| match list {
         Some(list) => per_joint(key, list, chain, report).map(Some),
         None => Some(None),
     };
@@ -193,7 +193,7 @@ fn per_joint(
     key: &str,
     list: &[f64],
     chain: &Chain<JOINTS>,
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) -> Option<[f64; JOINTS]> {
     let array = <[f64; JOINTS]>::try_from(list).ok();
     if array.is_none() {
@@ -211,7 +211,7 @@ fn reach(
     chain: &Chain<JOINTS>,
     limits: &JointLimits<JOINTS>,
     home: &[f64; JOINTS],
-    report: &mut Report<'_>,
+    report: &mut Findings<'_>,
 ) {
     let rotation = plane.rotation();
     let origin = Vector3::from(plane.origin_m);

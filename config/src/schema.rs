@@ -110,7 +110,7 @@ impl Table {
         self.keys.push(Key {
             section: at.to_owned(),
             path: joined(at, field.name),
-            meaning: plain(field.meaning),
+            meaning: plain(field.meaning) + &V::explained(),
             unit,
             legal: field.legal,
             legal_text: V::shape(&field.legal.text(unit)),

@@ -149,7 +149,7 @@ fn a_later_layer_wins_key_by_key() {
 #[test]
 fn a_bare_word_on_the_command_line_is_text() {
     let config = Draft::preset("ur5").set("predictor.kind", "hold").finish().unwrap();
-    assert_eq!(config.settings().predictor.kind.word(), "hold");
+    assert_eq!(config.settings().predictor.kind.name(), "hold");
 }
 
 #[test]

@@ -17,6 +17,10 @@ pub(crate) trait Value: Sized {
     fn absent() -> Option<Self> {
         None
     }
+    /// What follows the meaning of the key: every legal word in turn, where the words are not the key's own.
+    fn explained() -> String {
+        String::new()
+    }
     /// Range and shape in words.
     fn shape(range: &str) -> String {
         range.to_owned()

@@ -136,7 +136,7 @@ impl Daemon {
             settings.control_loop.rate_hz,
             settings.mpc.horizon,
             settings.plan_step_s() * 1e3,
-            settings.predictor.kind.kind().name(),
+            settings.predictor.kind.name(),
             self.config.name(),
             instance.number(),
         );
@@ -205,7 +205,7 @@ impl Daemon {
         let (before, after) = (self.config.settings(), new.settings());
         let mut orders = Vec::new();
         if before.predictor.kind != after.predictor.kind {
-            orders.push(IpcOrder::Loop(Request::SwitchPredictor(after.predictor.kind.kind())));
+            orders.push(IpcOrder::Loop(Request::SwitchPredictor(after.predictor.kind)));
         }
         if before.trust.request() != after.trust.request() {
             orders.push(IpcOrder::Loop(match after.trust.request() {

@@ -5,8 +5,8 @@ mod support;
 use std::process::{Command, Stdio};
 
 use foretrace_shm::{
-    ControlOp, ControlStatus, Enable, FaultReason, GhostState, HeaderBounds, Mode, PredictorId, Purge,
-    Services, Session, monotonic_now_ns,
+    ControlOp, ControlStatus, Enable, FaultReason, GhostState, HeaderBounds, Mode, Purge, Services, Session,
+    monotonic_now_ns,
 };
 use foretraced::{DaemonError, Source};
 use support::{Operator, Place, Running, arm, pen, turn, until};
@@ -17,10 +17,10 @@ fn arming_without_an_arm_is_refused_with_what_to_do() {
     let place = Place::new();
     let daemon = Running::start(&place, place.source());
     let mut operator = Operator::attach(&place);
-    let answer = operator.ask(ControlOp::Arm, 0.0, 0);
+    let answer = operator.ask(ControlOp::Arm, 0.0);
     assert_eq!(answer.outcome(), ControlStatus::NoJointState);
     assert!(answer.text().contains("foretrace arm sim"), "{}", answer.text());
-    let query = operator.ask(ControlOp::Query, 0.0, 0);
+    let query = operator.ask(ControlOp::Query, 0.0);
     assert_eq!((query.outcome(), query.detail), (ControlStatus::Ok, u32::from(Mode::Idle)));
     let status = operator.status_when("it counts requests", |status| status.counters.requests == 2);
     assert_eq!(status.counters.requests_refused, 1);
@@ -38,23 +38,25 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
     let (_arm, _log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::Ok);
-    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::WrongMode);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::Ok);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::WrongMode);
     operator.status_when("trust grows", |status| status.trust > 0.9);
-    operator.ask(ControlOp::SetTrust, 0.25, 0);
+    operator.ask(ControlOp::SetTrust, 0.25);
     operator.status_when("trust is 0.25", |status| (status.trust - 0.25).abs() < 1e-9);
-    operator.ask(ControlOp::TrustAuto, 0.0, 0);
-    let hold = u32::from(PredictorId::Hold);
-    assert!(operator.ask(ControlOp::SwitchPredictor, 0.0, hold).is_success());
-    operator.status_when("Hold has taken over", |status| status.predictor == hold);
+    operator.ask(ControlOp::TrustAuto, 0.0);
+    assert!(operator.switch_predictor("hold").is_success());
+    operator.status_when("Hold has taken over", |status| status.predictor.as_str() == Some("hold"));
     // A live loop has no recording of the future.
-    let oracle = operator.ask(ControlOp::SwitchPredictor, 0.0, PredictorId::Oracle.into());
-    assert!(!oracle.is_success(), "{oracle}");
-    assert!(operator.ask(ControlOp::Stop, 0.0, 0).is_success());
+    let oracle = operator.switch_predictor("oracle");
+    assert_eq!(oracle.outcome(), ControlStatus::PredictorUnavailable, "{oracle}");
+    let nobody = operator.switch_predictor("crystal-ball");
+    assert_eq!(nobody.outcome(), ControlStatus::PredictorUnavailable);
+    assert!(nobody.text().contains("crystal-ball") && nobody.text().contains("mixture"), "{nobody}");
+    assert!(operator.ask(ControlOp::Stop, 0.0).is_success());
     let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
     assert_eq!(stopped.fault, u32::from(FaultReason::None));
-    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
-    assert!(operator.ask(ControlOp::Disarm, 0.0, 0).is_success());
+    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0).is_success().then_some(()));
+    assert!(operator.ask(ControlOp::Disarm, 0.0).is_success());
     operator.status_when("it lets go", |status| status.mode == u32::from(Mode::Idle));
     daemon.end().unwrap();
 }
@@ -73,8 +75,8 @@ fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     let (_arm, _log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert!(operator.ask(ControlOp::SetTrust, 0.0, 0).is_success());
-    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    assert!(operator.ask(ControlOp::SetTrust, 0.0).is_success());
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let (mut seen, mut settled) = (0, true);
     let status = operator.status_when("both are compared", |status| {
         telemetry.drain(monotonic_now_ns(), |record| {
@@ -95,7 +97,7 @@ fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     assert!((real.session_lag_s - ghost.session_lag_s).abs() < 5e-3, "{real:?} {ghost:?}");
     assert!(status.ghost_cost_ns > 0);
 
-    assert!(operator.ask(ControlOp::SetTrust, 1.0, 0).is_success());
+    assert!(operator.ask(ControlOp::SetTrust, 1.0).is_success());
     operator.status_when("prediction saves millimetres and milliseconds", |status| {
         let (real, ghost) = (status.tracking, status.ghost);
         real.recent_rms_m < 0.8 * ghost.recent_rms_m && real.recent_lag_s < ghost.recent_lag_s - 0.005
@@ -112,7 +114,7 @@ fn without_a_ghost_nothing_is_compared_and_nothing_claimed() {
     let (_arm, _log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let status = operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
     assert_eq!((status.ghost_state, status.ghost_cost_ns), (u32::from(GhostState::Off), 0));
     assert!(status.tracking.session_rms_m < 0.0 && status.ghost.session_lag_s.is_nan(), "{status:?}");
@@ -128,16 +130,16 @@ fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_
     let (first, _log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
     drop(first);
     let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
     assert_eq!(stopped.fault, u32::from(FaultReason::JointStateStale));
     until("the arm is missed", || {
-        (operator.ask(ControlOp::Arm, 0.0, 0).outcome() == ControlStatus::JointStateStale).then_some(())
+        (operator.ask(ControlOp::Arm, 0.0).outcome() == ControlStatus::JointStateStale).then_some(())
     });
     let (_second, log) = arm(&place);
-    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(()));
+    until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0).is_success().then_some(()));
     operator.status_when("it follows again", |status| status.mode == u32::from(Mode::Following));
     assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
     // Everything but the first command after arming is compared with the one before.
@@ -159,10 +161,10 @@ fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_ar
     let (_arm, log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::NotEnabled);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::NotEnabled);
     until("it is armed under a dead-man", || {
         beat();
-        operator.ask(ControlOp::Arm, 0.0, 0).is_success().then_some(())
+        operator.ask(ControlOp::Arm, 0.0).is_success().then_some(())
     });
     let held = operator.status_when("it follows for as long as the dead-man beats", |status| {
         beat();
@@ -211,26 +213,26 @@ fn a_reload_takes_live_settings_and_refuses_the_others() {
     write("[predictor]\nkind = \"hold\"\n");
     let daemon = Running::start(&place, Source::file(&file));
     let mut operator = Operator::attach(&place);
-    operator.status_when("it starts with Hold", |status| status.predictor == u32::from(PredictorId::Hold));
+    operator.status_when("it starts with Hold", |status| status.predictor.as_str() == Some("hold"));
 
     write("[predictor]\nkind = \"constant-velocity\"\n");
-    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    let answer = operator.ask(ControlOp::Reload, 0.0);
     assert_eq!(answer.outcome(), ControlStatus::Ok, "{answer}");
     assert!(answer.text().contains("predictor.kind"), "{answer}");
-    let wanted = u32::from(PredictorId::ConstantVelocity);
-    let status = operator.status_when("the new one takes over", |status| status.predictor == wanted);
+    let wanted = Some("constant-velocity");
+    let status = operator.status_when("the new one takes over", |status| status.predictor.as_str() == wanted);
     assert_eq!(status.settings_revision, 1);
 
     write("[predictor]\nkind = \"hold\"\n[loop]\npriority = 70\n");
-    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    let answer = operator.ask(ControlOp::Reload, 0.0);
     assert_eq!(answer.outcome(), ControlStatus::NeedsRestart, "{answer}");
     assert!(answer.text().contains("loop.priority"), "{answer}");
 
     write("[predictor]\nkind = \"crystal-ball\"\n");
-    let answer = operator.ask(ControlOp::Reload, 0.0, 0);
+    let answer = operator.ask(ControlOp::Reload, 0.0);
     assert_eq!(answer.outcome(), ControlStatus::SettingsRejected, "{answer}");
     let status = operator.status_when("nothing else changed", |status| status.tick > 0);
-    assert_eq!((status.predictor, status.settings_revision), (wanted, 1));
+    assert_eq!((status.predictor.as_str(), status.settings_revision), (wanted, 1));
     daemon.end().unwrap();
 }
 

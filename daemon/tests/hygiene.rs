@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
-use foretrace_shm::{ControlOp, ControlStatus, Mode, PredictorId, Stage};
+use foretrace_shm::{ControlOp, ControlStatus, Mode, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
 use foretraced::rt::rehearsal::rehearse;
 use foretraced::{Rights, Source};
@@ -61,30 +62,29 @@ fn no_tick_of_the_way_home_allocates() {
 }
 
 #[test]
-fn no_tick_allocates_with_any_predictor_while_peers_come_and_go() {
+fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
     let _turn = turn();
     let place = Place::new();
     let daemon = Running::start(&place, place.source());
     let mut operator = Operator::attach(&place);
     let (arm, log) = arm(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert_eq!(operator.ask(ControlOp::Arm, 0.0, 0).outcome(), ControlStatus::Ok);
+    assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::Ok);
     // Each predictor writes for a while, with weights coming in from the learner.
-    for predictor in PredictorId::ALL.iter().filter(|id| **id != PredictorId::Oracle) {
-        let wanted = u32::from(*predictor);
-        let answer = operator.ask(ControlOp::SwitchPredictor, 0.0, wanted);
+    for predictor in PredictorKind::LIVE.map(PredictorKind::name) {
+        let answer = operator.switch_predictor(predictor);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&place);
         // Believed as far as the evidence goes, which for some is nowhere; then in full, because an operator says so.
         let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
-            status.mode == u32::from(Mode::Following) && status.predictor == wanted
+            status.mode == u32::from(Mode::Following) && status.predictor.as_str() == Some(predictor)
         });
         operator.status_when("previews are judged", |status| status.tick > followed.tick + 300);
-        assert_eq!(operator.ask(ControlOp::SetTrust, 1.0, 0).outcome(), ControlStatus::Ok);
+        assert_eq!(operator.ask(ControlOp::SetTrust, 1.0).outcome(), ControlStatus::Ok);
         let taken = operator.status_when("it is trusted", |status| status.trust > 0.9);
         operator
             .status_when("new weights come in", |status| status.learner_version > taken.learner_version + 2);
-        assert_eq!(operator.ask(ControlOp::TrustAuto, 0.0, 0).outcome(), ControlStatus::Ok);
+        assert_eq!(operator.ask(ControlOp::TrustAuto, 0.0).outcome(), ControlStatus::Ok);
         drop(pen);
     }
     let learned = operator.status_when("it learns", |status| status.learner_updates > 20);

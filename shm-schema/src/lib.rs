@@ -35,14 +35,15 @@ pub use wire::{
     latency::{LATENCY_BINS, Latency},
     layout::{self, Wire},
     pen::{PEN_POSITION_LIMIT_M, PenSample},
+    predictor_name::{PREDICTOR_NAME_BYTES, PredictorName},
     refused::{Refused, RejectField},
     robot_mode::{RobotMode, SafetyMode},
     status::{GhostState, Percentiles, Status, Tracking, WayHome},
     stop_detail::{StopCause, StopDetail, ToolExtent},
     tick_record::{Chain, TickRecord},
     vocabulary::{
-        ControlOp, ControlStatus, FaultReason, Mode, PredictorId, REJECT_REASONS, RejectReason, Rung, STAGES,
-        SolverPath, Stage, TrustReason, UnknownValue,
+        ControlOp, ControlStatus, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES, SolverPath,
+        Stage, TrustReason, UnknownValue,
     },
 };
 

@@ -49,7 +49,7 @@ pub(crate) struct RecordArgs {
 
 /// The result; keys are stable.
 #[derive(Debug, Default, Serialize)]
-struct Report {
+struct RecordReport {
     samples: u64,
     rate_hz: f64,
     /// From the first sample to the last.
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
         let remedy = format!("what was recorded is in {}", part.display());
         Failure::failed(format_args!("cannot write the recording: {error}"), remedy)
     };
-    let mut report = Report::default();
+    let mut report = RecordReport::default();
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let mut lookout = Lookout::new();
     let mut ends = false;
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
         let what = format!("{} pen samples came, and a recording needs 2", summary.samples);
         return Err(Failure::failed(what, "feed the pen meanwhile, for example by foretrace play"));
     };
-    let report = Report { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
+    let report = RecordReport { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
     say!(
         "{}: {} samples, {:.1} s at {:.0} Hz, {} lost, {} out of order",
         args.pen.display(),

@@ -6,9 +6,8 @@
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use foretrace_client::{
-    ControlResponse, ControlStatus, Mode, PredictorId, RequestError, Requests, StopError, Stopped,
-};
+use foretrace_client::{ControlResponse, ControlStatus, Mode, RequestError, Requests, StopError, Stopped};
+use foretrace_control::predict::PredictorKind;
 use serde_json::json;
 
 use crate::attach::unattached;
@@ -50,9 +49,8 @@ enum Request {
     },
     /// Predict with another predictor; trust goes through 0
     Predictor {
-        /// hold, constant-velocity, dybm, lstm, dybm-esn, ar-rls, mixture
-        #[arg(value_name = "NAME", value_parser = predictor)]
-        name: PredictorId,
+        #[arg(value_name = "NAME", help = values::predictors(), value_parser = values::predictor)]
+        kind: PredictorKind,
     },
     /// Read the settings file again; only live settings may have changed
     Reload,
@@ -164,7 +162,7 @@ fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<Con
         Request::Trust { value: Trust::Auto } => requests.trust_auto(wait),
         Request::Trust { value: Trust::Freeze } => requests.freeze_trust(wait),
         Request::Trust { value: Trust::By(value) } => requests.set_trust(*value, wait),
-        Request::Predictor { name } => requests.switch_predictor(*name, wait),
+        Request::Predictor { kind } => requests.switch_predictor(kind.name(), wait),
         Request::Reload => requests.reload(wait),
         Request::Query => requests.query(wait),
     }
@@ -185,12 +183,6 @@ fn trust(text: &str) -> Result<Trust, String> {
     }
 }
 
-/// Only what the daemon grants; the wire knows more.
-fn predictor(text: &str) -> Result<PredictorId, String> {
-    let kind = values::predictor(text)?;
-    PredictorId::from_label(kind.name()).ok_or_else(|| format!("{text} has no number on the wire"))
-}
-
 fn timeout(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| (0.01..=3600.0).contains(seconds));
     seconds.ok_or_else(|| "a number of seconds from 0.01 to 3600".to_owned())
@@ -208,14 +200,5 @@ mod tests {
         for wrong in ["1.1", "-0.1", "nan", "inf", ""] {
             assert!(trust(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn predictors_are_known_by_their_label() {
-        assert_eq!(predictor("constant-velocity"), Ok(PredictorId::ConstantVelocity));
-        for kind in foretrace_control::predict::PredictorKind::LIVE {
-            assert_eq!(predictor(kind.name()).unwrap().label(), kind.name());
-        }
-        assert!(predictor("oracle").unwrap_err().contains("lab"));
     }
 }

@@ -48,7 +48,8 @@ pub(crate) fn predictor(text: &str) -> Result<PredictorKind, String> {
     })
 }
 
-fn predictors() -> String {
+/// Their names, for a message.
+pub(crate) fn predictors() -> String {
     PredictorKind::LIVE.map(PredictorKind::name).join(", ")
 }
 
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn only_predictors_that_are_granted_are_offered() {
+    fn every_predictor_that_is_granted_is_offered_and_no_other() {
         for kind in PredictorKind::LIVE {
             assert_eq!(predictor(kind.name()), Ok(kind));
         }

@@ -1,26 +1,8 @@
 //! Sections about looking ahead: predictor, learner, trust.
 
-use crate::schema::{Legal::*, Presence::*, section, words};
+use foretrace_control::predict::PredictorKind;
 
-words! {
-    /// Which predictor runs.
-    pub enum PredictorChoice {
-        /// Last position, zero velocity: the paper's conservative model.
-        Hold = "hold",
-        /// The last velocity goes on: the paper's baseline.
-        ConstantVelocity = "constant-velocity",
-        /// Dynamic Boltzmann machine, linear, learning online.
-        Dybm = "dybm",
-        /// DyBM with an echo state network beside it, learning online.
-        DybmEsn = "dybm-esn",
-        /// Trained long short-term memory network.
-        Lstm = "lstm",
-        /// Autoregression by recursive least squares, learning online.
-        ArRls = "ar-rls",
-        /// Mixture that learns online which of five experts to believe.
-        Mixture = "mixture",
-    }
-}
+use crate::schema::{Legal::*, Presence::*, section, words};
 
 words! {
     /// How a DyBM turns gradients into steps.
@@ -57,10 +39,8 @@ words! {
 section! {
     /// The predictor of the hand.
     pub struct Predictor {
-        /// "hold": the last position; "constant-velocity": the last velocity goes on; "dybm", "dybm-esn" (with a
-        /// reservoir) and "ar-rls" (least squares) learn online; "lstm": the network of `lstm`; "mixture": learns online
-        /// which of five experts to believe.
-        kind: PredictorChoice = Words(PredictorChoice::WORDS), Required, Live, "\"mixture\"";
+        /// Who predicts.
+        kind: PredictorKind = Words(&PredictorKind::LIVE_NAMES), Required, Live, "\"mixture\"";
         /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings file; made for
         /// this pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", there is
         /// no predictor "lstm".

@@ -15,8 +15,8 @@ mod clearance;
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
 pub use foresight::{
-    ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, PredictorChoice,
-    RefineSection, ScaleSection, TraceChoice, TrustMode, TrustSection,
+    ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, RefineSection,
+    ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};

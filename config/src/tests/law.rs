@@ -12,8 +12,7 @@ use foretrace_control::units::Trust;
 
 use super::over_ur5;
 use crate::follower::judge;
-use crate::settings::PredictorChoice;
-use crate::{Config, JOINTS, Settings};
+use crate::{Config, JOINTS, Settings, keys};
 
 #[test]
 fn every_preset_builds_a_follower() {
@@ -98,7 +97,7 @@ fn words_choose_what_they_say() {
     )
     .unwrap();
     let law = config.follower_settings();
-    assert_eq!(law.preview.kind, PredictorKind::Hold);
+    assert_eq!(law.preview.kind, PredictorKind::HOLD);
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
     assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
     assert_eq!(law.models.settings().initial, InitialWeights::Zero);
@@ -154,15 +153,17 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
 
 #[test]
 fn every_predictor_of_the_law_but_the_oracle_can_be_chosen() {
-    let choices: Vec<_> = PredictorChoice::WORDS.to_vec();
+    let key = keys().iter().find(|key| key.path == "predictor.kind").unwrap();
     for kind in PredictorKind::LIVE {
-        assert!(choices.contains(&kind.name()), "{kind:?} cannot be chosen");
+        assert!(key.legal_text.contains(&format!("{:?}", kind.name())), "{}", key.legal_text);
+        assert!(key.meaning.contains(kind.about()), "{kind:?} is not explained: {}", key.meaning);
         let text = format!("[predictor]\nkind = \"{}\"\n", kind.name());
         let config = over_ur5(&text).unwrap();
         let law = config.follower_settings();
         assert_eq!((law.preview.kind, law.models.has(kind)), (kind, true));
     }
-    assert_eq!(choices.len(), PredictorKind::LIVE.len());
+    let refused = over_ur5("[predictor]\nkind = \"oracle\"\n").unwrap_err().to_string();
+    assert!(refused.contains("oracle") && refused.contains("\"mixture\""), "{refused}");
 }
 
 #[test]
@@ -183,7 +184,7 @@ fn networks_that_do_not_fit_the_loop_are_refused_by_name_and_number() {
 fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
     let without = |text: &str| {
         let law = over_ur5(text).unwrap().follower_settings();
-        (law.models.has(PredictorKind::Lstm), law.models.networks().mixture.is_some())
+        (law.models.has(PredictorKind::LSTM), law.models.networks().mixture.is_some())
     };
     assert_eq!(without(""), (true, true));
     assert_eq!(

@@ -2,13 +2,14 @@
 //!
 //! Contract: no clock, thread, file, socket, shared memory or log is reachable from here. Time is an argument.
 //! The same build and inputs give the same outputs, bit for bit.
-//! Modules stand in the order in which data flows through one tick, and each names only those before it.
+//! Modules stand in order of dependence: each names only those before it. A tick runs in the order below.
 //!
 //! # One tick
 //!
 //! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it was told to be?), *pen* (samples
 //! onto the grid), *skill* (what past previews were worth), *predict* and *refine* (by samples newer than the grid), *trust* (how far
-//! to believe the preview), *reference*, *plan* ([`mpc`]), *solve* ([`ik`], [`clearance`]), *envelope*, *guard*, *report*.
+//! to believe the preview), *reference*, *plan* ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and
+//! [`envelope`]), *guard* (and the envelope's judge), *heed* (what that came to, for lag, monitor and the next tick), *report*.
 //!
 //! # The two problems
 //!
@@ -20,7 +21,7 @@
 //!   within       |ũ| ≤ jerk;  |acceleration|, |velocity| ≤ limits and position inside the workspace, each by an exact penalty
 //! ```
 //!
-//! The joints, for the first step of that plan ([`ik::task`]):
+//! The joints, for the first step of that plan (cost in [`ik::task`], box and rows gathered in [`ik`], solvers in [`qp`]):
 //!
 //! ```text
 //!   min over q̇:  ½ ‖J(q) q̇ − v*‖²_W  +  ½ λ ‖q̇‖²  +  posture

@@ -191,6 +191,47 @@ mod tests {
         assert_eq!(xs[9].velocity, 0.0);
     }
 
+    /// Against differences over 0.2 ms, between knots; and the plan's steps are not the grid's.
+    #[test]
+    fn references_move_with_the_velocity_and_acceleration_that_they_have() {
+        let wave = |i: u32| [0.003 * (f64::from(i) * 0.4).sin(), 0.002 * (f64::from(i) * 0.3).cos()];
+        let preview = Preview::of(STEP_NS, BASE, &(0..=30).map(wave).collect::<Vec<_>>());
+        let (plan_step_s, dt_ns) = (0.0173, 100_000);
+        let at = |ns: u64| -> [[AxisState; 5]; 2] {
+            Reference::leading(STEP_NS, 0).references(&preview, BASE + ns, 3_000_000, plan_step_s).unwrap()
+        };
+        let mut curved = 0.0_f64;
+        for ns in (0..100_000_000).step_by(1_700_000) {
+            let [before, now, after] = [ns, ns + dt_ns, ns + 2 * dt_ns].map(at);
+            for i in 0..5 {
+                // Acceleration leaps where one cubic piece ends and the next begins.
+                let grid = |ns: u64| (ns as f64 + 3e6 + (i + 1) as f64 * plan_step_s * 1e9) / STEP_NS as f64;
+                if grid(ns).floor() != grid(ns + 2 * dt_ns).floor() {
+                    continue;
+                }
+                for axis in 0..2 {
+                    let [a, b, c] = [before, now, after].map(|states| states[axis][i]);
+                    let span_s = 2e-9 * dt_ns as f64;
+                    assert!(((c.position - a.position) / span_s - b.velocity).abs() < 1e-5, "{a:?} {c:?}");
+                    let curve = (c.velocity - a.velocity) / span_s;
+                    assert!((curve - b.acceleration).abs() < 1e-6, "{curve} {b:?}");
+                    curved = curved.max(curve.abs());
+                }
+            }
+            // The one of a plan's step later is the next.
+            let [xs, ys] = at(ns + 17_300_000);
+            for ((now, later), axis) in at(ns).iter().zip([xs, ys]).zip(0..) {
+                for (next, first) in now[1..].iter().zip(&later) {
+                    assert!(
+                        (next.position - first.position).abs() < 1e-12,
+                        "axis {axis}: {next:?} {first:?}"
+                    );
+                }
+            }
+        }
+        assert!(curved > 3.0, "{curved} m/s²");
+    }
+
     #[test]
     fn references_move_continuously_with_time() {
         let points: Vec<_> = (0..=30).map(|i| [0.003 * (f64::from(i) * 0.4).sin(), 0.0]).collect();

@@ -308,14 +308,14 @@ mod tests {
         let mut narrator = Narrator::default();
         let mut facts = facts(1);
         let promotion = Promotion {
-            model: PredictorKind::Dybm,
+            model: PredictorKind::DYBM,
             version: 2,
             cause: PromotionCause::Improved,
             index: 1,
             error_leaving: 4.0,
             error_coming: 1.0,
         };
-        let counts = |narrator: &Narrator| narrator.lessons[PredictorKind::Dybm.index()].better;
+        let counts = |narrator: &Narrator| narrator.lessons[PredictorKind::DYBM.index()].better;
         let mut seen = Vec::new();
         for second in [1_u64, 2, 5, 10, 12] {
             facts.finished = Stamp(second * 1_000_000_000);

@@ -147,7 +147,7 @@ pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &
         predictor_band_m: output.predictor_band.map_or(UNKNOWN, known),
         learner_version: output.weights_version,
         learner_age_ns: facts.weights_since.map_or(0, |since| age_ns(now, Some(since))),
-        predictor: wire::predictor(output.predictor).into(),
+        predictor: wire::predictor(output.predictor),
         allocations: facts.port_allocations.saturating_add(facts.law_allocations),
         connections_changed: (facts.port_allocations > 0).into(),
         counters: counters(facts, ipc),
@@ -196,7 +196,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.trust = output.trust.alpha.alpha();
     status.trust_target = output.trust.target.alpha();
     status.trust_reason = wire::trust_reason(output.trust.reason).into();
-    status.predictor = wire::predictor(output.predictor).into();
+    status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));

@@ -108,6 +108,10 @@ impl Requests {
     fn take(&mut self, call: Call, rings: &mut IpcRings, mode: Mode, trust: Trust) {
         match wire::asked(&call.request) {
             Meaning::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
+            Meaning::UnknownPredictor => {
+                let text = wire::unknown_predictor(&call.request);
+                self.answer(call, ControlStatus::PredictorUnavailable, mode, trust, &text);
+            }
             Meaning::Unsupported => {
                 let text = "this daemon does not know how to do that";
                 self.answer(call, ControlStatus::Unsupported, mode, trust, text);

@@ -1,9 +1,8 @@
 //! How many ticks may be late: a budget, first spent on shedding work, then on the arm's stop.
 //!
-//! Contract: pure, fixed memory, no clock. A period counts as late when its tick's own work took longer than it, or it never ran because
-//! of such a tick: an overload, which does not pass by itself as what other programs take from a sleeping loop does. What was
-//! punctual only because its solve was shed does not show that the loop can keep its rate, and does not count; nor does any
-//! tick that this budget relieved, or half of a load that has nothing to do with solves would seem to be more of it.
+//! Contract: pure, fixed memory, no clock. Late is a period whose tick's own work took longer than the period, or that did not run
+//! because of such a tick. Wake-ups that other programs delay do not count: they pass by themselves, an overload does not.
+//! Ticks whose solve was shed count neither way: they do not show whether the loop can keep its rate.
 
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;

@@ -24,7 +24,7 @@ fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_g
     let (_arm, log) = arm(&place);
     let _pen = pen(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
-    assert!(operator.ask(ControlOp::Arm, 0.0, 0).is_success());
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let moving = || {
         let last = (*log.last.lock().unwrap())?;
         (last.mode == u32::from(Mode::Following) && last.qd.iter().any(|qd| qd.abs() > 0.02)).then_some(())

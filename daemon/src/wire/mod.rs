@@ -13,7 +13,7 @@ mod refused;
 pub use messages::{Echo, Outgoing, echo, enable_reading, joint_command, joint_reading, pen_reading};
 pub use outcome::{UNKNOWN, arm_lag, extent, ghost_figures, guard_mask, health, ik_report, known, mpc_path};
 pub use refused::{Refused, pen_rejection, refused};
-pub use requests::{Asked, asked, refusal};
+pub use requests::{Asked, asked, refusal, unknown_predictor};
 pub use words::{fault, ghost_state, mode, predictor, rung, stop_detail, trust_reason};
 
 use foretrace_shm as shm;

@@ -1,10 +1,8 @@
 //! What operators ask for, and what a refusal is called on the wire.
 
 use foretrace_control::follower::{Refusal, Request};
-use foretrace_shm as shm;
+use foretrace_control::predict::PredictorKind;
 use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
-
-use super::words::kind;
 
 /// What the ports of the real-time thread are asked for by an operator's request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +13,8 @@ pub enum Asked {
     Reload,
     /// Something for the loop.
     Loop(Request),
+    /// A predictor that the registry does not have.
+    UnknownPredictor,
     /// Known, but not built into this daemon.
     Unsupported,
 }
@@ -33,11 +33,22 @@ pub fn asked(request: &ControlRequest) -> Asked {
         ControlOp::SetTrust => Request::SetTrust(request.value),
         ControlOp::TrustAuto => Request::TrustAuto,
         ControlOp::FreezeTrust => Request::FreezeTrust,
-        ControlOp::SwitchPredictor => match shm::PredictorId::try_from(request.param).ok().and_then(kind) {
+        ControlOp::SwitchPredictor => match request.predictor.as_str().and_then(PredictorKind::from_name) {
             Some(kind) => Request::SwitchPredictor(kind),
-            None => return Asked::Unsupported,
+            None => return Asked::UnknownPredictor,
         },
     })
+}
+
+/// What to say to a request for a predictor that the registry does not have; it fits into an answer.
+#[must_use]
+pub fn unknown_predictor(request: &ControlRequest) -> String {
+    let name = request.predictor;
+    let hint = name.as_str().map_or("", PredictorKind::renamed);
+    format!(
+        "no predictor is called {name}{hint}; there are {}",
+        PredictorKind::LIVE.map(PredictorKind::name).join(", ")
+    )
 }
 
 /// What a refusal is called on the wire, and what a person should know about it.
@@ -92,5 +103,34 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         Refusal::PredictorUnavailable => {
             (ControlStatus::PredictorUnavailable, "the predictor is not available in this daemon")
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_shm::{MESSAGE_BYTES, PredictorName};
+
+    fn switch_to(name: &str) -> ControlRequest {
+        let predictor = PredictorName::new(name).unwrap();
+        ControlRequest { predictor, ..ControlRequest::new(1, 2, ControlOp::SwitchPredictor) }
+    }
+
+    #[test]
+    fn every_predictor_can_be_asked_for_by_name() {
+        for kind in PredictorKind::ALL {
+            assert_eq!(asked(&switch_to(kind.name())), Asked::Loop(Request::SwitchPredictor(kind)));
+        }
+    }
+
+    #[test]
+    fn a_name_that_nobody_has_is_refused_with_those_that_there_are() {
+        for name in ["holdd", "ours", "a-predictor-of-27-bytes-000"] {
+            assert_eq!(asked(&switch_to(name)), Asked::UnknownPredictor);
+            let told = unknown_predictor(&switch_to(name));
+            assert!(told.contains(name) && told.contains("mixture"), "{told}");
+            assert!(told.len() <= MESSAGE_BYTES, "{}: {told}", told.len());
+        }
+        assert!(unknown_predictor(&switch_to("ours")).contains("is called mixture"));
     }
 }

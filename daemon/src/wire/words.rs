@@ -2,7 +2,7 @@
 
 use foretrace_control::follower::{Mode, Rung};
 use foretrace_control::ghost::GhostState;
-use foretrace_control::predict::PredictorKind;
+use foretrace_control::predict::{LONGEST_NAME, PredictorKind};
 use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_control::trust::TrustReason;
 use foretrace_shm as shm;
@@ -65,33 +65,12 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
     }
 }
 
-/// A predictor's number.
+/// A predictor's name.
 #[must_use]
-pub const fn predictor(kind: PredictorKind) -> shm::PredictorId {
-    match kind {
-        PredictorKind::Hold => shm::PredictorId::Hold,
-        PredictorKind::ConstantVelocity => shm::PredictorId::ConstantVelocity,
-        PredictorKind::Dybm => shm::PredictorId::Dybm,
-        PredictorKind::Oracle => shm::PredictorId::Oracle,
-        PredictorKind::Lstm => shm::PredictorId::Lstm,
-        PredictorKind::DybmEsn => shm::PredictorId::DybmEsn,
-        PredictorKind::ArRls => shm::PredictorId::ArRls,
-        PredictorKind::Mixture => shm::PredictorId::Mixture,
-    }
-}
-
-/// The law's predictor of that number, if it has it.
-pub(super) const fn kind(id: shm::PredictorId) -> Option<PredictorKind> {
-    match id {
-        shm::PredictorId::Hold => Some(PredictorKind::Hold),
-        shm::PredictorId::ConstantVelocity => Some(PredictorKind::ConstantVelocity),
-        shm::PredictorId::Dybm => Some(PredictorKind::Dybm),
-        shm::PredictorId::Oracle => Some(PredictorKind::Oracle),
-        shm::PredictorId::Lstm => Some(PredictorKind::Lstm),
-        shm::PredictorId::DybmEsn => Some(PredictorKind::DybmEsn),
-        shm::PredictorId::ArRls => Some(PredictorKind::ArRls),
-        shm::PredictorId::Mixture => Some(PredictorKind::Mixture),
-    }
+pub fn predictor(kind: PredictorKind) -> shm::PredictorName {
+    // Whatever the registry takes for a name fits.
+    const { assert!(LONGEST_NAME < shm::PREDICTOR_NAME_BYTES) };
+    shm::PredictorName::new(kind.name()).unwrap_or(shm::PredictorName::NONE)
 }
 
 /// Why trust is what it is.
@@ -137,5 +116,17 @@ pub const fn ghost_state(state: GhostState) -> shm::GhostState {
         GhostState::Approaching => shm::GhostState::Approaching,
         GhostState::Settling => shm::GhostState::Settling,
         GhostState::Comparable => shm::GhostState::Comparable,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_predictor_has_its_name_on_the_wire() {
+        for kind in PredictorKind::ALL {
+            assert_eq!(predictor(kind).as_str(), Some(kind.name()));
+        }
     }
 }

@@ -13,7 +13,7 @@ use foretrace_control::guard::CommandChecker;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{
     ControlOp, ControlRequest, ControlResponse, HeaderBounds, Instance, JointCommand, JointState, PenSample,
-    SafetyMode, Services, Session, Status, monotonic_now_ns, pen_flags,
+    PredictorName, SafetyMode, Services, Session, Status, monotonic_now_ns, pen_flags,
 };
 use foretraced::{DaemonError, ExitReport, Options, Rights, Source, StopHandle};
 
@@ -123,8 +123,14 @@ impl Operator {
         }
     }
 
-    pub fn ask(&mut self, op: ControlOp, value: f64, param: u32) -> ControlResponse {
-        let request = ControlRequest { value, param, ..ControlRequest::new(0, 0, op) };
+    pub fn ask(&mut self, op: ControlOp, value: f64) -> ControlResponse {
+        let request = ControlRequest { value, ..ControlRequest::new(0, 0, op) };
+        self.control.ask(request, Duration::from_secs(5)).unwrap()
+    }
+
+    pub fn switch_predictor(&mut self, name: &str) -> ControlResponse {
+        let predictor = PredictorName::new(name).unwrap();
+        let request = ControlRequest { predictor, ..ControlRequest::new(0, 0, ControlOp::SwitchPredictor) };
         self.control.ask(request, Duration::from_secs(5)).unwrap()
     }
 

@@ -97,6 +97,9 @@ impl fmt::Display for Rejection {
             _ if field == "command_accepted_ns" => {
                 write!(f, " lies {value:.6} s before that command was sent: stamp by CLOCK_MONOTONIC")
             }
+            _ if field == "predictor" => {
+                write!(f, " is no name: 1 to 27 lower-case letters, digits and hyphens")
+            }
             RejectReason::NotFinite => write!(f, " = {value}: it must be a finite number"),
             RejectReason::OutOfRange if bound.is_nan() => write!(f, " is out of range"),
             // The device's own edge, which is on one side.

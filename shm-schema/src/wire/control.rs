@@ -5,14 +5,15 @@ use std::fmt;
 
 use super::check::{Rejection, Validate, known, number};
 use super::layout::wire;
-use super::vocabulary::{ControlOp, ControlStatus, PredictorId, RejectReason};
+use super::predictor_name::PredictorName;
+use super::vocabulary::{ControlOp, ControlStatus, RejectReason};
 
 /// Bytes of the text in a response.
 pub const MESSAGE_BYTES: usize = 160;
 
 wire! {
     /// One request.
-    "foretrace.ControlRequestV2"
+    "foretrace.ControlRequestV3"
     pub struct ControlRequest {
         /// Chosen by the client, given back in the response.
         pub token: u64,
@@ -24,8 +25,8 @@ wire! {
         pub value: f64,
         /// [`ControlOp`].
         pub op: u32,
-        /// For `SwitchPredictor`: a [`PredictorId`]; else 0.
-        pub param: u32,
+        /// For `SwitchPredictor`: its name; else none.
+        pub predictor: PredictorName,
     }
 }
 
@@ -57,7 +58,7 @@ wire! {
 impl ControlRequest {
     /// A request without parameters.
     pub fn new(token: u64, boot_id: u64, op: ControlOp) -> Self {
-        Self { token, boot_id, op: op.into(), param: 0, value: 0.0, sent_ns: 0 }
+        Self { token, boot_id, op: op.into(), predictor: PredictorName::NONE, value: 0.0, sent_ns: 0 }
     }
 }
 
@@ -109,8 +110,8 @@ impl Validate for ControlRequest {
             ControlOp::SetTrust if !(0.0..=1.0).contains(&self.value) => {
                 Err(Rejection::new(RejectReason::OutOfRange, "value"))
             }
-            ControlOp::SwitchPredictor => known::<_, PredictorId>("param", self.param).map(|_| ()),
-            _ => Ok(()),
+            ControlOp::SwitchPredictor => self.predictor.check_named("predictor"),
+            _ => self.predictor.check("predictor"),
         }
     }
 }
@@ -141,11 +142,17 @@ mod tests {
     }
 
     #[test]
-    fn unknown_operations_and_predictors_are_refused() {
+    fn unknown_operations_and_what_is_no_name_are_refused() {
         let unknown = ControlRequest { op: 10, ..request(ControlOp::Query) };
         assert_eq!(unknown.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "op")));
-        let unknown = ControlRequest { param: 8, ..request(ControlOp::SwitchPredictor) };
-        assert_eq!(unknown.validate().unwrap_err().field, "param");
+        let unnamed = request(ControlOp::SwitchPredictor);
+        assert_eq!(unnamed.validate().unwrap_err().field, "predictor");
+        // Whether there is such a predictor is the daemon's to say.
+        let named = ControlRequest { predictor: PredictorName::new("my-own").unwrap(), ..unnamed };
+        assert_eq!(named.validate(), Ok(()));
+        let noise =
+            ControlRequest { predictor: PredictorName { bytes: [0xff; 28] }, ..request(ControlOp::Arm) };
+        assert_eq!(noise.validate().unwrap_err().field, "predictor");
     }
 
     #[test]

@@ -11,12 +11,11 @@ use super::flags::missing_rights;
 use super::header::Header;
 use super::latency::Latency;
 use super::layout::wire;
+use super::predictor_name::PredictorName;
 use super::refused::Refused;
 use super::stop_detail::{StopCause, StopDetail, ToolExtent};
 use super::tick_record::Chain;
-use super::vocabulary::{
-    FaultReason, Mode, PredictorId, STAGES, Stage, TrustReason, UnknownValue, wire_enum,
-};
+use super::vocabulary::{FaultReason, Mode, STAGES, Stage, TrustReason, UnknownValue, wire_enum};
 
 wire! {
     /// Spread of a duration [ns], saturated.
@@ -100,7 +99,7 @@ wire_enum! {
 
 wire! {
     /// State of the daemon. Spreads are over all ticks since start, after warm-up.
-    "foretrace.StatusV5"
+    "foretrace.StatusV6"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -138,8 +137,8 @@ wire! {
         pub trust_target: f64,
         /// [`TrustReason`].
         pub trust_reason: u32,
-        /// [`PredictorId`].
-        pub predictor: u32,
+        /// Who predicts; none before the first tick.
+        pub predictor: PredictorName,
         /// Age of the newest pen sample [ns]; `u64::MAX`: none.
         pub pen_age_ns: u64,
         /// Age of the newest joint state [ns]; `u64::MAX`: none.
@@ -218,7 +217,7 @@ impl Validate for Status {
         known::<_, FaultReason>("fault", self.fault)?;
         known::<_, StopCause>("stop.cause", self.stop.cause)?;
         known::<_, TrustReason>("trust_reason", self.trust_reason)?;
-        known::<_, PredictorId>("predictor", self.predictor)?;
+        self.predictor.check("predictor")?;
         known::<_, GhostState>("ghost_state", self.ghost_state)?;
         flags("missing_rights", self.missing_rights, missing_rights::ALL)
     }

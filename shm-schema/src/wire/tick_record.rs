@@ -12,9 +12,10 @@ use super::counters::Counters;
 use super::flags::{guard_mask, health, pen_flags};
 use super::header::Header;
 use super::layout::wire;
+use super::predictor_name::PredictorName;
 use super::status::GhostState;
 use super::stop_detail::{StopCause, StopDetail};
-use super::vocabulary::{FaultReason, Mode, PredictorId, Rung, STAGES, SolverPath, Stage, TrustReason};
+use super::vocabulary::{FaultReason, Mode, Rung, STAGES, SolverPath, Stage, TrustReason};
 use super::{AXES, JOINTS};
 
 wire! {
@@ -50,7 +51,7 @@ impl Chain {
 
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV4"
+    "foretrace.TickRecordV5"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -168,8 +169,8 @@ wire! {
         pub learner_version: u64,
         /// Age of the weights in use [ns].
         pub learner_age_ns: u64,
-        /// [`PredictorId`].
-        pub predictor: u32,
+        /// Who predicts.
+        pub predictor: PredictorName,
         /// Steps of the roll-out.
         pub preview_steps: u32,
 
@@ -224,7 +225,7 @@ impl Validate for TickRecord {
         known::<_, Mode>("mode", self.mode)?;
         known::<_, FaultReason>("fault", self.fault)?;
         known::<_, StopCause>("stop.cause", self.stop.cause)?;
-        known::<_, PredictorId>("predictor", self.predictor)?;
+        self.predictor.check("predictor")?;
         known::<_, SolverPath>("ik_path", self.ik_path)?;
         known::<_, GhostState>("ghost_state", self.ghost_state)?;
         for path in self.mpc_path {

@@ -167,28 +167,6 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// The predictors.
-    pub enum PredictorId: u32 {
-        /// Last position, zero velocity.
-        Hold = 0 => "hold",
-        /// Last velocity goes on.
-        ConstantVelocity = 1 => "constant-velocity",
-        /// Linear dynamic Boltzmann machine.
-        Dybm = 2 => "dybm",
-        /// The recorded future; lab and tests only.
-        Oracle = 3 => "oracle",
-        /// Long short-term memory network.
-        Lstm = 4 => "lstm",
-        /// Dynamic Boltzmann machine with an echo-state reservoir.
-        DybmEsn = 5 => "dybm-esn",
-        /// Autoregression by recursive least squares.
-        ArRls = 6 => "ar-rls",
-        /// Mixture that learns which predictor to believe.
-        Mixture = 7 => "mixture",
-    }
-}
-
-wire_enum! {
     /// What a request asks for.
     pub enum ControlOp: u32 {
         /// Nothing; the answer carries mode and trust. `value` of the answer: trust.
@@ -203,7 +181,7 @@ wire_enum! {
         SetTrust = 4 => "set-trust",
         /// Trust from evidence again.
         TrustAuto = 5 => "trust-auto",
-        /// `param` is a [`PredictorId`].
+        /// `predictor` is a name that the daemon knows.
         SwitchPredictor = 6 => "switch-predictor",
         /// Read the settings file again; only live settings may have changed.
         Reload = 7 => "reload",
@@ -375,7 +353,6 @@ mod tests {
     fn unknown_numbers_are_refused_with_their_value() {
         assert_eq!(Mode::try_from(7), Err(UnknownValue { kind: "Mode", value: 7 }));
         assert_eq!(ControlStatus::try_from(-99).unwrap_err().to_string(), "-99 is not a known ControlStatus");
-        assert!(PredictorId::try_from(u32::MAX).is_err());
     }
 
     #[test]

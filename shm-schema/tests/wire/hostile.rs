@@ -79,7 +79,10 @@ proptest! {
         if request.validate().is_ok() {
             let op = ControlOp::try_from(request.op).unwrap();
             prop_assert!(op != ControlOp::SetTrust || (0.0..=1.0).contains(&request.value));
+            prop_assert!(op != ControlOp::SwitchPredictor || request.predictor.as_str().is_some());
         }
+        let shown = request.predictor.to_string();
+        prop_assert!(!shown.is_empty() && shown.bytes().all(|byte| byte.is_ascii_graphic()));
         let _ = (response.validate(), response.to_string(), response.is_success(), status.validate());
     }
 

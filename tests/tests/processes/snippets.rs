@@ -14,6 +14,13 @@ use foretrace_client::{JOINTS, PenReading, monotonic_now_ns};
 use foretrace_control::guard::Commanded as Command;
 use foretrace_control::units::Stamp;
 
+/// The predictors of docs/extend/predictor.md, which are compiled and run by the law's tests, and where they are listed.
+const EXAMPLES: [&str; 3] = [
+    include_str!("../../../daemon/control/src/predict/models/damped_velocity.rs"),
+    include_str!("../../../daemon/control/src/predict/models/learned_damping.rs"),
+    include_str!("../../../daemon/control/src/predict/models/mod.rs"),
+];
+
 /// What a reader has.
 struct Arm;
 
@@ -199,8 +206,10 @@ fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
             .lines()
             .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
             .collect();
+        // From the start of a line: an example must not be found in the midst of one.
+        let example = || EXAMPLES.iter().any(|file| format!("\n{file}").contains(&format!("\n{snippet}")));
         assert!(
-            compiled.contains(&indented),
+            compiled.contains(&indented) || example(),
             "{}: this snippet is not compiled; put it into a function of tests/tests/processes/snippets.rs:\n{snippet}",
             path.display()
         );
@@ -248,4 +257,13 @@ fn every_toml_snippet_of_the_documents_is_accepted_as_settings_or_as_dependencie
         }
     }
     assert!(settings >= 2 && manifests >= 3, "found {settings} settings and {manifests} manifests");
+}
+
+#[test]
+fn the_first_predictor_of_ones_own_is_shown_whole() {
+    let [whole, ..] = EXAMPLES;
+    let (_, code) = whole.split_once("\n\n").unwrap();
+    let (code, _) = code.split_once("\n#[cfg(test)]").unwrap();
+    let shown = blocks_of("rust").iter().any(|(_, snippet)| snippet == code);
+    assert!(shown, "docs/extend/predictor.md does not show the whole of damped_velocity.rs");
 }

@@ -8,7 +8,7 @@ use crate::output::say;
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
-pub(super) struct Report {
+pub(super) struct SimReport {
     pub(super) commands: CommandReport,
     pub(super) arm: ArmReport,
     /// Where the tool was, by forward kinematics of the joints; none before the first command.
@@ -84,8 +84,8 @@ impl DelaySeen {
 }
 
 /// The report for people.
-pub(super) fn summary(report: &Report) {
-    let Report { commands, arm, envelope } = report;
+pub(super) fn summary(report: &SimReport) {
+    let SimReport { commands, arm, envelope } = report;
     say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
     say!(
         "commands    {} received, {} taken, {} refused, {} lost on the way",

@@ -20,7 +20,7 @@ use foretrace_sim::arm::{ArmModel, JOINTS, Joints};
 use super::intake::Intake;
 use super::options::LagArgs;
 use super::refused::{Refused, Teller};
-use super::report::{ArmReport, CommandReport, DelaySeen, Report, ViolationReport, summary};
+use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, ViolationReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::extent::ExtentFigures;
 use crate::failure::{Cause, Failure};
@@ -254,13 +254,13 @@ impl Simulation {
         self.intake.refused().with(count, newest)
     }
 
-    fn report(&self, rate_hz: f64) -> Report {
+    fn report(&self, rate_hz: f64) -> SimReport {
         let seen = self.intake.statistics();
         let broken = seen.violations;
         let refused = self.refused();
         let lag_ms_at =
             |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
-        Report {
+        SimReport {
             commands: CommandReport {
                 count: seen.count,
                 limit_violations: seen.limit_violations,

@@ -97,7 +97,7 @@ struct Row {
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
-struct Report {
+struct BenchReport {
     /// Steps of the plan, as in the settings.
     horizon: usize,
     mpc_free_us: Row,
@@ -138,12 +138,12 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
 }
 
 /// Everything under the clock, with plans of N steps.
-fn measured<const N: usize>(args: &BenchArgs, config: &Config) -> Result<Report, Failure> {
+fn measured<const N: usize>(args: &BenchArgs, config: &Config) -> Result<BenchReport, Failure> {
     let path = source::load(std::slice::from_ref(&args.pen), &PathArgs::default(), config.settings())?.path;
     let seconds = (f64::from(args.samples) * 0.02).clamp(20.0, 600.0);
     let workload = workload::record::<N>(config, &path, seconds)?;
     let (step_by_predictor_us, learn_us) = stepping::by_predictor(config, &workload, args.samples)?;
-    Ok(Report {
+    Ok(BenchReport {
         horizon: N,
         mpc_free_us: planning(config, &workload, 0..=0, args.samples)?,
         mpc_active_us: planning(config, &workload, 3..=8, args.samples)?,
@@ -296,7 +296,7 @@ fn elapsed_us(begin: Instant) -> f64 {
     begin.elapsed().as_nanos() as f64 * 1e-3
 }
 
-fn table(report: &Report) {
+fn table(report: &BenchReport) {
     say!(
         "µs, p50 / p99 of {} instances each, plans of {} steps; the clock's own {:.3} µs included\n",
         report.samples,

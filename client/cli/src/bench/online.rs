@@ -10,29 +10,11 @@ use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
 use foretrace_control::predict::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmLearner, DybmSettings, DybmWeights, Models, OnlineModel, Optimiser, Predictor, WeightsError,
+    DybmLearner, DybmSettings, DybmWeights, Learning, Models, OnlineModel, Optimiser, PredictorKind,
+    WeightsError,
 };
 
 use super::predictors::Candidate;
-
-/// Learns from what it observes.
-struct Learning<M>(M);
-
-impl<M: OnlineModel> Predictor for Learning<M> {
-    fn observe(&mut self, x: [f64; 2]) {
-        std::hint::black_box(self.0.learn(x));
-    }
-
-    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
-        if !out.is_empty() {
-            self.0.preview_from(self.0.parameters(), self.0.memory(), limit, out);
-        }
-    }
-
-    fn reset(&mut self) {
-        self.0.reset_state();
-    }
-}
 
 /// One row each for predicting 10 steps and for learning.
 pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
@@ -45,8 +27,8 @@ pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
     let esn = DybmEsnLearner::untrained(esn, dybm_weights, reservoir.clone())?;
     let ar_weights = ArRlsWeights::constant_velocity(step_ns);
     let ar_settings = ArRlsSettings::default();
-    let predicting = |name, predictor| Candidate { name, steps: 10, predictor };
-    let learning = |name, predictor| Candidate { name, steps: 0, predictor };
+    let predicting = |name: &str, predictor| Candidate { name: name.to_owned(), steps: 10, predictor };
+    let learning = |name: &str, predictor| Candidate { name: name.to_owned(), steps: 0, predictor };
     Ok(vec![
         predicting("dybm", Box::new(Dybm::new(dybm_weights)?)),
         predicting("dybm-esn", Box::new(DybmEsn::new(*esn.parameters(), reservoir)?)),
@@ -57,15 +39,19 @@ pub(super) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
     ])
 }
 
-/// The mixture of the loop, predicting `leads` steps and learning.
-pub(super) fn mixture(models: &Models, leads: usize) -> Result<[Candidate; 2], WeightsError> {
+/// A predictor as the loop has it, predicting `leads` steps, and learning if it learns.
+pub(super) fn of_the_loop(
+    kind: PredictorKind,
+    models: &Models,
+    leads: usize,
+) -> Result<Vec<Candidate>, WeightsError> {
     let weights = models.initial_weights();
-    Ok([
-        Candidate { name: "mixture", steps: leads, predictor: Box::new(models.mixture(&weights)?) },
-        Candidate {
-            name: "mixture, learning",
-            steps: 0,
-            predictor: Box::new(Learning(models.mixture_learner(&weights)?)),
-        },
-    ])
+    let mut rows = Vec::new();
+    if let Some(predictor) = kind.predictor(models, &weights)? {
+        rows.push(Candidate { name: kind.name().to_owned(), steps: leads, predictor });
+    }
+    if let Some(predictor) = kind.learner(models, &weights)? {
+        rows.push(Candidate { name: format!("{}, learning", kind.name()), steps: 0, predictor });
+    }
+    Ok(rows)
 }

@@ -12,7 +12,7 @@ use foretrace_config::Config;
 use foretrace_config::models::LstmModel;
 use foretrace_control::pen::{Motion, PenReading, PenTracker, SpeedScale};
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors};
-use foretrace_control::predict::{Lstm, LstmWeights, MAX_PREVIEW, Predictor};
+use foretrace_control::predict::{AnyPredictor, Lstm, LstmWeights, MAX_PREVIEW, PredictorKind};
 use serde::Serialize;
 
 use super::online;
@@ -22,16 +22,16 @@ use crate::failure::Failure;
 
 /// A predictor under the clock.
 pub(super) struct Candidate {
-    pub(super) name: &'static str,
+    pub(super) name: String,
     /// Steps it previews; none for one that learns instead.
     pub(super) steps: usize,
-    pub(super) predictor: Box<dyn Predictor>,
+    pub(super) predictor: Box<dyn AnyPredictor>,
 }
 
 /// What one predictor costs.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct PredictorCost {
-    pub(super) name: &'static str,
+    pub(super) name: String,
     pub(super) steps: usize,
     #[serde(flatten)]
     pub(super) us: Cost,
@@ -65,7 +65,7 @@ pub(super) fn predictors<const N: usize>(
             times[which].push(elapsed_us(begin));
         }
     }
-    let costs = candidates.iter().zip(times);
+    let costs = candidates.into_iter().zip(times);
     Ok(costs.map(|(c, times)| PredictorCost { name: c.name, steps: c.steps, us: cost(times) }).collect())
 }
 
@@ -77,7 +77,10 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
     let spec =
         LstmSpec { leads: 24, residual: true, input_clip: Some(4.0), ..LstmSpec::plain(64, 10.0, step_ns) };
     let direct = made_up(spec).map_err(|error| refused(&error))?;
-    let lstm = |name, weights, steps| Candidate { name, steps, predictor: Box::new(Lstm::new(weights)) };
+    let lstm = |name: &str, weights, steps| {
+        let predictor = Box::new(Lstm::new(weights));
+        Candidate { name: name.to_owned(), steps, predictor }
+    };
     let mut candidates = vec![
         lstm("lstm10, rolled out", reference, 10),
         lstm("lstm32, rolled out", plain, 10),
@@ -87,9 +90,22 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
     // As the loop has it: its network, and as many steps as its plan and dead time ask for.
     let models = config.models();
     let leads = config.learner_settings().leads.last();
-    candidates.extend(online::mixture(models, leads).map_err(|error| refused(&error))?);
+    let others = PredictorKind::LIVE.into_iter().filter(|kind| models.has(*kind));
+    for kind in others.filter(|kind| !HAVE_ROWS.contains(kind)) {
+        candidates.extend(online::of_the_loop(kind, models, leads).map_err(|error| refused(&error))?);
+    }
     Ok(candidates)
 }
+
+/// Those with rows of their own above, or with nothing to time; all others get theirs from the registry.
+const HAVE_ROWS: [PredictorKind; 6] = [
+    PredictorKind::HOLD,
+    PredictorKind::CONSTANT_VELOCITY,
+    PredictorKind::LSTM,
+    PredictorKind::DYBM,
+    PredictorKind::DYBM_ESN,
+    PredictorKind::AR_RLS,
+];
 
 /// Weights within ±0.5, like those of a trained network.
 fn made_up(spec: LstmSpec) -> Result<Arc<LstmWeights>, foretrace_control::predict::LstmError> {
@@ -122,4 +138,19 @@ fn displacements<const N: usize>(config: &Config, workload: &Workload<N>) -> Res
         }
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_predictor_but_the_two_that_cost_nothing_has_a_row() {
+        let rows = candidates(&Config::preset("ur5").unwrap()).unwrap();
+        let costs =
+            |kind: &PredictorKind| ![PredictorKind::HOLD, PredictorKind::CONSTANT_VELOCITY].contains(kind);
+        for kind in PredictorKind::LIVE.into_iter().filter(costs) {
+            assert!(rows.iter().any(|row| row.name.starts_with(kind.name())), "{kind:?} has no row");
+        }
+    }
 }

@@ -17,7 +17,7 @@ use foretrace_sim::path::PathSample;
 use super::listen::Listener;
 use super::motion::{Place, motion};
 use super::picture;
-use super::report::Report;
+use super::report::CalibrationReport;
 use crate::attach::{attach_within, instance_of, unattached};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &LagArgs) -> Result<(), Failure> {
             "",
         ),
     })?;
-    let report = Report::new(&found, heard);
+    let report = CalibrationReport::new(&found, heard);
     picture::draw(&args.plot, &report.words, &found, &listener.commanded, &listener.measured)
         .map_err(|error| Failure::failed(error, "give a writable --plot FILE.svg"))?;
     report.say(&args.plot);

@@ -13,7 +13,7 @@ const HEADROOM: &str = "needs acceleration to spare: where writing is so fast th
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
-pub(super) struct Report {
+pub(super) struct CalibrationReport {
     /// From a command's instant to its motion, by the model that the verdict believes, at low frequency.
     pub(super) lag_ms: f64,
     /// Interquartile range of that over blocks of the motion.
@@ -97,7 +97,7 @@ pub(super) struct JointReport {
     pub(super) moved_mrad: f64,
 }
 
-impl Report {
+impl CalibrationReport {
     pub(super) fn new(found: &Identified, heard: Heard) -> Self {
         let Identified { shift, servo, .. } = found;
         let times_better = shift.rms_rad / servo.rms_rad.max(1e-12);

@@ -55,8 +55,12 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "SOURCE", default_value = "glyphs:foretrace")]
     pen: String,
 
-    /// Predictor: hold, constant-velocity, dybm, dybm-esn, ar-rls, lstm, mixture [default: as in the settings]
-    #[arg(long, value_name = "NAME", value_parser = values::predictor)]
+    #[arg(
+        long,
+        value_name = "NAME",
+        help = format!("Predictor: {} [default: as in the settings]", values::predictors()),
+        value_parser = values::predictor
+    )]
     predictor: Option<PredictorKind>,
 
     /// Trust in the prediction: 0 (hold only) to 1 (prediction only), or auto [default: as in the settings]
@@ -140,7 +144,7 @@ impl Stage {
         let scored = figures::scored(&gathered, config.settings());
         let setting = SettingFigures {
             pen: args.pen.clone(),
-            predictor: config.settings().predictor.kind.word(),
+            predictor: config.settings().predictor.kind.name(),
             seconds: args.seconds,
             settings: config.name().to_owned(),
             optimised_build: !cfg!(debug_assertions),

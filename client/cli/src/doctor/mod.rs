@@ -70,7 +70,7 @@ enum Verdict {
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
-struct Report {
+struct DoctorReport {
     verdict: Verdict,
     rate_hz: u32,
     period_us: u64,
@@ -134,7 +134,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         rehearsal::lateness(&need, &lateness),
         rehearsal::law(&config)?,
     ];
-    let report = Report {
+    let report = DoctorReport {
         verdict: verdict(&checks),
         rate_hz: need.rate_hz,
         period_us: need.period_us,
@@ -181,7 +181,7 @@ fn names(checks: &[Finding], level: Level) -> String {
 }
 
 /// One line per check, its fix beneath where there is one, then the verdict.
-fn table(report: &Report) -> Vec<String> {
+fn table(report: &DoctorReport) -> Vec<String> {
     let width = report.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
     for check in &report.checks {
@@ -216,7 +216,7 @@ mod tests {
     use super::*;
     use crate::spread::Quantiles;
 
-    fn report(checks: Vec<Finding>) -> Report {
+    fn report(checks: Vec<Finding>) -> DoctorReport {
         let lateness_us = Lateness {
             ticks: 1,
             missed: 0,
@@ -224,7 +224,7 @@ mod tests {
             histogram: Vec::new(),
             page_faults: 0,
         };
-        Report {
+        DoctorReport {
             verdict: verdict(&checks),
             rate_hz: 500,
             period_us: 2000,

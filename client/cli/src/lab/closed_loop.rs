@@ -5,7 +5,7 @@ mod pictures;
 use std::path::PathBuf;
 
 use foretrace_config::Config;
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Row, hands};
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Hand, Outcome, ParetoPoint, Rival, Row, hands};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::path::Lift;
 use serde_json::json;
@@ -69,7 +69,7 @@ pub(crate) struct ClosedLoopArgs {
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
     let config = args.settings.load()?;
-    let entrants = entrants(&args.predictors, args.pareto)?;
+    let rivals = rivals(&args.predictors, args.pareto)?;
     let arms = arms(&args.arms)?;
     let set = Set::load(args)?;
     let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
@@ -77,7 +77,7 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
         .into_iter()
         .map(|arm| Ok((arm, placed(&set, arm, &config, lift, args.limit)?)))
         .collect::<Result<_, Failure>>()?;
-    let benchmark = Benchmark { config: &config, arms, entrants };
+    let benchmark = Benchmark { config: &config, arms, rivals };
     if args.pareto {
         return pareto(args, &set.title, &benchmark);
     }
@@ -190,15 +190,13 @@ fn placed(
     Ok(hands)
 }
 
-fn entrants(names: &[String], pareto: bool) -> Result<Vec<Entrant>, Failure> {
+fn rivals(names: &[String], pareto: bool) -> Result<Vec<Rival>, Failure> {
     if names.is_empty() {
-        let swept = |entrant: &Entrant| {
-            matches!(*entrant, Entrant::HOLD | Entrant::AS_SHIPPED | Entrant::Baseline(_))
-        };
-        return Ok(Entrant::all().filter(|entrant| !pareto || swept(entrant)).collect());
+        let swept = |rival: &Rival| matches!(*rival, Rival::HOLD | Rival::AS_SHIPPED | Rival::Baseline(_));
+        return Ok(Rival::all().filter(|rival| !pareto || swept(rival)).collect());
     }
     let named = |name: &String| {
-        Entrant::named(name.trim()).map_err(|error| Failure::usage(error, "choose from them (--predictors)"))
+        Rival::named(name.trim()).map_err(|error| Failure::usage(error, "choose from them (--predictors)"))
     };
     names.iter().map(named).collect()
 }
@@ -238,7 +236,7 @@ fn print(rows: &[Row]) {
         "worst mm"
     );
     for row in rows {
-        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Entrant::HOLD.name());
+        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Rival::HOLD.name());
         say!(
             "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} {:>7} {:>8}",
             row.predictor,

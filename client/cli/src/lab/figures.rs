@@ -32,7 +32,7 @@ pub(crate) struct Fig3Args {
     pub(super) lab: LabArgs,
 
     /// Who predicts once trust has come
-    #[arg(long, value_name = "NAME", default_value = PredictorKind::Mixture.name())]
+    #[arg(long, value_name = "NAME", default_value = PredictorKind::MIXTURE.name())]
     predictor: String,
 }
 
@@ -102,10 +102,10 @@ impl Session {
     fn entrants(&self, names: &[String]) -> Result<Vec<LawEntrant>, Failure> {
         let has = |entrant: &LawEntrant| self.config.models().has(entrant.predictor());
         if names.is_empty() {
-            if !has(&LawEntrant::Believed(PredictorKind::Lstm)) {
+            if !has(&LawEntrant::Believed(PredictorKind::LSTM)) {
                 note!("lab: no network for lstm at this pen.step_ms (predictor.lstm): left out");
             }
-            return Ok(LawEntrant::ALL.into_iter().filter(has).collect());
+            return Ok(LawEntrant::all().filter(has).collect());
         }
         let mut entrants: Vec<LawEntrant> = Vec::new();
         for name in names {

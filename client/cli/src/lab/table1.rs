@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use foretrace_lab::prediction::{
-    Correlation, LabelRow, MIN_SEQUENCES, Model, ORDER, RetrainError, Scored, Set, TRAINABLE, by_label,
-    correlations, gains, retrain, retrain_epochs,
+    Correlation, LabelRow, MIN_SEQUENCES, Model, RetrainError, Scored, Set, TRAINABLE, by_label,
+    correlations, gains, order, retrain, retrain_epochs,
 };
 use foretrace_sim::data::Split;
 use foretrace_sim::plot::{Named, scatter};
@@ -103,7 +103,7 @@ fn names(args: &Table1Args) -> Vec<String> {
     if let Some(names) = &args.models {
         return names.split(',').map(|name| name.trim().to_owned()).collect();
     }
-    ORDER
+    order()
         .into_iter()
         .filter(|name| anew(args, name).is_some() || Model::named(name).is_ok())
         .map(str::to_owned)

@@ -76,7 +76,7 @@ pub(crate) struct PlayArgs {
 
 /// The result; keys are stable.
 #[derive(Debug, Default, Serialize)]
-struct Report {
+struct PlayReport {
     samples: u64,
     /// Sent while no daemon listened; a gateway does not tell.
     unheard: u64,
@@ -115,7 +115,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
     let begin = monotonic_now_ns() + LEAD_NS;
     let mut player = Player {
         way,
-        report: Report { rate_hz: path.rate_hz, ..Report::default() },
+        report: PlayReport { rate_hz: path.rate_hz, ..PlayReport::default() },
         sent: args.record.is_some().then(Vec::new),
     };
     let turns = if args.repeat { usize::MAX } else { path.samples.len() };
@@ -152,7 +152,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
 
 struct Player {
     way: Way,
-    report: Report,
+    report: PlayReport,
     sent: Option<Vec<PathSample>>,
 }
 

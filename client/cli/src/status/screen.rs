@@ -3,7 +3,7 @@
 //! Contract: at most [`LINES`] lines of at most [`COLUMNS`] columns, whatever the status holds. Mode, reason and what to do come
 //! first, then the chain, the loop, pen, arm and trust; `foretrace status` without `--watch` has everything.
 
-use foretrace_shm::{FaultReason, Latency, Mode, PredictorId, Stage, Status, TrustReason, missing_rights};
+use foretrace_shm::{FaultReason, Latency, Mode, Stage, Status, TrustReason, missing_rights};
 
 use super::view::{age, label, milliseconds, refusals, seconds};
 use crate::extent::ExtentFigures;
@@ -119,7 +119,7 @@ pub(crate) fn page(status: &Status, age_ns: u64) -> String {
         status.trust,
         status.trust_target,
         label::<TrustReason>(status.trust_reason),
-        label::<PredictorId>(status.predictor)
+        status.predictor
     ));
     lines.push(format!(
         "{:<10}weights {}, {} updates, {} refused",

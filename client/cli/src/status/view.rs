@@ -2,9 +2,7 @@
 
 use std::fmt::Write as _;
 
-use foretrace_shm::{
-    FaultReason, Mode, PredictorId, Refused, Stage, Status, StopCause, TrustReason, missing_rights,
-};
+use foretrace_shm::{FaultReason, Mode, Refused, Stage, Status, StopCause, TrustReason, missing_rights};
 use serde_json::{Map, Value, json};
 
 use super::chain::{self, latency};
@@ -119,7 +117,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         status.trust,
         status.trust_target,
         label::<TrustReason>(status.trust_reason),
-        label::<PredictorId>(status.predictor),
+        status.predictor,
         if status.predictor_rms_m < 0.0 {
             String::new()
         } else {
@@ -252,7 +250,7 @@ pub(crate) fn json(status: &Status) -> Value {
             "reason": label::<TrustReason>(status.trust_reason),
         },
         "predictor": {
-            "name": label::<PredictorId>(status.predictor),
+            "name": status.predictor.as_str(),
             "rms_m": (status.predictor_rms_m >= 0.0).then_some(status.predictor_rms_m),
             "band_m": (status.predictor_band_m >= 0.0).then_some(status.predictor_band_m),
         },

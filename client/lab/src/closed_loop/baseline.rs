@@ -29,7 +29,7 @@ use crate::experiments::{
 #[must_use]
 pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKind) -> BaselineSettings {
     let period_s = config.settings().period_ns() as f64 * 1e-9;
-    let law = settings_for(config, arm.kind(config), PredictorKind::Hold);
+    let law = settings_for(config, arm.kind(config), PredictorKind::HOLD);
     let least = |of: fn(&foretrace_control::mpc::AxisLimits) -> f64| {
         law.mpc.axes.iter().take(2).map(of).fold(f64::INFINITY, f64::min)
     };

@@ -1,11 +1,11 @@
-//! Runs entrants in front of arms, over all hands, on all cores.
+//! Runs rivals in front of arms, over all hands, on all cores.
 
 use foretrace_config::Config;
 
 use super::arm::FREE_GAIN;
 use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
-use super::{BenchArm, Each, Entrant, Hand, Row, Score, rows};
+use super::{BenchArm, Each, Hand, Rival, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
@@ -15,7 +15,7 @@ use foretrace_control::predict::PredictorKind;
 #[non_exhaustive]
 pub enum BenchError {
     /// A sequence.
-    #[error("{file}, writer {writer:?}, sequence {index} ({label:?}), {entrant} on {arm}: {error}")]
+    #[error("{file}, writer {writer:?}, sequence {index} ({label:?}), {rival} on {arm}: {error}")]
     Run {
         /// The file.
         file: String,
@@ -26,7 +26,7 @@ pub enum BenchError {
         /// Its label.
         label: String,
         /// Who.
-        entrant: &'static str,
+        rival: &'static str,
         /// In front of what.
         arm: &'static str,
         /// What went wrong.
@@ -45,29 +45,29 @@ pub struct Benchmark<'a> {
     /// The arms, each with its hands.
     pub arms: Vec<(BenchArm, Vec<Hand>)>,
     /// Who.
-    pub entrants: Vec<Entrant>,
+    pub rivals: Vec<Rival>,
 }
 
-/// One entrant in front of one arm.
+/// One rival in front of one arm.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Who.
-    pub entrant: Entrant,
+    pub rival: Rival,
     /// In front of what.
     pub arm: BenchArm,
     /// Per sequence, hand after hand.
     pub scores: Vec<Option<Score>>,
 }
 
-/// One entrant with its tuning in front of the arm with this index, over all its hands.
+/// One rival with its tuning in front of the arm with this index, over all its hands.
 pub(super) struct Task {
     pub(super) arm: usize,
-    pub(super) entrant: Entrant,
+    pub(super) rival: Rival,
     pub(super) tuning: Tuning,
 }
 
 struct Job<'a> {
-    entrant: Entrant,
+    rival: Rival,
     tuning: &'a Tuning,
     arm: BenchArm,
     hand: &'a Hand,
@@ -77,7 +77,7 @@ impl Benchmark<'_> {
     /// How often `run` reports.
     #[must_use]
     pub fn jobs(&self) -> usize {
-        self.arms.iter().map(|(_, hands)| hands.len()).sum::<usize>() * self.entrants.len()
+        self.arms.iter().map(|(_, hands)| hands.len()).sum::<usize>() * self.rivals.len()
     }
 
     /// Writes everything; `done` hears of each finished hand.
@@ -85,13 +85,12 @@ impl Benchmark<'_> {
     /// # Errors
     /// The first sequence that could not be run.
     pub fn run(&self, done: impl FnMut()) -> Result<Vec<Outcome>, BenchError> {
-        let pairs = (0..self.arms.len()).flat_map(|arm| self.entrants.iter().map(move |who| (arm, *who)));
-        let tasks: Vec<_> =
-            pairs.map(|(arm, entrant)| Task { arm, entrant, tuning: Tuning::Default }).collect();
+        let pairs = (0..self.arms.len()).flat_map(|arm| self.rivals.iter().map(move |who| (arm, *who)));
+        let tasks: Vec<_> = pairs.map(|(arm, rival)| Task { arm, rival, tuning: Tuning::Default }).collect();
         let scores = self.all(&tasks, done)?;
         let outcomes = tasks.iter().zip(scores).filter_map(|(task, scores)| {
             let (arm, _) = self.arms.get(task.arm)?;
-            Some(Outcome { entrant: task.entrant, arm: *arm, scores })
+            Some(Outcome { rival: task.rival, arm: *arm, scores })
         });
         Ok(outcomes.collect())
     }
@@ -107,7 +106,7 @@ impl Benchmark<'_> {
             .iter()
             .filter_map(|task| Some((task, arm_of(task)?)))
             .flat_map(|(task, (arm, hands))| {
-                let job = move |hand| Job { entrant: task.entrant, tuning: &task.tuning, arm: *arm, hand };
+                let job = move |hand| Job { rival: task.rival, tuning: &task.tuning, arm: *arm, hand };
                 hands.iter().map(job)
             })
             .collect();
@@ -131,12 +130,12 @@ impl Benchmark<'_> {
     /// A sequence that could not be run.
     pub fn replay(
         &self,
-        entrant: Entrant,
+        rival: Rival,
         arm: BenchArm,
         hand: &Hand,
         index: usize,
     ) -> Result<Option<ClosedLoop>, BenchError> {
-        let job = Job { entrant, tuning: &Tuning::Default, arm, hand };
+        let job = Job { rival, tuning: &Tuning::Default, arm, hand };
         // On a worker's stack: a whole control law may be too large for the caller's.
         let replayed = parallel::map(
             &[job],
@@ -158,7 +157,7 @@ impl Benchmark<'_> {
                 hand.sequences.iter().enumerate().map(move |(index, sequence)| (hand, index, sequence))
             });
             sequences.zip(&outcome.scores).filter_map(|((hand, index, sequence), score)| {
-                let (predictor, arm) = (outcome.entrant.name(), outcome.arm.name());
+                let (predictor, arm) = (outcome.rival.name(), outcome.arm.name());
                 (*score).map(|score| Each {
                     predictor,
                     arm,
@@ -176,7 +175,7 @@ impl Benchmark<'_> {
     /// Why the law refuses the settings of `task`, if it does.
     pub(super) fn refusal(&self, task: &Task) -> Option<BenchError> {
         let (arm, hands) = self.arms.get(task.arm)?;
-        let job = Job { entrant: task.entrant, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
+        let job = Job { rival: task.rival, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
         self.desk(&job).err()
     }
 
@@ -199,7 +198,7 @@ impl Benchmark<'_> {
                 writer: job.hand.writer.clone(),
                 index,
                 label: sequence.label.clone(),
-                entrant: job.entrant.name(),
+                rival: job.rival.name(),
                 arm: job.arm.name(),
                 error: Box::new(error),
             })?;
@@ -211,17 +210,17 @@ impl Benchmark<'_> {
     fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
         let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
         let arm = job.arm.kind(self.config);
-        let (kind, trust) = match job.entrant {
-            Entrant::Law(law) => (law.predictor(), law.trust()),
-            Entrant::Baseline(kind) | Entrant::Legal(kind) => {
-                let law = settings_for(self.config, arm, PredictorKind::Hold);
+        let (kind, trust) = match job.rival {
+            Rival::Law(law) => (law.predictor(), law.trust()),
+            Rival::Baseline(kind) | Rival::Legal(kind) => {
+                let law = settings_for(self.config, arm, PredictorKind::HOLD);
                 let settings = match job.tuning {
                     Tuning::Baseline(settings) => **settings,
                     _ => baseline_settings(self.config, job.arm, kind),
                 };
                 let desk = BaselineDesk::new(self.config, &law, job.arm, kind, &settings);
                 let desk = desk.map_err(|error| wrong(&error))?;
-                let legal = matches!(job.entrant, Entrant::Legal(_));
+                let legal = matches!(job.rival, Rival::Legal(_));
                 return Ok(Box::new(if legal { desk.kept_legal() } else { desk }));
             }
         };
@@ -237,7 +236,7 @@ impl Benchmark<'_> {
         let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;
         let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
-        let options = DeskOptions { arm, oracle: kind == PredictorKind::Oracle, learner };
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
         desk(horizon, &settings, home, options).map_err(|error| wrong(&error))
     }
 }
@@ -246,10 +245,10 @@ impl Outcome {
     /// The table: one row per outcome with anything scored, compared with `hold` in front of the same arm.
     #[must_use]
     pub fn table(outcomes: &[Self]) -> Vec<Row> {
-        let hold = |arm| outcomes.iter().find(|o| o.entrant == Entrant::HOLD && o.arm == arm);
+        let hold = |arm| outcomes.iter().find(|o| o.rival == Rival::HOLD && o.arm == arm);
         outcomes
             .iter()
-            .filter_map(|o| rows(o.entrant, o.arm, &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice())))
+            .filter_map(|o| rows(o.rival, o.arm, &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice())))
             .collect()
     }
 }

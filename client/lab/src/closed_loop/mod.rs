@@ -8,7 +8,7 @@
 //! turns in a file, each goes on where they were. The same data and settings give the same numbers on any number of cores.
 
 mod arm;
-mod entrant;
+mod rival;
 mod job;
 mod legal;
 mod pareto;
@@ -17,8 +17,8 @@ mod sequences;
 mod baseline;
 
 pub use arm::BenchArm;
-pub use entrant::{Entrant, UnknownEntrant};
 pub use job::{BenchError, Benchmark, Outcome};
 pub use pareto::ParetoPoint;
+pub use rival::{Rival, UnknownRival};
 pub use score::{Each, Row, Score, rows};
 pub use sequences::{Hand, LEAP_S, Sequence, hands};

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::baseline::baseline_settings;
 use super::job::Task;
-use super::{BenchArm, BenchError, Benchmark, Entrant, rows};
+use super::{BenchArm, BenchError, Benchmark, Rival, rows};
 use crate::baselines::{BaselineSettings, sweep};
 
 /// Behind limits: most trust, and a factor on the damping of feedback, smooth to stiff.
@@ -37,7 +37,7 @@ const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
 /// Feedback alone has no gain towards a prediction.
 const HOLD_FACTORS: [f64; 7] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0];
 
-/// With which settings an entrant takes part.
+/// With which settings a rival takes part.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Tuning {
     /// Those that it is shipped with.
@@ -98,7 +98,7 @@ impl Benchmark<'_> {
         self.points().iter().map(|(task, _)| hands(task.arm)).sum()
     }
 
-    /// Sweeps every entrant before every arm; `done` hears of each finished hand.
+    /// Sweeps every rival before every arm; `done` hears of each finished hand.
     ///
     /// # Errors
     /// The first sequence that could not be run.
@@ -108,9 +108,9 @@ impl Benchmark<'_> {
         let scored = tasks.iter().zip(labels).zip(scores);
         let point = |((task, label), scores): ((&Task, String), Vec<_>)| {
             let (arm, _) = self.arms.get(task.arm)?;
-            let row = rows(task.entrant, *arm, &scores, None)?;
+            let row = rows(task.rival, *arm, &scores, None)?;
             Some(ParetoPoint {
-                method: task.entrant.name(),
+                method: task.rival.name(),
                 label,
                 arm: arm.name(),
                 rms_m: row.mse_m2.sqrt(),
@@ -128,7 +128,7 @@ impl Benchmark<'_> {
         let told = |(task, label): (Task, String)| {
             let arm = self.arms.get(task.arm).map_or("", |(arm, _)| arm.name());
             let error = self.refused(&task)?;
-            Some(format!("{} on {arm}, {label}: {error}", task.entrant.name()))
+            Some(format!("{} on {arm}, {label}: {error}", task.rival.name()))
         };
         self.swept().into_iter().filter_map(told).collect()
     }
@@ -144,18 +144,17 @@ impl Benchmark<'_> {
     fn swept(&self) -> Vec<(Task, String)> {
         let mut points = Vec::new();
         for (index, (arm, _)) in self.arms.iter().enumerate() {
-            for entrant in &self.entrants {
-                let tuned = self.tunings(*arm, *entrant).into_iter();
-                points.extend(
-                    tuned.map(|(tuning, label)| (Task { arm: index, entrant: *entrant, tuning }, label)),
-                );
+            for rival in &self.rivals {
+                let tuned = self.tunings(*arm, *rival).into_iter();
+                points
+                    .extend(tuned.map(|(tuning, label)| (Task { arm: index, rival: *rival, tuning }, label)));
             }
         }
         points
     }
 
-    fn tunings(&self, arm: BenchArm, entrant: Entrant) -> Vec<(Tuning, String)> {
-        let (Entrant::Baseline(kind) | Entrant::Legal(kind)) = entrant else {
+    fn tunings(&self, arm: BenchArm, rival: Rival) -> Vec<(Tuning, String)> {
+        let (Rival::Baseline(kind) | Rival::Legal(kind)) = rival else {
             let shipped = (Tuning::Default, "default".to_owned());
             let gains = |factor: f64| (Tuning::Gains(factor), format!("gains x {factor}"));
             if arm.limited() {
@@ -163,10 +162,10 @@ impl Benchmark<'_> {
                     (Tuning::Softer(ceiling, damping), format!("trust to {ceiling}, damping x {damping}"))
                 };
                 let (trusted, held) = (SOFTER.as_slice(), HELD.as_slice());
-                let softer = if entrant == Entrant::HOLD { held } else { trusted };
+                let softer = if rival == Rival::HOLD { held } else { trusted };
                 return softer.iter().copied().map(soften).chain([shipped, gains(2.0)]).collect();
             }
-            if entrant == Entrant::HOLD {
+            if rival == Rival::HOLD {
                 return HOLD_FACTORS.map(gains).into_iter().chain([shipped]).collect();
             }
             let sharp = FREE_GAINS.map(|gain| (Tuning::Sharp(gain), format!("sharp, gain {gain}")));

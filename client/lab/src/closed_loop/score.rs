@@ -3,7 +3,7 @@
 use foretrace_sim::metrics::{motion, tracking};
 use serde::Serialize;
 
-use super::{BenchArm, Entrant, Sequence};
+use super::{BenchArm, Rival, Sequence};
 use crate::experiments::{ClosedLoop, median};
 
 /// Worse than `hold` by more than this part of its mean squared error...
@@ -73,7 +73,7 @@ impl Score {
     }
 }
 
-/// How one entrant wrote one sequence in front of one arm: for paired comparisons.
+/// How one rival wrote one sequence in front of one arm: for paired comparisons.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Each<'a> {
     /// Who.
@@ -93,7 +93,7 @@ pub struct Each<'a> {
     pub score: Score,
 }
 
-/// One entrant in front of one arm, over all sequences.
+/// One rival in front of one arm, over all sequences.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
     /// Who.
@@ -129,7 +129,7 @@ pub struct Row {
 /// The row of `scores` (one per sequence, in their order), compared with those of `hold` in front of the same arm.
 #[must_use]
 pub fn rows(
-    entrant: Entrant,
+    rival: Rival,
     arm: BenchArm,
     scores: &[Option<Score>],
     hold: Option<&[Option<Score>]>,
@@ -154,7 +154,7 @@ pub fn rows(
     };
     let worse = pairs().filter(|(score, hold)| score.worse_than(hold)).count();
     Some(Row {
-        predictor: entrant.name().to_owned(),
+        predictor: rival.name().to_owned(),
         arm: arm.name(),
         mse_m2: mean(|score| score.mse_m2),
         median_mse_m2: median(known().map(|score| score.mse_m2)),

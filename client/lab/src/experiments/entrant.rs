@@ -1,8 +1,12 @@
 //! Who takes part in closed loop with the daemon's own control law.
 
-use foretrace_control::predict::PredictorKind;
+use foretrace_control::predict::{Needs, PredictorKind};
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
+
+/// The paper's baseline, its predictor without and with a reservoir.
+const PAPERS: [PredictorKind; 3] =
+    [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM, PredictorKind::DYBM_ESN];
 
 /// Who predicts, and who decides the trust in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,26 +20,23 @@ pub enum LawEntrant {
 }
 
 impl LawEntrant {
-    /// All, in the order of figures and tables.
-    pub const ALL: [Self; 9] = [
-        Self::Hold,
-        Self::Believed(PredictorKind::ConstantVelocity),
-        Self::Believed(PredictorKind::Dybm),
-        Self::Believed(PredictorKind::DybmEsn),
-        Self::Believed(PredictorKind::Lstm),
-        Self::Believed(PredictorKind::ArRls),
-        Self::Believed(PredictorKind::Mixture),
-        Self::Mixture,
-        Self::Believed(PredictorKind::Oracle),
-    ];
+    /// All, in the order of figures and tables: feedback only, the paper's baseline and its own, the others as the registry has
+    /// them, the daemon as it is shipped, and last what knows the future.
+    pub fn all() -> impl Iterator<Item = Self> + Clone {
+        let others = PredictorKind::LIVE.into_iter();
+        let others = others.filter(|kind| *kind != PredictorKind::HOLD && !PAPERS.contains(kind));
+        let knowing = PredictorKind::ALL.into_iter().filter(|kind| kind.needs() == Needs::Recording);
+        let believed = PAPERS.into_iter().chain(others).map(Self::Believed);
+        std::iter::once(Self::Hold).chain(believed).chain([Self::Mixture]).chain(knowing.map(Self::Believed))
+    }
 
     /// Who predicts.
     #[must_use]
     pub const fn predictor(self) -> PredictorKind {
         match self {
-            Self::Hold => PredictorKind::Hold,
+            Self::Hold => PredictorKind::HOLD,
             Self::Believed(kind) => kind,
-            Self::Mixture => PredictorKind::Mixture,
+            Self::Mixture => PredictorKind::MIXTURE,
         }
     }
 
@@ -46,6 +47,32 @@ impl LawEntrant {
             Self::Hold => TrustRequest::Manual(Trust::NONE),
             Self::Believed(_) => TrustRequest::Manual(Trust::FULL),
             Self::Mixture => TrustRequest::Auto,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_predictor_takes_part_once_in_the_order_of_the_tables() {
+        let names = |entrant: LawEntrant| (entrant.predictor().name(), entrant.trust() == TrustRequest::Auto);
+        let all: Vec<_> = LawEntrant::all().map(names).collect();
+        let known = [
+            ("hold", false),
+            ("constant-velocity", false),
+            ("dybm", false),
+            ("dybm-esn", false),
+            ("lstm", false),
+            ("ar-rls", false),
+            ("mixture", false),
+        ];
+        assert_eq!(all[..known.len()], known);
+        assert_eq!(all[all.len() - 2..], [("mixture", true), ("oracle", false)]);
+        assert_eq!(all.len(), PredictorKind::ALL.len() + 1);
+        for kind in PredictorKind::ALL {
+            assert!(all.contains(&(kind.name(), false)), "{kind:?} takes no part");
         }
     }
 }

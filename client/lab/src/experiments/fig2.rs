@@ -66,7 +66,7 @@ impl Fig2Row {
 /// The predictor's own name; `mixture` is the one with automatic trust, as shipped.
 const fn name(entrant: LawEntrant) -> &'static str {
     match entrant {
-        LawEntrant::Believed(PredictorKind::Mixture) => "mixture-trust1",
+        LawEntrant::Believed(PredictorKind::MIXTURE) => "mixture-trust1",
         other => other.predictor().name(),
     }
 }
@@ -74,13 +74,13 @@ const fn name(entrant: LawEntrant) -> &'static str {
 /// The entrant of the figure with that name.
 #[must_use]
 pub fn fig2_entrant(wanted: &str) -> Option<LawEntrant> {
-    LawEntrant::ALL.into_iter().find(|entrant| name(*entrant) == wanted)
+    LawEntrant::all().find(|entrant| name(*entrant) == wanted)
 }
 
 /// Names of all entrants, for a message.
 #[must_use]
 pub fn fig2_names() -> String {
-    LawEntrant::ALL.map(name).join(", ")
+    LawEntrant::all().map(name).collect::<Vec<_>>().join(", ")
 }
 
 /// So many fit the picture.
@@ -88,11 +88,12 @@ const PICTURED: usize = 5;
 
 /// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and mixture as shipped.
 fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
-    use PredictorKind::{ConstantVelocity, Dybm, Oracle};
+    const PAPERS: [PredictorKind; 3] =
+        [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM, PredictorKind::ORACLE];
     entrants.len() <= PICTURED
         || match entrant {
             LawEntrant::Hold | LawEntrant::Mixture => true,
-            LawEntrant::Believed(kind) => matches!(kind, ConstantVelocity | Dybm | Oracle),
+            LawEntrant::Believed(kind) => PAPERS.contains(&kind),
         }
 }
 
@@ -122,7 +123,7 @@ pub fn fig2(
     }
     let of_dybm = rows
         .iter()
-        .find(|row| row.entrant == LawEntrant::Believed(PredictorKind::Dybm))
+        .find(|row| row.entrant == LawEntrant::Believed(PredictorKind::DYBM))
         .or(rows.first())
         .ok_or(ExperimentError::Nothing)?;
     let distance = |mse: &f64| if mse.is_nan() { f64::INFINITY } else { (mse - of_dybm.median_mse_m2).abs() };
@@ -153,7 +154,7 @@ fn row(
     settings.trust_request = entrant.trust();
     let home = config.robot().home;
     let learner = learner_for(config, &settings, predictor)?;
-    let options = DeskOptions { arm: kind, oracle: predictor == PredictorKind::Oracle, learner };
+    let options = DeskOptions { arm: kind, oracle: predictor == PredictorKind::ORACLE, learner };
     let mut desk = desk(config.settings().mpc.horizon, &settings, home, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut scores = Vec::with_capacity(letters.len());

@@ -61,7 +61,7 @@ pub fn fig3(
     // Steps are those of the pen's grid; the plan's are shorter.
     let step_s = settings.pen.step_ns as f64 * 1e-9;
     let learner = learner_for(config, &settings, kind)?;
-    let options = DeskOptions { arm: ArmKind::Ideal, oracle: kind == PredictorKind::Oracle, learner };
+    let options = DeskOptions { arm: ArmKind::Ideal, oracle: kind == PredictorKind::ORACLE, learner };
     let mut desk = desk(config.settings().mpc.horizon, &settings, config.robot().home, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();

@@ -59,10 +59,10 @@ fn settings_of_servo(config: &Config) -> bool {
 /// The loop of `config` in front of one of the experiments' arms.
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
-    settings.preview.kind = if kind == PredictorKind::Oracle { PredictorKind::Hold } else { kind };
+    settings.preview.kind = if kind == PredictorKind::ORACLE { PredictorKind::HOLD } else { kind };
     // A lead that nobody asked for is for what a real arm and doubt make late.
     let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
-    let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::Oracle;
+    let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::ORACLE;
     if !asked && !late {
         settings.velocity_lead_ns = 0;
     }
@@ -84,7 +84,8 @@ pub(crate) fn learner_for(
     settings: &FollowerSettings<JOINTS>,
     kind: PredictorKind,
 ) -> Result<Option<Learner>, ExperimentError> {
-    let learns = [PredictorKind::Dybm, PredictorKind::DybmEsn, PredictorKind::ArRls, PredictorKind::Mixture];
+    let learns =
+        [PredictorKind::DYBM, PredictorKind::DYBM_ESN, PredictorKind::AR_RLS, PredictorKind::MIXTURE];
     if !learns.contains(&kind) {
         return Ok(None);
     }

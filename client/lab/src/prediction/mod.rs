@@ -8,6 +8,7 @@ mod set;
 mod model;
 mod scaled;
 mod network;
+mod of_the_loop;
 mod registry;
 mod score;
 mod run;
@@ -20,7 +21,7 @@ pub use by_label::{
 };
 pub use model::{Contestant, OnScoredSet, Online, Plain, constant_velocity, zero};
 pub use registry::{
-    Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, ORDER, Setting, names,
+    Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, Setting, names, order,
 };
 pub use retrain::{RetrainError, Retrained, TRAINABLE, retrain, retrain_epochs};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};

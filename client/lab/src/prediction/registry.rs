@@ -15,12 +15,13 @@ use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirS
 use foretrace_control::predict::models::mixture::{MixtureLearner, MixtureParameters, MixtureSettings};
 use foretrace_control::predict::{
     ArRlsLearner, ArRlsSettings, ArRlsWeights, DybmEsnLearner, DybmEsnSettings, DybmLearner, DybmSettings,
-    DybmWeights, LstmWeights, Optimiser, WeightsError,
+    DybmWeights, LstmWeights, ModelsError, Optimiser, PredictorKind, WeightsError,
 };
 
 use super::Set;
 use super::model::{Contestant, OnScoredSet, Online, constant_velocity, zero};
 use super::network::network;
+use super::of_the_loop::{of_the_loop, others};
 use super::retrain::Retrained;
 use super::scaled::Scaled;
 
@@ -77,7 +78,7 @@ impl Setting {
 #[non_exhaustive]
 pub enum ModelError {
     /// No model of that name.
-    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors{}", names().join(", "), foretrace_control::predict::PredictorKind::renamed(name))]
+    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors{}", names().join(", "), PredictorKind::renamed(name))]
     Unknown {
         /// As given.
         name: String,
@@ -94,7 +95,7 @@ pub enum ModelError {
         /// Which model.
         model: String,
         /// Its reason.
-        error: WeightsError,
+        error: ModelsError,
     },
     /// A network that cannot be loaded.
     #[error(transparent)]
@@ -112,6 +113,8 @@ enum Kind {
     MixtureCold,
     Shipped,
     File(Arc<LstmModel>),
+    /// As the loop has it, from the registry of the control law.
+    OfTheLoop(PredictorKind),
     Retrained(Arc<LstmModel>, f64),
 }
 
@@ -129,6 +132,11 @@ const TABLE: [(&str, Kind); 11] = [
     ("mixture-cold", Kind::MixtureCold),
 ];
 
+/// The rows of the table, then one for every other predictor that needs nothing but the pen.
+fn rows() -> impl Iterator<Item = (&'static str, Kind)> {
+    TABLE.into_iter().chain(others().map(|kind| (kind.name(), Kind::OfTheLoop(kind))))
+}
+
 /// A model by name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
@@ -140,22 +148,17 @@ pub struct Model {
 pub type Built = (Box<dyn Contestant>, Option<String>);
 
 /// The names that a table may have, in its order; not every build has every network.
-pub const ORDER: [&str; TABLE.len()] = {
-    let mut names = [""; TABLE.len()];
-    let mut index = 0;
-    while index < TABLE.len() {
-        names[index] = TABLE[index].0;
-        index += 1;
-    }
-    names
-};
+#[must_use]
+pub fn order() -> Vec<&'static str> {
+    rows().map(|(name, _)| name).collect()
+}
 
 /// The names that this build has, in the order of the table.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     // Networks that are not part of this build are no models of it.
-    let there = |(name, kind): &&(&str, Kind)| *kind != Kind::Shipped || shipped(name).is_some();
-    TABLE.iter().filter(there).map(|(name, _)| *name).collect()
+    let there = |(name, kind): &(&str, Kind)| *kind != Kind::Shipped || shipped(name).is_some();
+    rows().filter(there).map(|(name, _)| name).collect()
 }
 
 impl Model {
@@ -173,7 +176,7 @@ impl Model {
         let kind = if let Some(file) = name.strip_prefix(LSTM_FILE) {
             Some(Kind::File(Arc::new(LstmModel::load(Path::new(file))?)))
         } else if names().contains(&name) {
-            TABLE.into_iter().find(|(known, _)| *known == name).map(|(_, kind)| kind)
+            rows().find(|(known, _)| *known == name).map(|(_, kind)| kind)
         } else {
             None
         };
@@ -233,6 +236,7 @@ impl Model {
             | Kind::ConstantVelocity
             | Kind::Mixture
             | Kind::MixtureCold
+            | Kind::OfTheLoop(_)
             | Kind::Shipped
             | Kind::File(_)
             | Kind::Retrained(..) => 0,
@@ -253,7 +257,8 @@ impl Model {
     /// # Errors
     /// Settings or weights that the control law refuses.
     pub fn build(&self, setting: &Setting) -> Result<Built, ModelError> {
-        let refused = |error| ModelError::Refused { model: self.name.clone(), error };
+        let refused =
+            |error: WeightsError| ModelError::Refused { model: self.name.clone(), error: error.into() };
         let mut notes: Vec<String> = Vec::new();
         if self.passes() > 0 && !setting.trained {
             notes.push("starts cold: no training passes were made before scoring".to_owned());
@@ -285,6 +290,8 @@ impl Model {
                 let model = Online::new(mixture(None).map_err(refused)?, OnScoredSet::Learns);
                 Box::new(Scaled::new(model, TARGET_RMS))
             }
+            Kind::OfTheLoop(kind) => of_the_loop(*kind, setting.step_ns as u64)
+                .map_err(|error| ModelError::Refused { model: self.name.clone(), error })?,
             Kind::Shipped => {
                 let mut model = LstmModel::find(&self.name)?;
                 // The reference was trained elsewhere, before the key was thought of.

@@ -2,7 +2,7 @@
 
 use foretrace_config::{Config, Draft};
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, Row, Score, Sequence, hands};
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Hand, Outcome, Rival, Row, Score, Sequence, hands};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::{Lift, PathSample, Placement};
@@ -40,7 +40,7 @@ fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Bench
     Benchmark {
         config,
         arms: arms.iter().map(|arm| (*arm, hands(*arm))).collect(),
-        entrants: names.iter().map(|name| Entrant::named(name).unwrap()).collect(),
+        rivals: names.iter().map(|name| Rival::named(name).unwrap()).collect(),
     }
 }
 
@@ -74,8 +74,8 @@ fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
     let benchmark = benchmark(&config, &[BenchArm::Ideal], &["hold"]);
     let hand = hand(BenchArm::Ideal, &config, &["a"]);
     for kind in BaselineKind::ALL {
-        let entrant = Entrant::named(kind.name()).unwrap();
-        let run = benchmark.replay(entrant, BenchArm::Ideal, &hand, 0).unwrap().unwrap();
+        let rival = Rival::named(kind.name()).unwrap();
+        let run = benchmark.replay(rival, BenchArm::Ideal, &hand, 0).unwrap().unwrap();
         let settings =
             BaselineSettings::new(kind, PERIOD_S, 0.0, Limits::OFF, BenchArm::Ideal.glyph_height_m());
         let wanted = targets(kind, &settings, &hand.sequences[0].path.samples);
@@ -153,14 +153,14 @@ fn many_threads_give_the_numbers_of_one() {
             .iter()
             .flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index)))
             .map(|(hand, index)| {
-                let run = benchmark.replay(outcome.entrant, *arm, hand, index).unwrap().unwrap();
+                let run = benchmark.replay(outcome.rival, *arm, hand, index).unwrap().unwrap();
                 Score::of(&hand.sequences[index], &run)
             })
             .collect();
         assert_eq!(alone.len(), 3);
         // Absent parts of a score are no numbers and equal nothing.
         let text = |scores: &[Option<Score>]| format!("{scores:?}");
-        assert_eq!(text(&alone), text(&outcome.scores), "{}", outcome.entrant.name());
+        assert_eq!(text(&alone), text(&outcome.scores), "{}", outcome.rival.name());
     }
 }
 
@@ -186,11 +186,8 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
     let row = |lift| {
         let (placed, left_out) = hands(&set, height, BenchArm::Ideal, &config, lift).unwrap();
         assert_eq!((placed.len(), left_out), (1, 0));
-        let benchmark = Benchmark {
-            config: &config,
-            arms: vec![(BenchArm::Ideal, placed)],
-            entrants: vec![Entrant::HOLD],
-        };
+        let benchmark =
+            Benchmark { config: &config, arms: vec![(BenchArm::Ideal, placed)], rivals: vec![Rival::HOLD] };
         Outcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
     };
     let leap = row(Lift::Leap);
@@ -226,7 +223,7 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
         let benchmark = Benchmark {
             config: &config,
             arms: vec![(BenchArm::Ur5, placed)],
-            entrants: vec![Entrant::AS_SHIPPED],
+            rivals: vec![Rival::AS_SHIPPED],
         };
         let outcomes = benchmark.run(|| {}).unwrap();
         let each: Vec<_> = benchmark.each(&outcomes).collect();
@@ -258,9 +255,9 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
         hand
     };
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
-    let entrants =
-        ["mixture", "dybm-online", "mixture-trust1"].map(|name| Entrant::named(name).unwrap()).to_vec();
-    for row in Outcome::table(&Benchmark { config: &config, arms, entrants }.run(|| {}).unwrap()) {
+    let rivals =
+        ["mixture", "dybm-online", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
+    for row in Outcome::table(&Benchmark { config: &config, arms, rivals }.run(|| {}).unwrap()) {
         // The leap itself is 0.4 m.
         println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);
         assert!(row.max_m < 0.45, "{} {}: {} m", row.arm, row.predictor, row.max_m);
@@ -348,7 +345,7 @@ fn the_lead_of_the_presets_is_for_arms_behind_a_servo_and_for_what_is_not_known(
 
 #[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
-    let error = Entrant::named("servoj").unwrap_err();
+    let error = Rival::named("servoj").unwrap_err();
     let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls mixture-trust1 mixture servoj-gello \
                  servoj-ros otg kalman oracle servoj-gello-legal servoj-ros-legal otg-legal kalman-legal";
     assert_eq!(error.known.join(" "), names);

@@ -170,7 +170,8 @@ fn behind_a_slow_servo_following_the_shift_costs_who_foresees_badly_less_than_it
     };
     // Whose prediction goes on straight pays for every millisecond of lead that the arm, a filter, did not need. Whose prediction
     // turns with the pen hardly minds which of the two it is given.
-    for (kind, legal) in [(PredictorKind::ConstantVelocity, 0.0..0.8), (PredictorKind::Mixture, 0.95..1.05)] {
+    for (kind, legal) in [(PredictorKind::CONSTANT_VELOCITY, 0.0..0.8), (PredictorKind::MIXTURE, 0.95..1.05)]
+    {
         let fixed = mse(kind, Following::Fixed);
         let follows = mse(kind, Following::Measured { max_ns: 150_000_000, rate: 0.02 });
         println!("{kind:?}: at the group delay {fixed:.3e} m², following the shift {follows:.3e} m²");

@@ -279,7 +279,7 @@ impl Desk {
             self.arm_again(newest);
         }
         if trouble == Some(Trouble::Switched) {
-            let mixture = Request::SwitchPredictor(PredictorKind::Mixture);
+            let mixture = Request::SwitchPredictor(PredictorKind::MIXTURE);
             self.tick(&[self.reading(newest)], Some(mixture), None);
         }
         tracking

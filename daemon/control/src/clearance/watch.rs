@@ -130,3 +130,123 @@ fn dot_moved<const J: usize>(levers: &[f64; J], q: &[f64; J], from: &[f64; J], x
 fn dot<const J: usize>(a: &[f64; J], b: &[f64; J]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::arm::{Chain, JointLimits};
+    use crate::clearance::{Obstacle, pairs};
+
+    const UR5: &str = include_str!("../../../../config/robots/ur5.urdf");
+    const MARGIN_M: f64 = 0.01;
+    const STEP_S: f64 = 0.002;
+    const RATE_HZ: f64 = 4.0;
+
+    fn all_pairs() -> Vec<Pair<6>> {
+        let chain = Chain::from_urdf(UR5, None, None).unwrap();
+        let ends = chain.limits();
+        let limits = JointLimits::new(ends.position, ends.velocity, [40.0; 6]).unwrap();
+        let mut all = pairs::with_obstacles(&chain, &[Obstacle::plane([0.0; 3], [0.0, 0.0, 1.0]).unwrap()]);
+        all.extend(pairs::of_itself(&chain, &limits));
+        assert!(all.len() > 10 && all.iter().any(|pair| pair.span > 0.0));
+        all
+    }
+
+    fn motion(rng: &mut Pcg64, speed: f64) -> (JointMotion<6>, VelocityBox<6>) {
+        let mut motion = JointMotion::at_rest([0.7; 6]);
+        motion.qd = std::array::from_fn(|_| speed * rng.random_range(-1.0..1.0));
+        let allowed = VelocityBox { lower: motion.qd.map(|v| v - 0.08), upper: motion.qd.map(|v| v + 0.08) };
+        (motion, allowed)
+    }
+
+    /// The right-hand side of the module's description: what a pair's gap must exceed to have no row [m].
+    fn wanted(pair: &Pair<6>, motion: &JointMotion<6>, allowed: &VelocityBox<6>) -> f64 {
+        let s: f64 = motion.qd.iter().map(|v| v.abs()).sum();
+        let closing: f64 = (0..6)
+            .map(|j| {
+                let fastest = motion.qd[j].abs().max(allowed.lower[j].abs()).max(allowed.upper[j].abs());
+                pair.levers[j] * fastest * (1.0 + STEP_S * s) / RATE_HZ
+            })
+            .sum();
+        closing + pair.span * STEP_S * s * s / (2.0 * RATE_HZ)
+    }
+
+    /// Pairs that are measured in a look, with the gap that was asked for.
+    fn looked(
+        watch: &mut Watch<6>,
+        pairs: &[Pair<6>],
+        motion: &JointMotion<6>,
+        allowed: &VelocityBox<6>,
+        distances: &[f64],
+    ) -> Vec<Option<f64>> {
+        let reach = Reach::new(motion, allowed, STEP_S, RATE_HZ);
+        let mut measured = vec![None; pairs.len()];
+        watch.look(pairs, &motion.q, &reach, MARGIN_M, |pair, enough| {
+            let index = pairs.iter().position(|other| std::ptr::eq(other, pair)).unwrap();
+            measured[index] = Some(enough);
+            distances[index]
+        });
+        measured
+    }
+
+    #[test]
+    fn what_stands_still_is_measured_again_only_where_it_may_have_a_row() {
+        let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(3));
+        for speed in [0.0, 0.1, 2.0, 15.0] {
+            let (motion, allowed) = motion(&mut rng, speed);
+            let needed: Vec<f64> = pairs.iter().map(|pair| wanted(pair, &motion, &allowed)).collect();
+            for share in [0.0, 0.99, 1.01, 3.0, 9.0, 11.0, 1000.0] {
+                let mut watch = Watch::new(pairs.len());
+                let distances: Vec<f64> = needed.iter().map(|needed| MARGIN_M + share * needed).collect();
+                let first = looked(&mut watch, &pairs, &motion, &allowed, &distances);
+                for (enough, needed) in first.iter().zip(&needed) {
+                    let enough = enough.expect("nothing was seen before");
+                    assert!((enough - needed).abs() < 2.0 * ROUNDING_M, "{enough} {needed}");
+                }
+                let again = looked(&mut watch, &pairs, &motion, &allowed, &distances);
+                assert!(again.iter().all(|seen| seen.is_some() == (share < 1.0)), "{speed} {share}");
+                for (enough, needed) in
+                    again.iter().zip(&needed).filter_map(|(enough, n)| Some((enough.as_ref()?, n)))
+                {
+                    assert!((enough - needed).abs() < 2.0 * ROUNDING_M, "{enough} {needed}");
+                }
+            }
+        }
+    }
+
+    /// Distances that change as fast as levers let them: no pair is passed over that may have a row, and nearly all others are.
+    #[test]
+    fn nothing_comes_near_unseen() {
+        let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(4));
+        let base: Vec<f64> = pairs.iter().map(|_| rng.random_range(0.3..3.0)).collect();
+        let mut watch = Watch::new(pairs.len());
+        let (mut near, mut measured, mut all) = (0, 0, 0);
+        let mut q = [0.0; 6];
+        for tick in 0..5000 {
+            let (mut motion, allowed) = motion(&mut rng, [0.02, 0.3, 2.0, 15.0][tick / 50 % 4]);
+            q = std::array::from_fn(|j| q[j] + STEP_S * motion.qd[j]);
+            if tick % 100 == 0 {
+                q = std::array::from_fn(|_| rng.random_range(-0.3..0.3));
+            }
+            motion.q = q;
+            let distances: Vec<f64> = pairs
+                .iter()
+                .zip(&base)
+                .map(|(pair, base)| base - (0..6).map(|j| pair.levers[j] * q[j].abs()).sum::<f64>())
+                .collect();
+            let seen = looked(&mut watch, &pairs, &motion, &allowed, &distances);
+            for ((pair, distance), seen) in pairs.iter().zip(&distances).zip(seen) {
+                let needs = distance - MARGIN_M <= wanted(pair, &motion, &allowed);
+                assert!(seen.is_some() || !needs, "{tick}: {distance} m");
+                near += usize::from(needs);
+                measured += usize::from(seen.is_some());
+                all += 1;
+            }
+        }
+        assert!(near > all / 50 && near < all / 2, "{near} of {all}");
+        assert!(measured - near < (all - near) / 100, "{measured} measured, {near} of {all} near");
+    }
+}

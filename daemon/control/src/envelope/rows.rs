@@ -148,3 +148,87 @@ impl<const J: usize> Envelope<J> {
 fn dot<const J: usize>(a: &[f64; J], b: &[f64; J]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+    use crate::arm::JointLimits;
+    use crate::envelope::EnvelopeSettings;
+    use crate::plane::Plane;
+
+    const ROW: [f64; 2] = [0.5, -0.2];
+    /// Half of what the joints give along the row: 10 and 20 rad/s², 100 and 300 rad/s³.
+    const BRAKING: f64 = 0.5 * (0.5 * 10.0 + 0.2 * 20.0);
+    const JERK: f64 = 0.5 * (0.5 * 100.0 + 0.2 * 300.0);
+
+    fn envelope(jerk: Option<[f64; 2]>) -> Envelope<2> {
+        let limits = JointLimits::new([[-6.0, 6.0]; 2], [3.0; 2], [10.0, 20.0]).unwrap();
+        let limits = jerk.map_or(limits, |jerk| limits.with_jerk(jerk).unwrap());
+        let settings = EnvelopeSettings { margin_m: 0.001, max_tilt_rad: 0.3, max_speed_mps: None };
+        let plane = Plane {
+            origin: Vector3::zeros(),
+            rotation: Rotation3::identity(),
+            pen_scale: 1.0,
+            pen_origin: [0.0; 2],
+            lift_height: 0.01,
+        };
+        Envelope::new(&settings, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()
+    }
+
+    /// How far a step at `v` after one at `now` leads [m], with the stop behind it that ends without acceleration, in steps of 10 µs.
+    fn farthest_m(v: f64, now: f64, elapsed: f64) -> f64 {
+        let step = 1e-5;
+        let (mut x, mut speed) = (v * elapsed, v);
+        let mut a = ((v - now) / elapsed).clamp(-BRAKING, BRAKING);
+        let mut most = x;
+        while speed > 0.0 {
+            x += step * (speed + 0.5 * step * a);
+            speed += step * a;
+            // What is left is the way back to no acceleration.
+            let ends = a < 0.0 && speed <= 0.5 * a * a / JERK;
+            a = if ends { (a + step * JERK).min(0.0) } else { (a - step * JERK).max(-BRAKING) };
+            most = most.max(x);
+            if ends && a == 0.0 {
+                break;
+            }
+        }
+        most
+    }
+
+    #[test]
+    fn the_fastest_is_the_fastest_that_can_still_be_stopped() {
+        let envelope = envelope(Some([100.0, 300.0]));
+        for elapsed in [0.002, 0.008] {
+            for room in [1e-4, 0.003, 0.02, 0.1] {
+                for now in [-0.1, 0.0, 0.05, 0.2, 0.5] {
+                    for sign in [1.0, -1.0] {
+                        // Joint 0 moves along the row at `now`.
+                        let motion =
+                            JointMotion { qd: [sign * now / ROW[0], 0.0], ..JointMotion::at_rest([0.0; 2]) };
+                        let way = Way { row: ROW, bent: 0.0, room: [room, room] };
+                        let v = envelope.fastest(&way, &motion, room, elapsed, sign);
+                        let far = farthest_m(v, now, elapsed);
+                        assert!(far <= room * 1.002 + 2e-6, "{v} m/s from {now}: {far} of {room} m");
+                        let far = farthest_m(1.01 * v + 1e-4, now, elapsed);
+                        assert!(far > room, "{v} m/s from {now} is too slow: {far} of {room} m");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_jerk_limits_the_way_is_that_of_even_braking() {
+        let (envelope, still) = (envelope(None), JointMotion::at_rest([0.0; 2]));
+        for room in [1e-4, 0.003, 0.1] {
+            let way = Way { row: ROW, bent: 0.0, room: [room, room] };
+            let v = envelope.fastest(&way, &still, room, 0.008, 1.0);
+            assert!((v * 0.008 + v * v / (2.0 * BRAKING) - room).abs() < 1e-12, "{v} m/s in {room} m");
+            assert_eq!(envelope.fastest(&way, &still, 0.0, 0.008, 1.0), 0.0);
+            assert_eq!(envelope.fastest(&way, &still, -room, 0.008, 1.0), 0.0);
+            assert_eq!(envelope.fastest(&way, &still, f64::INFINITY, 0.008, 1.0), f64::INFINITY);
+        }
+    }
+}

@@ -120,7 +120,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub fn use_oracle(&mut self, oracle: Oracle) {
         self.previewer.load_recording(oracle);
         // A recording was just loaded, the only thing `choose` can miss.
-        let _ = self.previewer.choose(PredictorKind::Oracle);
+        let _ = self.previewer.choose(PredictorKind::ORACLE);
     }
 
     /// What it was built from.
@@ -132,7 +132,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// The weights in use.
     #[must_use]
     pub fn weights(&self) -> OnlineWeights {
-        self.previewer.weights()
+        let mut weights = self.settings.weights;
+        self.previewer.tell_weights(&mut weights);
+        weights
     }
 
     /// Takes charge of an arm that stands at `q` [rad], whoever had it before: for a loop that runs beside the real one.

@@ -189,4 +189,45 @@ mod tests {
         assert_eq!(fit.respond(&track, Stamp(5_000 * MS)), None);
         assert_eq!(fit.respond(&track, Stamp(0)), None);
     }
+
+    /// Against the normal equations over all instants, each with its age in time of motion.
+    #[test]
+    fn the_fit_is_least_squares_over_what_is_not_forgotten() {
+        let track = commands(|t| [0.02 * (9.0 * t).sin() + 0.01 * (4.0 * t).cos(), 0.015 * (14.0 * t).sin()]);
+        let mut fit = ArmFit::default();
+        let mut cases: Vec<(f64, [[f64; 2]; 3])> = Vec::new();
+        let mut ms = 100;
+        for k in 0..110_u64 {
+            // Pauses count as 20 ms.
+            let elapsed_ms = [4, 8, 15, 60][k as usize % 4];
+            ms += elapsed_ms;
+            let h = 0.015;
+            let at = |ms: u64| track.at(Stamp(ms * MS)).unwrap().position;
+            let (before, here, after) = (at(ms - 15), at(ms), at(ms + 15));
+            let velocity = [0, 1].map(|i| (after[i] - before[i]) / (2.0 * h));
+            let acceleration = [0, 1].map(|i| (after[i] - 2.0 * here[i] + before[i]) / (h * h));
+            // A filter that changes on the way, and something that no filter explains.
+            let b = if k < 60 { 0.02 } else { -0.01 };
+            let off =
+                [0, 1].map(|i| b * velocity[i] + 2e-4 * acceleration[i] + 1e-4 * (k as f64 * 0.7).sin());
+            let moved_ns = (elapsed_ms as f64 * 1e6).min(STEP_NS as f64);
+            cases.iter_mut().for_each(|case| case.0 *= (-moved_ns / MEMORY_NS).exp());
+            cases.push((1.0, [velocity, acceleration, off]));
+            fit.learn(&track, Stamp(ms * MS), [here[0] + off[0], here[1] + off[1]]);
+        }
+        // Σ of the products of velocity, acceleration and what is left, by their places.
+        let sum = |one: usize, other: usize| {
+            let dot = |case: &[[f64; 2]; 3]| (0..2).map(|i| case[one][i] * case[other][i]).sum::<f64>();
+            cases.iter().map(|(weight, case)| weight * dot(case)).sum::<f64>()
+        };
+        let gram = nalgebra::Matrix2::new(sum(0, 0) + PULL[0], sum(0, 1), sum(1, 0), sum(1, 1) + PULL[1]);
+        let right = nalgebra::Vector2::new(sum(0, 2), sum(1, 2));
+        let expected = gram.lu().solve(&right).unwrap();
+        let [b, a] = fit.response;
+        assert!(
+            (b / expected.x - 1.0).abs() < 1e-9 && (a / expected.y - 1.0).abs() < 1e-9,
+            "{b} {a} {expected}"
+        );
+        assert!(b > -0.0095 && b < 0.019, "all of it counts alike, or only the newest: {b}");
+    }
 }

@@ -323,7 +323,7 @@ fn earlier(instant: Stamp, lag_ns: i64) -> Stamp {
 /// The settings of a loop that only holds, fed with readings that were judged and placed in the plane already.
 fn of_hold<const J: usize>(mut settings: FollowerSettings<J>) -> FollowerSettings<J> {
     settings.trust_request = TrustRequest::Manual(Trust::NONE);
-    settings.preview.kind = PredictorKind::Hold;
+    settings.preview.kind = PredictorKind::HOLD;
     settings.pen.max_speed_mps = ANY_SPEED_MPS;
     settings.plane.pen_scale = 1.0;
     settings.plane.pen_origin = [0.0; 2];

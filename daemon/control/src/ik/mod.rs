@@ -1,8 +1,9 @@
 //! Inverse kinematics: from what the tool should do to joint velocities the arm may have, as one QP per tick.
 //!
-//!   min over q̇ in the box:  ‖J(q) q̇ − v*‖²_W + λ‖q̇‖² + posture        v* = velocity + K·pose error
+//!   min over q̇ in the box:  ½ ‖J(q) q̇ − v*‖²_W + ½ λ‖q̇‖² + posture        v* = velocity + K·pose error
 //!
-//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added; a tick whose answer keeps them all is
+//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added, and where the tool comes near the bounds of
+//! its [`crate::envelope`], rows of that; a tick whose answer keeps them all is
 //! solved as if there were none.
 //!
 //! Contract: no allocation, no panic; the answer is finite and inside [`crate::arm::velocity_box`] whatever the input. All

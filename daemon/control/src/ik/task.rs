@@ -263,3 +263,78 @@ fn turn_between(from: &Vector3<f64>, to: &Vector3<f64>, spare: &Vector3<f64>) ->
     let (sine, whole) = (turn.norm(), to.norm());
     if sine > 1e-9 { turn * ((2.0 * whole - sine) / sine) } else { spare * (2.0 * whole) }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Unit};
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    #[test]
+    fn a_turn_is_as_long_as_it_is_far_and_about_the_axis_that_takes_it_there() {
+        let (from, about) = (Vector3::x(), Vector3::new(0.0, 0.6, 0.8));
+        for length in [1.0, 0.3] {
+            for angle in [0.0, 0.3, 1.0, FRAC_PI_2, 2.0, 3.0] {
+                let to = Rotation3::from_axis_angle(&Unit::new_unchecked(about), angle) * from * length;
+                let turn = turn_between(&from, &to, &Vector3::z());
+                let far = if angle <= FRAC_PI_2 { angle.sin() } else { 2.0 - angle.sin() };
+                assert!((turn - about * (far * length)).norm() < 1e-12, "{angle} {length}: {turn}");
+            }
+            let back = turn_between(&from, &(-from * length), &Vector3::z());
+            assert!((back - Vector3::z() * (2.0 * length)).norm() < 1e-12, "{length}: {back}");
+        }
+    }
+
+    /// Half a turn of the spin is as far as can be, the fraction of it that shows along the tool axis nothing.
+    #[test]
+    fn tilt_and_spin_are_mended_together() {
+        let tool = Matrix3::identity();
+        let error = |axis, spin: Option<Vector3<f64>>| orientation_error(&tool, &axis, spin.as_ref());
+        assert_eq!(error(Vector3::z(), None), Vector3::zeros());
+        let tilted = Vector3::new(0.0, 0.1_f64.sin(), 0.1_f64.cos());
+        let tilt = Vector3::new(-(0.1_f64.sin()), 0.0, 0.0);
+        assert!((error(tilted, None) - tilt).norm() < 1e-15);
+        for angle in [-2.5, -0.4, 0.7, PI] {
+            // Seen along the tool axis only: how far the direction leans toward it says nothing.
+            let spun = error(tilted, Some(Vector3::new(angle.cos(), angle.sin(), 0.5)));
+            let far = if angle.abs() < FRAC_PI_2 { angle.sin() } else { angle.signum() * 2.0 - angle.sin() };
+            assert!((spun - tilt - Vector3::z() * far).norm() < 1e-9, "{angle}: {spun}");
+        }
+        // A direction along the tool axis fades out: 0.05 of it across count half.
+        let faint = error(Vector3::z(), Some(Vector3::new(0.0, 0.05, 1.0)));
+        assert!((faint - Vector3::z() * 0.5).norm() < 1e-12, "{faint}");
+    }
+
+    #[test]
+    fn corrections_end_with_their_deceleration_and_never_outrun_the_gain() {
+        let along = Vector3::new(0.0, -0.6, 0.8);
+        for (error, speed) in [
+            // K e, √(2 a e), and the fastest.
+            (0.001, 0.02),
+            (0.01, 0.2),
+            (0.02, (2.0 * 2.0 * 0.02_f64).sqrt()),
+            (0.04, 0.4),
+            (1.0, 0.45),
+        ] {
+            let v = corrected(&(along * error), 20.0, 0.45, 2.0);
+            assert!((v - along * speed).norm() < 1e-12, "{error} m: {v}");
+        }
+        assert_eq!(corrected(&Vector3::zeros(), 20.0, 0.45, 2.0), Vector3::zeros());
+    }
+
+    #[test]
+    fn rotations_weigh_more_with_the_tilt_and_damping_with_the_singularity() {
+        let weight =
+            |tilt: f64| tilt_weight(0.2, &Matrix3::identity(), &Vector3::new(tilt.sin(), 0.0, tilt.cos()));
+        assert_eq!((weight(0.0), weight(0.2), weight(2.0)), (0.2, 1.0, 1.0));
+        // Half of the full tilt: a sixteenth of the way.
+        assert!((weight(0.5 * FULL_TILT_RAD) - (0.2 + 0.8 / 16.0)).abs() < 1e-3, "{}", weight(0.075));
+        let settings = IkSettings::for_period(0.002, [0.0; 6]);
+        let IkSettings { damping_floor_m2: floor, damping_peak_m2: peak, singular_m, .. } = settings;
+        for (share, inside) in [(0.0, 1.0), (0.5, 0.5625), (1.0, 0.0), (3.0, 0.0)] {
+            let found = damping(share * singular_m, &settings);
+            assert!((found - floor - peak * inside).abs() < 1e-15, "{share}: {found}");
+        }
+    }
+}

@@ -4,12 +4,15 @@
 //! model, what becomes live is finite, was not worse than the live weights on recent motion, and carries a version never
 //! used before. A candidate that leaves its bounds starts again from the live weights.
 
+use std::fmt::Debug;
 use std::iter::Sum;
 
 use super::shadow::{Contender, Leads, Shadow, Versus};
 use super::{Promotion, PromotionCause};
-use crate::predict::LearnStep;
-use crate::predict::{ModelParameters, OnlineModel, PredictorKind, WeightsError};
+use crate::predict::{
+    Handed, LearnStep, ModelParameters, Models, OnlineModel, OnlineWeights, Pace, Parameters, PredictorKind,
+    WeightsError, kind_of,
+};
 
 /// When live weights may change.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,16 +28,6 @@ pub struct Rule {
     pub rollback_ratio: f64,
     /// Moving steps between two hand-overs of a candidate that the live weights follow.
     pub follow_steps: u32,
-}
-
-/// How a model's live weights go with its candidate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Pace {
-    /// Promoted when clearly better; the weights before are what one returns to, and evidence begins anew.
-    Settled,
-    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an anchor, which is
-    /// renewed when the live weights have done no worse for long enough.
-    Following,
 }
 
 /// A following candidate may be this much worse: two runs of luck differ by as much.
@@ -80,44 +73,83 @@ pub struct CourseErrors {
     pub live: Versus,
 }
 
+/// The course of a model of any type.
+pub(super) trait AnyCourse: Debug + Send + Sync {
+    /// Whose.
+    fn kind(&self) -> PredictorKind;
+
+    /// The pen was interrupted: memory is emptied.
+    fn interrupt(&mut self);
+
+    /// One step of ordinary motion, learned from if `learnable`; changes its part of `live` when the evidence asks for it,
+    /// giving it `version`.
+    fn learn(
+        &mut self,
+        step: &LearnStep,
+        learnable: bool,
+        live: &mut OnlineWeights,
+        version: u64,
+    ) -> Option<Promotion>;
+
+    /// Checks what `propose` would refuse.
+    ///
+    /// *Errors*: weights that are invalid or do not fit.
+    fn judge(&self, weights: &OnlineWeights) -> Result<(), WeightsError>;
+
+    /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
+    ///
+    /// *Errors*: as `judge`; nothing changes then.
+    fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError>;
+
+    /// Writes the candidate into its part of `weights`.
+    fn tell_candidate(&self, weights: &mut OnlineWeights);
+
+    /// Recent errors of candidate and live weights.
+    fn errors(&self) -> CourseErrors;
+
+    /// What happened so far.
+    fn counters(&self) -> CourseCounters;
+
+    /// The same course once more.
+    fn copied(&self) -> Box<dyn AnyCourse>;
+}
+
+impl Clone for Box<dyn AnyCourse> {
+    fn clone(&self) -> Self {
+        self.as_ref().copied()
+    }
+}
+
 /// One model: candidate, previous weights, their comparison. The live weights stand in the set that is handed over.
 #[derive(Debug, Clone)]
-pub(super) struct Course<M: OnlineModel> {
-    kind: PredictorKind,
-    pace: Pace,
+pub(super) struct Course<P: Handed> {
     rule: Rule,
-    candidate: M,
-    previous: Option<M::Parameters>,
+    candidate: P::Learner,
+    previous: Option<Parameters<P>>,
     shadow: Shadow,
     /// Moving steps since the last hand-over.
     since: u32,
     counters: CourseCounters,
 }
 
-impl<M: OnlineModel> Course<M> {
-    /// `candidate` starts with the live weights.
-    pub(super) fn new(kind: PredictorKind, pace: Pace, rule: Rule, leads: Leads, candidate: M) -> Self {
-        let previous = (pace == Pace::Following).then_some(*candidate.parameters());
-        let shadow = Shadow::new(leads, rule.memory_steps);
-        let counters = CourseCounters::default();
-        Self { kind, pace, rule, candidate, previous, shadow, since: 0, counters }
+impl<P: Handed> AnyCourse for Course<P> {
+    fn kind(&self) -> PredictorKind {
+        kind_of::<P>()
     }
 
-    /// The pen was interrupted: memory is emptied.
-    pub(super) fn interrupt(&mut self) {
+    fn interrupt(&mut self) {
         self.candidate.reset_state();
         self.shadow.interrupt();
     }
 
-    /// One step of ordinary motion, learned from if `learnable`; changes `live` when the evidence asks for it, giving it
-    /// `version`.
-    pub(super) fn learn(
+    fn learn(
         &mut self,
         step: &LearnStep,
         learnable: bool,
-        live: &mut M::Parameters,
+        live: &mut OnlineWeights,
         version: u64,
     ) -> Option<Promotion> {
+        let live = P::part_mut(live);
         let moving = self.shadow.settle(step.x);
         self.since = self.since.saturating_add(u32::from(moving));
         if learnable {
@@ -143,41 +175,62 @@ impl<M: OnlineModel> Course<M> {
         });
         let (cause, leaving, coming) = self.decide(live)?;
         *live = live.with_version(version);
-        let (model, version, index) = (self.kind, live.version(), step.index);
+        let (model, version, index) = (self.kind(), live.version(), step.index);
         Some(Promotion { model, version, cause, index, error_leaving: leaving, error_coming: coming })
     }
 
-    /// Checks what `propose` would refuse.
-    pub(super) fn judge(&self, weights: &M::Parameters) -> Result<(), WeightsError> {
+    fn judge(&self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        let weights = P::part(weights);
         weights.validate()?;
         self.candidate.parameters().accepts(weights)
     }
 
-    /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
-    pub(super) fn propose(&mut self, weights: &M::Parameters) -> Result<(), WeightsError> {
-        self.candidate.restart_from(weights)?;
+    fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        self.candidate.restart_from(P::part(weights))?;
         self.shadow.restart();
         Ok(())
     }
 
-    pub(super) fn candidate(&self) -> &M::Parameters {
-        self.candidate.parameters()
+    fn tell_candidate(&self, weights: &mut OnlineWeights) {
+        *P::part_mut(weights) = *self.candidate.parameters();
     }
 
-    pub(super) const fn errors(&self) -> CourseErrors {
+    fn errors(&self) -> CourseErrors {
         CourseErrors { candidate: self.shadow.candidate(), live: self.shadow.live() }
     }
 
-    pub(super) const fn counters(&self) -> CourseCounters {
+    fn counters(&self) -> CourseCounters {
         self.counters
     }
 
+    fn copied(&self) -> Box<dyn AnyCourse> {
+        Box::new(self.clone())
+    }
+}
+
+impl<P: Handed> Course<P> {
+    /// The candidate starts with the weights of `live`.
+    ///
+    /// *Errors*: settings outside their bounds, or weights that do not fit.
+    pub(super) fn new(
+        models: &Models,
+        live: &OnlineWeights,
+        rule: Rule,
+        leads: Leads,
+    ) -> Result<Self, WeightsError> {
+        let candidate = P::learner(models, P::part(live))?;
+        let previous = (P::PACE == Pace::Following).then_some(*candidate.parameters());
+        let shadow = Shadow::new(leads, rule.memory_steps);
+        let counters = CourseCounters::default();
+        Ok(Self { rule, candidate, previous, shadow, since: 0, counters })
+    }
+
     /// Exchanges the live weights if the evidence asks for it; why, and the errors of what leaves and what comes.
-    fn decide(&mut self, live: &mut M::Parameters) -> Option<(PromotionCause, f64, f64)> {
+    fn decide(&mut self, live: &mut Parameters<P>) -> Option<(PromotionCause, f64, f64)> {
         let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
         let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;
         let old = self.shadow.live();
-        let tolerated = match self.pace {
+        let tolerated = match P::PACE {
             Pace::Settled => rollback_ratio,
             Pace::Following => rollback_ratio.max(ASTRAY_RATIO),
         };
@@ -187,7 +240,7 @@ impl<M: OnlineModel> Course<M> {
         {
             self.counters.rollbacks += 1;
             *live = before;
-            match self.pace {
+            match P::PACE {
                 Pace::Settled => {
                     self.previous = None;
                     self.continue_from(live);
@@ -196,7 +249,7 @@ impl<M: OnlineModel> Course<M> {
             }
             return Some((PromotionCause::RolledBack, old.challenger, old.other));
         }
-        match self.pace {
+        match P::PACE {
             Pace::Settled => {
                 if compared >= min_evidence && challenger < promote_ratio * live_error {
                     self.counters.promotions += 1;
@@ -229,12 +282,12 @@ impl<M: OnlineModel> Course<M> {
 
     // The live weights were judged before they became live: they cannot be refused.
 
-    fn continue_from(&mut self, live: &M::Parameters) {
+    fn continue_from(&mut self, live: &Parameters<P>) {
         let _ = self.candidate.continue_from(live);
         self.shadow.restart();
     }
 
-    fn restart_from(&mut self, live: &M::Parameters) {
+    fn restart_from(&mut self, live: &Parameters<P>) {
         let _ = self.candidate.restart_from(live);
         self.shadow.restart();
     }

@@ -17,11 +17,9 @@ use thiserror::Error;
 
 use crate::pen::Motion;
 
-use crate::predict::{
-    ArRlsLearner, DybmEsnLearner, DybmLearner, LearnStep, MixtureLearner, Models, OnlineWeights,
-    PredictorKind, WeightsError,
-};
-use course::{Course, Pace};
+use crate::predict::models::for_each_taught;
+use crate::predict::{LearnStep, Models, OnlineWeights, PredictorKind, WeightsError, models};
+use course::{AnyCourse, Course};
 
 /// How the learner learns and when it dares.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,8 +105,24 @@ pub struct Promotion {
     pub error_coming: f64,
 }
 
-/// Models that learn online.
-const MODELS: usize = 4;
+macro_rules! courses {
+    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident, $weights:ident}),+ $(,)?) => {
+        /// Models that learn online.
+        const MODELS: usize = [$($(#[cfg($when)])? stringify!($part)),+].len();
+
+        /// A course for each of them.
+        fn courses(
+            models: &Models,
+            live: &OnlineWeights,
+            rule: Rule,
+            leads: Leads,
+        ) -> Result<[Box<dyn AnyCourse>; MODELS], WeightsError> {
+            Ok([$($(#[cfg($when)])? Box::new(Course::<models::$room::$model>::new(models, live, rule, leads)?)),+])
+        }
+    };
+}
+
+for_each_taught!(courses);
 
 /// What one step brought.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -151,10 +165,7 @@ pub struct Learner {
     settings: LearnerSettings,
     live: OnlineWeights,
     models: Models,
-    dybm: Course<DybmLearner>,
-    dybm_esn: Course<DybmEsnLearner>,
-    ar_rls: Course<ArRlsLearner>,
-    mixture: Course<MixtureLearner>,
+    courses: [Box<dyn AnyCourse>; MODELS],
     calibration: Calibration,
     newest_index: Option<u64>,
     /// Steps of motion since the last hand-over.
@@ -193,22 +204,10 @@ impl Learner {
         }
         live.validate()?;
         live.fits(models.settings().step_ns)?;
-        let (settled, following) = (Pace::Settled, Pace::Following);
-        let (dybm, dybm_esn, ar_rls) =
-            (models.dybm_learner(&live)?, models.dybm_esn_learner(&live)?, models.ar_rls_learner(&live)?);
         Ok(Self {
             settings,
             models: models.clone(),
-            dybm: Course::new(PredictorKind::Dybm, settled, rule, leads, dybm),
-            dybm_esn: Course::new(PredictorKind::DybmEsn, settled, rule, leads, dybm_esn),
-            ar_rls: Course::new(PredictorKind::ArRls, following, rule, leads, ar_rls),
-            mixture: Course::new(
-                PredictorKind::Mixture,
-                following,
-                rule,
-                leads,
-                models.mixture_learner(&live)?,
-            ),
+            courses: courses(models, &live, rule, leads)?,
             calibration: Calibration::new(models, &live)?,
             live,
             newest_index: None,
@@ -225,10 +224,9 @@ impl Learner {
         let finite = step.x.iter().all(|x| x.is_finite());
         if !finite || step.motion != Motion::Continues || !follows {
             *(if finite { &mut self.counters.interruptions } else { &mut self.counters.refused }) += 1;
-            self.dybm.interrupt();
-            self.dybm_esn.interrupt();
-            self.ar_rls.interrupt();
-            self.mixture.interrupt();
+            for course in &mut self.courses {
+                course.interrupt();
+            }
             self.calibration.interrupt();
             return Lesson::default();
         }
@@ -237,12 +235,7 @@ impl Learner {
         *(if learnable { &mut self.counters.updates } else { &mut self.counters.unlearned }) += 1;
         // Whatever changes in this step goes out in one set.
         let (version, live) = (self.live.version + 1, &mut self.live);
-        let changes = [
-            self.dybm.learn(step, learnable, &mut live.dybm, version),
-            self.dybm_esn.learn(step, learnable, &mut live.dybm_esn, version),
-            self.ar_rls.learn(step, learnable, &mut live.ar_rls, version),
-            self.mixture.learn(step, learnable, &mut live.mixture, version),
-        ];
+        let changes = self.courses.each_mut().map(|course| course.learn(step, learnable, live, version));
         let mut lesson = Lesson { changes, hand_over: false };
         self.calibration.observe(step);
         self.since += 1;
@@ -265,14 +258,13 @@ impl Learner {
         weights.validate()?;
         weights.fits(self.models.settings().step_ns)?;
         // All or nothing.
-        self.dybm.judge(&weights.dybm)?;
-        self.dybm_esn.judge(&weights.dybm_esn)?;
-        self.ar_rls.judge(&weights.ar_rls)?;
-        self.mixture.judge(&weights.mixture)?;
-        self.dybm.propose(&weights.dybm)?;
-        self.dybm_esn.propose(&weights.dybm_esn)?;
-        self.ar_rls.propose(&weights.ar_rls)?;
-        self.mixture.propose(&weights.mixture)
+        for course in &self.courses {
+            course.judge(weights)?;
+        }
+        for course in &mut self.courses {
+            course.propose(weights)?;
+        }
+        Ok(())
     }
 
     /// The set of weights that the loop should be using.
@@ -284,25 +276,17 @@ impl Learner {
     /// The weights that learn, under the version and with the bands of the live ones.
     #[must_use]
     pub fn candidates(&self) -> OnlineWeights {
-        OnlineWeights {
-            dybm: *self.dybm.candidate(),
-            dybm_esn: *self.dybm_esn.candidate(),
-            ar_rls: *self.ar_rls.candidate(),
-            mixture: *self.mixture.candidate(),
-            ..self.live
+        let mut weights = self.live;
+        for course in &self.courses {
+            course.tell_candidate(&mut weights);
         }
+        weights
     }
 
     /// Recent roll-out errors of a model's weights; zero for what does not learn online.
     #[must_use]
     pub fn errors(&self, model: PredictorKind) -> CourseErrors {
-        match model {
-            PredictorKind::Dybm => self.dybm.errors(),
-            PredictorKind::DybmEsn => self.dybm_esn.errors(),
-            PredictorKind::ArRls => self.ar_rls.errors(),
-            PredictorKind::Mixture => self.mixture.errors(),
-            _ => CourseErrors::default(),
-        }
+        self.course(model).map_or_else(CourseErrors::default, |course| course.errors())
     }
 
     /// What became of the predictors' error bands.
@@ -321,13 +305,11 @@ impl Learner {
     /// What happened to one model's weights; zero for what does not learn online.
     #[must_use]
     pub fn counters_of(&self, model: PredictorKind) -> CourseCounters {
-        match model {
-            PredictorKind::Dybm => self.dybm.counters(),
-            PredictorKind::DybmEsn => self.dybm_esn.counters(),
-            PredictorKind::ArRls => self.ar_rls.counters(),
-            PredictorKind::Mixture => self.mixture.counters(),
-            _ => CourseCounters::default(),
-        }
+        self.course(model).map_or_else(CourseCounters::default, |course| course.counters())
+    }
+
+    fn course(&self, model: PredictorKind) -> Option<&dyn AnyCourse> {
+        self.courses.iter().find(|course| course.kind() == model).map(AsRef::as_ref)
     }
 
     /// The models that it teaches.

@@ -144,4 +144,41 @@ mod tests {
             assert_eq!(blamed(1.0, hz, true), None, "{hz} Hz: a change of the lag is no fault");
         }
     }
+
+    /// Every sum over all complete blocks, each worth 0.967 of the one after it.
+    #[test]
+    fn sums_are_over_the_steps_of_all_blocks_and_forget() {
+        let (mut commands, mut measured) = (Path::<2>::new(), Path::<2>::new());
+        let mut directions = Directions::new();
+        let at = |t: f64| [0.3 * (9.0 * t).sin(), 0.2 * (5.0 * t).cos()];
+        let (mut asked, mut done): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
+        for tick in 0..400_u64 {
+            let (t, stamp) = (tick as f64 * 2e-3, Stamp(1_000_000_000 + tick * 2_000_000));
+            commands.push(stamp, &at(t));
+            measured.push(stamp, &at(t - 0.03).map(|q| 0.7 * q));
+            // The first sample of a block closes the one before; that of the path has no step.
+            if tick % 5 == 0 && tick >= 10 {
+                let block = measured.newest() - 1;
+                asked.push(commands.step(block).unwrap());
+                done.push(measured.step(block).unwrap());
+                assert_eq!(directions.see(block, &measured, &commands, 10.0), None);
+            }
+        }
+        let kept = |age: usize| KEEP.powi(age as i32);
+        let count = done.len();
+        for joint in 0..2 {
+            let sum =
+                |of: &dyn Fn(usize) -> f64| (0..count).map(|k| kept(count - 1 - k) * of(k)).sum::<f64>();
+            let close = |found: f64, expected: f64| {
+                assert!((found - expected).abs() <= 1e-9 * expected.abs(), "{found} {expected}");
+            };
+            close(directions.done[joint], sum(&|k| done[k][joint].powi(2)));
+            close(directions.travel[joint], sum(&|k| done[k][joint].abs()));
+            for lag in [0, 3, LAGS - 1] {
+                let command = |k: usize| k.checked_sub(lag).map_or(0.0, |k| asked[k][joint]);
+                close(directions.asked[lag][joint], sum(&|k| command(k).powi(2)));
+                close(directions.products[lag][joint], sum(&|k| command(k) * done[k][joint]));
+            }
+        }
+    }
 }

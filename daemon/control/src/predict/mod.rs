@@ -12,23 +12,29 @@
 pub mod models;
 pub mod bands;
 pub mod refine;
+mod member;
 mod online;
 mod online_weights;
 mod panel;
 mod previewer;
+mod registry;
 mod step;
+mod taught;
 
+pub use member::AnyPredictor;
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,
     DybmEsnSettings, DybmEsnWeights, DybmLearner, DybmSettings, DybmState, DybmWeights, Hold, InitialWeights,
     Lstm, LstmError, LstmWeights, Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings,
-    Models, ModelsError, Networks, Optimiser, Oracle,
+    Models, ModelsError, Networks, Optimiser, Oracle, REGISTRY,
 };
 pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsError};
 pub use online_weights::OnlineWeights;
 pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
+pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
 pub use step::LearnStep;
+pub use taught::{Handed, Learning, Pace, Parameters, Taught};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;
@@ -49,90 +55,9 @@ pub trait Predictor {
 
     /// Forgets the history; parameters stay.
     fn reset(&mut self);
-}
 
-/// The predictors one can choose, in the order of [`PredictorKind::ALL`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PredictorKind {
-    /// Last position, at rest (the paper's conservative model).
-    Hold,
-    /// Last displacement repeated (the baseline of the paper's Table 1).
-    ConstantVelocity,
-    /// Linear dynamic Boltzmann machine, learning online.
-    Dybm,
-    /// The recorded future; experiments only.
-    Oracle,
-    /// Trained network, if one was loaded.
-    Lstm,
-    /// DyBM with an echo state network beside it, learning online.
-    DybmEsn,
-    /// Autoregression by recursive least squares, learning online.
-    ArRls,
-    /// Mixture of experts that learns online whom to believe.
-    #[default]
-    Mixture,
-}
-
-impl PredictorKind {
-    /// Every predictor.
-    pub const ALL: [Self; 8] = [
-        Self::Hold,
-        Self::ConstantVelocity,
-        Self::Dybm,
-        Self::Oracle,
-        Self::Lstm,
-        Self::DybmEsn,
-        Self::ArRls,
-        Self::Mixture,
-    ];
-
-    /// Those that a running loop has: all but the oracle.
-    pub const LIVE: [Self; 7] = [
-        Self::Hold,
-        Self::ConstantVelocity,
-        Self::Dybm,
-        Self::Lstm,
-        Self::DybmEsn,
-        Self::ArRls,
-        Self::Mixture,
-    ];
-
-    /// Place in [`Self::ALL`].
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self as usize
-    }
-
-    /// Name in settings, requests and reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Hold => "hold",
-            Self::ConstantVelocity => "constant-velocity",
-            Self::Dybm => "dybm",
-            Self::Oracle => "oracle",
-            Self::Lstm => "lstm",
-            Self::DybmEsn => "dybm-esn",
-            Self::ArRls => "ar-rls",
-            Self::Mixture => "mixture",
-        }
-    }
-
-    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other names.
-    #[must_use]
-    pub fn renamed(name: &str) -> &'static str {
-        if name == "ours" || name.starts_with("ours-") {
-            " (what was called ours is called mixture)"
-        } else {
-            ""
-        }
-    }
-
-    /// The predictor of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
+    /// Hears where the loop is: newest closed grid index and present scale [m per unit]. For what replays a recording.
+    fn place(&mut self, _index: u64, _scale_m: f64) {}
 }
 
 /// `x` shortened to `limit` if it is longer in the plane; what is not finite becomes NaN, so that it stays visible.

@@ -2,48 +2,71 @@
 //!
 //! Contract: whole sets only. Every part carries its own version, so that a part which has not changed costs nothing to
 //! take over; the set's version counts hand-overs. What is not finite, too large or made for another loop is refused
-//! together with the set that carries it.
+//! together with the set that carries it. One part per line of [`for_each_taught`].
 
 use super::bands::BandTable;
+use super::models::{self, Models, for_each_taught};
 use super::online::{ModelParameters, WeightsError};
-use super::{ArRlsWeights, DybmEsnWeights, DybmWeights, MixtureParameters};
+use super::taught::{Handed, Parameters, Taught};
 
-/// Parameters of all models that learn online, and how wrong every predictor has lately been.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnlineWeights {
-    /// Counts sets handed over; 0: nothing was.
-    pub version: u64,
-    /// Linear DyBM.
-    pub dybm: DybmWeights,
-    /// DyBM with a reservoir.
-    pub dybm_esn: DybmEsnWeights,
-    /// AR-RLS.
-    pub ar_rls: ArRlsWeights,
-    /// The mixture and its experts.
-    pub mixture: MixtureParameters,
-    /// Bands of all predictors.
-    pub bands: BandTable,
+macro_rules! online_weights {
+    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident, $weights:ident}),+ $(,)?) => {
+        /// Parameters of all models that learn online, and how wrong every predictor has lately been.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct OnlineWeights {
+            /// Counts sets handed over; 0: nothing was.
+            pub version: u64,
+            $($(#[doc = $doc])+ $(#[cfg($when)])? pub $part: models::$room::$weights,)+
+            /// Bands of all predictors.
+            pub bands: BandTable,
+        }
+
+        impl OnlineWeights {
+            /// Before anything was learned.
+            #[must_use]
+            pub fn start(models: &Models) -> Self {
+                Self {
+                    version: 0,
+                    $($(#[cfg($when)])? $part: models::$room::$model::start(models),)+
+                    bands: BandTable::default(),
+                }
+            }
+
+            /// Checks every number.
+            ///
+            /// *Errors*: the first bound that is broken.
+            pub fn validate(&self) -> Result<(), WeightsError> {
+                $($(#[cfg($when)])? self.$part.validate()?;)+
+                self.bands.validate()
+            }
+
+            /// Checks that this set was made for a loop with grid step `loop_ns` [ns].
+            ///
+            /// *Errors*: another grid step or input scale.
+            pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
+                $($(#[cfg($when)])? self.$part.fits(loop_ns)?;)+
+                Ok(())
+            }
+
+            /// Checks that every model can learn from here.
+            ///
+            /// *Errors*: settings outside their bounds, or weights that do not fit.
+            pub(super) fn can_be_taught(&self, models: &Models) -> Result<(), WeightsError> {
+                $($(#[cfg($when)])? models::$room::$model::learner(models, &self.$part)?;)+
+                Ok(())
+            }
+        }
+
+        $($(#[cfg($when)])? impl Handed for models::$room::$model {
+            fn part(weights: &OnlineWeights) -> &Parameters<Self> {
+                &weights.$part
+            }
+
+            fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self> {
+                &mut weights.$part
+            }
+        })+
+    };
 }
 
-impl OnlineWeights {
-    /// Checks every number.
-    ///
-    /// *Errors*: the first bound that is broken.
-    pub fn validate(&self) -> Result<(), WeightsError> {
-        self.dybm.validate()?;
-        self.dybm_esn.validate()?;
-        self.ar_rls.validate()?;
-        self.mixture.validate()?;
-        self.bands.validate()
-    }
-
-    /// Checks that this set was made for a loop with grid step `loop_ns` [ns].
-    ///
-    /// *Errors*: another grid step or input scale.
-    pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
-        self.dybm.fits(loop_ns)?;
-        self.dybm_esn.fits(loop_ns)?;
-        self.ar_rls.fits(loop_ns)?;
-        self.mixture.fits(loop_ns)
-    }
-}
+for_each_taught!(online_weights);

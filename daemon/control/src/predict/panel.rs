@@ -2,62 +2,15 @@
 //!
 //! Contract: all observe every step, so a switch needs no new history. The loop previews from its panel, the learner
 //! calibrates error bands on one of its own: the same code, fed with the same steps, so the bands are those of the loop.
-//! A further predictor is a field here and a line in `observe`, `forget` and `predictor`; one that learns online needs its
-//! parameters in [`OnlineWeights`], a line in `set_weights` and `weights`, and a course in [`crate::learn::Learner`] besides.
+//! Whoever stands in the registry is a member.
 
-use super::bands::BandTable;
-use super::online::{ModelParameters, WeightsError};
-use super::online_weights::OnlineWeights;
-use super::{
-    ArRls, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnWeights, DybmWeights, Hold, Lstm,
-    MAX_PREVIEW, Mixture, MixtureParameters, Models, Oracle, Predictor, PredictorKind,
-};
+use super::member::{Member, Plain};
+use super::models::REGISTRY;
+use super::online::WeightsError;
+use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind};
 
-/// A predictor whose parameters are learned elsewhere.
-trait Taught: Predictor {
-    type Parameters: ModelParameters;
-
-    /// Parameters in use.
-    fn parameters(&self) -> &Self::Parameters;
-
-    /// Exchanges the parameters; memory stays.
-    fn exchange(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
-
-    /// What `exchange` would say; the version in use is not judged again.
-    fn judge(&self, parameters: &Self::Parameters) -> Result<(), WeightsError> {
-        if parameters.version() == self.parameters().version() {
-            return Ok(());
-        }
-        parameters.validate()?;
-        self.parameters().accepts(parameters)
-    }
-
-    /// Exchanges the parameters, unless they are the version in use.
-    fn take_over(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError> {
-        if parameters.version() == self.parameters().version() {
-            return Ok(());
-        }
-        self.exchange(parameters)
-    }
-}
-
-macro_rules! taught {
-    ($($predictor:ty => $parameters:ty),* $(,)?) => {$(
-        impl Taught for $predictor {
-            type Parameters = $parameters;
-
-            fn parameters(&self) -> &$parameters {
-                self.weights()
-            }
-
-            fn exchange(&mut self, parameters: &$parameters) -> Result<(), WeightsError> {
-                self.set_weights(parameters)
-            }
-        }
-    )*};
-}
-
-taught! { Dybm => DybmWeights, DybmEsn => DybmEsnWeights, ArRls => ArRlsWeights, Mixture => MixtureParameters }
+/// Answers where a predictor is not there or knows nothing.
+const NOBODY: &Plain<Hold> = &Plain(Hold);
 
 /// What a roll-out came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,14 +24,8 @@ pub struct RollOut {
 /// All predictors.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    hold: Hold,
-    constant_velocity: ConstantVelocity,
-    dybm: Dybm,
-    dybm_esn: DybmEsn,
-    ar_rls: ArRls,
-    mixture: Mixture,
-    lstm: Option<Lstm>,
-    oracle: Option<Oracle>,
+    /// In the order of the registry; `None`: what it needs is not there.
+    members: [Option<Box<dyn Member>>; REGISTRY.len()],
     /// Something was observed since the memories were last emptied.
     knows: bool,
 }
@@ -90,43 +37,25 @@ impl Panel {
     pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
         weights.validate()?;
         weights.fits(models.settings().step_ns)?;
-        Ok(Self {
-            hold: Hold,
-            constant_velocity: ConstantVelocity::default(),
-            dybm: models.dybm(weights)?,
-            dybm_esn: models.dybm_esn(weights)?,
-            ar_rls: models.ar_rls(weights)?,
-            mixture: models.mixture(weights)?,
-            lstm: models.lstm(),
-            oracle: None,
-            knows: false,
-        })
+        let mut members = [const { None }; REGISTRY.len()];
+        for (member, entry) in members.iter_mut().zip(REGISTRY) {
+            *member = entry.build(models, weights)?;
+        }
+        Ok(Self { members, knows: false })
     }
 
     /// Remembers one real normalised displacement.
     pub fn observe(&mut self, x: [f64; 2]) {
-        self.hold.observe(x);
-        self.constant_velocity.observe(x);
-        self.dybm.observe(x);
-        self.dybm_esn.observe(x);
-        self.ar_rls.observe(x);
-        self.mixture.observe(x);
-        if let Some(lstm) = &mut self.lstm {
-            lstm.observe(x);
+        for member in self.members.iter_mut().flatten() {
+            member.observe(x);
         }
         self.knows = true;
     }
 
     /// Empties all memories.
     pub fn forget(&mut self) {
-        self.hold.reset();
-        self.constant_velocity.reset();
-        self.dybm.reset();
-        self.dybm_esn.reset();
-        self.ar_rls.reset();
-        self.mixture.reset();
-        if let Some(lstm) = &mut self.lstm {
-            lstm.reset();
+        for member in self.members.iter_mut().flatten() {
+            member.reset();
         }
         self.knows = false;
     }
@@ -134,25 +63,20 @@ impl Panel {
     /// `kind` can be chosen.
     #[must_use]
     pub fn offers(&self, kind: PredictorKind) -> bool {
-        match kind {
-            PredictorKind::Oracle => self.oracle.is_some(),
-            PredictorKind::Lstm => self.lstm.is_some(),
-            _ => true,
-        }
+        self.member(kind).is_some()
     }
 
     /// Takes over what changed, all or nothing; memories stay.
     ///
     /// *Errors*: weights that are invalid or do not fit; the old ones stay.
     pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
-        self.dybm.judge(&weights.dybm)?;
-        self.dybm_esn.judge(&weights.dybm_esn)?;
-        self.ar_rls.judge(&weights.ar_rls)?;
-        self.mixture.judge(&weights.mixture)?;
-        self.dybm.take_over(&weights.dybm)?;
-        self.dybm_esn.take_over(&weights.dybm_esn)?;
-        self.ar_rls.take_over(&weights.ar_rls)?;
-        self.mixture.take_over(&weights.mixture)
+        for member in self.members.iter().flatten() {
+            member.judge(weights)?;
+        }
+        for member in self.members.iter_mut().flatten() {
+            member.take_over(weights)?;
+        }
+        Ok(())
     }
 
     /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
@@ -169,8 +93,8 @@ impl Panel {
         let wanted = out.len().min(MAX_PREVIEW);
         let steps = scratch.get_mut(..wanted).unwrap_or_default();
         // What is known is not bounded.
-        let limit = if kind == PredictorKind::Oracle { f64::INFINITY } else { limit };
-        self.preview(kind, limit, steps);
+        let limit = if kind.needs() == Needs::Recording { f64::INFINITY } else { limit };
+        self.predictor(kind).preview_within(limit, steps);
         let mut report = RollOut { finite: true, limited: 0 };
         let almost = limit * (1.0 - 1e-9);
         let [mut x, mut y] = from;
@@ -193,44 +117,34 @@ impl Panel {
 
     /// Gives the recorded future to the oracle.
     pub(super) fn load(&mut self, oracle: Oracle) {
-        self.oracle = Some(oracle);
+        if let Some(member) = self.members.get_mut(PredictorKind::ORACLE.index()) {
+            *member = Some(Box::new(Plain(oracle)));
+        }
     }
 
-    /// Tells the oracle where the loop is.
+    /// Tells where the loop is.
     pub(super) fn place(&mut self, index: u64, scale_m: f64) {
-        if let Some(oracle) = &mut self.oracle {
-            oracle.place(index, scale_m);
+        for member in self.members.iter_mut().flatten() {
+            member.place(index, scale_m);
         }
     }
 
-    /// The weights in use as a set.
-    pub(super) fn weights(&self, version: u64, bands: BandTable) -> OnlineWeights {
-        OnlineWeights {
-            version,
-            dybm: *self.dybm.parameters(),
-            dybm_esn: *self.dybm_esn.parameters(),
-            ar_rls: *self.ar_rls.parameters(),
-            mixture: *self.mixture.parameters(),
-            bands,
+    /// Writes the parameters in use into `weights`.
+    pub(super) fn tell(&self, weights: &mut OnlineWeights) {
+        for member in self.members.iter().flatten() {
+            member.tell(weights);
         }
     }
 
-    fn preview(&self, kind: PredictorKind, limit: f64, out: &mut [[f64; 2]]) {
-        self.predictor(kind).preview_within(limit, out);
+    fn member(&self, kind: PredictorKind) -> Option<&dyn Member> {
+        self.members.get(kind.index())?.as_deref()
     }
 
-    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet.
-    fn predictor(&self, kind: PredictorKind) -> &dyn Predictor {
-        match kind {
-            PredictorKind::Oracle => self.oracle.as_ref().map_or(&self.hold, |oracle| oracle),
-            _ if !self.knows => &self.hold,
-            PredictorKind::Hold => &self.hold,
-            PredictorKind::ConstantVelocity => &self.constant_velocity,
-            PredictorKind::Dybm => &self.dybm,
-            PredictorKind::DybmEsn => &self.dybm_esn,
-            PredictorKind::ArRls => &self.ar_rls,
-            PredictorKind::Mixture => &self.mixture,
-            PredictorKind::Lstm => self.lstm.as_ref().map_or(&self.hold, |lstm| lstm),
+    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet; a recording knows.
+    fn predictor(&self, kind: PredictorKind) -> &dyn Member {
+        match self.member(kind) {
+            Some(member) if self.knows || kind.needs() == Needs::Recording => member,
+            _ => NOBODY,
         }
     }
 }

@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
-use super::{Models, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
+use super::{Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 use crate::predict::LearnStep;
 
@@ -35,7 +35,7 @@ impl Default for PreviewSettings {
     fn default() -> Self {
         Self {
             step_ns: 10_000_000,
-            kind: PredictorKind::Mixture,
+            kind: PredictorKind::MIXTURE,
             limit_factor: 1.25,
             peak_fade: 0.98,
             scale: SpeedScaleSettings::default(),
@@ -63,11 +63,17 @@ pub enum PreviewError {
         peak_fade: f64,
     },
     /// No recording was loaded.
-    #[error("predictor oracle needs a recording: it is for experiments, choose another predictor")]
-    NoRecording,
+    #[error("predictor {predictor} needs a recording: it is for experiments, choose another predictor")]
+    NoRecording {
+        /// Which.
+        predictor: &'static str,
+    },
     /// No trained network was loaded.
-    #[error("predictor lstm needs a trained network: load one, or choose another predictor")]
-    NoNetwork,
+    #[error("predictor {predictor} needs a trained network: load one, or choose another predictor")]
+    NoNetwork {
+        /// Which.
+        predictor: &'static str,
+    },
 }
 
 /// What one preview is worth.
@@ -232,10 +238,10 @@ impl Previewer {
         self.version
     }
 
-    /// The weights in use.
-    #[must_use]
-    pub fn weights(&self) -> OnlineWeights {
-        self.panel.weights(self.version, self.bands)
+    /// Writes the weights in use into `weights`.
+    pub fn tell_weights(&self, weights: &mut OnlineWeights) {
+        self.panel.tell(weights);
+        (weights.version, weights.bands) = (self.version, self.bands);
     }
 
     /// All predictors and their memories.
@@ -290,9 +296,10 @@ impl Previewer {
 
 /// What `kind` lacks.
 fn offered(panel: &Panel, kind: PredictorKind) -> Result<(), PreviewError> {
-    match kind {
+    let predictor = kind.name();
+    match kind.needs() {
         _ if panel.offers(kind) => Ok(()),
-        PredictorKind::Lstm => Err(PreviewError::NoNetwork),
-        _ => Err(PreviewError::NoRecording),
+        Needs::Network => Err(PreviewError::NoNetwork { predictor }),
+        Needs::Recording | Needs::Nothing => Err(PreviewError::NoRecording { predictor }),
     }
 }

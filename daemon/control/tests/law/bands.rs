@@ -100,10 +100,10 @@ fn bands_widen_with_the_lead_and_a_better_predictor_has_narrower_ones() {
         );
     }
     let at_lead_8 = |kind| table.of(kind)[7];
-    assert!(at_lead_8(PredictorKind::ArRls) < 0.7 * at_lead_8(PredictorKind::ConstantVelocity));
-    assert!(at_lead_8(PredictorKind::ConstantVelocity) < at_lead_8(PredictorKind::Hold));
+    assert!(at_lead_8(PredictorKind::AR_RLS) < 0.7 * at_lead_8(PredictorKind::CONSTANT_VELOCITY));
+    assert!(at_lead_8(PredictorKind::CONSTANT_VELOCITY) < at_lead_8(PredictorKind::HOLD));
     // The oracle has none.
-    assert_eq!(*table.of(PredictorKind::Oracle), [0.0; BAND_LEADS]);
+    assert_eq!(*table.of(PredictorKind::ORACLE), [0.0; BAND_LEADS]);
 }
 
 #[test]
@@ -115,14 +115,14 @@ fn there_is_no_band_before_enough_was_seen_and_none_across_a_jump() {
     for step in &steps[..40] {
         learner.learn(&previewer.observe(step));
         previewer.set_weights(learner.weights()).unwrap();
-        let report = previewer.preview_of(PredictorKind::ArRls, &mut out).unwrap();
+        let report = previewer.preview_of(PredictorKind::AR_RLS, &mut out).unwrap();
         assert_eq!(report.bands.at(4.0), None);
     }
-    let judged = learner.calibration().judged(PredictorKind::Hold, 1);
+    let judged = learner.calibration().judged(PredictorKind::HOLD, 1);
     // Only jumps from here on: no case is judged.
     for step in &steps[40..200] {
         let jump = GridStep { motion: Motion::Jump, displacement: [0.1, 0.1], ..*step };
         learner.learn(&previewer.observe(&jump));
     }
-    assert_eq!(learner.calibration().judged(PredictorKind::Hold, 1), judged);
+    assert_eq!(learner.calibration().judged(PredictorKind::HOLD, 1), judged);
 }

@@ -57,7 +57,7 @@ fn box_at(settings: &FollowerSettings<6>, direction: [f64; 3], size: [f64; 3], d
 
 /// Table, two walls and a box in reach of the pen, and the arm itself.
 fn crowded() -> (FollowerSettings<6>, ClearanceSettings) {
-    let mut settings = settings(PredictorKind::ConstantVelocity);
+    let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
     let [x, y] = [Vector3::x(), -Vector3::y()].map(|axis| settings.plane.rotation * axis);
     let keep = keeping(
         true,
@@ -214,7 +214,7 @@ fn an_arm_that_begins_inside_comes_out() {
     for depth in [0.0, 0.004, 0.03] {
         let directions = [[0.0, 0.0, -1.0], [1.0, 0.2, 0.0], [-0.3, 1.0, 0.3], [0.0, -1.0, -0.5]];
         for (case, direction) in directions.into_iter().enumerate() {
-            let mut settings = settings(PredictorKind::ConstantVelocity);
+            let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
             let keep = keeping(true, vec![box_at(&settings, direction, [0.2; 3], -depth)]);
             settings.clearance = Some(keep.clone());
             let judge = judge(&settings, &keep);
@@ -244,7 +244,7 @@ fn an_arm_that_begins_inside_comes_out() {
 /// An arm that stops inside stays where it is: rows of a stop ask for no retreat.
 #[test]
 fn an_arm_that_is_to_stand_inside_stands() {
-    let mut settings = settings(PredictorKind::ConstantVelocity);
+    let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
     settings.clearance = Some(keeping(true, vec![box_at(&settings, [0.0, 0.0, -1.0], [0.2; 3], -0.01)]));
     let mut bench = Bench::armed(settings);
     for _ in 0..500 {
@@ -256,7 +256,7 @@ fn an_arm_that_is_to_stand_inside_stands() {
 /// Keep-outs that the arm stays clear of change no bit of any command.
 #[test]
 fn keep_outs_out_of_reach_change_no_bit() {
-    let plain = settings(PredictorKind::ConstantVelocity);
+    let plain = settings(PredictorKind::CONSTANT_VELOCITY);
     let mut keeping_clear = plain.clone();
     keeping_clear.clearance = Some(keeping(
         true,

@@ -3,6 +3,7 @@
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
+use foretrace_control::extent::{Extent, ExtentBounds};
 use foretrace_control::follower::{Budget, FollowerSettings, Mode, Refusal, Request};
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use foretrace_control::predict::PredictorKind;
@@ -12,7 +13,7 @@ use nalgebra::{Rotation3, Vector3};
 const MARGIN_M: f64 = 0.001;
 
 fn within(envelope: EnvelopeSettings) -> FollowerSettings<6> {
-    let mut settings = settings(PredictorKind::ConstantVelocity);
+    let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
     settings.safety.envelope = envelope;
     settings
 }
@@ -195,5 +196,23 @@ fn every_bound_names_itself() {
     {
         let wrong = EnvelopeSettings { margin_m, max_tilt_rad, max_speed_mps };
         assert!(Envelope::<6>::new(&wrong, settings.plane, workspace, 1.0, &settings.limits).is_err());
+    }
+}
+
+/// A servo does not overshoot: a measured tool may be a millimetre and 0.05 rad beyond what commands must keep, and no more.
+#[test]
+fn a_judge_of_the_measured_tool_allows_a_little_more_than_the_envelope() {
+    let bounds = ExtentBounds::of(&within(usual()));
+    let good = Extent { height_m: [-0.01, 0.01], outside_m: 0.0, tilt_rad: 0.0 };
+    for (beyond, kept) in [(0.9, true), (1.1, false)] {
+        let far_m = MARGIN_M + beyond * 1e-3;
+        for extent in [
+            Extent { height_m: [-0.05 - far_m, 0.01], ..good },
+            Extent { height_m: [-0.01, 0.05 + far_m], ..good },
+            Extent { outside_m: far_m, ..good },
+            Extent { tilt_rad: 0.35 + beyond * 0.05, ..good },
+        ] {
+            assert_eq!(bounds.broken_by(&extent).is_none(), kept, "{extent:?}");
+        }
     }
 }

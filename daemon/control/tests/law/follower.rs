@@ -50,7 +50,7 @@ fn oracle_from(start: Stamp, seconds: f64) -> Oracle {
 
 #[test]
 fn no_command_leaves_before_arming() {
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     for _ in 0..50 {
         let pen = bench.pen([0.0, 0.0]);
         let output = bench.tick(&[pen]);
@@ -60,7 +60,7 @@ fn no_command_leaves_before_arming() {
 
 #[test]
 fn the_first_command_is_where_the_arm_stands() {
-    let bench = Bench::armed(settings(PredictorKind::Hold));
+    let bench = Bench::armed(settings(PredictorKind::HOLD));
     let command = bench.last.unwrap();
     assert_eq!(command.q, support::HOME);
     assert_eq!(command.qd, [0.0; 6]);
@@ -68,7 +68,7 @@ fn the_first_command_is_where_the_arm_stands() {
 
 #[test]
 fn every_arming_begins_a_stream_of_its_own() {
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     for _ in 0..3 {
         let pen = bench.pen([0.0, 0.0]);
         let armed = bench.tick_with(&[pen], Some(Request::Arm), Budget::default());
@@ -86,13 +86,13 @@ fn every_arming_begins_a_stream_of_its_own() {
 #[test]
 fn prediction_beats_feedback_and_the_oracle_beats_both() {
     let mut rms = Vec::new();
-    let mut feedback = settings(PredictorKind::Hold);
+    let mut feedback = settings(PredictorKind::HOLD);
     feedback.trust_request = TrustRequest::Manual(Trust::NONE);
     rms.push(follow(&mut Bench::armed(feedback), 6.0));
-    for kind in [PredictorKind::ConstantVelocity, PredictorKind::Dybm] {
+    for kind in [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM] {
         rms.push(follow(&mut Bench::armed(settings(kind)), 6.0));
     }
-    let mut bench = Bench::armed(settings(PredictorKind::Hold));
+    let mut bench = Bench::armed(settings(PredictorKind::HOLD));
     bench.follower.use_oracle(oracle_from(bench.now, 6.0));
     rms.push(follow(&mut bench, 6.0));
     println!(
@@ -105,7 +105,7 @@ fn prediction_beats_feedback_and_the_oracle_beats_both() {
 
 #[test]
 fn trust_ramps_without_a_step_in_the_commands() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     let start = bench.now;
     let mut last = 0.0;
     for tick in 0..2000u64 {
@@ -124,7 +124,7 @@ fn trust_ramps_without_a_step_in_the_commands() {
 
 #[test]
 fn a_silent_pen_ends_in_a_smooth_hold_and_its_return_resumes() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     follow(&mut bench, 2.0);
     let mut output = bench.tick(&[]);
     for _ in 0..500 {
@@ -142,7 +142,7 @@ fn a_silent_pen_ends_in_a_smooth_hold_and_its_return_resumes() {
 /// A device whose clock runs slow falls behind by 0.3 s a second.
 #[test]
 fn stamps_that_fall_behind_end_in_one_hold_and_do_not_flap() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     follow(&mut bench, 1.0);
     let begin = bench.now;
     let (mut mode, mut changes) = (Mode::Following, 0);
@@ -159,7 +159,7 @@ fn stamps_that_fall_behind_end_in_one_hold_and_do_not_flap() {
 
 #[test]
 fn shedding_falls_back_to_the_previous_plan_then_stops_then_recovers() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     follow(&mut bench, 2.0);
     let shed = Budget { shed: true, ..Budget::default() };
     let rungs: Vec<_> = (0..400).map(|_| bench.tick_with(&[], None, shed).rung).collect();
@@ -179,7 +179,7 @@ fn every_latched_stop_comes_to_rest_and_needs_arming_again() {
         ("safety", StopReason::ArmSafety, Mode::Fault),
     ];
     for (what, reason, mode) in disturb {
-        let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
         follow(&mut bench, 1.5);
         let mut output = None;
         for tick in 0..300 {
@@ -211,7 +211,7 @@ fn every_latched_stop_comes_to_rest_and_needs_arming_again() {
 
 #[test]
 fn disarming_stops_first_and_then_lets_go() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     follow(&mut bench, 1.5);
     let mut output = bench.tick_with(&[], Some(Request::Disarm), Budget::default());
     assert_eq!(output.mode, Mode::Stopped);
@@ -235,13 +235,13 @@ fn arming_refuses_what_could_jump() {
         (Refusal::ToolNotAligned, |bench| bench.joints.q[4] += 0.5),
     ];
     for (refusal, prepare) in refusals {
-        let mut bench = Bench::new(settings(PredictorKind::Hold));
+        let mut bench = Bench::new(settings(PredictorKind::HOLD));
         prepare(&mut bench);
         let output = bench.tick_with(&[], Some(Request::Arm), Budget::default());
         assert_eq!(output.answer, Some(Err(refusal)));
         assert_eq!(output.command, None);
     }
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     let input = StepInput { request: Some(Request::Arm), ..StepInput::nothing(bench.now) };
     assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::NoJointState)));
     let old = bench.joints;
@@ -255,7 +255,7 @@ fn arming_refuses_what_could_jump() {
 /// arm in charge.
 #[test]
 fn the_last_word_of_an_arm_that_is_gone_arms_nothing() {
-    let mut patient = settings(PredictorKind::Hold);
+    let mut patient = settings(PredictorKind::HOLD);
     patient.safety.joint_state_timeout_ns = 500_000_000;
     // The arm speaks every 8 ms, then falls silent for `silent_ns`; the answer to a request to arm.
     let asked_after = |silent_ns: u64| {
@@ -290,7 +290,7 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
     for (stall_ns, mode) in
         [(6_000_000, Mode::Following), (40_000_000, Mode::Following), (300_000_000, Mode::Stopped)]
     {
-        let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
         follow(&mut bench, 1.5);
         bench.now = bench.now + stall_ns;
         let pen = [bench.pen(curve(1.5))];
@@ -307,7 +307,7 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
 /// step's acceleration from the mean velocity that their positions tell.
 #[test]
 fn a_plan_begins_with_the_velocity_that_limited_joints_have() {
-    let mut slow = settings(PredictorKind::Hold);
+    let mut slow = settings(PredictorKind::HOLD);
     let tau = std::f64::consts::TAU;
     slow.limits = JointLimits::new([[-tau, tau]; 6], [3.0; 6], [18.0; 6]).unwrap();
     let mut bench = Bench::armed(slow);
@@ -342,7 +342,7 @@ fn a_plan_begins_with_the_velocity_that_limited_joints_have() {
 #[test]
 fn the_same_inputs_give_the_same_commands_bit_for_bit() {
     let run = || {
-        let mut bench = Bench::armed(settings(PredictorKind::Dybm));
+        let mut bench = Bench::armed(settings(PredictorKind::DYBM));
         follow(&mut bench, 2.0);
         bench.last.unwrap().q.map(f64::to_bits)
     };
@@ -362,7 +362,7 @@ fn tick_enabled(bench: &mut Bench, stop: Option<bool>, request: Option<Request>)
 
 #[test]
 fn a_dead_man_that_was_held_stops_the_arm_when_it_falls_silent() {
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     tick_enabled(&mut bench, Some(false), Some(Request::Arm));
     for _ in 0..40 {
         assert_eq!(tick_enabled(&mut bench, Some(false), None).mode, Mode::Following);
@@ -375,7 +375,7 @@ fn a_dead_man_that_was_held_stops_the_arm_when_it_falls_silent() {
 
 #[test]
 fn a_stop_from_the_dead_man_counts_even_if_it_was_never_held() {
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     tick_enabled(&mut bench, None, Some(Request::Arm));
     tick_enabled(&mut bench, None, None);
     let output = tick_enabled(&mut bench, Some(true), None);
@@ -391,7 +391,7 @@ fn a_stop_from_the_dead_man_counts_even_if_it_was_never_held() {
 
 #[test]
 fn where_the_dead_man_is_required_nothing_arms_without_it() {
-    let mut settings = settings(PredictorKind::Hold);
+    let mut settings = settings(PredictorKind::HOLD);
     settings.safety.enable_required = true;
     let mut bench = Bench::new(settings);
     let refused = tick_enabled(&mut bench, None, Some(Request::Arm));

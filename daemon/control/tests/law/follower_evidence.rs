@@ -38,7 +38,7 @@ fn rms(mut wanted: FollowerSettings<6>, per_step: bool, exact: bool) -> f64 {
 #[test]
 fn samples_between_grid_points_make_tracking_better() {
     for dead_time_ns in [10_000_000, 30_000_000] {
-        let wanted = || FollowerSettings { dead_time_ns, ..settings(PredictorKind::ConstantVelocity) };
+        let wanted = || FollowerSettings { dead_time_ns, ..settings(PredictorKind::CONSTANT_VELOCITY) };
         let (with, without) = (rms(wanted(), true, false), rms(wanted(), false, false));
         println!("dead time {dead_time_ns} ns: {:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
         assert!(with < 0.85 * without, "{with} m per step, {without} m without");
@@ -47,7 +47,7 @@ fn samples_between_grid_points_make_tracking_better() {
 
 #[test]
 fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
-    let wanted = || FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::Hold) };
+    let wanted = || FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::HOLD) };
     let (with, without) = (rms(wanted(), true, true), rms(wanted(), false, true));
     println!("{:.3} mm with, {:.3} mm without", with * 1e3, without * 1e3);
     assert!(with < 3e-4 && without < 3e-4, "{with} m per step, {without} m without");
@@ -56,7 +56,7 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
 #[test]
 fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     // Belief per step would learn the zigzag.
-    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.trust.per_step = false;
     let mut bench = Bench::armed(wanted.clone());
     let start = bench.now;
@@ -92,7 +92,7 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
 
 /// The reasons for trust, each once in a row, while the pen writes for 4 s and the learner claims bands of `factor` for every lead.
 fn reasons_with_bands(factor: f32) -> Vec<TrustReason> {
-    let kind = PredictorKind::ConstantVelocity;
+    let kind = PredictorKind::CONSTANT_VELOCITY;
     let mut bench = Bench::armed(settings(kind));
     let mut weights = bench.follower.weights();
     weights.version += 1;
@@ -117,7 +117,7 @@ fn predictor_whose_bands_do_not_hold_is_not_believed() {
 
 #[test]
 fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     let start = bench.now;
     let mut tick = |request: Budget, weights: Option<&OnlineWeights>| {
         let pen = [bench.pen(curve(bench.now.seconds_since(start)))];
@@ -179,7 +179,7 @@ fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away(
 /// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.
 fn behind_a_servo(servo_ns: u64) -> f64 {
     let mut wanted =
-        FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::ConstantVelocity) };
+        FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::CONSTANT_VELOCITY) };
     wanted.mpc.servo_s = servo_ns as f64 * 1e-9;
     let chain = wanted.chain.clone();
     let plane = wanted.plane;
@@ -211,7 +211,7 @@ fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
 /// What the predicted velocity takes the pen to in 20 ms, 3.6 mm on this circle, is 0.3 mm off where it is then.
 #[test]
 fn a_velocity_lead_takes_the_arm_ahead_of_the_pen() {
-    let led = FollowerSettings { velocity_lead_ns: 20_000_000, ..settings(PredictorKind::Dybm) };
+    let led = FollowerSettings { velocity_lead_ns: 20_000_000, ..settings(PredictorKind::DYBM) };
     let plane = led.plane;
     let chain = led.chain.clone();
     let mut bench = Bench::armed(led);
@@ -237,7 +237,7 @@ fn the_same_inputs_give_the_same_commands_bit_for_bit_with_all_of_it() {
         let mut wanted = FollowerSettings {
             dead_time_ns: 35_000_000,
             response_ns: 8_000_000,
-            ..settings(PredictorKind::Dybm)
+            ..settings(PredictorKind::DYBM)
         };
         wanted.mpc.servo_s = 0.030;
         let mut bench = Bench::armed(wanted);

@@ -194,7 +194,7 @@ fn a_scribble_of_pure_noise_is_survived() {
 
 #[test]
 fn a_step_of_the_pen_across_the_workspace_stays_inside_the_workspace() {
-    let mut bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
     let corners = [[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]];
     let mut beyond = 0.0f64;
     for tick in 0..3000u64 {

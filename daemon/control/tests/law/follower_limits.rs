@@ -2,7 +2,8 @@
 
 use crate::support::writing::{curve, oracle, scribble, write};
 use crate::support::{Bench, PERIOD_NS, settings};
-use foretrace_control::follower::FollowerSettings;
+use foretrace_control::arm::JointLimits;
+use foretrace_control::follower::{Follower, FollowerError, FollowerSettings};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::{TrustReason, TrustRequest};
 use foretrace_control::units::Trust;
@@ -53,7 +54,7 @@ fn hurried(
 
 /// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by so much.
 fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
-    let mut wanted = settings(PredictorKind::ConstantVelocity);
+    let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.dead_time_ns = (DEAD_S * 1e9) as u64;
     for axis in &mut wanted.mpc.axes {
         axis.acceleration_mps2 = acceleration_mps2;
@@ -158,4 +159,27 @@ fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
             "{acceleration_mps2} m/s²: {rms} m"
         );
     }
+}
+
+/// A plan of 100 ms must see a stop from 0.1 m/s.
+#[test]
+fn jerk_that_is_too_little_for_any_plan_is_refused_with_whose_it_is() {
+    let refused = |settings: FollowerSettings<6>| match Follower::<10, 6>::new(settings) {
+        Err(FollowerError::LittleJerk { whose, axis, jerk_mps3, needed_mps3 }) => {
+            assert!(
+                jerk_mps3 < needed_mps3 && (needed_mps3 - 40.0).abs() < 1e-9,
+                "{jerk_mps3} {needed_mps3}"
+            );
+            (whose, axis)
+        }
+        other => panic!("{:?}", other.map(|_| "taken")),
+    };
+    let mut plan = settings(PredictorKind::HOLD);
+    plan.mpc.axes[1].jerk_mps3 = 39.0;
+    assert_eq!(refused(plan), ("the plan's limits", 1));
+    let mut weak = settings(PredictorKind::HOLD);
+    let tau = std::f64::consts::TAU;
+    let limits = JointLimits::new([[-tau, tau]; 6], [3.0; 6], [2.0; 6]).unwrap();
+    weak.limits = limits.with_jerk([80.0; 6]).unwrap().with_stale_braking(0.01, [1.9; 6]).unwrap();
+    assert_eq!(refused(weak).0, "the joints' jerk limits");
 }

@@ -35,7 +35,7 @@ fn rms(serif: bool, acceleration_mps2: f64, trust_request: TrustRequest) -> f64 
     let mut wanted = FollowerSettings {
         trust_request,
         dead_time_ns: (DEAD_S * 1e9) as u64,
-        ..settings(PredictorKind::ConstantVelocity)
+        ..settings(PredictorKind::CONSTANT_VELOCITY)
     };
     for axis in &mut wanted.mpc.axes {
         axis.acceleration_mps2 = acceleration_mps2;

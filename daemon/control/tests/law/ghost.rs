@@ -35,7 +35,7 @@ struct Rig {
 
 impl Rig {
     fn new(trust: TrustRequest) -> Self {
-        let mut settings = settings(PredictorKind::ConstantVelocity);
+        let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
         settings.trust_request = trust;
         settings.dead_time_ns = LAG_NS;
         // The ghost must find its way from the device to the plane as the loop does.

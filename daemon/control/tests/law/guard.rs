@@ -222,3 +222,27 @@ fn commands_that_are_not_finite_cannot_be_made() {
     assert!(Commanded::at_rest(Stamp(0), [0.0, f64::NAN]).is_none());
     assert!(Commanded::new(Stamp(0), JointMotion { q: [0.0], qd: [f64::INFINITY], qdd: [0.0] }).is_none());
 }
+
+#[test]
+fn reasons_are_one_bit_each_as_on_the_wire_and_sets_add_up() {
+    let all = [
+        Reasons::NOT_FINITE,
+        Reasons::POSITION,
+        Reasons::VELOCITY,
+        Reasons::ACCELERATION,
+        Reasons::JERK,
+        Reasons::STAMP,
+        Reasons::GAP,
+    ];
+    assert_eq!(all.map(Reasons::bits), [1, 2, 4, 8, 16, 32, 64]);
+    assert!(Reasons::NONE.is_empty() && Reasons::NONE == Reasons::default());
+    for one in all {
+        assert!(!one.is_empty() && one.with(Reasons::NONE) == one);
+        for other in all {
+            let both = one.with(other);
+            assert_eq!(both.bits(), one.bits() | other.bits());
+            assert!(both.contains(one) && both.contains(other) && both.contains(Reasons::NONE));
+            assert_eq!((one.contains(other), one.contains(both)), (one == other, one == other));
+        }
+    }
+}

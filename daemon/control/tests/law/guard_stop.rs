@@ -4,6 +4,7 @@ use crate::support::limited;
 
 use limited::*;
 
+use foretrace_control::arm::limits::braking_straight;
 use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::guard::{CommandChecker, Commanded, StopProfile, Violations, consumer_state};
 use foretrace_control::units::Stamp;
@@ -199,4 +200,25 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert!(checker.observe(Stamp(52 * TICK_NS), Stamp(57 * TICK_NS), &[0.005], &[0.0]));
     assert!((checker.statistics().max_step_rad - 0.0046).abs() < 1e-12);
     assert!((checker.statistics().max_acceleration_radps2 - 100.0).abs() < 1e-6);
+}
+
+/// The tool keeps its way while all joints slow down in proportion; the one that needs longest brakes as hard as it may.
+#[test]
+fn braking_straight_keeps_the_direction_and_every_deceleration() {
+    // 0.5 s and 1 s are needed: after 0.25 s three quarters are left.
+    assert_eq!(braking_straight(&[2.0, -1.0], &[4.0, 1.0], 0.25), [1.5, -0.75]);
+    assert_eq!(braking_straight(&[2.0, -1.0], &[4.0, 1.0], 1.0), [0.0, 0.0]);
+    assert_eq!(braking_straight(&[0.0; 2], &[4.0, 1.0], 0.25), [0.0; 2]);
+    let mut rng = Pcg64::seed_from_u64(17);
+    let decel = *limits().deceleration();
+    for _ in 0..1000 {
+        let qd: [f64; 6] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
+        let h = rng.random_range(0.001..0.1);
+        let slower = braking_straight(&qd, &decel, h);
+        let used = (0..6).map(|i| (qd[i] - slower[i]).abs() / (decel[i] * h)).fold(0.0, f64::max);
+        assert!((used - 1.0).abs() < 1e-9, "{used} of the deceleration");
+        let left = slower[0] / qd[0];
+        assert!((0.0..1.0).contains(&left));
+        assert!((0..6).all(|i| (slower[i] - left * qd[i]).abs() < 1e-12), "{qd:?} {slower:?}");
+    }
 }

@@ -25,7 +25,7 @@ struct Writer {
 impl Writer {
     /// Three seconds into the curve.
     fn writing() -> Self {
-        let bench = Bench::armed(settings(PredictorKind::ConstantVelocity));
+        let bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
         let mut writer = Self { bench, tick: 0 };
         for _ in 0..1500 {
             writer.write(None, Budget::default());
@@ -138,7 +138,7 @@ fn stop_changes_acceleration_gradually_without_a_jerk_limit_in_the_settings() {
         let mut writer = Writer::writing();
         let mut before: Option<[f64; 6]> = None;
         let mut qdd = [0.0; 6];
-        let limits = settings(PredictorKind::ConstantVelocity).limits;
+        let limits = settings(PredictorKind::CONSTANT_VELOCITY).limits;
         assert_eq!(limits.jerk(), None);
         let jerk = stop_jerk(&limits);
         let mut moved = 0.0_f64;
@@ -241,4 +241,29 @@ fn all_ways_that_there_are_and_no_other() {
         before = output;
     }
     assert_eq!(seen, allowed);
+}
+
+#[test]
+fn the_way_home_stands_on_the_first_rung_and_its_end_on_the_last_two() {
+    for stopped in [false, true] {
+        let mut bench = Bench::new(settings(PredictorKind::HOLD));
+        bench.joints.q[0] += 0.2;
+        let mut rungs = Vec::new();
+        for tick in 0..3000 {
+            let request = match tick {
+                0 => Some(Request::MoveHome),
+                700 if stopped => Some(Request::Stop),
+                _ => None,
+            };
+            let before = bench.joints.q;
+            let output = bench.tick_with(&[], request, Budget::default());
+            let moves = bench.joints.q != before;
+            if rungs.last() != Some(&(output.rung, moves)) {
+                rungs.push((output.rung, moves));
+            }
+        }
+        rungs.retain(|(_, moves)| *moves);
+        let expected: &[_] = if stopped { &[Rung::FreshPlan, Rung::Stop] } else { &[Rung::FreshPlan] };
+        assert!(rungs.iter().map(|(rung, _)| rung).eq(expected), "{stopped}: {rungs:?}");
+    }
 }

@@ -281,7 +281,7 @@ fn settings(start_ns: u64, following: Following) -> FollowerSettings<6> {
     FollowerSettings {
         dead_time_ns: start_ns,
         following,
-        ..support::settings(PredictorKind::ConstantVelocity)
+        ..support::settings(PredictorKind::CONSTANT_VELOCITY)
     }
 }
 

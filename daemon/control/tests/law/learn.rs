@@ -5,7 +5,7 @@ use crate::support;
 
 use crate::support::strokes::{first_order, handwriting};
 use crate::support::{STEP_NS, learner, models_with_network as models, preset, with_dybm as with};
-use foretrace_control::learn::{Learner, Lesson, Promotion, PromotionCause, Versus};
+use foretrace_control::learn::{CourseCounters, Learner, Lesson, Promotion, PromotionCause, Versus};
 use foretrace_control::pen::{GridStep, Motion};
 use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::{
@@ -19,7 +19,7 @@ fn previewer(learner: &Learner) -> Previewer {
 
 /// Candidate against live weights of the linear DyBM.
 fn errors_of(learner: &Learner) -> Versus {
-    learner.errors(PredictorKind::Dybm).candidate
+    learner.errors(PredictorKind::DYBM).candidate
 }
 
 /// RMS position error [m] per predictor (hold, constant velocity, dybm) at `lead` steps, from step `from` on.
@@ -34,7 +34,7 @@ fn errors(steps: &[GridStep], models: &Models, lead: usize, from: usize) -> ([f6
             previewer.set_weights(learner.weights()).unwrap();
         }
         let Some(real) = steps.get(k + lead).filter(|_| k >= from) else { continue };
-        let kinds = [PredictorKind::Hold, PredictorKind::ConstantVelocity, PredictorKind::Dybm];
+        let kinds = [PredictorKind::HOLD, PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM];
         for (sum, kind) in sums.iter_mut().zip(kinds) {
             previewer.preview_of(kind, &mut out).unwrap();
             let [x, y] = out[lead - 1];
@@ -53,7 +53,7 @@ fn learned_dybm_beats_hold_and_constant_velocity_on_every_lead() {
         let ([hold, constant, dybm], learner) = errors(&steps, &models(), lead, 700);
         println!("lead {lead}: hold {hold:.2e} m, constant velocity {constant:.2e} m, dybm {dybm:.2e} m");
         assert!(dybm < 0.95 * constant && dybm < 0.95 * hold, "lead {lead}: {hold} {constant} {dybm}");
-        assert!(learner.counters_of(PredictorKind::Dybm).promotions > 0);
+        assert!(learner.counters_of(PredictorKind::DYBM).promotions > 0);
     }
 }
 
@@ -65,7 +65,7 @@ fn papers_zero_start_learns_as_well_but_later() {
     let ([hold, _, from_zero], _) = errors(&steps, &zero, 10, 700);
     let (_, learner) = errors(&steps, &zero, 10, 700);
     assert!(from_zero < hold, "{from_zero} {hold}");
-    assert!(learner.counters_of(PredictorKind::Dybm).promotions > 0);
+    assert!(learner.counters_of(PredictorKind::DYBM).promotions > 0);
     // While nothing is promoted yet, the persistent start is ahead.
     let early = &steps[..100];
     let ([_, _, zero_early], _) = errors(early, &zero, 4, 0);
@@ -87,10 +87,10 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
         }
         let after = *learner.weights();
         let changed = [
-            (PredictorKind::Dybm, before.dybm.version(), after.dybm.version()),
-            (PredictorKind::DybmEsn, before.dybm_esn.version(), after.dybm_esn.version()),
-            (PredictorKind::ArRls, before.ar_rls.version(), after.ar_rls.version()),
-            (PredictorKind::Mixture, before.mixture.version(), after.mixture.version()),
+            (PredictorKind::DYBM, before.dybm.version(), after.dybm.version()),
+            (PredictorKind::DYBM_ESN, before.dybm_esn.version(), after.dybm_esn.version()),
+            (PredictorKind::AR_RLS, before.ar_rls.version(), after.ar_rls.version()),
+            (PredictorKind::MIXTURE, before.mixture.version(), after.mixture.version()),
         ];
         for (model, was, is) in changed {
             let told = lesson.promotions().find(|promotion| promotion.model == model);
@@ -110,7 +110,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
                     rollbacks += 1;
                 }
                 PromotionCause::Followed => {
-                    assert!(matches!(promotion.model, PredictorKind::ArRls | PredictorKind::Mixture));
+                    assert!(matches!(promotion.model, PredictorKind::AR_RLS | PredictorKind::MIXTURE));
                     assert!(promotion.error_coming <= 1.02 * promotion.error_leaving);
                     promotions += 1;
                 }
@@ -125,7 +125,7 @@ fn what_is_promoted_was_better_in_the_shadow_and_has_a_new_version() {
 
 /// The change of the linear DyBM's weights, if there was one.
 fn of_dybm(lesson: &Lesson) -> Option<Promotion> {
-    lesson.promotions().find(|promotion| promotion.model == PredictorKind::Dybm).copied()
+    lesson.promotions().find(|promotion| promotion.model == PredictorKind::DYBM).copied()
 }
 
 /// The preset with a learning rate of zero: a proposed candidate stays what it is.
@@ -166,7 +166,7 @@ fn weights_that_turn_out_worse_are_rolled_back_to_their_predecessor() {
     assert_eq!((live.parameters, live.version), (start.parameters, rollback.version));
     assert!(live.version > sabotaged.version);
     assert_eq!(learner.candidates().dybm.parameters, live.parameters);
-    let counters = learner.counters_of(PredictorKind::Dybm);
+    let counters = learner.counters_of(PredictorKind::DYBM);
     assert_eq!((counters.promotions, counters.rollbacks), (1, 1));
 }
 
@@ -189,7 +189,7 @@ fn worse_candidates_are_never_promoted() {
         learner.learn(&step);
         assert_eq!(learner.weights().dybm, start);
     }
-    assert_eq!(learner.counters_of(PredictorKind::Dybm).abandoned, 1);
+    assert_eq!(learner.counters_of(PredictorKind::DYBM).abandoned, 1);
     assert_eq!(learner.candidates().dybm.parameters, start.parameters);
 }
 
@@ -200,13 +200,13 @@ fn pauses_are_no_evidence() {
         learner.learn(&step);
     }
     let compared = errors_of(&learner).compared;
-    let judged = learner.calibration().judged(PredictorKind::Dybm, 1).0;
+    let judged = learner.calibration().judged(PredictorKind::DYBM, 1).0;
     for index in 100..2000 {
         let still = LearnStep { index, motion: Motion::Continues, ..LearnStep::default() };
         assert!(learner.learn(&still).promotions().all(|change| change.cause == PromotionCause::Followed));
     }
     assert!(errors_of(&learner).compared <= compared + preset().leads.last() as u32);
-    assert!(learner.calibration().judged(PredictorKind::Dybm, 1).0 <= judged + 1);
+    assert!(learner.calibration().judged(PredictorKind::DYBM, 1).0 <= judged + 1);
 }
 
 #[test]
@@ -229,16 +229,16 @@ fn least_squares_follows_its_candidate_and_beats_constant_velocity() {
             previewer.set_weights(learner.weights()).unwrap();
         }
         let Some(real) = steps.get(k + 8).filter(|_| k >= 300) else { continue };
-        for (sum, kind) in sums.iter_mut().zip([PredictorKind::ConstantVelocity, PredictorKind::ArRls]) {
+        for (sum, kind) in sums.iter_mut().zip([PredictorKind::CONSTANT_VELOCITY, PredictorKind::AR_RLS]) {
             previewer.preview_of(kind, &mut out).unwrap();
             *sum += (out[7][0] - real.position[0]).powi(2) + (out[7][1] - real.position[1]).powi(2);
         }
     }
     println!("RMS ratio of AR-RLS to constant velocity {}", (sums[1] / sums[0]).sqrt());
     assert!(sums[1] < 0.5 * sums[0], "{sums:?}");
-    let counters = learner.counters_of(PredictorKind::ArRls);
+    let counters = learner.counters_of(PredictorKind::AR_RLS);
     assert!(counters.promotions > 100 && counters.rollbacks == 0, "{counters:?}");
-    assert!(learner.counters_of(PredictorKind::Dybm).promotions < 20);
+    assert!(learner.counters_of(PredictorKind::DYBM).promotions < 20);
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn a_wrong_candidate_of_least_squares_is_not_followed() {
     for step in first_order(0.9, 3000, 0, 20) {
         learner.learn(&step);
     }
-    let counters = learner.counters_of(PredictorKind::ArRls);
+    let counters = learner.counters_of(PredictorKind::AR_RLS);
     assert!(counters.promotions > 100, "{counters:?}");
     let good = learner.weights().ar_rls.coefficients[0][0][0];
     assert!((good - 0.9).abs() < 0.1, "{good}");
@@ -260,4 +260,12 @@ fn a_wrong_candidate_of_least_squares_is_not_followed() {
     }
     let live = learner.weights().ar_rls;
     assert!((live.coefficients[0][0][0] - before.coefficients[0][0][0]).abs() < 0.1, "{live:?}");
+}
+
+#[test]
+fn counters_of_several_models_add_up_each_for_itself() {
+    let each =
+        |n| CourseCounters { promotions: n, rollbacks: 10 * n, poisoned: 100 * n, abandoned: 1000 * n };
+    assert_eq!([1, 2, 4].map(each).into_iter().sum::<CourseCounters>(), each(7));
+    assert_eq!([].into_iter().sum::<CourseCounters>(), each(0));
 }

@@ -23,7 +23,7 @@ fn poisoned_candidates_are_thrown_away_and_never_promoted() {
         learner.weights().validate().unwrap();
         learner.candidates().validate().unwrap();
     }
-    for model in [PredictorKind::Dybm, PredictorKind::DybmEsn] {
+    for model in [PredictorKind::DYBM, PredictorKind::DYBM_ESN] {
         assert!(learner.counters_of(model).poisoned > 0, "{model:?}: {:?}", learner.counters_of(model));
     }
 }

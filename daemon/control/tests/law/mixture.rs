@@ -6,6 +6,7 @@ use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeight
 use foretrace_control::predict::models::mixture::{EXPERTS, GATE, LEADS, NODE_COUNT};
 use foretrace_control::predict::{
     Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelParameters, OnlineModel, Predictor,
+    Taught,
 };
 use proptest::prelude::*;
 use rand_pcg::Pcg64;

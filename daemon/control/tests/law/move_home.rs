@@ -21,7 +21,7 @@ const JERK: f64 = 2.0;
 /// A UR5 that keeps clear of itself and of a table 10 cm below its base.
 fn careful() -> FollowerSettings<6> {
     let table = Obstacle::plane([0.0, 0.0, -0.1], [0.0, 0.0, 1.0]).unwrap();
-    let mut settings = settings(PredictorKind::Hold);
+    let mut settings = settings(PredictorKind::HOLD);
     settings.clearance = Some(ClearanceSettings { margin_m: MARGIN_M, itself: true, obstacles: vec![table] });
     settings
 }
@@ -242,7 +242,7 @@ fn what_holds_the_arm_up_stops_it_with_what_was_seen() {
 /// Half a second on the way from `HOME` turned by half a radian at every joint.
 fn underway() -> Bench {
     let start = HOME.map(|q| q + 0.5);
-    let (mut bench, first) = asked(settings(PredictorKind::Hold), start);
+    let (mut bench, first) = asked(settings(PredictorKind::HOLD), start);
     looked_along(&mut bench, first).unwrap();
     for _ in 0..500 {
         bench.tick(&[]);
@@ -304,7 +304,7 @@ fn on_its_way_the_arm_is_neither_armed_nor_led_by_a_pen() {
     assert_eq!((output.answer, output.mode), (Some(Err(Refusal::MovesHome)), Mode::Homing));
     let output = bench.tick_with(&[pen], Some(Request::MoveHome), Budget::default());
     assert_eq!((output.answer, output.mode), (Some(Err(Refusal::MovesHome)), Mode::Homing));
-    let mut bench = Bench::armed(settings(PredictorKind::Hold));
+    let mut bench = Bench::armed(settings(PredictorKind::HOLD));
     let output = bench.tick_with(&[], Some(Request::MoveHome), Budget::default());
     assert_eq!((output.answer, output.mode), (Some(Err(Refusal::DisarmFirst)), Mode::Armed));
 }
@@ -312,7 +312,7 @@ fn on_its_way_the_arm_is_neither_armed_nor_led_by_a_pen() {
 #[test]
 fn what_arming_asks_of_the_arm_the_way_home_asks_too() {
     let refused = |change: &dyn Fn(&mut Bench, &mut FollowerSettings<6>)| {
-        let mut settings = settings(PredictorKind::Hold);
+        let mut settings = settings(PredictorKind::HOLD);
         let mut bench = Bench::new(settings.clone());
         change(&mut bench, &mut settings);
         let joints = bench.joints;
@@ -327,14 +327,14 @@ fn what_arming_asks_of_the_arm_the_way_home_asks_too() {
     assert_eq!(refused(&|bench, _| bench.joints.motion_allowed = false), Refusal::MotionNotAllowed);
     assert_eq!(refused(&|bench, _| bench.joints.q[1] = 6.5), Refusal::OutsideJointLimits);
     assert_eq!(refused(&|_, settings| settings.safety.enable_required = true), Refusal::EnableMissing);
-    let mut bench = Bench::new(settings(PredictorKind::Hold));
+    let mut bench = Bench::new(settings(PredictorKind::HOLD));
     let input = StepInput { request: Some(Request::MoveHome), ..StepInput::nothing(bench.now) };
     assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::NoJointState)));
 }
 
 #[test]
 fn a_dead_man_that_is_let_go_stops_the_way_home() {
-    let mut settings = settings(PredictorKind::Hold);
+    let mut settings = settings(PredictorKind::HOLD);
     settings.safety.enable_required = true;
     let mut bench = Bench::new(settings);
     bench.joints.q = HOME.map(|q| q + 0.5);
@@ -358,7 +358,7 @@ fn a_dead_man_that_is_let_go_stops_the_way_home() {
 fn lost_time_on_the_way_ends_at_home_all_the_same() {
     let start = HOME.map(|q| q + 0.3);
     for lost_periods in [1, 3, 30] {
-        let (mut bench, first) = asked(settings(PredictorKind::Hold), start);
+        let (mut bench, first) = asked(settings(PredictorKind::HOLD), start);
         looked_along(&mut bench, first).unwrap();
         let mut arrived = false;
         for tick in 0..20_000 {
@@ -377,7 +377,7 @@ fn lost_time_on_the_way_ends_at_home_all_the_same() {
 
 #[test]
 fn limits_of_weak_joints_bound_the_way_too() {
-    let mut settings = settings(PredictorKind::Hold);
+    let mut settings = settings(PredictorKind::HOLD);
     // So that no pen is looked at, which such joints could not follow.
     settings.mpc.unlimited = true;
     let tau = std::f64::consts::TAU;

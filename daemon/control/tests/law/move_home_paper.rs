@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 
 /// Keeps clear of nothing; the paper ends the workspace below.
 fn flat() -> FollowerSettings<6> {
-    let mut settings = settings(PredictorKind::Hold);
+    let mut settings = settings(PredictorKind::HOLD);
     settings.clearance = None;
     settings.mpc.axes[2].position_m = [-0.0005, 0.1];
     settings

@@ -10,7 +10,7 @@ const N: usize = 10;
 
 /// Gains of feedback [position, velocity] and effort; those of the preview with a third of the damping.
 fn law(position: f64, velocity: f64, effort: f64) -> MpcSettings {
-    let mut law = settings(PredictorKind::Hold).mpc;
+    let mut law = settings(PredictorKind::HOLD).mpc;
     law.effort = effort;
     for gains in &mut law.gains_feedback {
         (gains.position, gains.velocity, gains.acceleration) = (position, velocity, 0.0);
@@ -199,7 +199,7 @@ fn what_is_said_to_settle_does_and_what_is_said_to_swing_grows_as_fast_as_told()
 
 #[test]
 fn a_loop_that_would_swing_is_not_built() {
-    let mut wanted = settings(PredictorKind::Hold);
+    let mut wanted = settings(PredictorKind::HOLD);
     for gains in wanted.mpc.gains_feedforward.iter_mut().chain(&mut wanted.mpc.gains_feedback) {
         (gains.position, gains.velocity, gains.acceleration) = (1e-3, 1e-3, 0.0);
     }

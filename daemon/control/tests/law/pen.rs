@@ -91,6 +91,15 @@ fn a_long_gap_restarts_the_grid_without_inventing_steps() {
 }
 
 #[test]
+fn a_grid_that_begins_on_a_sample_has_its_index_and_place() {
+    let mut pen = tracker();
+    let begin = PenReading { contact: false, ..reading(1230.0, 0.02, -0.01) };
+    assert_eq!(feed(&mut pen, begin), Receipt::Accepted);
+    let first = GridStep { index: 123, position: [0.02, -0.01], contact: false, ..GridStep::default() };
+    assert_eq!(drain(&mut pen), [GridStep { motion: Motion::Start, ..first }]);
+}
+
+#[test]
 fn a_single_glitch_costs_nothing_but_its_own_sample() {
     let mut with = tracker();
     let mut without = tracker();

@@ -6,7 +6,7 @@ use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
-    Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
+    Panel, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
 };
 use proptest::prelude::*;
 
@@ -57,10 +57,10 @@ fn hold_stays_and_constant_velocity_goes_on() {
     };
     previewer.observe(&step);
     let mut out = [[0.0; 2]; 3];
-    let report = previewer.preview_of(PredictorKind::Hold, &mut out).unwrap();
+    let report = previewer.preview_of(PredictorKind::HOLD, &mut out).unwrap();
     assert_eq!((report.base_index, report.base_position), (101, [0.101, 0.198]));
     assert_eq!(out, [[0.101, 0.198]; 3]);
-    previewer.preview_of(PredictorKind::ConstantVelocity, &mut out).unwrap();
+    previewer.preview_of(PredictorKind::CONSTANT_VELOCITY, &mut out).unwrap();
     for (ahead, [x, y]) in (1..).zip(out) {
         assert!((x - (0.101 + 0.001 * f64::from(ahead))).abs() < 1e-15);
         assert!((y - (0.198 - 0.002 * f64::from(ahead))).abs() < 1e-15);
@@ -134,7 +134,7 @@ fn diverging_weights_are_bounded_by_the_recent_peak_in_the_previewer_only() {
         free.observe(x);
     }
     let mut positions = [[0.0; 2]; 16];
-    let report = bounded.preview_of(PredictorKind::Dybm, &mut positions).unwrap();
+    let report = bounded.preview_of(PredictorKind::DYBM, &mut positions).unwrap();
     assert!(report.finite && report.limited >= 14, "{report:?}");
     let mut before = report.base_position;
     for [x, y] in positions {
@@ -150,9 +150,12 @@ fn diverging_weights_are_bounded_by_the_recent_peak_in_the_previewer_only() {
 fn oracle_previews_the_recording_by_grid_index() {
     let recording: Vec<[f64; 2]> = (1000..1300).map(|index| circle(index).displacement).collect();
     let mut previewer = previewer(DybmWeights::zero(STEP_NS, shape()));
-    assert_eq!(previewer.choose(PredictorKind::Oracle), Err(PreviewError::NoRecording));
+    assert_eq!(
+        previewer.choose(PredictorKind::ORACLE),
+        Err(PreviewError::NoRecording { predictor: "oracle" })
+    );
     previewer.load_recording(Oracle::new(1000, recording.into_boxed_slice()));
-    previewer.choose(PredictorKind::Oracle).unwrap();
+    previewer.choose(PredictorKind::ORACLE).unwrap();
     // From the start, and again after an interruption in the middle.
     for first in [1000, 1100] {
         for index in first..first + 50 {
@@ -237,7 +240,7 @@ fn settings_and_weights_of_another_loop_are_refused_at_start() {
         PreviewSettings { peak_fade: 1.0, ..good },
         PreviewSettings { scale: bad_scale, ..good },
         PreviewSettings { step_ns: 5_000_000, ..good },
-        PreviewSettings { kind: PredictorKind::Oracle, ..good },
+        PreviewSettings { kind: PredictorKind::ORACLE, ..good },
     ] {
         assert!(Previewer::new(bad, &models(), &with(weights)).is_err(), "{bad:?}");
     }
@@ -306,5 +309,44 @@ proptest! {
                 predictor.preview_within(limit, &mut out);
             }
         }
+    }
+}
+
+#[test]
+fn what_was_forgotten_is_in_no_preview() {
+    let models = support::models_with_network();
+    let fresh = Panel::new(&models, &models.initial_weights()).unwrap();
+    let mut used = fresh.clone();
+    (0..60).map(f64::from).for_each(|t| used.observe([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
+    let path = |panel: &Panel, kind| {
+        let mut path = [[0.0; 2]; 12];
+        panel.roll_out(kind, 100.0, 1e-4, [0.01, 0.02], &mut path);
+        path
+    };
+    for kind in PredictorKind::LIVE {
+        let remembers = path(&used, kind) != path(&fresh, kind);
+        assert_eq!(remembers, kind != PredictorKind::HOLD, "{kind:?}");
+    }
+    used.forget();
+    let mut first = fresh.clone();
+    for x in [[3.0, -2.0], [5.0, 1.0]] {
+        for kind in PredictorKind::LIVE {
+            assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
+        }
+        used.observe(x);
+        first.observe(x);
+    }
+}
+
+#[test]
+fn a_reset_and_what_is_no_number_leave_nothing_of_the_pen() {
+    let fresh = Dybm::new(DybmWeights::persistent(STEP_NS, shape(), 0.9)).unwrap();
+    let empty: [fn(&mut Dybm); 2] = [Predictor::reset, |dybm| dybm.observe([f64::NAN, 1.0])];
+    for empty in empty {
+        let mut used = fresh;
+        (0..20).for_each(|t| used.observe([f64::from(t), -3.0]));
+        assert_ne!(used.state(), fresh.state());
+        empty(&mut used);
+        assert_eq!(used, fresh);
     }
 }

@@ -127,7 +127,7 @@ fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_er
 
 #[test]
 fn every_switch_goes_through_no_trust_and_only_then_takes_over() {
-    let mut pair = Pair::new(PredictorKind::Hold);
+    let mut pair = Pair::new(PredictorKind::HOLD);
     pair.follow(1500);
     for to in PredictorKind::LIVE.into_iter().cycle().skip(1).take(2 * PredictorKind::LIVE.len()) {
         let mut before = None;
@@ -213,5 +213,16 @@ fn a_jump_empties_memory_and_teaches_nothing_whatever_predicts() {
                     && learner.candidates().mixture == candidates.mixture
             );
         }
+    }
+}
+
+#[test]
+fn who_asks_by_an_old_name_is_told_the_new_one() {
+    for old in ["ours", "ours-plus"] {
+        assert_eq!(PredictorKind::from_name(old), None);
+        assert!(PredictorKind::renamed(old).contains(PredictorKind::MIXTURE.name()), "{old}");
+    }
+    for name in PredictorKind::ALL.map(PredictorKind::name).into_iter().chain(["", "our", "hours-"]) {
+        assert_eq!(PredictorKind::renamed(name), "", "{name}");
     }
 }

@@ -138,3 +138,28 @@ fn hostile_numbers_are_refused_and_the_answer_stays_in_the_box() {
     }
     assert_eq!(rows.len(), RowSet::<6>::CAPACITY);
 }
+
+#[test]
+fn a_row_set_holds_what_was_put_in_order() {
+    let mut rows = RowSet::<2>::default();
+    assert_eq!((rows.is_empty(), rows.len()), (true, 0));
+    rows.put(1, &[1.0, 1.0], 1.0);
+    assert!(rows.is_empty(), "there is no row before it");
+    for k in 0..RowSet::<2>::CAPACITY {
+        rows.put(k, &[k as f64, 1.0], -(k as f64));
+        assert!(!rows.is_empty() && rows.len() == k + 1);
+    }
+    let full = rows;
+    rows.put(RowSet::<2>::CAPACITY, &[9.0, 9.0], 9.0);
+    assert_eq!(rows, full, "there is no room for one more");
+    rows.put(2, &[7.0, 8.0], 9.0);
+    let held: Vec<_> = rows.iter().map(|(c, lower)| (*c, lower)).collect();
+    let expected = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0].map(|k| ([k, 1.0], -k));
+    assert_eq!(held[..2], expected[..2]);
+    assert_eq!((held[2], &held[3..]), (([7.0, 8.0], 9.0), &expected[3..]));
+    // k x + y ≥ −k: at x = −1 all ask for y ≥ 0.
+    assert!(full.kept_by(&[-1.0, 0.0], 0.0) && !full.kept_by(&[-1.0, -0.5], 0.4));
+    assert!(full.kept_by(&[-1.0, -0.5], 0.5) && !full.kept_by(&[-2.0, 0.0], 1.0));
+    rows.clear();
+    assert!(rows.is_empty() && rows == RowSet::default() && rows.kept_by(&[f64::NAN; 2], 0.0));
+}

@@ -141,7 +141,7 @@ fn no_parameter_makes_a_tick_panic() {
 #[test]
 fn a_follower_takes_no_prior_with_a_number_out_of_bounds_and_starts_from_the_one_that_it_is_given() {
     let with = |prior: RefinePrior| {
-        let mut wanted = settings(PredictorKind::ConstantVelocity);
+        let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
         wanted.refine.prior = prior;
         Follower::<10, 6>::new(wanted)
     };

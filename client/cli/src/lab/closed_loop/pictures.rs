@@ -3,14 +3,14 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Entrant, Hand, Outcome, ParetoPoint, Score};
+use foretrace_lab::closed_loop::{BenchArm, Benchmark, Hand, Outcome, ParetoPoint, Rival, Score};
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::plot::{Cell, LogLine, LogPanel, letter_grid, log_panels};
 
 use crate::failure::Failure;
 use crate::output::say;
 
-/// Share of the sequences [%] against their RMS error [mm], a curve for each entrant, a chart for each arm.
+/// Share of the sequences [%] against their RMS error [mm], a curve for each rival, a chart for each arm.
 pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Result<(), Failure> {
     let curve = |outcome: &Outcome| {
         let mut rms: Vec<f64> = outcome.scores.iter().flatten().map(rms_mm).collect();
@@ -26,7 +26,7 @@ pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Re
                 .iter()
                 .filter(|outcome| outcome.arm == arm)
                 .map(|outcome| LogLine {
-                    label: outcome.entrant.name(),
+                    label: outcome.rival.name(),
                     points: curve(outcome),
                     dots: false,
                     marked: None,
@@ -49,8 +49,8 @@ pub(super) fn letters(
     outcomes: &[Outcome],
 ) -> Result<(), Failure> {
     for (arm, hands) in &benchmark.arms {
-        let of = |entrant| outcomes.iter().find(|outcome| outcome.arm == *arm && outcome.entrant == entrant);
-        let (Some(mixture), Some(hold)) = (of(Entrant::AS_SHIPPED), of(Entrant::HOLD)) else { continue };
+        let of = |rival| outcomes.iter().find(|outcome| outcome.arm == *arm && outcome.rival == rival);
+        let (Some(mixture), Some(hold)) = (of(Rival::AS_SHIPPED), of(Rival::HOLD)) else { continue };
         let places: Vec<(&Hand, usize)> =
             hands.iter().flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index))).collect();
         let scored = places.iter().zip(&mixture.scores).zip(&hold.scores);
@@ -61,22 +61,22 @@ pub(super) fn letters(
         let Some(last) = ranked.len().checked_sub(1) else { continue };
         let chosen = [("best", 0), ("median", last / 2), ("worst", last)];
         let mut shown = Vec::new();
-        for entrant in [Entrant::AS_SHIPPED, Entrant::HOLD] {
+        for rival in [Rival::AS_SHIPPED, Rival::HOLD] {
             for (name, rank) in chosen {
                 let Some(((hand, index), mixture, hold)) = ranked.get(rank) else { continue };
                 let Some(sequence) = hand.sequences.get(*index) else { continue };
-                let run = benchmark.replay(entrant, *arm, hand, *index).map_err(failed)?;
+                let run = benchmark.replay(rival, *arm, hand, *index).map_err(failed)?;
                 let ends = sequence.path.samples.first().zip(sequence.path.samples.last());
                 let (Some(run), Some((first, end))) = (run, ends) else { continue };
                 let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
                 let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
-                let mm = rms_mm(if entrant == Entrant::AS_SHIPPED { mixture } else { hold });
+                let mm = rms_mm(if rival == Rival::AS_SHIPPED { mixture } else { hold });
                 let which = if sequence.label.is_empty() {
                     name.to_owned()
                 } else {
                     format!("{name} {:?}", sequence.label)
                 };
-                let label = format!("{which}, {}: {mm:.2} mm", entrant.name());
+                let label = format!("{which}, {}: {mm:.2} mm", rival.name());
                 shown.push((label, &sequence.path.samples, tool));
             }
         }

@@ -176,3 +176,76 @@ impl<const J: usize> Default for LagEstimator<J> {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An arm 30 ms late and 20 mrad beside its commands, which stands for a while and follows again; all on the grid.
+    fn life() -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
+        let wave = |k: usize| {
+            let t = k as f64 * GRID_S;
+            [1.5 + 0.05 * (6.0 * t).sin(), -0.7 + 0.03 * (11.0 * t).cos()]
+        };
+        let stuck = 160..220;
+        let measured = |k: usize| wave(if stuck.contains(&k) { 157 } else { k - 3 }).map(|q| q + 0.02);
+        ((100..320).map(wave).collect(), (100..320).map(measured).collect())
+    }
+
+    /// Every instant with its weight, worked out anew from all before it.
+    #[test]
+    fn instants_count_by_motion_and_nearness_and_are_forgotten_by_them() {
+        let (commands, joints) = life();
+        let at = |samples: &[[f64; 2]], k: usize| samples[k - 100];
+        let apart2 = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+        let mut estimator = LagEstimator::<2>::new();
+        // Weight, and measured less commanded joints per candidate, of every instant so far.
+        let mut past: Vec<(f64, Vec<[f64; 2]>)> = Vec::new();
+        let (mut speed2, mut followed, mut least) = (0.0, 1.0, 1.0_f64);
+        let half2 = HALF_RADPS * HALF_RADPS;
+        for k in 100..320 {
+            let stamp = Stamp(k as u64 * track::GRID_NS);
+            estimator.commanded(stamp, &at(&commands, k));
+            estimator.measured(stamp, &at(&joints, k));
+            // The instant before is complete, once the commands reach back 20 steps from it.
+            let now = k - 1;
+            if now < 101 + 20 {
+                assert_eq!(estimator.shift.weight(), 0.0, "{k}");
+                continue;
+            }
+            let ahead = apart2(at(&commands, now + 1), at(&commands, now)).sqrt() / GRID_S;
+            speed2 += SPEED_SHARE * (ahead * ahead - speed2);
+            let motion = speed2 / (speed2 + half2);
+            let errors: Vec<[f64; 2]> = (0..CANDIDATES)
+                .map(|back| [0, 1].map(|j| at(&joints, now)[j] - at(&commands, now + 1 - back)[j]))
+                .collect();
+            let total: f64 = past.iter().map(|(weight, _)| weight).sum();
+            let mean = |candidate: usize, j: usize| {
+                let sum: f64 = past.iter().map(|(weight, errors)| weight * errors[candidate][j]).sum();
+                if total > 0.0 { sum / total } else { 0.0 }
+            };
+            let beside = (0..CANDIDATES).map(|i| apart2(errors[i], [mean(i, 0), mean(i, 1)]));
+            let distance2 = beside.fold(f64::INFINITY, f64::min);
+            let reach2 = BESIDE_S * BESIDE_S * (speed2 + half2);
+            let near = reach2 / (reach2 + distance2);
+            let weight = motion * near * near;
+            past.iter_mut().for_each(|(before, _)| *before *= 1.0 - weight * GRID_S / MEMORY_S);
+            past.push((weight, errors));
+            followed += motion * GRID_S / MEMORY_S * (near * near - followed);
+            least = least.min(near);
+            let total: f64 = past.iter().map(|(weight, _)| weight).sum();
+            for (found, expected) in [
+                (estimator.speed2, speed2),
+                (estimator.shift.weight(), total),
+                (estimator.followed, followed),
+            ] {
+                assert!((found / expected - 1.0).abs() < 1e-9, "{k}: {found} {expected}");
+            }
+            if estimator.estimate.is_some() {
+                assert!(total * GRID_S >= MIN_MOTION_S, "{k}: {total} instants are too few");
+            }
+        }
+        assert!(least < 0.3 && followed < 0.95, "it followed all the time: {least} {followed}");
+        assert!(estimator.estimate.is_some());
+    }
+}

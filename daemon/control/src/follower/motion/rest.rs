@@ -189,3 +189,44 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first swing that lasts of a tool that goes to and fro by `size` [m], each time `decay` as far, and chatters by
+    /// `chatter` [m] from tick to tick; and after how many turns.
+    fn lasting(size: f64, decay: f64, chatter: f64) -> Option<(usize, f64)> {
+        let mut turns = Turns::new(0.02);
+        let (mut at, mut half) = (0.02, 0.5 * size);
+        for turn in 0..40 {
+            let to = 0.02 + if turn % 2 == 0 { half } else { -half };
+            for tick in 0..20 {
+                at += (to - at) * 0.3;
+                if let Some(swing) = turns.see(at + chatter * f64::from(tick % 2)) {
+                    return Some((turn, swing));
+                }
+            }
+            half *= decay;
+        }
+        None
+    }
+
+    #[test]
+    fn swings_that_last_are_told_and_those_that_fade_or_are_tiny_are_not() {
+        for size in [2e-4, 5e-3, 0.05] {
+            let (turn, swing) = lasting(size, 1.0, 0.0).expect("it swings for ever");
+            assert!((TURNS - 1..=TURNS + 1).contains(&turn), "{turn} turns");
+            assert!((swing / size - 1.0).abs() < 0.02, "{swing} m of {size}");
+            // Four turns later it is 0.8 as far, or less.
+            assert!(lasting(size, 0.96, 0.0).is_some());
+            assert_eq!(lasting(size, 0.93, 0.0), None);
+        }
+        assert_eq!(lasting(0.95 * SWING_M, 1.0, 0.0), None);
+        // Chatter is no turn, and hides none.
+        let (_, swing) = lasting(5e-3, 1.0, 4e-5).expect("it swings for ever");
+        assert!((swing / 5e-3 - 1.0).abs() < 0.05, "{swing} m");
+        let mut turns = Turns::new(0.0);
+        assert!((0..1000).all(|k| turns.see(2e-5 * f64::from(k) + 4e-5 * f64::from(k % 2)).is_none()));
+    }
+}

@@ -1,6 +1,9 @@
 //! ConstantVelocity: the pen repeats its last displacement (the baseline of the paper's Table 1).
 
-use crate::predict::{Predictor, shortened};
+use crate::predict::{Entry, Predictor, shortened};
+
+pub(super) const ENTRY: Entry =
+    Entry::plain::<ConstantVelocity>("constant-velocity", "the last velocity goes on (the paper's baseline)");
 
 /// Predicts the last observed displacement for every step; zero before the first.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -64,3 +64,48 @@ impl<const D: usize> Covariance<D> {
         Some(image.map(|image| image * inverse))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_step_is_the_one_worked_by_hand() {
+        // P = 4, φ = 2, λ = 1/2: k = 8/(1/2 + 16), P' = (4 − 8·8/16.5)/λ.
+        let mut p = Covariance::<1>::new(4.0, 1.0);
+        let [gain] = p.update(&[2.0], 0.5).unwrap();
+        assert!((gain - 8.0 / 16.5).abs() < 1e-15);
+        assert!((p.trace() - (4.0 - 64.0 / 16.5) / 0.5).abs() < 1e-14);
+        // What does not excite teaches nothing, and is forgotten until the trace has grown to its bound.
+        let mut p = Covariance::<2>::new(4.0, 3.0);
+        for _ in 0..100 {
+            assert_eq!(p.update(&[0.0, 0.0], 0.9), Some([0.0, 0.0]));
+        }
+        assert!(p.trace() > 24.0 && p.trace() < 24.1 / 0.9, "{}", p.trace());
+    }
+
+    #[test]
+    fn what_is_no_covariance_starts_anew_whatever_is_wrong_with_it() {
+        let (one, huge) = ([1.0; 3], [1e60; 3]);
+        let diagonal = |a, b, c| [[a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c]];
+        for (matrix, phi) in [
+            // A variance that is not positive, or no number.
+            (diagonal(1.0, -0.1, 1.0), one),
+            (diagonal(1.0, 1.0, 0.0), one),
+            (diagonal(f64::NAN, 1.0, 1.0), one),
+            // A trace that overflows, though nothing is excited.
+            (diagonal(1e308, 1e308, 1e308), [1e-200; 3]),
+            // An image that points backward.
+            ([[1.0, -2.0, 0.0], [-2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 1.0, 0.0]),
+            // An excitation that overflows, or is no number.
+            (diagonal(1e200, 1e200, 1e200), huge),
+            (diagonal(1.0, 1.0, 1.0), [f64::NAN, 0.0, 0.0]),
+        ] {
+            let new = Covariance::<3>::new(2.0, 5.0);
+            let mut broken = Covariance { matrix, ..new };
+            assert_eq!(broken.update(&phi, 0.99), None, "{matrix:?}");
+            assert!(broken == new, "{broken:?}");
+            assert!(broken.update(&one, 0.99).is_some());
+        }
+    }
+}

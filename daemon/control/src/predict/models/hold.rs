@@ -1,6 +1,9 @@
 //! Hold: the pen stays where it is (the paper's conservative model x_c).
 
-use crate::predict::Predictor;
+use crate::predict::{Entry, Predictor};
+
+pub(crate) const ENTRY: Entry =
+    Entry::plain::<Hold>("hold", "the last position, at rest (the paper's conservative model)");
 
 /// Predicts no displacement; has no memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,4 +1,4 @@
-//! The predictors, one folder or file each, and what they are made of.
+//! The predictors, one folder or file each, and the registry: the only list of them (`docs/extend/predictor.md`).
 
 pub mod activation;
 pub mod ar_rls;
@@ -8,7 +8,11 @@ pub mod lstm;
 pub mod mixture;
 mod constant_velocity;
 mod covariance;
-mod hold;
+#[cfg(any(test, feature = "examples"))]
+mod damped_velocity;
+pub(super) mod hold;
+#[cfg(any(test, feature = "examples"))]
+pub mod learned_damping;
 mod oracle;
 mod set;
 
@@ -21,3 +25,43 @@ pub use lstm::{Lstm, LstmError, LstmWeights};
 pub use mixture::{Mixture, MixtureLearner, MixtureParameters, MixtureSettings};
 pub use oracle::Oracle;
 pub use set::{InitialWeights, ModelSettings, Models, ModelsError, Networks};
+
+use super::registry::Entry;
+
+/// Every predictor. The order is that of tables and of [`PredictorKind::ALL`](super::PredictorKind::ALL); nothing outside of
+/// this process knows it.
+pub const REGISTRY: &[Entry] = &[
+    hold::ENTRY,
+    constant_velocity::ENTRY,
+    dybm::ENTRY,
+    oracle::ENTRY,
+    lstm::ENTRY,
+    esn::ENTRY,
+    ar_rls::ENTRY,
+    mixture::ENTRY,
+    #[cfg(any(test, feature = "examples"))]
+    damped_velocity::ENTRY,
+    #[cfg(any(test, feature = "examples"))]
+    learned_damping::ENTRY,
+];
+
+/// Gives the list of those that learn online, each with the name of its part in [`OnlineWeights`](super::OnlineWeights), to the
+/// macro `$then`.
+macro_rules! for_each_taught {
+    ($then:ident) => {
+        $then! {
+            /// Linear DyBM.
+            dybm: dybm::{Dybm, DybmWeights},
+            /// DyBM with a reservoir.
+            dybm_esn: esn::{DybmEsn, DybmEsnWeights},
+            /// AR-RLS.
+            ar_rls: ar_rls::{ArRls, ArRlsWeights},
+            /// The mixture and its experts.
+            mixture: mixture::{Mixture, MixtureParameters},
+            /// Learned damping.
+            #[cfg(any(test, feature = "examples"))]
+            learned_damping: learned_damping::{LearnedDamping, Damping},
+        }
+    };
+}
+pub(crate) use for_each_taught;

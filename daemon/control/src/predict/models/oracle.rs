@@ -1,6 +1,8 @@
 //! Oracle: the recorded future, for experiments that need a perfect prediction. Never part of a live loop.
 
-use crate::predict::{Predictor, shortened};
+use crate::predict::{Entry, Predictor, shortened};
+
+pub(super) const ENTRY: Entry = Entry::recorded("oracle", "the recorded future, for experiments");
 
 /// Displacements of a recording on the absolute grid; past its end the pen rests.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,12 +18,6 @@ impl Oracle {
     #[must_use]
     pub fn new(first_index: u64, displacements_m: Box<[[f64; 2]]>) -> Self {
         Self { first_index, displacements_m, cursor: first_index.saturating_sub(1), scale_m: 1.0 }
-    }
-
-    /// States where the loop is: newest closed grid index and present scale [m per unit].
-    pub fn place(&mut self, index: u64, scale_m: f64) {
-        self.cursor = index;
-        self.scale_m = scale_m;
     }
 }
 
@@ -41,4 +37,9 @@ impl Predictor for Oracle {
 
     /// The recording does not forget; the cursor stays where `place` put it.
     fn reset(&mut self) {}
+
+    fn place(&mut self, index: u64, scale_m: f64) {
+        self.cursor = index;
+        self.scale_m = scale_m;
+    }
 }

@@ -5,16 +5,11 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use crate::predict::bands::BandTable;
 use crate::predict::models::dybm::{DybmShape, TraceInput};
-use crate::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
-use crate::predict::models::lstm::{Lstm, LstmError, LstmWeights};
+use crate::predict::models::esn::{Reservoir, ReservoirSettings};
+use crate::predict::models::lstm::{LstmError, LstmWeights};
 use crate::predict::online::WeightsError;
-use crate::predict::{
-    ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, Dybm, DybmEsn, DybmEsnLearner, DybmEsnSettings,
-    DybmEsnWeights, DybmLearner, DybmSettings, DybmWeights, Mixture, MixtureLearner, MixtureParameters,
-    MixtureSettings, OnlineWeights, Optimiser, PredictorKind,
-};
+use crate::predict::{ArRlsSettings, DybmSettings, MixtureSettings, OnlineWeights, Optimiser, PredictorKind};
 
 /// A DyBM before anything was learned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,11 +109,7 @@ impl Models {
         let models =
             Self { settings, reservoir: Arc::new(Reservoir::seeded(&settings.reservoir)?), networks };
         // Whatever is built later is built from settings that were judged here.
-        let weights = models.initial_weights();
-        models.dybm_learner(&weights)?;
-        models.dybm_esn_learner(&weights)?;
-        models.ar_rls_learner(&weights)?;
-        models.mixture_learner(&weights)?;
+        models.initial_weights().can_be_taught(&models)?;
         Ok(models)
     }
 
@@ -136,75 +127,19 @@ impl Models {
 
     /// `kind` can be chosen. The oracle needs a recording as well.
     #[must_use]
-    pub const fn has(&self, kind: PredictorKind) -> bool {
-        !matches!(kind, PredictorKind::Lstm) || self.networks.lstm.is_some()
+    pub fn has(&self, kind: PredictorKind) -> bool {
+        kind.is_in(self)
+    }
+
+    /// The reservoir of those that have one.
+    #[must_use]
+    pub const fn reservoir(&self) -> &Arc<Reservoir> {
+        &self.reservoir
     }
 
     /// The weights before anything was learned.
     #[must_use]
     pub fn initial_weights(&self) -> OnlineWeights {
-        let ModelSettings { step_ns, dybm: DybmSettings { shape, .. }, initial, .. } = self.settings;
-        let dybm = match initial {
-            InitialWeights::Zero => DybmWeights::zero(step_ns, shape),
-            InitialWeights::Persistent(factor) => DybmWeights::persistent(step_ns, shape, factor),
-        };
-        OnlineWeights {
-            version: 0,
-            dybm,
-            dybm_esn: DybmEsnWeights::new(dybm, self.reservoir.digest()),
-            ar_rls: ArRlsWeights::constant_velocity(step_ns),
-            mixture: MixtureParameters::untrained(step_ns, self.networks.mixture.is_some()),
-            bands: BandTable::default(),
-        }
-    }
-
-    /// A linear DyBM with its part of `weights`, to predict with.
-    ///
-    /// *Errors*: weights that are invalid or do not fit; so for the others.
-    pub fn dybm(&self, weights: &OnlineWeights) -> Result<Dybm, WeightsError> {
-        Dybm::new(weights.dybm)
-    }
-
-    /// The same, to learn with.
-    pub fn dybm_learner(&self, weights: &OnlineWeights) -> Result<DybmLearner, WeightsError> {
-        DybmLearner::new(self.settings.dybm, weights.dybm)
-    }
-
-    /// A DyBM with a reservoir, to predict with.
-    pub fn dybm_esn(&self, weights: &OnlineWeights) -> Result<DybmEsn, WeightsError> {
-        DybmEsn::new(weights.dybm_esn, self.reservoir.clone())
-    }
-
-    /// The same, to learn with.
-    pub fn dybm_esn_learner(&self, weights: &OnlineWeights) -> Result<DybmEsnLearner, WeightsError> {
-        let ModelSettings { dybm, readout, .. } = self.settings;
-        let settings = DybmEsnSettings { dybm, readout, rule: ReadoutRule::SharedResidual };
-        DybmEsnLearner::new(settings, weights.dybm_esn, self.reservoir.clone())
-    }
-
-    /// An AR-RLS model, to predict with.
-    pub fn ar_rls(&self, weights: &OnlineWeights) -> Result<ArRls, WeightsError> {
-        ArRls::new(weights.ar_rls, self.settings.ar_rls.gate)
-    }
-
-    /// The same, to learn with.
-    pub fn ar_rls_learner(&self, weights: &OnlineWeights) -> Result<ArRlsLearner, WeightsError> {
-        ArRlsLearner::new(self.settings.ar_rls, weights.ar_rls)
-    }
-
-    /// The mixture, to predict with.
-    pub fn mixture(&self, weights: &OnlineWeights) -> Result<Mixture, WeightsError> {
-        Mixture::new(self.networks.mixture.clone(), weights.mixture)
-    }
-
-    /// The same, to learn with.
-    pub fn mixture_learner(&self, weights: &OnlineWeights) -> Result<MixtureLearner, WeightsError> {
-        MixtureLearner::new(self.settings.mixture, self.networks.mixture.clone(), weights.mixture)
-    }
-
-    /// The trained network, with empty memory.
-    #[must_use]
-    pub fn lstm(&self) -> Option<Lstm> {
-        self.networks.lstm.clone().map(Lstm::new)
+        OnlineWeights::start(self)
     }
 }

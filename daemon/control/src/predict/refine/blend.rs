@@ -220,4 +220,56 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn corrections_are_worth_the_share_of_them_that_went_the_way_of_the_error() {
+        let ahead = 2.5;
+        let mut rng = Pcg64::seed_from_u64(8);
+        let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+        for own in [[-0.7, 2.0, 0.3, 0.5], [0.6, -1.0, -0.5, 0.0]] {
+            let mut blend = Blend::new(ahead, 0.5, &SHIPPED);
+            let (mut paid, mut asked, mut cases) = (0.0, 0.0, 0.0);
+            for k in 0..60 {
+                let (terms, error) = case(&mut rng, ahead, own, 20.0);
+                let said =
+                    [0, 1].map(|axis| (0..TERMS).map(|i| blend.weights[i] * terms[i][axis]).sum::<f64>());
+                // Five cases in which they were worth all that they said come first.
+                let past: f64 = if k == 0 { 0.0 } else { cases * paid / asked };
+                let worth = ((past + 5.0) / (cases + 5.0)).clamp(0.0, 1.0);
+                let found = blend.correction(&terms, &BLEND);
+                for (found, said) in found.iter().zip(said) {
+                    assert!((found - worth * said).abs() < 1e-9, "{k}: {found} {worth} {said}");
+                }
+                blend.learn(&terms, error, ahead, &BLEND);
+                paid = 0.998 * paid + dot(said, error);
+                asked = 0.998 * asked + dot(said, said);
+                cases = 0.998 * cases + 1.0;
+            }
+        }
+    }
+
+    /// By hand: e^(−1) of each part is left where its reach ends, and between the tablets lies what lies between them.
+    #[test]
+    fn what_other_hands_had_fades_with_the_lead() {
+        let left = (-1.0_f64).exp();
+        let close =
+            |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        let weight = |ahead: f64, clarity: f64, term: usize| SHIPPED.prior.weights(ahead, clarity)[term];
+        for (term, reach, near, far) in [(0, 1.5, -0.9, -0.6), (1, 4.0, 0.0, 1.9), (2, 5.5, 0.68, 0.0)] {
+            close(weight(0.0, 0.0, term), near);
+            close(weight(reach, 0.0, term), far + (near - far) * left);
+            close(weight(1e9, 0.0, term), far);
+        }
+        close(weight(0.0, 0.0, 3), 0.25 - 0.9);
+        close(weight(15.0, 0.0, 3), 0.25 * left - 0.9 * (-25.0_f64).exp());
+        let clean = [(0, 12.0, -1.0, -0.3), (1, 5.0, 0.0, 1.2), (2, 9.0, 1.0, 0.0), (3, 10.0, 1.0, 0.0)];
+        for (term, reach, near, far) in clean {
+            close(weight(0.0, 1.0, term), near);
+            close(weight(reach, 1.0, term), far + (near - far) * left);
+            // Slowly at first: a Gaussian.
+            close(weight(2.0 * reach, 1.0, term), far + (near - far) * left.powi(4));
+            let middle = 0.5 * (weight(3.0, 0.0, term) + weight(3.0, 1.0, term));
+            close(weight(3.0, 0.5, term), middle);
+        }
+    }
 }

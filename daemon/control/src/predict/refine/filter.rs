@@ -98,6 +98,8 @@ impl Filter {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
+
     use super::*;
     use crate::predict::refine::RefineParameters;
 
@@ -155,5 +157,49 @@ mod tests {
         filter.see(f64::NAN, [0.5, 0.0]);
         filter.see(0.74, [0.5, 0.0]);
         assert!(filter.motion().as_flattened().iter().all(|v| v.is_finite()));
+    }
+
+    /// Textbook matrices: x ← A x, P ← A P Aᵀ + g gᵀ; K = P Hᵀ/(H P Hᵀ + 1).
+    #[test]
+    fn states_and_covariances_are_those_of_the_filter_in_matrices() {
+        let change = 2e4;
+        let mut filter = Filter::new(change, SHIPPED);
+        let (mut state, mut covariance) = (Matrix3x2::zeros(), Matrix3::zeros());
+        let mut time_s: f64 = 7.0;
+        for k in 0..60 {
+            let elapsed_s = [0.005, 0.0081, 0.0166, 0.002][k % 4];
+            time_s += elapsed_s;
+            let t = time_s - 7.0;
+            let position = [0.02 * (17.0 * t).sin(), 0.01 * (23.0 * t).cos() + 1e-4 * (k as f64).sin()];
+            filter.see(time_s, position);
+            let measured = RowVector2::from(position);
+            if k == 0 {
+                state.set_row(0, &measured);
+                covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1e6, 9e8));
+            } else {
+                let half = 0.5 * elapsed_s * elapsed_s;
+                let later = Matrix3::new(1.0, elapsed_s, half, 0.0, 1.0, elapsed_s, 0.0, 0.0, 1.0);
+                let pushed = Vector3::new(half, elapsed_s, 1.0) * change;
+                state = later * state;
+                covariance = later * covariance * later.transpose() + pushed * pushed.transpose();
+                let gain = covariance.column(0) / (covariance.m11 + 1.0);
+                state += gain * (measured - state.row(0));
+                covariance -= gain * covariance.row(0).into_owned();
+            }
+            for (axis, expected) in filter.axes.iter().zip(state.column_iter()) {
+                let size = [0.02, 0.5, 10.0];
+                for ((found, expected), size) in axis.iter().zip(expected.iter()).zip(size) {
+                    assert!((found - expected).abs() < 1e-7 * size, "{k}: {found} {expected}");
+                }
+            }
+            for (i, row) in filter.covariance.iter().enumerate() {
+                for (j, found) in row.iter().enumerate() {
+                    let size = (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+                    assert!((found - covariance[(i, j)]).abs() < 1e-7 * size, "{k}: {found} {i} {j}");
+                }
+            }
+            let [[vx, vy], [ax, ay]] = filter.motion();
+            assert_eq!([[vx, ax], [vy, ay]], filter.axes.map(|[_, v, a]| [v, a]));
+        }
     }
 }

@@ -178,4 +178,49 @@ mod tests {
         assert_eq!(observers.chosen, chosen);
         assert!(observers.missed.iter().all(|missed| missed.is_finite()));
     }
+
+    /// Every filter's claim, 20 ms later, and how much each of them counts by the way that the pen went.
+    #[test]
+    fn filters_are_judged_by_where_they_said_that_the_pen_goes() {
+        let mut rng = Pcg64::seed_from_u64(13);
+        let mut observers = Observers::new(SHIPPED);
+        let mut filters = SHIPPED.changes.map(|change| Filter::new(change, SHIPPED.filter));
+        let (mut missed, mut moved) = ([0.0; OBSERVERS], 0.0);
+        let mut claimed = None;
+        for k in 0..400 {
+            let t = 0.02 * f64::from(k);
+            // It writes, rests, and writes faster.
+            let speed = if (150..200).contains(&k) { 0.0 } else { 1.0 + 0.005 * f64::from(k) };
+            let noise = 1e-4 * rng.random_range(-1.0..1.0);
+            let position = [0.02 * (9.0 * speed * t).sin() + noise * speed, 0.01 * (14.0 * speed * t).cos()];
+            observers.see(t, position);
+            filters.iter_mut().for_each(|filter| filter.see(t, position));
+            if let Some((from, motions)) = claimed.replace((position, filters.each_ref().map(Filter::motion)))
+            {
+                let from: [f64; 2] = from;
+                let way: f64 = (0..2).map(|i| (position[i] - from[i]).powi(2)).sum();
+                let counts = SHIPPED.pace * way / (way + moved);
+                if counts > 0.0 {
+                    moved += counts * (way - moved);
+                    let motions: [[[f64; 2]; 2]; OBSERVERS] = motions;
+                    for (missed, [velocity, acceleration]) in missed.iter_mut().zip(motions) {
+                        let said =
+                            |i: usize| from[i] + 0.02 * velocity[i] + 0.5 * 0.02 * 0.02 * acceleration[i];
+                        let error: f64 = (0..2).map(|i| (position[i] - said(i)).powi(2)).sum();
+                        *missed += counts * (error - *missed);
+                    }
+                }
+            }
+            let pairs = observers.missed.iter().chain([&observers.moved]).zip(missed.iter().chain([&moved]));
+            for (found, expected) in pairs {
+                assert!((found - expected).abs() <= 1e-9 * expected, "{k}: {found} {expected}");
+            }
+            // Nobody is 15 % better than whoever answers.
+            if observers.judged > SHIPPED.settled {
+                let least = missed.iter().copied().fold(f64::INFINITY, f64::min);
+                assert!(least >= SHIPPED.better * missed[observers.chosen] * (1.0 - 1e-9), "{k}: {missed:?}");
+            }
+        }
+        assert!(observers.judged > 300 && observers.chosen != 0, "{observers:?}");
+    }
 }

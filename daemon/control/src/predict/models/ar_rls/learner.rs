@@ -192,3 +192,39 @@ impl OnlineModel for ArRlsLearner {
         roll_out(parameters, *memory, limit, out);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_without_a_covariance_are_counted_and_teach_nothing() {
+        let settings = ArRlsSettings::default();
+        let start = ArRlsWeights::constant_velocity(10_000_000);
+        let mut learner = ArRlsLearner::new(settings, start).unwrap();
+        learner.learn([3.0, -2.0]);
+        for count in 1..4 {
+            learner.covariance = Covariance::new(f64::NAN, 1.0);
+            learner.learn([5.0, 1.0]);
+            let counters = learner.counters();
+            assert_eq!((counters.restarted, counters.learned), (count, 0));
+            assert_eq!(learner.weights, start);
+        }
+    }
+
+    #[test]
+    fn lessons_are_counted_and_those_that_were_clipped() {
+        let settings = ArRlsSettings::default();
+        let start = ArRlsWeights::constant_velocity(10_000_000);
+        let mut learner = ArRlsLearner::new(settings, start).unwrap();
+        let wild = [10.0, 2.0 * settings.huber];
+        // Before the first displacement there is nothing to learn from.
+        for (x, learned, clipped) in
+            [([10.0, 0.0], 0, 0), ([10.0, 0.0], 1, 0), ([10.0, 0.1], 2, 0), (wild, 3, 1)]
+        {
+            learner.learn(x);
+            let counters = learner.counters();
+            assert_eq!((counters.learned, counters.clipped), (learned, clipped), "{x:?}");
+        }
+    }
+}

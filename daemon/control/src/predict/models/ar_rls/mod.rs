@@ -13,7 +13,10 @@ pub use learner::{ArRlsCounters, ArRlsLearner, ArRlsSettings};
 pub use weights::ArRlsWeights;
 
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{Predictor, shortened};
+use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
+
+pub(super) const ENTRY: Entry =
+    Entry::taught::<ArRls>("autoregression by recursive least squares, learning online");
 
 /// Displacements that the model looks back on.
 pub const ORDER: usize = 8;
@@ -62,26 +65,39 @@ impl ArRls {
         Ok(Self { weights, state: ArRlsState::default(), gate })
     }
 
-    /// Exchanges the parameters and keeps the memory.
-    ///
-    /// *Errors*: invalid weights, or weights of another step or input scale; the old ones stay.
-    pub fn set_weights(&mut self, weights: &ArRlsWeights) -> Result<(), WeightsError> {
-        weights.validate()?;
-        self.weights.accepts(weights)?;
-        self.weights = *weights;
-        Ok(())
-    }
-
-    /// The parameters in use.
-    #[must_use]
-    pub fn weights(&self) -> &ArRlsWeights {
-        &self.weights
-    }
-
     /// The memory.
     #[must_use]
     pub fn state(&self) -> &ArRlsState {
         &self.state
+    }
+}
+
+impl Taught for ArRls {
+    const NAME: &'static str = "ar-rls";
+    const PACE: Pace = Pace::Following;
+    type Learner = ArRlsLearner;
+
+    fn start(models: &Models) -> ArRlsWeights {
+        ArRlsWeights::constant_velocity(models.settings().step_ns)
+    }
+
+    fn predictor(models: &Models, weights: &ArRlsWeights) -> Result<Self, WeightsError> {
+        Self::new(*weights, models.settings().ar_rls.gate)
+    }
+
+    fn learner(models: &Models, weights: &ArRlsWeights) -> Result<ArRlsLearner, WeightsError> {
+        ArRlsLearner::new(models.settings().ar_rls, *weights)
+    }
+
+    fn weights(&self) -> &ArRlsWeights {
+        &self.weights
+    }
+
+    fn set_weights(&mut self, weights: &ArRlsWeights) -> Result<(), WeightsError> {
+        weights.validate()?;
+        self.weights.accepts(weights)?;
+        self.weights = *weights;
+        Ok(())
     }
 }
 

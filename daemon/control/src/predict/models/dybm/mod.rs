@@ -19,7 +19,9 @@ pub(crate) use learner::{Ascent, difference};
 pub(crate) use optimiser::{Group, Powers, Pull};
 
 use crate::predict::online::{ModelParameters, is_usable};
-use crate::predict::{Predictor, shortened};
+use crate::predict::{Entry, InitialWeights, ModelSettings, Models, Pace, Predictor, Taught, shortened};
+
+pub(super) const ENTRY: Entry = Entry::taught::<Dybm>("dynamic Boltzmann machine, linear, learning online");
 
 /// Largest delay; the FIFO holds one input less.
 pub const MAX_DELAY: usize = 16;
@@ -88,26 +90,43 @@ impl Dybm {
         Ok(Self { weights, state: DybmState::default() })
     }
 
-    /// Exchanges the parameters and keeps the memory.
-    ///
-    /// *Errors*: invalid weights, or weights of another shape, step or input scale; the old ones stay.
-    pub fn set_weights(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
-        weights.validate()?;
-        self.weights.accepts(weights)?;
-        self.weights = *weights;
-        Ok(())
-    }
-
-    /// The parameters in use.
-    #[must_use]
-    pub fn weights(&self) -> &DybmWeights {
-        &self.weights
-    }
-
     /// The memory.
     #[must_use]
     pub fn state(&self) -> &DybmState {
         &self.state
+    }
+}
+
+impl Taught for Dybm {
+    const NAME: &'static str = "dybm";
+    const PACE: Pace = Pace::Settled;
+    type Learner = DybmLearner;
+
+    fn start(models: &Models) -> DybmWeights {
+        let ModelSettings { step_ns, dybm: DybmSettings { shape, .. }, initial, .. } = *models.settings();
+        match initial {
+            InitialWeights::Zero => DybmWeights::zero(step_ns, shape),
+            InitialWeights::Persistent(factor) => DybmWeights::persistent(step_ns, shape, factor),
+        }
+    }
+
+    fn predictor(_models: &Models, weights: &DybmWeights) -> Result<Self, WeightsError> {
+        Self::new(*weights)
+    }
+
+    fn learner(models: &Models, weights: &DybmWeights) -> Result<DybmLearner, WeightsError> {
+        DybmLearner::new(models.settings().dybm, *weights)
+    }
+
+    fn weights(&self) -> &DybmWeights {
+        &self.weights
+    }
+
+    fn set_weights(&mut self, weights: &DybmWeights) -> Result<(), WeightsError> {
+        weights.validate()?;
+        self.weights.accepts(weights)?;
+        self.weights = *weights;
+        Ok(())
     }
 }
 

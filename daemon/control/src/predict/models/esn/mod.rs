@@ -15,9 +15,12 @@ pub use weights::DybmEsnWeights;
 
 use std::sync::Arc;
 
-use crate::predict::Predictor;
-use crate::predict::models::dybm::DybmState;
+use crate::predict::models::dybm::{Dybm, DybmState};
 use crate::predict::online::{ModelParameters, WeightsError, is_usable};
+use crate::predict::{Entry, ModelSettings, Models, Pace, Predictor, Taught};
+
+pub(super) const ENTRY: Entry =
+    Entry::taught::<DybmEsn>("DyBM with an echo state network beside it, learning online");
 
 /// What the model remembers of the pen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,27 +69,42 @@ impl DybmEsn {
         Ok(Self { weights, readout: single(&weights.readout), state: DybmEsnState::default(), reservoir })
     }
 
-    /// Exchanges the parameters and keeps the memory.
-    ///
-    /// *Errors*: invalid weights, or weights of another shape, reservoir, step or input scale; the old ones stay.
-    pub fn set_weights(&mut self, weights: &DybmEsnWeights) -> Result<(), WeightsError> {
+    /// The memory.
+    #[must_use]
+    pub fn state(&self) -> &DybmEsnState {
+        &self.state
+    }
+}
+
+impl Taught for DybmEsn {
+    const NAME: &'static str = "dybm-esn";
+    const PACE: Pace = Pace::Settled;
+    type Learner = DybmEsnLearner;
+
+    fn start(models: &Models) -> DybmEsnWeights {
+        DybmEsnWeights::new(Dybm::start(models), models.reservoir().digest())
+    }
+
+    fn predictor(models: &Models, weights: &DybmEsnWeights) -> Result<Self, WeightsError> {
+        Self::new(*weights, models.reservoir().clone())
+    }
+
+    fn learner(models: &Models, weights: &DybmEsnWeights) -> Result<DybmEsnLearner, WeightsError> {
+        let ModelSettings { dybm, readout, .. } = *models.settings();
+        let settings = DybmEsnSettings { dybm, readout, rule: ReadoutRule::SharedResidual };
+        DybmEsnLearner::new(settings, *weights, models.reservoir().clone())
+    }
+
+    fn weights(&self) -> &DybmEsnWeights {
+        &self.weights
+    }
+
+    fn set_weights(&mut self, weights: &DybmEsnWeights) -> Result<(), WeightsError> {
         weights.validate()?;
         self.weights.accepts(weights)?;
         self.weights = *weights;
         self.readout = single(&weights.readout);
         Ok(())
-    }
-
-    /// The parameters in use.
-    #[must_use]
-    pub fn weights(&self) -> &DybmEsnWeights {
-        &self.weights
-    }
-
-    /// The memory.
-    #[must_use]
-    pub fn state(&self) -> &DybmEsnState {
-        &self.state
     }
 }
 

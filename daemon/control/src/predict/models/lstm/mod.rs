@@ -20,7 +20,9 @@ pub use weights::{
     GATES, HIDDEN_SIZES, LARGEST_INPUT, LstmError, LstmSpec, LstmTensors, LstmWeights, MAX_HIDDEN,
 };
 
-use crate::predict::{Predictor, shortened};
+use crate::predict::{Entry, Models, Predictor, Trained, shortened};
+
+pub(super) const ENTRY: Entry = Entry::trained::<Lstm>("lstm", "the trained network of `lstm`");
 
 /// Factor per step by which the last direct lead fades beyond it.
 pub const FADE: f64 = 0.8;
@@ -122,6 +124,12 @@ impl Lstm {
         let mut state = LstmState::empty();
         with_machine!(&self.engine, machine => machine.write(&mut state));
         state
+    }
+}
+
+impl Trained for Lstm {
+    fn of(models: &Models) -> Option<Self> {
+        models.networks().lstm.clone().map(Self::new)
     }
 }
 

@@ -130,3 +130,77 @@ impl MixerRule {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    const RULE: MixerRule = MixerRule { rate: 0.3, share: 0.02, cap: 6.0 };
+    /// The last expert does not take part.
+    const PART: usize = EXPERTS - 1;
+
+    /// Against the module's formula, with everything that was ever predicted at hand.
+    #[test]
+    fn weights_follow_the_errors_of_what_was_predicted_for_now() {
+        let mut rng = Pcg64::seed_from_u64(21);
+        let mut mixer = Mixer::new(RULE, PART);
+        let even = std::array::from_fn(|e| if e < PART { 1.0 / PART as f32 } else { 0.0 });
+        let (mut shares, mut expected) = ([even; NODE_COUNT], [even; NODE_COUNT]);
+        let mut means = NODES.map(|node| 4.0 * (node * node) as f64);
+        let (mut kept, mut walked): (Vec<[Path; EXPERTS]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
+        for k in 0..150 {
+            walked.push([rng.random_range(5.0..15.0), rng.random_range(-10.0..10.0)]);
+            let last = |steps: usize| {
+                let way = walked.iter().rev().take(steps);
+                way.fold([0.0, 0.0], |[x, y], [dx, dy]| [x + dx, y + dy])
+            };
+            let shown = std::array::from_fn(|h| last(h + 1));
+            mixer.settle(&mut shares, &shown);
+            for (node, lead) in NODES.into_iter().enumerate() {
+                let Some(made) = kept.len().checked_sub(lead) else { continue };
+                let [sx, sy] = last(lead);
+                let errors = kept[made].map(|path| [path[node][0] - sx, path[node][1] - sy]);
+                let own = |i: usize| {
+                    let all = errors.iter().zip(&expected[node]).filter(|(_, share)| **share > 0.0);
+                    all.map(|(error, share)| f64::from(*share) * error[i]).sum::<f64>()
+                };
+                let own = own(0) * own(0) + own(1) * own(1);
+                if own.is_finite() {
+                    means[node] += 0.003 * (own.min(10.0 * means[node]) - means[node]);
+                }
+                let rate = RULE.rate * (1.0 + 3.0 / lead as f64);
+                let weighed: [f64; EXPERTS] = std::array::from_fn(|e| {
+                    let [x, y] = errors[e];
+                    let loss = (x * x + y * y) / means[node];
+                    let bounded = if loss.is_nan() { RULE.cap } else { loss.min(RULE.cap) };
+                    if e < PART { f64::from(expected[node][e]) * (-rate * bounded).exp() } else { 0.0 }
+                });
+                let total: f64 = weighed.iter().sum();
+                for (share, weighed) in expected[node].iter_mut().zip(weighed).take(PART) {
+                    *share = (0.98 * weighed / total + 0.02 / PART as f64) as f32;
+                }
+            }
+            for (found, expected) in shares.as_flattened().iter().zip(expected.as_flattened()) {
+                assert!((found - expected).abs() < 1e-5, "{k}: {found} {expected}");
+            }
+            // Experts that are the worse the higher their number; sometimes one has no number at all.
+            let paths: [Path; EXPERTS] = std::array::from_fn(|e| {
+                NODES.map(|node| {
+                    let size = (e + 1) as f64 * node as f64;
+                    let bad = if k % 17 == 0 && e == 1 { f64::NAN } else { 0.0 };
+                    let mut off = |ahead: f64| ahead * node as f64 + bad + size * rng.random_range(-1.0..1.0);
+                    [off(10.0), off(0.0)]
+                })
+            });
+            mixer.keep(&paths);
+            kept.push(paths);
+        }
+        for shares in shares {
+            assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-5 && shares[PART] == 0.0);
+            assert!(shares.iter().any(|share| *share > 1.5 / PART as f32), "none is preferred: {shares:?}");
+        }
+    }
+}

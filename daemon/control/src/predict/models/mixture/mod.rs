@@ -34,7 +34,9 @@ pub use trunk::{MixtureMemory, Trunk};
 use crate::pen::TARGET_RMS;
 use crate::predict::models::lstm::FADE;
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{LstmWeights, Predictor, shortened};
+use crate::predict::{Entry, LstmWeights, Models, Pace, Predictor, Taught, shortened};
+
+pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of five experts to believe");
 
 /// Lead times that are learned [steps ahead]; those between are interpolated, those beyond fade.
 pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
@@ -67,26 +69,39 @@ impl Mixture {
         Ok(Self { trunk: Trunk::new(lstm)?, memory: MixtureMemory::EMPTY, parameters })
     }
 
-    /// Exchanges the parameters and keeps the memory.
-    ///
-    /// *Errors*: invalid parameters, or parameters that do not fit; the old ones stay.
-    pub fn set_weights(&mut self, parameters: &MixtureParameters) -> Result<(), WeightsError> {
-        parameters.validate()?;
-        self.parameters.accepts(parameters)?;
-        self.parameters = *parameters;
-        Ok(())
-    }
-
-    /// The parameters in use.
-    #[must_use]
-    pub fn weights(&self) -> &MixtureParameters {
-        &self.parameters
-    }
-
     /// The memory.
     #[must_use]
     pub fn memory(&self) -> &MixtureMemory {
         &self.memory
+    }
+}
+
+impl Taught for Mixture {
+    const NAME: &'static str = "mixture";
+    const PACE: Pace = Pace::Following;
+    type Learner = MixtureLearner;
+
+    fn start(models: &Models) -> MixtureParameters {
+        MixtureParameters::untrained(models.settings().step_ns, models.networks().mixture.is_some())
+    }
+
+    fn predictor(models: &Models, weights: &MixtureParameters) -> Result<Self, WeightsError> {
+        Self::new(models.networks().mixture.clone(), *weights)
+    }
+
+    fn learner(models: &Models, weights: &MixtureParameters) -> Result<MixtureLearner, WeightsError> {
+        MixtureLearner::new(models.settings().mixture, models.networks().mixture.clone(), *weights)
+    }
+
+    fn weights(&self) -> &MixtureParameters {
+        &self.parameters
+    }
+
+    fn set_weights(&mut self, weights: &MixtureParameters) -> Result<(), WeightsError> {
+        weights.validate()?;
+        self.parameters.accepts(weights)?;
+        self.parameters = *weights;
+        Ok(())
     }
 }
 

@@ -136,3 +136,17 @@ pub(super) fn summed(steps: &[[f64; 2]; LEADS]) -> Path {
     }
     NODES.map(|node| sums.get(node - 1).copied().unwrap_or_default())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_hold_the_way_up_to_them() {
+        // 1 + 2 + ... + h to the one side, h times one half to the other.
+        let path = summed(&std::array::from_fn(|step| [(step + 1) as f64, -0.5]));
+        for (node, [x, y]) in NODES.iter().zip(path) {
+            assert_eq!([x, y], [(node * (node + 1) / 2) as f64, -0.5 * *node as f64], "{node} steps");
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! Evidence where the pen begins to move: how much of a preview is believed there.
+//! Skill where the pen begins to move: how much of a preview is believed there.
 
 use crate::support::judging::Judge;
 
@@ -10,16 +10,16 @@ const STEP_S: f64 = 0.01;
 fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
     let predicted = [5e-3, -2e-3];
     for per_step in [false, true] {
-        let mut evidence = Judge::new(STEP_S, per_step);
+        let mut judge = Judge::new(STEP_S, per_step);
         let mut x = 0.0;
         for rested in [true, false, true] {
             let steps = if rested { 5 } else { 0 };
             for _ in 0..steps {
-                evidence.realise([x, 0.0], UNIT_M);
+                judge.realise([x, 0.0], UNIT_M);
             }
             for share in [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0] {
                 let share = if per_step && rested { share } else { 1.0 };
-                let believed = evidence.believed(4, predicted);
+                let believed = judge.believed(4, predicted);
                 assert!(
                     (believed[0] - share * predicted[0]).abs() < 1e-12,
                     "{per_step} {rested}: {believed:?}"
@@ -29,7 +29,7 @@ fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
                     "{per_step} {rested}: {believed:?}"
                 );
                 x += 1e-3;
-                evidence.realise([x, 0.0], UNIT_M);
+                judge.realise([x, 0.0], UNIT_M);
             }
         }
     }
@@ -38,12 +38,12 @@ fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
 #[test]
 fn an_arm_away_from_its_limits_is_not_held_back_and_one_that_stands_tells_nothing() {
     let predicted = [5e-3, -2e-3];
-    let mut evidence = Judge::new(STEP_S, true);
+    let mut judge = Judge::new(STEP_S, true);
     let mut drive = |at_limit, ms: u32| {
         for _ in 0..ms {
-            evidence.drove(at_limit, 1_000_000);
+            judge.drove(at_limit, 1_000_000);
         }
-        evidence.believed(4, predicted)[0] / predicted[0]
+        judge.believed(4, predicted)[0] / predicted[0]
     };
     assert!((drive(None, 1000) - 0.3).abs() < 1e-12);
     assert!(drive(Some(false), 1000) > 0.95);

@@ -7,7 +7,7 @@ use crate::experiments::LawEntrant;
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Entrant {
+pub enum Rival {
     /// The daemon's control law.
     Law(LawEntrant),
     /// A baseline instead of the law.
@@ -19,14 +19,14 @@ pub enum Entrant {
 /// A name that nobody has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
-pub struct UnknownEntrant {
+pub struct UnknownRival {
     /// As given.
     pub name: String,
     /// Every name.
     pub known: Vec<&'static str>,
 }
 
-impl Entrant {
+impl Rival {
     /// Feedback only.
     pub const HOLD: Self = Self::Law(LawEntrant::Hold);
     /// The daemon as it is shipped.
@@ -34,8 +34,8 @@ impl Entrant {
 
     /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows the future.
     pub fn all() -> impl Iterator<Item = Self> {
-        let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::Oracle;
-        let law = LawEntrant::ALL.into_iter();
+        let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::ORACLE;
+        let law = LawEntrant::all();
         let knowing = law.clone().filter(oracle).map(Self::Law);
         law.filter(move |law| !oracle(law))
             .map(Self::Law)
@@ -54,25 +54,23 @@ impl Entrant {
             Self::Legal(BaselineKind::ServojRos) => "servoj-ros-legal",
             Self::Legal(BaselineKind::Otg) => "otg-legal",
             Self::Legal(BaselineKind::Kalman) => "kalman-legal",
-            Self::Law(LawEntrant::Believed(PredictorKind::Hold)) => "hold-trust1",
-            Self::Law(LawEntrant::Believed(PredictorKind::ConstantVelocity)) => "constant-velocity",
-            Self::Law(LawEntrant::Believed(PredictorKind::Dybm)) => "dybm-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::DybmEsn)) => "dybm-esn-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::Lstm)) => "lstm10",
-            Self::Law(LawEntrant::Believed(PredictorKind::ArRls)) => "ar-rls",
-            Self::Law(LawEntrant::Believed(PredictorKind::Mixture)) => "mixture-trust1",
-            Self::Law(LawEntrant::Believed(PredictorKind::Oracle)) => "oracle",
+            Self::Law(LawEntrant::Believed(PredictorKind::HOLD)) => "hold-trust1",
+            Self::Law(LawEntrant::Believed(PredictorKind::DYBM)) => "dybm-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::DYBM_ESN)) => "dybm-esn-online",
+            Self::Law(LawEntrant::Believed(PredictorKind::LSTM)) => "lstm10",
+            Self::Law(LawEntrant::Believed(PredictorKind::MIXTURE)) => "mixture-trust1",
+            Self::Law(LawEntrant::Believed(other)) => other.name(),
         }
     }
 
-    /// The entrant called `name`.
+    /// The rival called `name`.
     ///
     /// # Errors
     /// A name that nobody has.
-    pub fn named(name: &str) -> Result<Self, UnknownEntrant> {
+    pub fn named(name: &str) -> Result<Self, UnknownRival> {
         let known = || Self::all().chain(BaselineKind::ALL.map(Self::Legal));
         known()
-            .find(|entrant| entrant.name() == name)
-            .ok_or_else(|| UnknownEntrant { name: name.to_owned(), known: known().map(Self::name).collect() })
+            .find(|rival| rival.name() == name)
+            .ok_or_else(|| UnknownRival { name: name.to_owned(), known: known().map(Self::name).collect() })
     }
 }

@@ -1,4 +1,4 @@
-//! Evidence: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go wrong.
+//! Skill: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go wrong.
 
 use foretrace_control::skill::{Record, SKILL_LEADS};
 use foretrace_control::trust::{TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings};
@@ -69,17 +69,17 @@ fn at(steps: f64) -> Stamp {
 
 /// Grid steps of `path`, `batch` of them closing at once, each batch followed by a preview and, if `phase` is given, by a
 /// sample that far on the straight line to the next grid point.
-fn live(evidence: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option<f64>, batch: usize) {
+fn live(judge: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option<f64>, batch: usize) {
     for k in 1..path.len() - 1 {
-        evidence.realise(path[k], UNIT_M);
+        judge.realise(path[k], UNIT_M);
         if k % batch != 0 {
             continue;
         }
         let predicted = preview.at(path, k);
-        evidence.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
         if let Some(phase) = phase {
             let position = between(path[k], path[k + 1], phase);
-            evidence.sample(at(k as f64 + phase), position, phase, between(path[k], predicted[0], phase));
+            judge.sample(at(k as f64 + phase), position, phase, between(path[k], predicted[0], phase));
         }
     }
 }
@@ -88,19 +88,19 @@ fn live(evidence: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option
 fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
     // Constant velocity from the grid knows nothing of a change within the step; half a step later it shows.
     let path = wandering(2, 3000);
-    let mut evidence = Judge::new(STEP_S, true);
-    live(&mut evidence, &path[..2000], Preview::Steady, Some(0.5), 1);
+    let mut judge = Judge::new(STEP_S, true);
+    live(&mut judge, &path[..2000], Preview::Steady, Some(0.5), 1);
     let (mut raw, mut believed) = ([0.0; 4], [0.0; 4]);
     for k in 2000..2900 {
-        evidence.realise(path[k], UNIT_M);
+        judge.realise(path[k], UNIT_M);
         let predicted = Preview::Steady.at(&path, k);
-        evidence.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
         let expected = between(path[k], predicted[0], 0.5);
-        evidence.sample(at(k as f64 + 0.5), between(path[k], path[k + 1], 0.5), 0.5, expected);
+        judge.sample(at(k as f64 + 0.5), between(path[k], path[k + 1], 0.5), 0.5, expected);
         for (lead, (raw, believed)) in (1..).zip(raw.iter_mut().zip(&mut believed)) {
             let missed = |from: [f64; 2]| minus(path[k + lead], from).iter().map(|x| x * x).sum::<f64>();
             *raw += missed(predicted[lead - 1]);
-            *believed += missed(evidence.believed(lead, predicted[lead - 1]));
+            *believed += missed(judge.believed(lead, predicted[lead - 1]));
         }
     }
     let left: Vec<_> = believed.iter().zip(raw).map(|(believed, raw)| believed / raw).collect();
@@ -112,10 +112,10 @@ fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
 fn predictor_that_goes_too_far_is_shortened_by_as_much() {
     let path = smooth(3000);
     for factor in [1.25, 2.0, 3.0] {
-        let mut evidence = Judge::new(STEP_S, true);
-        live(&mut evidence, &path, Preview::Truth(factor), None, 1);
+        let mut judge = Judge::new(STEP_S, true);
+        live(&mut judge, &path, Preview::Truth(factor), None, 1);
         for lead in [2, 4, 8] {
-            let share = evidence.share(lead);
+            let share = judge.share(lead);
             assert!((share * factor - 1.0).abs() < 0.05, "factor {factor}, lead {lead}: {share}");
         }
     }
@@ -124,10 +124,10 @@ fn predictor_that_goes_too_far_is_shortened_by_as_much() {
 #[test]
 fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
     for factor in [1.0, 0.7] {
-        let mut evidence = Judge::new(STEP_S, true);
-        live(&mut evidence, &smooth(800), Preview::Truth(factor), None, 1);
+        let mut judge = Judge::new(STEP_S, true);
+        live(&mut judge, &smooth(800), Preview::Truth(factor), None, 1);
         for lead in 1..=SKILL_LEADS {
-            let share = evidence.share(lead);
+            let share = judge.share(lead);
             assert!((share - 1.0).abs() < 1e-12, "factor {factor}, lead {lead}: {share}");
         }
     }
@@ -135,12 +135,12 @@ fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
 
 /// What was judged, without what is left of the doubt that a record begins with.
 fn record_of(preview: Preview, per_step: bool) -> Record {
-    let mut evidence = Judge::new(STEP_S, per_step);
-    let doubt = evidence.clone();
-    live(&mut evidence, &smooth(1500), preview, None, 1);
+    let mut judge = Judge::new(STEP_S, per_step);
+    let doubt = judge.clone();
+    live(&mut judge, &smooth(1500), preview, None, 1);
     let mut sum = Record::default();
     for lead in 3..=6 {
-        let (record, doubt) = (evidence.record(lead, lead), doubt.record(lead, lead));
+        let (record, doubt) = (judge.record(lead, lead), doubt.record(lead, lead));
         // Cases are the sum of 0.998^k, so this is 0.998^n.
         let left = 1.0 - 0.002 * record.cases;
         sum.preview += record.preview - left * doubt.preview;
@@ -170,21 +170,21 @@ fn record_orders_perfect_constant_velocity_and_hold() {
 fn every_part_of_a_step_is_learned_where_samples_are_many() {
     let path = smooth(3000);
     let phases = [0.1, 0.35, 0.6, 0.85];
-    let mut evidence = Judge::new(STEP_S, true);
+    let mut judge = Judge::new(STEP_S, true);
     let (mut raw, mut believed) = ([0.0; 4], [0.0; 4]);
     for k in 1..path.len() - 4 {
-        evidence.realise(path[k], UNIT_M);
+        judge.realise(path[k], UNIT_M);
         // Late by a third of a step, whatever the hand does.
         let late = |j: usize| between(path[k + j], path[k + j - 1], 0.33);
         let predicted: Vec<_> = (1..=4).map(late).collect();
-        evidence.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
         for (part, phase) in phases.into_iter().enumerate() {
             let sample = between(path[k], path[k + 1], phase);
-            evidence.sample(at(k as f64 + phase), sample, phase, between(path[k], predicted[0], phase));
+            judge.sample(at(k as f64 + phase), sample, phase, between(path[k], predicted[0], phase));
             if k > 2000 {
                 let missed = |[x, y]: [f64; 2]| (x - path[k + 3][0]).powi(2) + (y - path[k + 3][1]).powi(2);
                 raw[part] += missed(predicted[2]);
-                believed[part] += missed(evidence.believed(3, predicted[2]));
+                believed[part] += missed(judge.believed(3, predicted[2]));
             }
         }
     }
@@ -198,15 +198,15 @@ fn every_part_of_a_step_is_learned_where_samples_are_many() {
     }
 }
 
-/// What automatic trust makes of the evidence, step by step, when previews run the wrong way.
+/// What automatic trust makes of the record, step by step, when previews run the wrong way.
 fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
-    let mut evidence = Judge::new(STEP_S, per_step);
+    let mut judge = Judge::new(STEP_S, per_step);
     let mut trust = TrustControl::new(TrustSettings { per_step, ..TrustSettings::default() }).unwrap();
     let path = smooth(400);
     let mut verdicts = Vec::new();
     for k in 1..path.len() - 1 {
-        evidence.realise(path[k], UNIT_M);
-        evidence.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
+        judge.realise(path[k], UNIT_M);
+        judge.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
         let inputs = TrustInputs {
             unplanned: 0.0,
             failed: 0.0,
@@ -220,7 +220,7 @@ fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
             jumped: false,
             preview_finite: true,
             switching: false,
-            record: evidence.record(3, 4),
+            record: judge.record(3, 4),
         };
         verdicts.push(trust.update(&inputs, 10_000_000).reason);
     }
@@ -238,10 +238,10 @@ fn preview_that_runs_the_wrong_way_is_given_up_within_ten_cases_for_good() {
 
 #[test]
 fn shares_leave_nothing_of_a_preview_that_runs_the_wrong_way() {
-    let mut evidence = Judge::new(STEP_S, true);
-    live(&mut evidence, &smooth(400), Preview::Truth(-1.5), None, 1);
+    let mut judge = Judge::new(STEP_S, true);
+    live(&mut judge, &smooth(400), Preview::Truth(-1.5), None, 1);
     for lead in [2, 3, 6, 12] {
-        assert!(evidence.share(lead) < 0.01, "lead {lead}: {}", evidence.share(lead));
+        assert!(judge.share(lead) < 0.01, "lead {lead}: {}", judge.share(lead));
     }
     let last = verdicts_on_the_wrong_way(true).pop();
     assert_ne!(last, Some(TrustReason::WorseThanHold), "what is left is Hold, and no worse than it");
@@ -250,25 +250,25 @@ fn shares_leave_nothing_of_a_preview_that_runs_the_wrong_way() {
 #[test]
 fn leap_counts_nothing() {
     let path = smooth(400);
-    let mut evidence = Judge::new(STEP_S, true);
-    live(&mut evidence, &path, Preview::Steady, Some(0.3), 1);
-    let told = |evidence: &Judge| {
+    let mut judge = Judge::new(STEP_S, true);
+    live(&mut judge, &path, Preview::Steady, Some(0.3), 1);
+    let told = |judge: &Judge| {
         let leads = 1..=SKILL_LEADS;
-        let points = leads.clone().map(|lead| evidence.believed(lead, [0.01, 0.01]).map(f64::to_bits));
+        let points = leads.clone().map(|lead| judge.believed(lead, [0.01, 0.01]).map(f64::to_bits));
         let points: Vec<_> = points.collect();
-        let shares: Vec<_> = leads.map(|lead| evidence.share(lead).to_bits()).collect();
-        (points, shares, evidence.record(1, SKILL_LEADS))
+        let shares: Vec<_> = leads.map(|lead| judge.share(lead).to_bits()).collect();
+        (points, shares, judge.record(1, SKILL_LEADS))
     };
-    let before = told(&evidence);
+    let before = told(&judge);
     // One that the tracker saw, ...
-    let mut interrupted = evidence.clone();
+    let mut interrupted = judge.clone();
     interrupted.interrupt();
     interrupted.realise([0.02, 0.02], UNIT_M);
     let (_, shares, record) = told(&interrupted);
     assert_eq!((&shares, record), (&before.1, before.2));
     // ... and one that it did not see.
-    evidence.realise([0.5, 0.5], UNIT_M);
-    assert_eq!(told(&evidence), before);
+    judge.realise([0.5, 0.5], UNIT_M);
+    assert_eq!(told(&judge), before);
     // Previews made afterwards are judged again, and only they.
     interrupted.shoot([0.02, 0.02], [0.0; 2], &[[0.03, 0.03]; SKILL_LEADS]);
     interrupted.realise([0.0205, 0.0205], UNIT_M);
@@ -280,28 +280,28 @@ fn leap_counts_nothing() {
 #[test]
 fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen_it() {
     let path = smooth(600);
-    let mut evidence = Judge::new(STEP_S, true);
-    live(&mut evidence, &path, Preview::Steady, Some(0.5), 1);
+    let mut judge = Judge::new(STEP_S, true);
+    live(&mut judge, &path, Preview::Steady, Some(0.5), 1);
     let [x, y] = path[599];
     let leapt = [x + 0.05, y - 0.03];
-    evidence.sample(at(599.5), leapt, 0.5, [x, y]);
+    judge.sample(at(599.5), leapt, 0.5, [x, y]);
     for lead in 1..=SKILL_LEADS {
-        assert_eq!(evidence.believed(lead, [x + 0.001, y]), leapt);
+        assert_eq!(judge.believed(lead, [x + 0.001, y]), leapt);
     }
     // A step that a pen can make is news like any other.
-    evidence.interrupt();
-    evidence.sample(at(600.5), [x + 0.001, y], 0.5, [x, y]);
-    assert!(evidence.believed(2, [x, y]) != [x + 0.001, y]);
+    judge.interrupt();
+    judge.sample(at(600.5), [x + 0.001, y], 0.5, [x, y]);
+    assert!(judge.believed(2, [x, y]) != [x + 0.001, y]);
 }
 
 #[test]
 fn steps_that_close_together_are_told_apart() {
     // A preview that is right is right at every lead only if each step is compared with the lead that meant it.
     for batch in [2, 3, 7] {
-        let mut evidence = Judge::new(STEP_S, true);
-        live(&mut evidence, &smooth(1200), Preview::Truth(1.0), None, batch);
+        let mut judge = Judge::new(STEP_S, true);
+        live(&mut judge, &smooth(1200), Preview::Truth(1.0), None, batch);
         for lead in 1..=SKILL_LEADS {
-            let record = evidence.record(lead, lead);
+            let record = judge.record(lead, lead);
             assert!(record.cases > 100.0, "batch {batch}, lead {lead}: {record:?}");
             // The cases of doubt that every record begins with, and nothing else.
             let doubt = Judge::new(STEP_S, true).record(lead, lead).preview;
@@ -312,26 +312,26 @@ fn steps_that_close_together_are_told_apart() {
 
 #[test]
 fn another_predictor_starts_from_nothing() {
-    let mut evidence = Judge::new(STEP_S, true);
-    live(&mut evidence, &smooth(500), Preview::Truth(2.0), Some(0.4), 1);
-    evidence.forget();
+    let mut judge = Judge::new(STEP_S, true);
+    live(&mut judge, &smooth(500), Preview::Truth(2.0), Some(0.4), 1);
+    judge.forget();
     let new = Judge::new(STEP_S, true);
-    assert_eq!(evidence.record(1, SKILL_LEADS), new.record(1, SKILL_LEADS));
+    assert_eq!(judge.record(1, SKILL_LEADS), new.record(1, SKILL_LEADS));
     for lead in 1..=SKILL_LEADS {
-        assert_eq!(evidence.share(lead), 1.0);
+        assert_eq!(judge.share(lead), 1.0);
     }
 }
 
 #[test]
 fn without_belief_per_step_previews_are_taken_as_they_are() {
-    let mut evidence = Judge::new(STEP_S, false);
-    live(&mut evidence, &wandering(3, 800), Preview::Truth(2.0), Some(0.4), 1);
+    let mut judge = Judge::new(STEP_S, false);
+    live(&mut judge, &wandering(3, 800), Preview::Truth(2.0), Some(0.4), 1);
     for lead in 0..=SKILL_LEADS + 5 {
-        assert_eq!(evidence.share(lead), 1.0);
-        let [x, y] = evidence.believed(lead, [0.3, -0.2]);
+        assert_eq!(judge.share(lead), 1.0);
+        let [x, y] = judge.believed(lead, [0.3, -0.2]);
         assert!((x - 0.3).abs() < 1e-15 && (y + 0.2).abs() < 1e-15, "{x} {y}");
     }
-    assert!(evidence.record(3, 6).preview > 0.0, "previews are judged all the same");
+    assert!(judge.record(3, 6).preview > 0.0, "previews are judged all the same");
 }
 
 /// Mostly of ordinary size, sometimes not a number, or not an ordinary one.
@@ -353,7 +353,7 @@ fn nothing_that_comes_in_leaves_its_range_or_turns_to_nan() {
     let mut judged = 0.0_f64;
     for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(seed);
-        let mut evidence = Judge::new(STEP_S, seed % 4 != 0);
+        let mut judge = Judge::new(STEP_S, seed % 4 != 0);
         for _ in 0..800 {
             let mut point = |scale| [nasty(&mut rng, scale), nasty(&mut rng, scale)];
             let (position, base, velocity, sample) = (point(2e-3), point(2e-3), point(1e-3), point(2e-3));
@@ -362,26 +362,26 @@ fn nothing_that_comes_in_leaves_its_range_or_turns_to_nan() {
             let path: Vec<_> = (0..count).map(|_| [nasty(&mut rng, 2e-3), nasty(&mut rng, 2e-3)]).collect();
             let phase = if rng.random_bool(0.8) { rng.random() } else { nasty(&mut rng, 3.0) };
             let unit = if rng.random_bool(0.8) { UNIT_M } else { nasty(&mut rng, 1e-3) };
-            evidence.realise(position, unit);
-            evidence.shoot(base, velocity, &path);
+            judge.realise(position, unit);
+            judge.shoot(base, velocity, &path);
             let stamp = Stamp(if rng.random_bool(0.9) {
                 10_000_000 * rng.random_range(0..900)
             } else {
                 rng.random()
             });
-            evidence.sample(stamp, sample, phase, expected);
+            judge.sample(stamp, sample, phase, expected);
             if rng.random_bool(0.01) {
-                evidence.interrupt();
+                judge.interrupt();
             }
             for lead in [0, 1, 7, SKILL_LEADS, usize::MAX] {
-                let share = evidence.share(lead);
+                let share = judge.share(lead);
                 assert!((0.0..=1.0).contains(&share), "seed {seed}: share {share}");
             }
-            let mut told = evidence.clone();
+            let mut told = judge.clone();
             told.sample(Stamp(stamp.0 / 2 + 5), [1e-3, 2e-3], 0.5, [1.1e-3, 2e-3]);
             let point = told.believed(3, [2e-3, 1e-3]);
             assert!(point.iter().all(|x| x.is_finite()), "seed {seed}: {point:?}");
-            let record = evidence.record(rng.random_range(0..30), rng.random_range(0..30));
+            let record = judge.record(rng.random_range(0..30), rng.random_range(0..30));
             let sums = [record.preview, record.hold, record.steady, record.cases];
             assert!(sums.iter().all(|sum| sum.is_finite() && *sum >= 0.0), "seed {seed}: {record:?}");
             judged = judged.max(record.cases);

@@ -1,0 +1,98 @@
+//! `Member`: a predictor as the panel holds it, whatever its type: it observes, previews, and takes new weights if it learns.
+
+use std::fmt::Debug;
+
+use super::online::WeightsError;
+use super::taught::Handed;
+use super::{OnlineWeights, Predictor};
+
+/// A predictor of any type, for any thread.
+pub trait AnyPredictor: Predictor + Debug + Send + Sync {}
+
+impl<P: Predictor + Debug + Send + Sync> AnyPredictor for P {}
+
+/// One that is part of a panel.
+pub(super) trait Member: AnyPredictor {
+    /// A copy with its memory.
+    fn copied(&self) -> Box<dyn Member>;
+
+    /// What `take_over` would say.
+    ///
+    /// *Errors*: weights that are invalid or do not fit.
+    fn judge(&self, _weights: &OnlineWeights) -> Result<(), WeightsError> {
+        Ok(())
+    }
+
+    /// Takes its part of `weights` over, unless that is in use already; memory stays.
+    ///
+    /// *Errors*: weights that are invalid or do not fit; the old ones stay.
+    fn take_over(&mut self, _weights: &OnlineWeights) -> Result<(), WeightsError> {
+        Ok(())
+    }
+
+    /// Writes the parameters in use into its part of `weights`.
+    fn tell(&self, _weights: &mut OnlineWeights) {}
+}
+
+impl Clone for Box<dyn Member> {
+    fn clone(&self) -> Self {
+        self.as_ref().copied()
+    }
+}
+
+/// A predictor that does not learn online.
+#[derive(Debug, Clone)]
+pub(super) struct Plain<P>(pub(super) P);
+
+/// A predictor that does.
+#[derive(Debug, Clone)]
+pub(super) struct Pupil<P>(pub(super) P);
+
+macro_rules! predicts_as_its_own {
+    ($wrapper:ident) => {
+        impl<P: Predictor> Predictor for $wrapper<P> {
+            fn observe(&mut self, x: [f64; 2]) {
+                self.0.observe(x);
+            }
+
+            fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
+                self.0.preview_within(limit, out);
+            }
+
+            fn reset(&mut self) {
+                self.0.reset();
+            }
+
+            fn place(&mut self, index: u64, scale_m: f64) {
+                self.0.place(index, scale_m);
+            }
+        }
+    };
+}
+
+predicts_as_its_own!(Plain);
+predicts_as_its_own!(Pupil);
+
+impl<P: Predictor + Clone + Debug + Send + Sync + 'static> Member for Plain<P> {
+    fn copied(&self) -> Box<dyn Member> {
+        Box::new(self.clone())
+    }
+}
+
+impl<P: Handed> Member for Pupil<P> {
+    fn copied(&self) -> Box<dyn Member> {
+        Box::new(self.clone())
+    }
+
+    fn judge(&self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        self.0.judge(P::part(weights))
+    }
+
+    fn take_over(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
+        self.0.take_over(P::part(weights))
+    }
+
+    fn tell(&self, weights: &mut OnlineWeights) {
+        *P::part_mut(weights) = *self.0.weights();
+    }
+}

@@ -1,0 +1,375 @@
+//! `PredictorKind`: which of the predictors, and what the registry says about it.
+//!
+//! Contract: [`REGISTRY`] is the only list of predictors. Panel, settings, requests, reports, lab, benches and tests go through
+//! [`PredictorKind::ALL`] or [`PredictorKind::LIVE`], so that a line in the registry is all that a further predictor takes.
+//! Its name is its identity outside of this process: it never changes its meaning. Its place is good for this build only.
+
+use std::fmt;
+
+use super::member::{AnyPredictor, Member, Plain, Pupil};
+use super::models::REGISTRY;
+use super::online::WeightsError;
+use super::taught::{Handed, Learning, Taught};
+use super::{Models, OnlineWeights, Predictor};
+
+/// Bytes of the longest name: what a message has room for.
+pub const LONGEST_NAME: usize = 24;
+
+/// What a predictor needs besides the pen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing: it can always be chosen.
+    Nothing,
+    /// A network that was trained offline.
+    Network,
+    /// The recorded future: experiments only.
+    Recording,
+}
+
+/// A predictor that is made of a network.
+pub trait Trained: Predictor + Clone + fmt::Debug + Send + Sync + Sized + 'static {
+    /// The predictor with empty memory, where its network was loaded.
+    fn of(models: &Models) -> Option<Self>;
+}
+
+/// A member with empty memory; `None` where what it needs is not there.
+type Building = fn(&Models, &OnlineWeights) -> Result<Option<Box<dyn Member>>, WeightsError>;
+
+/// The learner of a model, taken for a predictor.
+type Schooling = fn(&Models, &OnlineWeights) -> Result<Box<dyn AnyPredictor>, WeightsError>;
+
+/// A line of the registry.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    name: &'static str,
+    about: &'static str,
+    needs: Needs,
+    build: Building,
+    /// Of those that learn.
+    learner: Option<Schooling>,
+    has: fn(&Models) -> bool,
+}
+
+impl Entry {
+    /// A predictor that needs the pen only. `name`: lower-case letters, digits and hyphens, at most [`LONGEST_NAME`] bytes;
+    /// `about`: half a sentence for the settings' documentation.
+    #[must_use]
+    pub const fn plain<P>(name: &'static str, about: &'static str) -> Self
+    where
+        P: Predictor + Default + Clone + fmt::Debug + Send + Sync + 'static,
+    {
+        let build: Building = |_, _| Ok(Some(Box::new(Plain(P::default()))));
+        Self { name, about, needs: Needs::Nothing, build, learner: None, has: |_| true }
+    }
+
+    /// A predictor that learns online.
+    #[must_use]
+    pub const fn taught<P: Handed>(about: &'static str) -> Self {
+        let build: Building = |models, weights| {
+            let predictor = P::predictor(models, P::part(weights))?;
+            Ok(Some(Box::new(Pupil(predictor))))
+        };
+        let learner: Schooling =
+            |models, weights| Ok(Box::new(Learning(P::learner(models, P::part(weights))?)));
+        let needs = Needs::Nothing;
+        Self { name: P::NAME, about, needs, build, learner: Some(learner), has: |_| true }
+    }
+
+    /// A predictor that is made of a network.
+    #[must_use]
+    pub const fn trained<P: Trained>(name: &'static str, about: &'static str) -> Self {
+        let build: Building =
+            |models, _| Ok(P::of(models).map(|predictor| -> Box<dyn Member> { Box::new(Plain(predictor)) }));
+        let has = |models: &Models| P::of(models).is_some();
+        Self { name, about, needs: Needs::Network, build, learner: None, has }
+    }
+
+    /// A predictor that replays a recording, which is loaded later.
+    #[must_use]
+    pub const fn recorded(name: &'static str, about: &'static str) -> Self {
+        Self { name, about, needs: Needs::Recording, build: |_, _| Ok(None), learner: None, has: |_| true }
+    }
+
+    /// As a member of a panel.
+    ///
+    /// *Errors*: weights that are invalid or do not fit.
+    pub(super) fn build(
+        &self,
+        models: &Models,
+        weights: &OnlineWeights,
+    ) -> Result<Option<Box<dyn Member>>, WeightsError> {
+        (self.build)(models, weights)
+    }
+}
+
+/// One of the predictors, by its place in [`REGISTRY`].
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct PredictorKind(u8);
+
+const LIVE: usize = {
+    let mut live = 0;
+    let mut rest: &[Entry] = REGISTRY;
+    while let [first, others @ ..] = rest {
+        live += !matches!(first.needs, Needs::Recording) as usize;
+        rest = others;
+    }
+    live
+};
+
+// Those that the code itself asks for by name; a predictor that it does not needs no constant.
+impl PredictorKind {
+    /// The paper's conservative model, and what is left where nothing can be predicted.
+    pub const HOLD: Self = known("hold");
+    /// The baseline of the paper's Table 1.
+    pub const CONSTANT_VELOCITY: Self = known("constant-velocity");
+    /// The paper's own.
+    pub const DYBM: Self = known("dybm");
+    /// What experiments know of the future.
+    pub const ORACLE: Self = known("oracle");
+    /// The trained network.
+    pub const LSTM: Self = known("lstm");
+    /// The paper's own with a reservoir.
+    pub const DYBM_ESN: Self = known("dybm-esn");
+    /// Recursive least squares.
+    pub const AR_RLS: Self = known("ar-rls");
+    /// The one that is shipped.
+    pub const MIXTURE: Self = known("mixture");
+}
+
+impl PredictorKind {
+    /// Every predictor, in the order of the registry.
+    pub const ALL: [Self; REGISTRY.len()] = {
+        let mut all = [Self(0); REGISTRY.len()];
+        let mut rest: &mut [Self] = &mut all;
+        let mut place = 0;
+        while let [first, others @ ..] = rest {
+            first.0 = place;
+            place += 1;
+            rest = others;
+        }
+        all
+    };
+
+    /// Those that a running loop has: all but what needs a recording.
+    pub const LIVE: [Self; LIVE] = {
+        let mut live = [Self(0); LIVE];
+        let mut room: &mut [Self] = &mut live;
+        let mut rest: &[Entry] = REGISTRY;
+        let mut place = 0;
+        while let [entry, others @ ..] = rest {
+            if !matches!(entry.needs, Needs::Recording)
+                && let [first, left @ ..] = room
+            {
+                first.0 = place;
+                room = left;
+            }
+            place += 1;
+            rest = others;
+        }
+        live
+    };
+
+    /// Names of [`Self::LIVE`].
+    pub const LIVE_NAMES: [&'static str; LIVE] = {
+        let mut names = [""; LIVE];
+        let mut room: &mut [&str] = &mut names;
+        let mut rest: &[Self] = &Self::LIVE;
+        while let ([name, left @ ..], [kind, others @ ..]) = (room, rest) {
+            *name = kind.name();
+            (room, rest) = (left, others);
+        }
+        names
+    };
+
+    /// Place in [`Self::ALL`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Name in settings, requests and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.entry().name
+    }
+
+    /// What it does, in half a sentence.
+    #[must_use]
+    pub const fn about(self) -> &'static str {
+        self.entry().about
+    }
+
+    /// What it needs besides the pen.
+    #[must_use]
+    pub const fn needs(self) -> Needs {
+        self.entry().needs
+    }
+
+    /// It learns online.
+    #[must_use]
+    pub const fn learns(self) -> bool {
+        self.entry().learner.is_some()
+    }
+
+    /// The predictor by itself, with empty memory; `None` where what it needs is not there.
+    ///
+    /// *Errors*: weights that are invalid or do not fit.
+    pub fn predictor(
+        self,
+        models: &Models,
+        weights: &OnlineWeights,
+    ) -> Result<Option<Box<dyn AnyPredictor>>, WeightsError> {
+        let member = self.entry().build(models, weights)?;
+        Ok(member.map(|member| -> Box<dyn AnyPredictor> { member }))
+    }
+
+    /// The same, learning from whatever it observes; `None` where it does not learn.
+    ///
+    /// *Errors*: settings outside their bounds, or weights that are invalid or do not fit.
+    pub fn learner(
+        self,
+        models: &Models,
+        weights: &OnlineWeights,
+    ) -> Result<Option<Box<dyn AnyPredictor>>, WeightsError> {
+        self.entry().learner.map(|learner| learner(models, weights)).transpose()
+    }
+
+    /// `models` have what it needs; what needs a recording needs that as well.
+    #[must_use]
+    pub(super) fn is_in(self, models: &Models) -> bool {
+        (self.entry().has)(models)
+    }
+
+    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other names.
+    #[must_use]
+    pub fn renamed(name: &str) -> &'static str {
+        if name == "ours" || name.starts_with("ours-") {
+            " (what was called ours is called mixture)"
+        } else {
+            ""
+        }
+    }
+
+    /// The predictor of that name.
+    #[must_use]
+    pub const fn from_name(name: &str) -> Option<Self> {
+        let mut rest: &[Entry] = REGISTRY;
+        let mut place = 0;
+        while let [entry, others @ ..] = rest {
+            if same(entry.name.as_bytes(), name.as_bytes()) {
+                return Some(Self(place));
+            }
+            place += 1;
+            rest = others;
+        }
+        None
+    }
+
+    const fn entry(self) -> &'static Entry {
+        let (mut rest, mut left) = (REGISTRY, self.0);
+        while let [entry, others @ ..] = rest {
+            if left == 0 {
+                return entry;
+            }
+            left -= 1;
+            rest = others;
+        }
+        // No kind is made with a place that the registry does not have.
+        &super::models::hold::ENTRY
+    }
+}
+
+impl Default for PredictorKind {
+    fn default() -> Self {
+        Self::MIXTURE
+    }
+}
+
+impl fmt::Debug for PredictorKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The kind of a model that learns.
+#[must_use]
+pub const fn kind_of<P: Taught>() -> PredictorKind {
+    const { known(P::NAME) }
+}
+
+/// For constants: a name that nobody has does not compile.
+#[expect(clippy::panic, reason = "runs while the law is compiled")]
+const fn known(name: &str) -> PredictorKind {
+    match PredictorKind::from_name(name) {
+        Some(kind) => kind,
+        None => panic!("no predictor of the registry has this name"),
+    }
+}
+
+const fn same(a: &[u8], b: &[u8]) -> bool {
+    let (mut a, mut b) = (a, b);
+    while let ([x, rest_a @ ..], [y, rest_b @ ..]) = (a, b) {
+        if *x != *y {
+            return false;
+        }
+        (a, b) = (rest_a, rest_b);
+    }
+    a.is_empty() && b.is_empty()
+}
+
+const fn is_name(name: &[u8]) -> bool {
+    let mut rest = name;
+    while let [letter, others @ ..] = rest {
+        if !matches!(letter, b'a'..=b'z' | b'0'..=b'9' | b'-') {
+            return false;
+        }
+        rest = others;
+    }
+    !name.is_empty() && name.len() <= LONGEST_NAME
+}
+
+// Names go into messages and files; a name that stands twice would make the second predictor unreachable.
+const _: () = {
+    assert!(REGISTRY.len() <= u8::MAX as usize, "there are too many predictors");
+    let mut rest: &[Entry] = REGISTRY;
+    while let [entry, others @ ..] = rest {
+        assert!(is_name(entry.name.as_bytes()), "a name has 1 to 24 lower-case letters, digits and hyphens");
+        let mut later: &[Entry] = others;
+        while let [other, left @ ..] = later {
+            assert!(!same(entry.name.as_bytes(), other.name.as_bytes()), "two predictors have the same name");
+            later = left;
+        }
+        rest = others;
+    }
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kind_is_its_place_and_its_name() {
+        for (place, kind) in PredictorKind::ALL.into_iter().enumerate() {
+            assert_eq!((kind.index(), PredictorKind::from_name(kind.name())), (place, Some(kind)));
+        }
+        for nobody in ["", "hol", "holdd", "Hold", "hold\0"] {
+            assert_eq!(PredictorKind::from_name(nobody), None, "{nobody:?}");
+        }
+    }
+
+    #[test]
+    fn all_but_the_oracle_are_live() {
+        let live: Vec<_> =
+            PredictorKind::ALL.into_iter().filter(|kind| kind.needs() != Needs::Recording).collect();
+        assert_eq!(PredictorKind::LIVE.to_vec(), live);
+        assert_eq!(live.len() + 1, PredictorKind::ALL.len());
+    }
+
+    #[test]
+    fn names_are_short_words_of_messages_and_files() {
+        assert!(is_name(b"ar-rls") && is_name(&[b'a'; LONGEST_NAME]));
+        for wrong in [&b""[..], b"Hold", b"a b", b"\xc3\xa9", &[b'a'; LONGEST_NAME + 1]] {
+            assert!(!is_name(wrong), "{wrong:?}");
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! `Taught`: what a predictor that learns online is to the panel, the learner and the set of weights between them.
+//!
+//! Contract: a model says here how it starts, how it predicts and how it learns, all from [`Models`] and its own parameters.
+//! Whatever goes through all models that learn goes through the list [`for_each_taught`](super::models::for_each_taught).
+
+use std::fmt::Debug;
+
+use super::online::{ModelParameters, OnlineModel, WeightsError};
+use super::{Models, OnlineWeights, Predictor};
+
+/// How a model's live weights go with its candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Promoted when clearly better; the weights before are what one returns to, and evidence begins anew.
+    Settled,
+    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an anchor, which is
+    /// renewed when the live weights have done no worse for long enough.
+    Following,
+}
+
+/// A predictor whose parameters are learned elsewhere.
+pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
+    /// Its name in the registry.
+    const NAME: &'static str;
+    /// How fast the loop gets what was learned.
+    const PACE: Pace;
+    /// Who learns.
+    type Learner: OnlineModel + Clone + Debug + Send + Sync + 'static;
+
+    /// The parameters before anything was learned.
+    fn start(models: &Models) -> Parameters<Self>;
+
+    /// The predictor with empty memory.
+    ///
+    /// *Errors*: parameters that are invalid or do not fit.
+    fn predictor(models: &Models, parameters: &Parameters<Self>) -> Result<Self, WeightsError>;
+
+    /// The learner with empty memory.
+    ///
+    /// *Errors*: settings outside their bounds; parameters that are invalid or do not fit.
+    fn learner(models: &Models, parameters: &Parameters<Self>) -> Result<Self::Learner, WeightsError>;
+
+    /// Parameters in use.
+    fn weights(&self) -> &Parameters<Self>;
+
+    /// Exchanges the parameters and keeps the memory.
+    ///
+    /// *Errors*: parameters that are invalid or do not fit (see [`ModelParameters::accepts`]); the old ones stay.
+    fn set_weights(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError>;
+
+    /// What `set_weights` would say; the version in use is not judged again.
+    ///
+    /// *Errors*: as `set_weights`.
+    fn judge(&self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
+        if parameters.version() == self.weights().version() {
+            return Ok(());
+        }
+        parameters.validate()?;
+        self.weights().accepts(parameters)
+    }
+
+    /// Exchanges the parameters, unless they are the version in use.
+    ///
+    /// *Errors*: as `set_weights`.
+    fn take_over(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
+        if parameters.version() == self.weights().version() {
+            return Ok(());
+        }
+        self.set_weights(parameters)
+    }
+}
+
+/// θ of a predictor.
+pub type Parameters<P> = <<P as Taught>::Learner as OnlineModel>::Parameters;
+
+/// A predictor whose parameters are part of what the learner hands over; made by the list of those that learn.
+pub trait Handed: Taught {
+    /// Its part of the set.
+    fn part(weights: &OnlineWeights) -> &Parameters<Self>;
+
+    /// The same, to be changed.
+    fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self>;
+}
+
+/// A learner that predicts for itself: it learns from whatever it observes, and nobody judges what it learned.
+#[derive(Debug, Clone)]
+pub struct Learning<M>(pub M);
+
+impl<M: OnlineModel> Predictor for Learning<M> {
+    fn observe(&mut self, x: [f64; 2]) {
+        self.0.learn(x);
+    }
+
+    fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
+        // Who asks for nothing shall not pay for it.
+        if !out.is_empty() {
+            self.0.preview_from(self.0.parameters(), self.0.memory(), limit, out);
+        }
+    }
+
+    fn reset(&mut self) {
+        self.0.reset_state();
+    }
+}
