@@ -24,6 +24,14 @@ ROOMS = {
         "supervisor",
     ],
 }
+# Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
+WIDTH = 110
+LONG_LINES = {
+    "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/page/sheet.rs", "client/cli/src/demo/page.rs",
+    "tests/tests/processes/snippets.rs",
+}
+# 400 lines are the sign that a file may be about two things; here is where nobody may overlook it.
+MOST_LINES = 500
 # Different tests that documents name; it may grow.
 LEAST_PROMISED = 145
 problems: list[str] = []
@@ -108,6 +116,18 @@ def rooms_point_downwards() -> None:
                         problems.append(f"{name}:{line}: {parts[0]} names {room_of[other]}, which is a later room")
 
 
+def lines_are_short() -> None:
+    """No line of Rust beyond 110 columns. Text between quotes (test data, style sheets) and the tables of strokes are data, not lines."""
+    for path in (path for folder in OUR_FOLDERS for path in sources(folder)):
+        name = str(path.relative_to(ROOT))
+        if name in LONG_LINES:
+            continue
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            bare = re.sub(r'r#+".*|"(?:[^"\\]|\\.)*"|(?:r#*)?"[^"]*$|^\s*<.*>.*$', '""', line)
+            if len(line) > WIDTH and (len(bare) > WIDTH or line.lstrip().startswith("//")):
+                problems.append(f"{name}:{number}: {len(line)} columns, more than {WIDTH}")
+
+
 def opponents_stay_in_the_lab() -> None:
     for package in ("foretrace-control", "foretrace-config", "foretraced", "foretrace-sim", "foretrace"):
         # The program has the lab as a feature that is on by default.
@@ -171,8 +191,8 @@ def sizes_and_places() -> None:
             count = len(path.read_text(encoding="utf-8").splitlines())
             if not path.read_text(encoding="utf-8").startswith("//!"):
                 problems.append(f"{path.relative_to(ROOT)}: its first line does not say what it is for (//! ...)")
-            if count > 400:
-                problems.append(f"{path.relative_to(ROOT)}: {count} lines, more than 400; split it")
+            if count > MOST_LINES:
+                problems.append(f"{path.relative_to(ROOT)}: {count} lines, more than {MOST_LINES}; split it by what it is about")
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
     top = {name.split("/")[0] for name in tracked if "/" in name and not name.startswith(".")}
     if top - OUR_FOLDERS - {"docs"}:
@@ -193,6 +213,7 @@ def main() -> int:
     promised_tests_exist()
     pictures_say_what_is_said_of_them()
     sizes_and_places()
+    lines_are_short()
     problems.extend([*documents.problems(), *tables.problems(bless=False)])
     for problem in problems:
         print(f"invariant broken: {problem}", file=sys.stderr)

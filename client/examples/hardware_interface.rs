@@ -2,10 +2,10 @@
 //!
 //! `cargo run -p foretrace-client --example hardware_interface [INSTANCE] [SECONDS]`
 //!
-//! The arm here is ideal: it is where it is told to be. Replace `Drive` with calls to your controller and keep the
-//! loop: it shows every duty of a consumer. Commands of another boot, replayed or malformed never arrive (`Commands`
-//! refuses and counts them); a valid one is followed by q + q̇·(now − stamp) until `valid_until`; after that the arm
-//! brakes by itself, so that a daemon that dies is harmless.
+//! The arm here is ideal: it is where it is told to be. Replace `Drive` with calls to your controller and
+//! keep the loop: it shows every duty of a consumer. Commands of another boot, replayed or malformed never
+//! arrive (`Commands` refuses and counts them); a valid one is followed by q + q̇·(now − stamp) until
+//! `valid_until`; after that the arm brakes by itself, so that a daemon that dies is harmless.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::process::ExitCode;
@@ -18,7 +18,7 @@ use foretrace_client::{
 
 /// The controller's cycle: 125 Hz, as a CB3 controller has.
 const CYCLE: Duration = Duration::from_millis(8);
-/// How hard the arm brakes by itself [rad/s²].
+/// How hard the arm brakes by itself \[rad/s²\].
 const BRAKING: f64 = 10.0;
 
 fn main() -> ExitCode {

@@ -1,5 +1,5 @@
-//! Latency monitor: every second, the spread of wake-up latency and step time of the ticks of that second, and where
-//! the time went between pen and arm (medians of that second; - where it is not known).
+//! Latency monitor: every second, the spread of wake-up latency and step time of the ticks of that second,
+//! and where the time went between pen and arm (medians of that second; - where it is not known).
 //!
 //! `cargo run -p foretrace-client --example latency_monitor [INSTANCE] [SECONDS]`
 
@@ -26,7 +26,8 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut foretrace = Foretrace::attach_within(&Instance::new(number)?, Duration::from_secs(2))?;
     let mut telemetry = foretrace.telemetry()?;
     println!(
-        "daemon {}, [us]  wake-up p50/p99/max   step p50/p99/max   ticks  lost   [ms] pen: reader transport age   computed   to the arm",
+        "daemon {}, [us]  wake-up p50/p99/max   step p50/p99/max   ticks  lost   [ms] pen: reader transport \
+         age   computed   to the arm",
         foretrace.daemon().pid
     );
 

@@ -3,9 +3,10 @@
 //! `cargo run -p foretrace-client --example tablet_reader -- /dev/input/event7 [UNITS_PER_MM] [INSTANCE]`
 //! `… tablet_reader -- -` reads lines `x_m y_m contact`, each stamped when it is read.
 //!
-//! Positions of the device are divided by its resolution (most pen tablets: 100 units per millimetre; `evtest` shows
-//! it). The kernel stamps events with wall time; it is mapped to the monotonic clock through the difference of both
-//! at the moment of reading, so that what the event waited for in the queue is not lost.
+//! Positions of the device are divided by its resolution (most pen tablets: 100 units per millimetre;
+//! `evtest` shows it). The kernel stamps events with wall time; it is mapped to the monotonic clock through
+//! the difference of both at the moment of reading, so that what the event waited for in the queue is not
+//! lost.
 
 use std::fs::File;
 use std::io::{BufRead, Read};

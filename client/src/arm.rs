@@ -32,7 +32,7 @@ pub struct JointStates {
 /// What a command asks of the arm at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Demand {
-    /// Be at these joint positions [rad], moving this fast [rad/s].
+    /// Be at these joint positions \[rad\], moving this fast \[rad/s\].
     Follow {
         /// q + q̇·(now − stamp).
         q: [f64; JOINTS],
@@ -52,7 +52,8 @@ pub fn demand_at(command: &JointCommand, now_ns: u64) -> Demand {
         return Demand::Brake;
     }
     let stamp_ns = command.header.stamp_ns;
-    // Unsigned clocks: the difference must be taken before it becomes a float, where 1 ns would be lost after 104 days.
+    // Unsigned clocks: the difference must be taken before it becomes a float, where 1 ns would be lost after
+    // 104 days.
     let elapsed_ns =
         if now_ns >= stamp_ns { (now_ns - stamp_ns) as f64 } else { -((stamp_ns - now_ns) as f64) };
     let mut q = command.q;
@@ -61,10 +62,12 @@ pub fn demand_at(command: &JointCommand, now_ns: u64) -> Demand {
 }
 
 impl Foretrace {
-    /// The commands from now on, to be used in this thread; up to `buffer` (1 to 256) are kept unread. A controller
-    /// that only needs the newest takes 1.
+    /// The commands from now on, to be used in this thread; up to `buffer` (1 to 256) are kept unread. A
+    /// controller that only needs the newest takes 1.
     ///
-    /// *Errors*: `NoPlace`, `BufferSize`.
+    /// # Errors
+    ///
+    /// `NoPlace`, `BufferSize`.
     pub fn commands(&self, buffer: usize) -> Result<Commands, ServiceError> {
         let subscriber = self.services.joint_cmd.subscriber(buffer, BOUNDS)?;
         Ok(Commands { subscriber, newest: None, taken_ns: 0, _leaving: self.leaving.clone() })
@@ -72,7 +75,9 @@ impl Foretrace {
 
     /// The joint states, to be sent from this thread.
     ///
-    /// *Errors*: `NoPlace` when another arm reports already.
+    /// # Errors
+    ///
+    /// `NoPlace` when another arm reports already.
     pub fn joint_states(&self) -> Result<JointStates, ServiceError> {
         Ok(JointStates { publisher: self.services.joint_state.publisher()?, _leaving: self.leaving.clone() })
     }
@@ -92,8 +97,9 @@ impl Commands {
         self.newest.as_ref()
     }
 
-    /// A joint state that echoes the newest command received: its tick, its pen sample, and when it was taken here. Fill
-    /// in the rest. An arm that refuses some commands by itself echoes the newest one it obeys with [`JointState::echo`].
+    /// A joint state that echoes the newest command received: its tick, its pen sample, and when it was taken
+    /// here. Fill in the rest. An arm that refuses some commands by itself echoes the newest one it obeys
+    /// with [`JointState::echo`].
     pub fn echo(&self) -> JointState {
         let mut state = JointState::default();
         if let Some(command) = &self.newest {
@@ -150,10 +156,13 @@ pub enum StateError {
 }
 
 impl JointStates {
-    /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled in. What the daemon
-    /// would refuse, degrees or NaN for example, is refused here. Returns whether the daemon was connected.
+    /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled
+    /// in. What the daemon would refuse, degrees or NaN for example, is refused here. Returns whether the
+    /// daemon was connected.
     ///
-    /// *Errors*: see [`StateError`]; nothing is sent then.
+    /// # Errors
+    ///
+    /// See [`StateError`]; nothing is sent then.
     pub fn publish(&mut self, stamp_ns: u64, state: JointState) -> Result<bool, StateError> {
         state.validate()?;
         let ahead_ns = stamp_ns.saturating_sub(monotonic_now_ns());

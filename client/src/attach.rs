@@ -18,7 +18,8 @@ pub struct Foretrace {
     pub(crate) leaving: Arc<Leaving>,
 }
 
-/// Goes last of an attachment and of all its handles: where the daemon went first, the last peer to leave removes what is left.
+/// Goes last of an attachment and of all its handles: where the daemon went first, the last peer to leave
+/// removes what is left.
 #[derive(Debug)]
 pub(crate) struct Leaving(Instance);
 
@@ -56,14 +57,18 @@ pub enum Attachment {
 impl Foretrace {
     /// Attach to instance `number` of this user, whose daemon must be up.
     ///
-    /// *Errors*: `NoDaemon` and the others of [`ServiceError`].
+    /// # Errors
+    ///
+    /// `NoDaemon` and the others of [`ServiceError`].
     pub fn attach(number: u32) -> Result<Self, ServiceError> {
         Self::attach_within(&Instance::new(number)?, Duration::ZERO)
     }
 
     /// Attach to `instance`, waiting up to `wait` for its daemon to come up.
     ///
-    /// *Errors*: as [`Foretrace::attach`]; only `NoDaemon` is waited for.
+    /// # Errors
+    ///
+    /// As [`Foretrace::attach`]; only `NoDaemon` is waited for.
     pub fn attach_within(instance: &Instance, wait: Duration) -> Result<Self, ServiceError> {
         let deadline = Instant::now() + wait;
         loop {
@@ -89,10 +94,12 @@ impl Foretrace {
         self.instance().daemon().is_some()
     }
 
-    /// Look whether the daemon is still the one attached to, and attach to the new one if not. Cheap while nothing
-    /// changed: call it once per second, or when messages stay away.
+    /// Look whether the daemon is still the one attached to, and attach to the new one if not. Cheap while
+    /// nothing changed: call it once per second, or when messages stay away.
     ///
-    /// *Errors*: `NoDaemon` while none is up (the attachment stays as it is: call again later), and the others of
+    /// # Errors
+    ///
+    /// `NoDaemon` while none is up (the attachment stays as it is: call again later), and the others of
     /// [`ServiceError`].
     pub fn reattach_if_needed(&mut self) -> Result<Attachment, ServiceError> {
         if self.instance().daemon() == Some(self.daemon) {
@@ -100,7 +107,8 @@ impl Foretrace {
         }
         let renewed = Self::try_attach(self.instance())?;
         self.daemon = renewed.daemon;
-        // A daemon that finds living peers takes their services over; only where it did not are the old ports deaf.
+        // A daemon that finds living peers takes their services over; only where it did not are the old ports
+        // deaf.
         if renewed.services.are_same_as(&self.services) {
             return Ok(Attachment::TakenOver);
         }

@@ -13,14 +13,15 @@ use crate::gateway_frame::{Frame, WELCOME};
 
 /// The gateway answers at once; only one that hangs takes longer.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Longest line that the gateway says [bytes].
+/// Longest line that the gateway says \[bytes\].
 const LINE_LIMIT: u64 = 4096;
 
 /// Why readings cannot go through the gateway.
 #[derive(thiserror::Error)]
 pub enum GatewayError {
     /// No connection.
-    #[error("{}: {source}: is `foretrace gateway` running, and may this user write to its socket?", path.display())]
+    #[error("{}: {source}: is `foretrace gateway` running, and may this user write to its \
+             socket?", path.display())]
     Unreachable {
         /// The socket.
         path: PathBuf,
@@ -48,7 +49,9 @@ pub struct GatewayFeed {
 impl GatewayFeed {
     /// Connect to the gateway's socket and wait until it lets this process in.
     ///
-    /// *Errors*: `Unreachable`; `Refused`, with its reason; `Gone`.
+    /// # Errors
+    ///
+    /// `Unreachable`; `Refused`, with its reason; `Gone`.
     pub fn connect(path: impl AsRef<Path>) -> Result<Self, GatewayError> {
         let path = path.as_ref();
         let unreachable = |source| GatewayError::Unreachable { path: path.to_path_buf(), source };
@@ -65,14 +68,18 @@ impl GatewayFeed {
 
     /// Send one reading, stamped on this host's monotonic clock and later than the one before.
     ///
-    /// *Errors*: `Invalid`, and nothing is sent; `Refused` or `Gone`, and the connection is over: connect anew.
+    /// # Errors
+    ///
+    /// `Invalid`, and nothing is sent; `Refused` or `Gone`, and the connection is over: connect anew.
     pub fn send(&mut self, reading: PenReading) -> Result<(), GatewayError> {
         self.send_sample(reading.sample())
     }
 
     /// Send a sample as it stands; its header is not transmitted.
     ///
-    /// *Errors*: as [`GatewayFeed::send`].
+    /// # Errors
+    ///
+    /// As [`GatewayFeed::send`].
     pub fn send_sample(&mut self, sample: PenSample) -> Result<(), GatewayError> {
         sample.validate()?;
         match self.lines.get_mut().write_all(&Frame(sample).encode()) {
@@ -90,9 +97,12 @@ impl GatewayFeed {
         self.sent
     }
 
-    /// End the connection in order. Returns the gateway's last line: how many samples it passed on and refused, and why.
+    /// End the connection in order. Returns the gateway's last line: how many samples it passed on and
+    /// refused, and why.
     ///
-    /// *Errors*: `Gone`.
+    /// # Errors
+    ///
+    /// `Gone`.
     pub fn finish(mut self) -> Result<String, GatewayError> {
         self.lines.get_ref().shutdown(Shutdown::Write).map_err(GatewayError::Gone)?;
         self.line().map_err(GatewayError::Gone)

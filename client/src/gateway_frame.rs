@@ -16,12 +16,12 @@
 //! | 44 | f32 | tilt towards x from the plane's normal \[rad\] |
 //! | 48 | f32 | tilt towards y \[rad\] |
 //!
-//! Gateway to client: lines of text. One at once: [`WELCOME`], or `foretrace-gateway 1 refused: REASON` before it closes.
-//! One before it ends a connection, also after the client has shut down its sending side:
+//! Gateway to client: lines of text. One at once: [`WELCOME`], or `foretrace-gateway 1 refused: REASON`
+//! before it closes. One before it ends a connection, also after the client has shut down its sending side:
 //! `foretrace-gateway 1 closed: REASON`. Nothing in between: single samples are refused silently and counted.
 //!
-//! Contract: [`Frame::decode`] is pure, allocates nothing and is total for every bit pattern. It judges the envelope only; what a
-//! sample says is judged by `PenSample::validate` and by whoever knows the time.
+//! Contract: [`Frame::decode`] is pure, allocates nothing and is total for every bit pattern. It judges the
+//! envelope only; what a sample says is judged by `PenSample::validate` and by whoever knows the time.
 
 use crate::PenSample;
 
@@ -87,7 +87,9 @@ impl Frame {
 
     /// Reads a whole frame.
     ///
-    /// *Errors*: see [`FrameError`].
+    /// # Errors
+    ///
+    /// See [`FrameError`].
     pub fn decode(bytes: &[u8; FRAME_BYTES]) -> Result<Self, FrameError> {
         Self::check_length(u32_at(bytes, 0))?;
         match u16_at(bytes, 4) {
@@ -116,7 +118,9 @@ impl Frame {
 
     /// Judges a frame by its length field alone, so that a wrong one need not be waited for.
     ///
-    /// *Errors*: `Length`.
+    /// # Errors
+    ///
+    /// `Length`.
     pub const fn check_length(length: u32) -> Result<(), FrameError> {
         if length as usize == BODY_BYTES { Ok(()) } else { Err(FrameError::Length(length)) }
     }
@@ -138,7 +142,9 @@ impl Default for FrameReader {
 impl FrameReader {
     /// Takes bytes from the front of `input` until a frame is whole; `None` when `input` is used up before.
     ///
-    /// *Errors*: see [`FrameError`]; the stream cannot be read on then.
+    /// # Errors
+    ///
+    /// See [`FrameError`]; the stream cannot be read on then.
     pub fn next(&mut self, input: &mut &[u8]) -> Result<Option<Frame>, FrameError> {
         let taken = input.len().min(FRAME_BYTES - self.filled);
         let (front, rest) = input.split_at(taken);

@@ -1,20 +1,21 @@
 //! Attach to a running foretrace: feed pen samples, read commands, telemetry and status, send requests.
 //!
-//! Contract: attaching succeeds only where a daemon of the same message layout is up; every error says what to do.
-//! Handles are made by [`Foretrace`] and stay in the thread that made them (the middleware's ports are not `Send`);
-//! [`Foretrace`] itself may be shared, so each thread makes its own. No threads, no logging, no settings file.
+//! Contract: attaching succeeds only where a daemon of the same message layout is up; every error says what
+//! to do. Handles are made by [`Foretrace`] and stay in the thread that made them (the middleware's ports are
+//! not `Send`); [`Foretrace`] itself may be shared, so each thread makes its own. No threads, no logging, no
+//! settings file.
 //!
 //! ```no_run
 //! use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
 //!
 //! let foretrace = Foretrace::attach(0)?;
 //! let mut pen = foretrace.pen_feed()?;
-//! pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m: 0.1, y_m: 0.05, contact: true, ..Default::default() })?;
+//! let now = monotonic_now_ns();
+//! pen.send(PenReading { device_stamp_ns: now, x_m: 0.1, y_m: 0.05, contact: true, ..Default::default() })?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 #![forbid(unsafe_code)]
-#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
 mod attach;
 pub use attach::*;

@@ -40,8 +40,8 @@ pub enum RequestError {
 /// How often a full house is looked at again.
 const POLL: Duration = Duration::from_millis(5);
 
-/// Sends requests and waits for their answers. Holds one of the four places for operators only while it asks, so that idle
-/// programs, and frozen ones that were idle, keep nobody out.
+/// Sends requests and waits for their answers. Holds one of the four places for operators only while it asks,
+/// so that idle programs, and frozen ones that were idle, keep nobody out.
 #[derive(Debug)]
 pub struct Requests {
     topic: ControlTopic,
@@ -58,21 +58,25 @@ pub struct DeadMan {
 impl Foretrace {
     /// The requests.
     ///
-    /// *Errors*: none today.
+    /// # Errors
+    ///
+    /// None today.
     pub fn requests(&self) -> Result<Requests, ServiceError> {
         Ok(Requests { topic: self.services.control.clone(), _leaving: self.leaving.clone() })
     }
 
     /// The dead-man, to be used in this thread. One per instance at a time.
     ///
-    /// *Errors*: `NoPlace` when another one beats already.
+    /// # Errors
+    ///
+    /// `NoPlace` when another one beats already.
     pub fn dead_man(&self) -> Result<DeadMan, ServiceError> {
         Ok(DeadMan { publisher: self.services.enable.publisher()?, _leaving: self.leaving.clone() })
     }
 }
 
-/// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and fail as
-/// [`RequestError`] tells.
+/// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and
+/// fail as [`RequestError`] tells.
 impl Requests {
     /// Ask for mode (`detail`) and trust (`value`).
     pub fn query(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
@@ -84,7 +88,8 @@ impl Requests {
         self.ask(ControlOp::Arm, 0.0, timeout)
     }
 
-    /// Move the arm home, slowly and straight in joint space; the answer comes when the way has been looked along.
+    /// Move the arm home, slowly and straight in joint space; the answer comes when the way has been looked
+    /// along.
     pub fn move_home(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::MoveHome, 0.0, timeout)
     }
@@ -94,7 +99,8 @@ impl Requests {
         self.ask(ControlOp::Disarm, 0.0, timeout)
     }
 
-    /// Stop smoothly and latch. Prefer [`crate::stop`]: it needs no middleware and works where this way is closed.
+    /// Stop smoothly and latch. Prefer [`crate::stop`]: it needs no middleware and works where this way is
+    /// closed.
     pub fn stop(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::Stop, 0.0, timeout)
     }
@@ -210,14 +216,18 @@ impl DeadMan {
 
     /// Say "go on".
     ///
-    /// *Errors*: [`PublishError`].
+    /// # Errors
+    ///
+    /// [`PublishError`].
     pub fn beat(&mut self) -> Result<(), PublishError> {
         self.send(0)
     }
 
     /// Say "stop".
     ///
-    /// *Errors*: [`PublishError`]; falling silent stops too.
+    /// # Errors
+    ///
+    /// [`PublishError`]; falling silent stops too.
     pub fn stop(&mut self) -> Result<(), PublishError> {
         self.send(1)
     }

@@ -12,17 +12,17 @@ use crate::attach::Leaving;
 /// One reading of the pen, in metres in the device's plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PenReading {
-    /// When the pen was there [ns], on the clock of `monotonic_now_ns()`.
+    /// When the pen was there \[ns\], on the clock of `monotonic_now_ns()`.
     pub device_stamp_ns: u64,
-    /// Position [m], to the right.
+    /// Position \[m\], to the right.
     pub x_m: f64,
-    /// Position [m], away from the writer.
+    /// Position \[m\], away from the writer.
     pub y_m: f64,
     /// The pen touches the surface.
     pub contact: bool,
     /// Pressure from 0 to 1, if the device tells.
     pub pressure: Option<f32>,
-    /// Tilt towards x and y from the plane's normal [rad], if the device tells.
+    /// Tilt towards x and y from the plane's normal \[rad\], if the device tells.
     pub tilt_rad: Option<[f32; 2]>,
     /// Further [`pen_flags`]; `CONTACT` and `IN_RANGE` are set from `contact`.
     pub more_flags: u32,
@@ -67,23 +67,30 @@ pub struct PenFeed {
 impl Foretrace {
     /// The pen feed, to be used in this thread.
     ///
-    /// *Errors*: `NoPlace` when another reader or player feeds already.
+    /// # Errors
+    ///
+    /// `NoPlace` when another reader or player feeds already.
     pub fn pen_feed(&self) -> Result<PenFeed, ServiceError> {
         Ok(PenFeed { publisher: self.services.pen.publisher()?, _leaving: self.leaving.clone() })
     }
 }
 
 impl PenFeed {
-    /// Send one reading. Readings must come in the order of their stamps. Returns whether the daemon was connected.
+    /// Send one reading. Readings must come in the order of their stamps. Returns whether the daemon was
+    /// connected.
     ///
-    /// *Errors*: see [`FeedError`]; nothing is sent then.
+    /// # Errors
+    ///
+    /// See [`FeedError`]; nothing is sent then.
     pub fn send(&mut self, reading: PenReading) -> Result<bool, FeedError> {
         self.send_sample(reading.sample())
     }
 
     /// Send a sample as it stands; its header is filled in.
     ///
-    /// *Errors*: as [`PenFeed::send`].
+    /// # Errors
+    ///
+    /// As [`PenFeed::send`].
     pub fn send_sample(&mut self, sample: PenSample) -> Result<bool, FeedError> {
         sample.validate()?;
         Ok(self.publisher.publish(monotonic_now_ns(), sample)? > 0)

@@ -1,4 +1,5 @@
-//! `stop`: the way to stop the arm that needs nothing but the run directory. No attachment, no shared memory, no place.
+//! `stop`: the way to stop the arm that needs nothing but the run directory. No attachment, no shared memory,
+//! no place.
 
 use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;
@@ -39,7 +40,8 @@ pub enum StopError {
     Instance(#[from] InstanceError),
     /// It is noted, but the loop does not run; the next tick takes it.
     #[error(
-        "the daemon has noted the stop, but its loop has taken none within {} ms: it does not run, and the arm brakes by \
+        "the daemon has noted the stop, but its loop has taken none within {} ms: it does not run, and the \
+         arm brakes by \
          itself when commands stay away", waited.as_millis()
     )]
     LoopSilent {
@@ -48,7 +50,8 @@ pub enum StopError {
     },
     /// A signal was sent and nothing came back.
     #[error(
-        "process {pid} was sent SIGUSR1, which stops the arm in the next tick, but nothing at its stop socket confirms it \
+        "process {pid} was sent SIGUSR1, which stops the arm in the next tick, but nothing at its stop \
+         socket confirms it \
          within {} ms", waited.as_millis()
     )]
     Unconfirmed {
@@ -67,13 +70,16 @@ pub enum StopError {
     },
 }
 
-/// Stop the arm of `instance` smoothly, and keep it stopped until it is armed again. Ends within `timeout`, whatever
-/// state the daemon, its shared memory and this machine's memory are in.
+/// Stop the arm of `instance` smoothly, and keep it stopped until it is armed again. Ends within `timeout`,
+/// whatever state the daemon, its shared memory and this machine's memory are in.
 ///
-/// First the datagram socket beside the daemon's lock file; where that says nothing, SIGUSR1 to the process that holds the
-/// lock. A stop may come twice by that, which is once. A request to arm that was sent before the stop came is refused.
+/// First the datagram socket beside the daemon's lock file; where that says nothing, SIGUSR1 to the process
+/// that holds the lock. A stop may come twice by that, which is once. A request to arm that was sent before
+/// the stop came is refused.
 ///
-/// *Errors*: [`StopError`]; all but `NoDaemon` mean that the arm's own stop should be used.
+/// # Errors
+///
+/// [`StopError`]; all but `NoDaemon` mean that the arm's own stop should be used.
 pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError> {
     let begin = Instant::now();
     let deadline = begin + timeout;
@@ -88,7 +94,8 @@ pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError
     let asking = Asking::new(instance);
     let mut noted = false;
     let mut refused = String::new();
-    // An address without a file first; where the daemon is in a network namespace of its own, only a file is an address.
+    // An address without a file first; where the daemon is in a network namespace of its own, only a file is
+    // an address.
     for with_file in [false, true] {
         let until = deadline.min(Instant::now() + PATIENCE);
         let socket = if with_file { asking.with_file() } else { asking.nameless() };

@@ -1,5 +1,5 @@
-//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen sample),
-//! `JointWatch` (every joint state).
+//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen
+//! sample), `JointWatch` (every joint state).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -42,10 +42,12 @@ pub struct JointWatch {
 }
 
 impl Foretrace {
-    /// The joint states from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice per
-    /// second.
+    /// The joint states from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at
+    /// least twice per second.
     ///
-    /// *Errors*: `NoPlace` when three others watch the arm already.
+    /// # Errors
+    ///
+    /// `NoPlace` when three others watch the arm already.
     pub fn joint_watch(&self) -> Result<JointWatch, ServiceError> {
         let buffer = JointState::QOS.buffer;
         Ok(JointWatch {
@@ -54,10 +56,12 @@ impl Foretrace {
         })
     }
 
-    /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least once per
-    /// second.
+    /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least
+    /// once per second.
     ///
-    /// *Errors*: `NoPlace` when three others watch the pen already.
+    /// # Errors
+    ///
+    /// `NoPlace` when three others watch the pen already.
     pub fn pen_watch(&self) -> Result<PenWatch, ServiceError> {
         let buffer = PenSample::QOS.buffer;
         Ok(PenWatch {
@@ -66,10 +70,12 @@ impl Foretrace {
         })
     }
 
-    /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at least twice
-    /// per second.
+    /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at
+    /// least twice per second.
     ///
-    /// *Errors*: `NoPlace` when three others observe already.
+    /// # Errors
+    ///
+    /// `NoPlace` when three others observe already.
     pub fn telemetry(&self) -> Result<Telemetry, ServiceError> {
         let buffer = TickRecord::QOS.buffer;
         Ok(Telemetry {
@@ -80,7 +86,9 @@ impl Foretrace {
 
     /// The status, to be used in this thread.
     ///
-    /// *Errors*: `NoPlace`.
+    /// # Errors
+    ///
+    /// `NoPlace`.
     pub fn status(&self) -> Result<StatusReader, ServiceError> {
         let buffer = Status::QOS.buffer;
         Ok(StatusReader {
@@ -97,8 +105,8 @@ impl Telemetry {
         self.subscriber.drain(monotonic_now_ns(), |record| use_record(&record))
     }
 
-    /// Records lost so far between the daemon's publisher and here. Records the daemon itself had to drop are counted
-    /// in `TickRecord::counters.telemetry_ring_dropped`.
+    /// Records lost so far between the daemon's publisher and here. Records the daemon itself had to drop are
+    /// counted in `TickRecord::counters.telemetry_ring_dropped`.
     pub fn lost(&self) -> u64 {
         self.subscriber.dropped()
     }

@@ -115,7 +115,8 @@ fn time(s: &Settings, report: &mut Findings<'_>) {
         report.conflict(
             "timing.servo_filter_ms",
             format!("is more than timing.dead_time_ms = {}, of which it is a part", s.timing.dead_time_ms),
-            "dead_time_ms is the whole time from command to motion, the servo's filter included: raise it, or lower the part",
+            "dead_time_ms is the whole time from command to motion, the servo's filter included: raise it, \
+             or lower the part",
         );
     }
     let step_ms = f64::from(s.pen.step_ms);
@@ -140,7 +141,8 @@ fn time(s: &Settings, report: &mut Findings<'_>) {
         report.conflict(
             "mpc.horizon",
             format!(
-                "with timing.{dead_time} = {dead_time_ms} and pen.stale_ms = {} needs {needed} predicted steps; there is room for {MAX_PREVIEW}",
+                "with timing.{dead_time} = {dead_time_ms} and pen.stale_ms = {} needs {needed} predicted \
+                 steps; there is room for {MAX_PREVIEW}",
                 s.pen.stale_ms
             ),
             "shorten one of the three, or lengthen pen.step_ms",

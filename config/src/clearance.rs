@@ -82,7 +82,8 @@ pub(crate) fn clearance(
         report.conflict(
             key,
             format!(
-                "is not clear at robot.home_rad: link `{}` is {:.4} m from {what}, {:.4} m less than clearance.margin_m = {}",
+                "is not clear at robot.home_rad: link `{}` is {:.4} m from {what}, {:.4} m less than \
+                 clearance.margin_m = {}",
                 nearest.link,
                 nearest.distance_m,
                 section.margin_m - nearest.distance_m,

@@ -44,7 +44,9 @@ impl fmt::Debug for Config {
 impl Config {
     /// Loads a settings file.
     ///
-    /// *Errors*: everything that is wrong with the file, each with line, key, value, legal range and what to
+    /// # Errors
+    ///
+    /// Everything that is wrong with the file, each with line, key, value, legal range and what to
     /// do.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Draft::file(path).finish()
@@ -52,14 +54,18 @@ impl Config {
 
     /// The settings of an embedded preset, `ur5` or `ur5e`.
     ///
-    /// *Errors*: there is no preset of that name.
+    /// # Errors
+    ///
+    /// There is no preset of that name.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         Draft::preset(name).finish()
     }
 
     /// Judges `text` as if it were a file called `name` in the folder `folder` (for relative paths in it).
     ///
-    /// *Errors*: as [`Config::load`].
+    /// # Errors
+    ///
+    /// As [`Config::load`].
     pub fn parse(text: &str, name: &str, folder: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Draft::text(text, name, folder).finish()
     }
@@ -88,7 +94,8 @@ impl Config {
         &self.prior
     }
 
-    /// What these settings do without, or will be refused for later, although they are right; one line each, for people.
+    /// What these settings do without, or will be refused for later, although they are right; one line each,
+    /// for people.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         remarks::remarks(self)
@@ -207,7 +214,9 @@ impl Draft {
 
     /// Judges everything.
     ///
-    /// *Errors*: all that is wrong, in the order of the file.
+    /// # Errors
+    ///
+    /// All that is wrong, in the order of the file.
     pub fn finish(self) -> Result<Config, ConfigError> {
         let Self { found: written, whole, folder, mut problems } = self;
         let unreadable =

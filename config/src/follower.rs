@@ -119,14 +119,16 @@ pub(crate) enum Refused {
 const fn keys(error: &FollowerError) -> &'static str {
     match error {
         FollowerError::Mpc(MpcError::Swings { .. }) => {
-            " (mpc.feedback.velocity and mpc.feedforward.velocity; mpc.horizon, mpc.step_ms, mpc.feedback.decay, mpc.feedforward.decay, mpc.effort)"
+            " (mpc.feedback.velocity and mpc.feedforward.velocity; mpc.horizon, mpc.step_ms, \
+             mpc.feedback.decay, mpc.feedforward.decay, mpc.effort)"
         }
         FollowerError::JointJerk { .. } => " (robot.jerk_radps3; robot.acceleration_radps2)",
         FollowerError::LittleJerk { .. } => {
             " (mpc.limits.x, y and z .jerk_mps3; robot.jerk_radps3; mpc.horizon, mpc.step_ms)"
         }
         FollowerError::NoRest { .. } => {
-            " (mpc.limits.x, y and z; mpc.feedback, mpc.feedforward; mpc.max_iterations, mpc.horizon, mpc.step_ms)"
+            " (mpc.limits.x, y and z; mpc.feedback, mpc.feedforward; mpc.max_iterations, mpc.horizon, \
+             mpc.step_ms)"
         }
         _ => "",
     }
@@ -217,7 +219,7 @@ fn tracking(s: &settings::Tracking) -> TrackingSettings {
     }
 }
 
-/// The farthest that the dead time may follow, if nothing is said [ms].
+/// The farthest that the dead time may follow, if nothing is said \[ms\].
 const FARTHEST_MS: f64 = 200.0;
 
 fn following(s: &Settings) -> Following {

@@ -3,8 +3,8 @@
 //! Contract: [`Config::load`] gives settings that are complete and fit together, or *all* that is wrong with
 //! them. Units stand in the names of keys, unknown keys are errors, and what has to be tuned per installation
 //! has no default but may come from a preset (`preset = "ur5"` at the top of the file, then override key by
-//! key). Every key is declared once, in [`settings`]; reading, `show`, the documents and reloading follow from
-//! that table.
+//! key). Every key is declared once, in [`settings`]; reading, `show`, the documents and reloading follow
+//! from that table.
 
 #![forbid(unsafe_code)]
 

@@ -39,7 +39,9 @@ pub struct StartOnlyKey(pub KeyChange);
 impl Config {
     /// What changes from `self`, which is in force, to `new`.
     ///
-    /// *Errors*: every changed key that needs a restart; then nothing may be applied.
+    /// # Errors
+    ///
+    /// Every changed key that needs a restart; then nothing may be applied.
     pub fn live_diff(&self, new: &Self) -> Result<LiveChange, Vec<StartOnlyKey>> {
         let (before, after) = (values(self.settings()), values(new.settings()));
         let mut keys = Vec::new();

@@ -3,7 +3,8 @@
 /// Words of earlier versions, by what they are called now.
 const RENAMED: [(&str, &str); 2] = [("ours", "mixture"), ("predictor.ours", "predictor.mixture")];
 
-/// What `word` is called now, or the candidate nearest to it, if it is near enough to be a slip (about a third of its letters).
+/// What `word` is called now, or the candidate nearest to it, if it is near enough to be a slip (about a
+/// third of its letters).
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let renamed = RENAMED.iter().find(|(old, _)| *old == word).map(|(_, new)| *new);
     // A hostile file may hold a key of megabytes: nothing that long is a slip of the pen.

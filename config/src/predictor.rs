@@ -1,6 +1,8 @@
-//! The predictors: sizes and learning rules from the settings, trained networks and the start of refinement from their files.
+//! The predictors: sizes and learning rules from the settings, trained networks and the start of refinement
+//! from their files.
 //!
-//! Contract: networks are loaded and judged when the settings are, so that a daemon that starts has networks that fit.
+//! Contract: networks are loaded and judged when the settings are, so that a daemon that starts has networks
+//! that fit.
 
 use std::sync::Arc;
 
@@ -53,8 +55,15 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
             let name = section.kind.name();
             report.conflict(
                 "predictor.kind",
-                format!("needs a trained network, and none is there for pen.step_ms = {}", settings.pen.step_ms),
-                format!("set predictor.{name} to a .safetensors file made for this step, or choose another predictor"),
+                format!(
+                    "needs a trained network, and none is there for pen.step_ms = \
+                         {}",
+                    settings.pen.step_ms
+                ),
+                format!(
+                    "set predictor.{name} to a .safetensors file made for this step, or choose another \
+                         predictor"
+                ),
             );
             None
         }
@@ -65,8 +74,8 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
     }
 }
 
-/// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there is one.
-/// `None` when something was reported.
+/// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there
+/// is one. `None` when something was reported.
 fn network(
     key: &str,
     name: Option<&str>,

@@ -92,7 +92,8 @@ pub enum Problem {
     },
     /// A key without a default that neither the file nor a preset gives.
     #[error(
-        "{place}: key `{key}` is missing: add {example} under [{section}] ({legal}), or start the file with preset = \"ur5\""
+        "{place}: key `{key}` is missing: add {example} under [{section}] ({legal}), or start the file with \
+         preset = \"ur5\""
     )]
     Missing {
         /// The file as a whole.

@@ -31,7 +31,8 @@ fn rate(settings: &Settings) -> Option<String> {
     (rate_hz < USUAL_HZ).then(|| {
         let (period_ms, step_ms) = (1e3 / f64::from(rate_hz), settings.plan_step_s() * 1e3);
         format!(
-            "loop.rate_hz = {rate_hz}: a command every {period_ms} ms and plans in steps of {step_ms} ms answer the hand later than \
+            "loop.rate_hz = {rate_hz}: a command every {period_ms} ms and plans in steps of {step_ms} ms \
+             answer the hand later than \
              {USUAL_HZ} Hz do; recorded handwriting is followed with about twice the squared error at 125 Hz"
         )
     })
@@ -56,7 +57,8 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
             pairs.into_iter().filter(|(_, counts, asked)| *counts < asked * (1.0 - WORTH))
         {
             remarks.push(format!(
-                "mpc.limits.{name}.{key} = {asked}: {counts:.4} counts; more the joints do not give, or the plan, which looks \
+                "mpc.limits.{name}.{key} = {asked}: {counts:.4} counts; more the joints do not give, or the \
+                 plan, which looks \
                  {horizon_ms} ms ahead, sees no stop from it"
             ));
         }
@@ -76,14 +78,17 @@ fn network(settings: &Settings, models: &Models) -> Option<String> {
         .map(|ms: u32| ms.to_string())
         .collect();
     Some(format!(
-        "predictor \"mixture\" runs without its trained network: none is shipped for pen.step_ms = {} (there are for {} ms); \
-         take such a step, or name a network of your own in predictor.mixture.network (\"{NO_NETWORK}\" silences this)",
+        "predictor \"mixture\" runs without its trained network: none is shipped for pen.step_ms = {} (there \
+         are for {} ms); \
+         take such a step, or name a network of your own in predictor.mixture.network (\"{NO_NETWORK}\" \
+         silences this)",
         pen.step_ms,
         with.join(", "),
     ))
 }
 
-/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and paper do not go together.
+/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and
+/// paper do not go together.
 fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
     let refusal = law.may_arm_at(home).err()?;
     let kinematics = law.chain.forward(home);
@@ -97,11 +102,13 @@ fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> 
             let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
             let margin = law.safety.arm_workspace_margin;
             format!(
-                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of plane.workspace_m by more than \
+                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of \
+                 plane.workspace_m by more than \
                  safety.arm_workspace_margin_m = {margin}"
             )
         }
-        // What else can be wrong with a place is outside of joint limits, which is told where the limits are read.
+        // What else can be wrong with a place is outside of joint limits, which is told where the limits are
+        // read.
         _ => return None,
     };
     Some(format!(
@@ -125,8 +132,10 @@ fn shapeless(settings: &Settings, chain: &Chain<JOINTS>) -> Option<String> {
         _ => format!("these links of the URDF have only meshes as collision geometry: {}", meshes.join(", ")),
     };
     Some(format!(
-        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into itself there; \
-         give them cylinders, spheres or boxes (`foretrace config shapes {}` proposes some), or set clearance.itself = false",
+        "clearance.itself is on, but {what}: for keeping clear they have no shape, and the arm may run into \
+         itself there; \
+         give them cylinders, spheres or boxes (`foretrace config shapes {}` proposes some), or set \
+         clearance.itself = false",
         settings.robot.urdf
     ))
 }

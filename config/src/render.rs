@@ -140,11 +140,15 @@ fn one_line(text: &str) -> String {
 }
 
 /// A preset's text: its own head (the comment up to the first empty line), then every key with its comment;
-/// keys that the preset leaves alone stand as comments. A preset that names another has only what it puts over that.
+/// keys that the preset leaves alone stand as comments. A preset that names another has only what it puts
+/// over that.
 #[cfg(test)]
 pub(crate) fn commented(text: &str, config: &Config) -> String {
     let values = values(config.settings());
-    let own = |place: &Place| matches!(place, Place::Preset { name, .. } if config.name() == format!("preset {name}"));
+    let own = |place: &Place| {
+        matches!(place, Place::Preset { name, .. }
+        if config.name() == format!("preset {name}"))
+    };
     let given = |key: &Key| config.origin(&key.path).is_some_and(own);
     let over = text.lines().find(|line| line.starts_with(PRESET));
     let mut out: String = text

@@ -69,7 +69,8 @@ pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Ro
     (report.problems.len() == before).then_some(Robot { chain, limits, home, clearance })
 }
 
-/// A preset's tool belongs to the preset's arm: under a description or a tip link of one's own it would be a pen too many.
+/// A preset's tool belongs to the preset's arm: under a description or a tip link of one's own it would be a
+/// pen too many.
 fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
     let preset = |key: &str| {
         report.found.get(key).is_none_or(|node| matches!(node.place, Place::Preset { .. } | Place::Default))
@@ -85,7 +86,8 @@ fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
         report.conflict(
             own,
             format!("comes with the preset's robot.tool_m = {:?}, the pen of another arm", section.tool_m),
-            "write where your pen's tip is, seen from robot.tip_link: robot.tool_m = [0.0, 0.0, 0.0] if that link is the tip",
+            "write where your pen's tip is, seen from robot.tip_link: robot.tool_m = [0.0, 0.0, 0.0] if that \
+             link is the tip",
         );
     }
 }
@@ -159,9 +161,14 @@ fn limits(
     {
         if low >= high {
             report.conflict(
-                if section.position_min_rad.is_some() { "robot.position_min_rad" } else { "robot.position_max_rad" },
+                if section.position_min_rad.is_some() {
+                    "robot.position_min_rad"
+                } else {
+                    "robot.position_max_rad"
+                },
                 format!(
-                    "leaves joint `{name}` nothing: {low:.4} to {high:.4} rad (the URDF allows {urdf_low:.4} to {urdf_high:.4})"
+                    "leaves joint `{name}` nothing: {low:.4} to {high:.4} rad (the URDF allows {urdf_low:.4} \
+                     to {urdf_high:.4})"
                 ),
                 "position_min_rad stands below position_max_rad, and both inside the URDF's range",
             );

@@ -223,10 +223,12 @@ macro_rules! section {
             fn read(reader: &mut $crate::schema::Reader<'_>, at: &str) -> Option<Self> {
                 // Every key is read before the first `?`: all problems are reported in one go.
                 $( let $field = reader.key::<$Type>(at, &$crate::schema::Field {
-                    name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal, presence: $presence,
+                    name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal,
+                        presence: $presence,
                     change: $crate::schema::Change::$change, start_with: $start,
                 }); )*
-                $($( let $sub = <$Sub as $crate::schema::Section>::read(reader, &$crate::schema::joined(at, $at)); )*)?
+                $($( let $sub = <$Sub as $crate::schema::Section>::read(reader, &$crate::schema::joined(at,
+                    $at)); )*)?
                 Some(Self { $( $field: $field?, )* $($( $sub: $sub?, )*)? })
             }
 
@@ -243,10 +245,12 @@ macro_rules! section {
             fn describe(at: &str, table: &mut $crate::schema::Table) {
                 table.section(at, concat!($($title),+));
                 $( table.key::<$Type>(at, &$crate::schema::Field {
-                    name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal, presence: $presence,
+                    name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal,
+                        presence: $presence,
                     change: $crate::schema::Change::$change, start_with: $start,
                 }); )*
-                $($( <$Sub as $crate::schema::Section>::describe(&$crate::schema::joined(at, $at), table); )*)?
+                $($( <$Sub as $crate::schema::Section>::describe(&$crate::schema::joined(at, $at),
+                    table); )*)?
             }
         }
     };

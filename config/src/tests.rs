@@ -113,7 +113,8 @@ fn rendered_presets_read_back_as_the_same_settings() {
 #[test]
 fn rendering_keeps_optional_keys_and_odd_numbers() {
     let config = over_ur5(
-        "[loop]\ncpu = 1\n[instance]\nroot_dir = \"/tmp/a \\\"b\\\"\"\n[mpc]\neffort = 0.1000000000000000055\n\
+        "[loop]\ncpu = 1\n[instance]\nroot_dir = \"/tmp/a \\\"b\\\"\"\n[mpc]\neffort = \
+         0.1000000000000000055\n\
          [robot]\njerk_radps3 = [1e4, 1e4, 1e4, 1e4, 1e4, 1234.56]\n",
     )
     .unwrap();

@@ -90,7 +90,9 @@ const SYNTAX_ERRORS: usize = 8;
 
 /// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
 ///
-/// *Errors*: every syntax error that the parser can recover from is pushed to `problems`; what could be read
+/// # Errors
+///
+/// Every syntax error that the parser can recover from is pushed to `problems`; what could be read
 /// is still returned, so that the settings in it are judged in the same go.
 pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
@@ -99,7 +101,8 @@ pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> V
     let mut next = None;
     for error in &errors {
         let line = error.span().map_or(0, |span| lines.line(span.start));
-        // The parser repeats itself at every level of nesting, and where a bracket is missing on every line that follows.
+        // The parser repeats itself at every level of nesting, and where a bracket is missing on every line
+        // that follows.
         if !told.insert(line) {
             continue;
         }

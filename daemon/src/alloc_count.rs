@@ -1,9 +1,10 @@
 //! A global allocator that counts, per thread, how often memory was asked for.
 //!
-//! Contract: [`CountingAllocator`] passes every request on to the system's allocator unchanged and adds one to a
-//! counter of the calling thread for each `alloc`, `alloc_zeroed` and `realloc`. Freeing is not counted: a thread
-//! that only frees is found by the thread that allocated.
-//! Programs install it (`foretrace`, `foretraced`, tests that count); this library does not. Beside `rt/os.rs` this is the only file of the daemon with `unsafe`.
+//! Contract: [`CountingAllocator`] passes every request on to the system's allocator unchanged and adds one
+//! to a counter of the calling thread for each `alloc`, `alloc_zeroed` and `realloc`. Freeing is not counted:
+//! a thread that only frees is found by the thread that allocated. Programs install it (`foretrace`,
+//! `foretraced`, tests that count); this library does not. Beside `rt/os.rs` this is the only file of the
+//! daemon with `unsafe`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -34,11 +34,12 @@ pub enum DaemonError {
     Learner(#[from] LearnError),
     /// Opening shared memory hangs.
     #[error(
-        "opening the shared memory of instance {number} takes longer than {seconds} s: end all programs of this instance, \
+        "opening the shared memory of instance {number} takes longer than {seconds} s: end all programs of \
+         this instance, \
          then remove /dev/shm/{prefix}* and {root}/iox2"
     )]
     Hangs {
-        /// How long was waited for it [s].
+        /// How long was waited for it \[s\].
         seconds: u64,
         /// Number of the instance.
         number: u32,
@@ -66,7 +67,7 @@ pub enum DaemonError {
     /// The arm did not come to rest in time, or nobody wanted to wait for it.
     #[error("ended before the arm was at rest (at most {seconds} s are waited for it): it brakes by itself")]
     NotAtRest {
-        /// How long [s].
+        /// How long \[s\].
         seconds: u64,
     },
 }

@@ -1,8 +1,9 @@
-//! The law's own cost on this machine, before anything depends on it: can a loop with these settings keep its rate?
+//! The law's own cost on this machine, before anything depends on it: can a loop with these settings keep its
+//! rate?
 //!
-//! Contract: the same `Follower` as the loop's, an arm that stands where it was commanded, a pen that draws circles, simulated
-//! time. What is measured is the processor time of the thread, so that a busy machine does not look like a slow law.
-//! Commands nothing.
+//! Contract: the same `Follower` as the loop's, an arm that stands where it was commanded, a pen that draws
+//! circles, simulated time. What is measured is the processor time of the thread, so that a busy machine does
+//! not look like a slow law. Commands nothing.
 
 use std::f64::consts::TAU;
 
@@ -20,24 +21,24 @@ use crate::wire::JOINTS;
 /// Ticks that are judged at most, and after how many a slow law is known well enough.
 const TICKS: usize = 400;
 const ENOUGH: usize = 20;
-/// No more processor time than this is spent once there are enough [ns].
+/// No more processor time than this is spent once there are enough \[ns\].
 const SPEND_NS: u64 = 100_000_000;
 /// Ticks in motion that do not count: everything is touched for the first time.
 const WARM_UP: usize = 20;
-/// Circles of this radius [m], so many per second: fast writing.
+/// Circles of this radius \[m\], so many per second: fast writing.
 const RADIUS_M: f64 = 0.02;
 const TURNS_HZ: f64 = 1.0;
-/// Between two samples of the pen [ns].
+/// Between two samples of the pen \[ns\].
 const SAMPLE_NS: u64 = 5_000_000;
 
 /// What a tick costs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LawCost {
-    /// Processor time of half of the ticks [ns].
+    /// Processor time of half of the ticks \[ns\].
     pub p50_ns: u64,
-    /// Of all but one in a hundred [ns].
+    /// Of all but one in a hundred \[ns\].
     pub p99_ns: u64,
-    /// What there is [ns].
+    /// What there is \[ns\].
     pub period_ns: u64,
     /// Ticks that were judged.
     pub ticks: usize,
@@ -56,8 +57,10 @@ impl LawCost {
         let settings = config.settings();
         self.is_too_slow().then(|| {
             format!(
-                "a tick of these settings costs {} us of processor time (median of {}; p99 {} us), the period has {} us: the \
-                 loop will be late and stop the arm; set mpc.backend and ik.backend to \"exact\", a shorter mpc.horizon \
+                "a tick of these settings costs {} us of processor time (median of {}; p99 {} us), the \
+                 period has {} us: the \
+                 loop will be late and stop the arm; set mpc.backend and ik.backend to \"exact\", a shorter \
+                 mpc.horizon \
                  than {}, or a rate below {} Hz",
                 self.p50_ns / 1000,
                 self.ticks,

@@ -1,8 +1,8 @@
 //! The learner thread: grid steps in, promoted weights out.
 //!
-//! Contract: never makes the real-time thread wait. What the rings and the channel cannot take is dropped and counted; of
-//! several sets of weights the newest reaches the loop. A panic ends learning, not the daemon: the loop goes on with the weights it
-//! has, and the board says so.
+//! Contract: never makes the real-time thread wait. What the rings and the channel cannot take is dropped and
+//! counted; of several sets of weights the newest reaches the loop. A panic ends learning, not the daemon:
+//! the loop goes on with the weights it has, and the board says so.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

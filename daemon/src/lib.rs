@@ -1,13 +1,13 @@
 //! The real-time daemon of foretrace: one real-time thread, a learner, an ipc thread and a supervisor.
 //!
-//! [`run`] is the whole of it; `foretraced` and `foretrace daemon` are thin shells around it. In the order of a
-//! message's way: [`wire`] says it in the law's types, [`ports`] bring it in and out, [`rt`] is the loop around the pure
-//! follower, [`learner`] improves its weights, [`ipc`] tells others and hears them, [`supervisor`] starts and ends everything.
-//! Each of these rooms knows only those before it.
+//! [`run`] is the whole of it; `foretraced` and `foretrace daemon` are thin shells around it. In the order of
+//! a message's way: [`wire`] says it in the law's types, [`ports`] bring it in and out, [`rt`] is the loop
+//! around the pure follower, [`learner`] improves its weights, [`ipc`] tells others and hears them,
+//! [`supervisor`] starts and ends everything. Each of these rooms knows only those before it.
 //!
-//! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting allocator).
+//! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting
+//! allocator).
 
-#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod alloc_count;
@@ -50,8 +50,8 @@ pub enum LogError {
     Start(String),
 }
 
-/// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for example `info` or
-/// `foretraced=debug`. No thread of the daemon waits for whoever reads it.
+/// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for
+/// example `info` or `foretraced=debug`. No thread of the daemon waits for whoever reads it.
 ///
 /// # Errors
 /// The filter cannot be read, a log is set up already, or the system starts no thread.

@@ -60,7 +60,9 @@ pub struct TooLow {
 
 /// What a daemon cannot do without, before it makes anything.
 ///
-/// *Errors*: the first limit that is too low.
+/// # Errors
+///
+/// The first limit that is too low.
 pub fn check() -> Result<(), TooLow> {
     check_in(&table())
 }
@@ -103,7 +105,9 @@ pub fn hear_of_large_files() {
 
 /// Runs `work` on the main thread's stack, or on a larger one where that is small (`ulimit -s`).
 ///
-/// *Errors*: the system starts no thread.
+/// # Errors
+///
+/// The system starts no thread.
 pub fn with_room<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
     if soft(&table(), "Max stack size").is_none_or(|bytes| bytes >= STACK_BYTES) {
         return Ok(work());

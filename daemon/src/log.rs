@@ -1,7 +1,7 @@
 //! Messages for people: written by a thread of their own, so that nobody waits for whoever reads them.
 //!
-//! Contract: a terminal that is stopped, a pager, or a pipe that nobody empties holds up this thread only. Up to [`WAITING`] messages wait;
-//! further ones are lost, and how many is the next thing that is written.
+//! Contract: a terminal that is stopped, a pager, or a pipe that nobody empties holds up this thread only. Up
+//! to [`WAITING`] messages wait; further ones are lost, and how many is the next thing that is written.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -38,7 +38,9 @@ pub struct LogGuard(Messages);
 impl Messages {
     /// A thread that writes to `out`.
     ///
-    /// *Errors*: the system starts no thread.
+    /// # Errors
+    ///
+    /// The system starts no thread.
     pub(crate) fn to(out: impl Write + Send + 'static) -> io::Result<(Self, LogGuard)> {
         let (sender, items) = bounded(WAITING);
         let messages = Self { items: sender, lost: Arc::default() };

@@ -1,7 +1,8 @@
 //! The shared memory of the instance: enough of it, and all of it backed by pages before an arm may move.
 //!
-//! A segment that is not backed takes its pages at first touch; when /dev/shm is full by then, the process that
-//! touches dies of SIGBUS, possibly in the middle of a motion. Locking memory does not help: mlockall returns success.
+//! A segment that is not backed takes its pages at first touch; when /dev/shm is full by then, the process
+//! that touches dies of SIGBUS, possibly in the middle of a motion. Locking memory does not help: mlockall
+//! returns success.
 
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
@@ -14,13 +15,14 @@ use crate::rt::os::{self, Missing, Right};
 /// There is too little of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "/dev/shm has {} KiB free, an instance needs up to {} KiB: remove files there, or give the container more \
+    "/dev/shm has {} KiB free, an instance needs up to {} KiB: remove files there, or give the container \
+     more \
      (docker run --shm-size=64m)", free / 1024, needed / 1024
 )]
 pub struct NoSpace {
-    /// Free [bytes].
+    /// Free \[bytes\].
     pub free: u64,
-    /// Needed [bytes].
+    /// Needed \[bytes\].
     pub needed: u64,
 }
 
@@ -38,8 +40,8 @@ const fn fits(free: u64, needed: u64) -> Result<(), NoSpace> {
     if free >= needed { Ok(()) } else { Err(NoSpace { free, needed }) }
 }
 
-/// Takes as much shared memory as the instance may need beyond what is backed already, as [`reserve`] will, and gives it
-/// back at once; returns the bytes.
+/// Takes as much shared memory as the instance may need beyond what is backed already, as [`reserve`] will,
+/// and gives it back at once; returns the bytes.
 ///
 /// The file has no name: it is gone with this process, however that ends.
 ///
@@ -75,14 +77,15 @@ pub enum ReserveError {
     Refused(Missing),
 }
 
-/// Backs every segment of the instance by pages; returns their size together [bytes].
+/// Backs every segment of the instance by pages; returns their size together \[bytes\].
 ///
 /// # Errors
 /// The file system is full, or a segment cannot be reserved.
 pub fn reserve(instance: &Instance) -> Result<u64, ReserveError> {
     let refused = |what: String| {
         let text = format!(
-            "shared memory not reserved ({what}): should /dev/shm become full while the loop runs, it dies of SIGBUS"
+            "shared memory not reserved ({what}): should /dev/shm become full while the loop runs, it dies \
+             of SIGBUS"
         );
         ReserveError::Refused(Missing { right: Right::SharedMemory, text })
     };

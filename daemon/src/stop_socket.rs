@@ -1,9 +1,10 @@
-//! The thread that hears stops at a socket beside the lock file, whatever has become of the middleware, of memory, of descriptors or
-//! of the other threads.
+//! The thread that hears stops at a socket beside the lock file, whatever has become of the middleware, of
+//! memory, of descriptors or of the other threads.
 //!
-//! Contract: bound before anything else of the daemon, gone after everything else. Nothing is allocated per message, and nothing is
-//! waited for but messages and, after a stop, the tick that takes it, for a bounded time. Who may send is decided by the run
-//! directory (0700). Frames that make no sense are counted by reason.
+//! Contract: bound before anything else of the daemon, gone after everything else. Nothing is allocated per
+//! message, and nothing is waited for but messages and, after a stop, the tick that takes it, for a bounded
+//! time. Who may send is decided by the run directory (0700). Frames that make no sense are counted by
+//! reason.
 
 use std::io::{self, ErrorKind};
 use std::net::Shutdown;

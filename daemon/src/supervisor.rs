@@ -1,8 +1,9 @@
 //! The supervisor: brings the threads up in order, watches over them, takes them down in order.
 //!
-//! Start: settings → lock of the instance → leftovers purged → services created under a watchdog → threads with their
-//! ports → shared memory reserved → memory locked → ticks begin → announced. End: the arm stops smoothly and is let go,
-//! ticks end, then the other threads, then the services. Every wait is bounded. A service manager is told of all of it.
+//! Start: settings → lock of the instance → leftovers purged → services created under a watchdog → threads
+//! with their ports → shared memory reserved → memory locked → ticks begin → announced. End: the arm stops
+//! smoothly and is let go, ticks end, then the other threads, then the services. Every wait is bounded. A
+//! service manager is told of all of it.
 
 mod hearing;
 mod notify;
@@ -230,8 +231,8 @@ impl Daemon {
         ReloadOutcome { status: ControlStatus::Ok, text }
     }
 
-    /// Takes everything down; the first thing that went wrong is what is reported. Told to stop once more meanwhile, it
-    /// no longer waits for the arm.
+    /// Takes everything down; the first thing that went wrong is what is reported. Told to stop once more
+    /// meanwhile, it no longer waits for the arm.
     fn end(
         mut self,
         outcome: Result<(), DaemonError>,

@@ -75,7 +75,8 @@ fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
         let answer = operator.switch_predictor(predictor);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&place);
-        // Believed as far as the evidence goes, which for some is nowhere; then in full, because an operator says so.
+        // Believed as far as the evidence goes, which for some is nowhere; then in full, because an operator
+        // says so.
         let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
             status.mode == u32::from(Mode::Following) && status.predictor.as_str() == Some(predictor)
         });

@@ -1,4 +1,5 @@
-//! The daemon and its service manager, over a NOTIFY_SOCKET of the test's own: ready, alive while it ticks, stopping.
+//! The daemon and its service manager, over a NOTIFY_SOCKET of the test's own: ready, alive while it ticks,
+//! stopping.
 
 mod support;
 #[path = "../../tests/src/frozen.rs"]

@@ -1,17 +1,16 @@
 //! Everything of foretrace that crosses a process border: plain-old-data messages, the names and quality of
 //! service under which they travel, and where an instance keeps its files.
 //!
-//! Contract: every wire type is `#[repr(C)]`, `Copy`, made of fixed-width integers, floats and arrays of them, has
-//! no implicit padding, and carries its layout version in its type name and its layout hash in a service attribute.
-//! A receiver copies a message once and validates the copy; what is refused is counted by reason.
-//! No domain mathematics, no threads, no policy lives here.
+//! Contract: every wire type is `#[repr(C)]`, `Copy`, made of fixed-width integers, floats and arrays of
+//! them, has no implicit padding, and carries its layout version in its type name and its layout hash in a
+//! service attribute. A receiver copies a message once and validates the copy; what is refused is counted by
+//! reason. No domain mathematics, no threads, no policy lives here.
 //!
-//! Three rooms, each of which knows only those before it: `wire` (the messages), `instance` (names, root, occupancy, leftovers,
-//! the way to stop) and `transport` (sessions, services, ports). Below them `os` makes the calls to the system.
+//! Three rooms, each of which knows only those before it: `wire` (the messages), `instance` (names, root,
+//! occupancy, leftovers, the way to stop) and `transport` (sessions, services, ports). Below them `os` makes
+//! the calls to the system.
 //!
 //! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
-
-#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
 mod os;
 mod wire;

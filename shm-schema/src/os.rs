@@ -21,7 +21,8 @@ pub fn effective_user() -> u32 {
     unsafe { libc::geteuid() }
 }
 
-/// Bytes still free in /dev/shm; `None` where it cannot be told. A full /dev/shm kills at the first touch of a page.
+/// Bytes still free in /dev/shm; `None` where it cannot be told. A full /dev/shm kills at the first touch of
+/// a page.
 pub fn shared_memory_free_bytes() -> Option<u64> {
     let mut found = std::mem::MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: the path is a terminated string and `found` has room for one statvfs.

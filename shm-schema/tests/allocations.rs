@@ -1,6 +1,7 @@
 //! Publishing and receiving allocate nothing once the ports are connected, as the real-time thread needs it.
 //!
-//! A binary of its own: the counting allocator is global. Counts are per thread, so other threads do not disturb.
+//! A binary of its own: the counting allocator is global. Counts are per thread, so other threads do not
+//! disturb.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -1,6 +1,8 @@
-//! Puts the very code that is shipped under loom: the ring's source as cargo fetched it, and the daemon's hand-over.
+//! Puts the very code that is shipped under loom: the ring's source as cargo fetched it, and the daemon's
+//! hand-over.
 //!
-//! All that is changed in the text are paths: where atomics come from, and where the ring and its parts now stand.
+//! All that is changed in the text are paths: where atomics come from, and where the ring and its parts now
+//! stand.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,5 +1,5 @@
-//! One thread of a child, held by the kernel as a hanging loop would be, or watched at each of its system calls. The only
-//! `unsafe` of these tests and, by this same file, of the daemon's.
+//! One thread of a child, held by the kernel as a hanging loop would be, or watched at each of its system
+//! calls. The only `unsafe` of these tests and, by this same file, of the daemon's.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,8 @@ impl Frozen {
             .find(|path| std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name));
         let id: libc::pid_t = thread.expect(name).file_name()?.to_str()?.parse().ok()?;
         let none = std::ptr::null_mut::<libc::c_void>();
-        // SAFETY: PTRACE_SEIZE reads and writes no memory of this process; its last argument is a set of options.
+        // SAFETY: PTRACE_SEIZE reads and writes no memory of this process; its last argument is a set of
+        // options.
         if unsafe { libc::ptrace(libc::PTRACE_SEIZE, id, none, libc::PTRACE_O_TRACESYSGOOD) } != 0 {
             return None;
         }
@@ -31,8 +32,8 @@ impl Frozen {
         Some(frozen)
     }
 
-    /// Lets the thread run until it has made `count` system calls; how often each, by number. `None` where the kernel does not
-    /// tell (before 5.3).
+    /// Lets the thread run until it has made `count` system calls; how often each, by number. `None` where
+    /// the kernel does not tell (before 5.3).
     ///
     /// # Panics
     /// The thread ends meanwhile.
@@ -42,7 +43,8 @@ impl Frozen {
         let (mut seen, mut signal) = (0, 0);
         while seen < count {
             let none = std::ptr::null_mut::<libc::c_void>();
-            // SAFETY: the thread is stopped and traced by this one; no memory is touched, and only its own signal delivered.
+            // SAFETY: the thread is stopped and traced by this one; no memory is touched, and only its own
+            // signal delivered.
             assert_eq!(unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.0, none, signal) }, 0);
             let stop = self.wait();
             assert!(libc::WIFSTOPPED(stop), "the thread has ended");

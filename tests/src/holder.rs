@@ -1,6 +1,8 @@
-//! A process that attaches and does nothing; or takes a place for operators and keeps it, as no program of ours does any more.
+//! A process that attaches and does nothing; or takes a place for operators and keeps it, as no program of
+//! ours does any more.
 //!
-//! Contract: `hold-node` and `hold-place`, with `--instance=N --root=DIR`, print one line once they have it, then sleep for an hour.
+//! Contract: `hold-node` and `hold-place`, with `--instance=N --root=DIR`, print one line once they have it,
+//! then sleep for an hour.
 
 use std::io::Write as _;
 use std::process::ExitCode;

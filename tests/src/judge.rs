@@ -1,7 +1,8 @@
 //! Judges joint commands as a hardware interface would, from the messages alone.
 //!
-//! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's rule are written down here
-//! once more. Counts and keeps the first examples, never alters. Absent: jerk, which the preset does not limit.
+//! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's
+//! rule are written down here once more. Counts and keeps the first examples, never alters. Absent: jerk,
+//! which the preset does not limit.
 
 use std::collections::VecDeque;
 
@@ -10,27 +11,29 @@ use serde_json::{Value, json};
 
 use crate::tool::Tip;
 
-/// Joint limits of the preset `ur5`: URDF positions [rad], `robot.velocity_radps`, `robot.acceleration_radps2`.
+/// Joint limits of the preset `ur5`: URDF positions \[rad\], `robot.velocity_radps`,
+/// `robot.acceleration_radps2`.
 const POSITION_RAD: [f64; JOINTS] = [TURN, TURN, TURN / 2.0, TURN, TURN, TURN];
 const TURN: f64 = std::f64::consts::TAU;
-/// [rad/s]
+/// \[rad/s\]
 pub const VELOCITY: f64 = 3.1;
-/// [rad/s²]
+/// \[rad/s²\]
 pub const ACCELERATION: f64 = 40.0;
 /// What the arm brakes with when commands stay away [rad/s²]: `robot.stale_deceleration_radps2`.
 const DECELERATION: f64 = 20.0;
-/// A command may begin this far from where the arm was measured last before it was sent [rad].
+/// A command may begin this far from where the arm was measured last before it was sent \[rad\].
 const BEGIN_RAD: f64 = 0.02;
-/// Rounding: relative for rates, absolute for positions [rad].
+/// Rounding: relative for rates, absolute for positions \[rad\].
 const RELATIVE: f64 = 1e-6;
 const ROUNDING_RAD: f64 = 1e-9;
-/// A stamp lies at most this far after the moment of sending [ns], and validity at most so far after the stamp.
+/// A stamp lies at most this far after the moment of sending \[ns\], and validity at most so far after the
+/// stamp.
 const AHEAD_NS: u64 = 20_000_000;
 const VALID_NS: u64 = 1_000_000_000;
 const EXAMPLES: usize = 5;
 /// States kept: what a recorder that sleeps for a second may find at once.
 const STATES: usize = 1024;
-/// Where states are missing for longer than this, nobody knows where the arm was in between [ns].
+/// Where states are missing for longer than this, nobody knows where the arm was in between \[ns\].
 const GAP_NS: u64 = 50_000_000;
 
 /// Memory and findings of one judge.
@@ -147,7 +150,8 @@ impl Judge {
 
     /// A first command stands where the arm stands.
     fn begin(&mut self, command: &JointCommand, broken: &mut Vec<&str>) {
-        // A recorder that was kept asleep reads states that are newer than the command: those say where it has led to.
+        // A recorder that was kept asleep reads states that are newer than the command: those say where it
+        // has led to.
         let sent_ns = command.published_ns;
         let Some(place) = self.measured.iter().rposition(|(stamp_ns, _)| *stamp_ns <= sent_ns) else {
             self.begins_unjudged += 1;
@@ -184,7 +188,8 @@ impl Judge {
             self.largest_acceleration = self.largest_acceleration.max(change);
             fast |= !(way.abs() <= VELOCITY * span * (1.0 + RELATIVE) + ROUNDING_RAD);
             hard |= !(change <= ACCELERATION * (1.0 + RELATIVE));
-            // On the way from one line to the other: nothing faster than the faster, nothing slower than the slower.
+            // On the way from one line to the other: nothing faster than the faster, nothing slower than the
+            // slower.
             let rest = if expired { 0.0 } else { v0 };
             let slow = v0.min(v1).min(rest) * span - ROUNDING_RAD;
             let quick = v0.max(v1).max(rest) * span + ROUNDING_RAD;
@@ -222,8 +227,9 @@ impl Judge {
     }
 }
 
-/// True when an arm that hears nothing after this command leaves its position limits: it goes on until the command is no longer
-/// valid, then brakes. A joint that is beyond a limit already is not judged by that one again.
+/// True when an arm that hears nothing after this command leaves its position limits: it goes on until the
+/// command is no longer valid, then brakes. A joint that is beyond a limit already is not judged by that one
+/// again.
 fn ends_outside(command: &JointCommand) -> bool {
     let gliding = command.valid_until_ns.saturating_sub(command.header.stamp_ns) as f64 * 1e-9;
     command.q.iter().zip(command.qd).zip(POSITION_RAD).any(|((q, qd), limit)| {

@@ -1,9 +1,10 @@
 //! Helpers of the process-level tests: a world of its own per test, and processes that never outlive it.
 //!
-//! Contract: two tests at a time on this machine, or one that asks to be alone ([`turn`]), each with its own root, number and names in /dev/shm. All
-//! processes are killed and everything is removed when the [`World`] goes. Started as root, the processes run as `nobody`
-//! where that user can run the program at all; with FORETRACE_TESTS_AS_ROOT=1 they stay root. Real-time rights are asked for
-//! with FORETRACE_RT_TESTS=1 only, and by tests that say so.
+//! Contract: two tests at a time on this machine, or one that asks to be alone ([`turn`]), each with its own
+//! root, number and names in /dev/shm. All processes are killed and everything is removed when the [`World`]
+//! goes. Started as root, the processes run as `nobody` where that user can run the program at all; with
+//! FORETRACE_TESTS_AS_ROOT=1 they stay root. Real-time rights are asked for with FORETRACE_RT_TESTS=1 only,
+//! and by tests that say so.
 
 pub mod forger;
 pub mod frozen;
@@ -103,7 +104,8 @@ impl World {
         self.user.unwrap_or_else(own_user)
     }
 
-    /// From here on, starts everything through `words`, which must run what follows them as this world's user.
+    /// From here on, starts everything through `words`, which must run what follows them as this world's
+    /// user.
     pub fn go_through(&mut self, words: Vec<String>) {
         self.through = words;
     }
@@ -132,7 +134,7 @@ impl World {
         vec![format!("--instance={}", self.number + other), format!("--root={}", root.display())]
     }
 
-    /// This test's instance, for [`World::state`] and others that look into it.
+    /// This test's instance, for `World::state` and others that look into it.
     ///
     /// # Panics
     /// The path is illegal, which it is not.
@@ -170,8 +172,8 @@ impl World {
         daemon
     }
 
-    /// Starts a simulated arm and waits until the daemon can be armed, then arms it. When it ends, every command that it got
-    /// must have been legal.
+    /// Starts a simulated arm and waits until the daemon can be armed, then arms it. When it ends, every
+    /// command that it got must have been legal.
     #[must_use]
     pub fn armed_arm(&self, other: u32, options: &[&str]) -> Process {
         let wanted = options.iter().skip_while(|word| **word != "--json").nth(1).map(PathBuf::from);
@@ -293,7 +295,8 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Says that a test, or a part of it, was left out, past the test runner's capture: a skipped test must be seen.
+/// Says that a test, or a part of it, was left out, past the test runner's capture: a skipped test must be
+/// seen.
 pub fn skipped(why: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: {why}");
 }

@@ -1,8 +1,8 @@
 //! A process that writes down every pen sample, command and tick record that passes through an instance.
 //!
-//! Contract: `observe SECONDS --instance=N --root=DIR` prints one JSON object: `pens` [sequence, device stamp], `commands`
-//! [tick, pen sequence, pen stamp, published], `ticks` (see `tick`), `lost`. Part of the program under test, because
-//! shared memory belongs to the user who runs it.
+//! Contract: `observe SECONDS --instance=N --root=DIR` prints one JSON object: `pens` \[sequence, device
+//! stamp\], `commands` \[tick, pen sequence, pen stamp, published\], `ticks` (see `tick`), `lost`. Part of
+//! the program under test, because shared memory belongs to the user who runs it.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};

@@ -1,7 +1,8 @@
-//! The demo's report as a browser sees it: every tag, every figure with its place in the JSON, nothing from outside.
+//! The demo's report as a browser sees it: every tag, every figure with its place in the JSON, nothing from
+//! outside.
 //!
-//! Contract: reads the HTML strictly, as XML but for the void elements that HTML knows; whatever is not well formed is a panic
-//! that says where.
+//! Contract: reads the HTML strictly, as XML but for the void elements that HTML knows; whatever is not well
+//! formed is a panic that says where.
 
 use std::path::Path;
 

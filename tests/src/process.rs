@@ -78,7 +78,8 @@ impl Process {
         Some((status, text))
     }
 
-    /// What can be told of it when a test failed: where its threads wait, or how it ended, and everything it said. Kills it.
+    /// What can be told of it when a test failed: where its threads wait, or how it ended, and everything it
+    /// said. Kills it.
     ///
     /// # Panics
     /// It cannot be waited for.
@@ -212,7 +213,8 @@ pub fn told(output: &Output) -> String {
     )
 }
 
-/// Asserts that the program failed with `code`, said so in one sentence that holds all `words`, and did not panic.
+/// Asserts that the program failed with `code`, said so in one sentence that holds all `words`, and did not
+/// panic.
 ///
 /// # Panics
 /// It did something else.

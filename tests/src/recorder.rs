@@ -1,8 +1,9 @@
 //! A process that sees and judges every joint command of an instance, whatever dies around it.
 //!
-//! Contract: `recorder UNTIL --instance=N --root=DIR` reads commands as they lie in shared memory, without the receipt checks of
-//! foretrace-shm, and prints one JSON object per line: `at`, `mode`, `pen`, `published` when the mode changes and at most every 10 ms; at the
-//! end, when the file UNTIL exists, `report` (see [`Judge`]).
+//! Contract: `recorder UNTIL --instance=N --root=DIR` reads commands as they lie in shared memory, without
+//! the receipt checks of foretrace-shm, and prints one JSON object per line: `at`, `mode`, `pen`, `published`
+//! when the mode changes and at most every 10 ms; at the end, when the file UNTIL exists, `report` (see
+//! [`Judge`]).
 
 use std::error::Error;
 use std::io::Write as _;

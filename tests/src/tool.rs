@@ -1,12 +1,13 @@
 //! Where the tip of the preset `ur5`'s pen is, worked out from measured joints once more.
 //!
-//! Contract: shares no code with the control law: Denavit-Hartenberg parameters of the UR5, the preset's pen and plane are written
-//! down here. Keeps extremes, never alters.
+//! Contract: shares no code with the control law: Denavit-Hartenberg parameters of the UR5, the preset's pen
+//! and plane are written down here. Keeps extremes, never alters.
 
 use foretrace_shm::JOINTS;
 use serde_json::{Value, json};
 
-/// a, d [m] and α [rad] of each link. Source: Universal Robots, "DH parameters for calculations of kinematics and dynamics", UR5.
+/// a, d \[m\] and α \[rad\] of each link. Source: Universal Robots, "DH parameters for calculations of
+/// kinematics and dynamics", UR5.
 const LINKS: [[f64; 3]; JOINTS] = [
     [0.0, 0.089159, QUARTER],
     [-0.425, 0.0, 0.0],
@@ -16,21 +17,22 @@ const LINKS: [[f64; 3]; JOINTS] = [
     [0.0, 0.0823, 0.0],
 ];
 const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
-/// `robot.tool_m`: the tip lies on the flange's z axis [m].
+/// `robot.tool_m`: the tip lies on the flange's z axis \[m\].
 const PEN: f64 = 0.15;
 /// `plane.origin_m`; its x is the base's −y, its y the base's x, its normal the base's z.
 const ORIGIN: [f64; 3] = [0.5526, 0.1092, 0.0683];
-/// `plane.workspace_m` in the plane: half of its length along x and y [m].
+/// `plane.workspace_m` in the plane: half of its length along x and y \[m\].
 const HALF: [f64; 2] = [0.15, 0.1];
 
 /// Extremes of the tip so far; none before the first joints.
 #[derive(Debug, Default)]
 pub struct Tip {
-    /// Lowest and greatest height over the paper [m], farthest outside the workspace [m], largest tilt [rad].
+    /// Lowest and greatest height over the paper \[m\], farthest outside the workspace \[m\], largest tilt
+    /// \[rad\].
     extremes: Option<[f64; 4]>,
 }
 
-/// x, y and height in the plane [m], and the angle between the pen and the plane's normal [rad].
+/// x, y and height in the plane \[m\], and the angle between the pen and the plane's normal \[rad\].
 fn place(q: &[f64; JOINTS]) -> ([f64; 3], f64) {
     // The tip's position and the pen's axis, carried from the last link back to the base.
     let (mut tip, mut axis) = ([0.0, 0.0, PEN], [0.0, 0.0, 1.0]);
@@ -49,7 +51,7 @@ fn place(q: &[f64; JOINTS]) -> ([f64; 3], f64) {
 }
 
 impl Tip {
-    /// Takes in an arm that was measured at `q` [rad].
+    /// Takes in an arm that was measured at `q` \[rad\].
     pub fn see(&mut self, q: &[f64; JOINTS]) {
         let ([x, y, height], tilt) = place(q);
         let [over_x, over_y] = [(x, HALF[0]), (y, HALF[1])].map(|(at, half)| (at.abs() - half).max(0.0));
@@ -62,7 +64,8 @@ impl Tip {
     #[must_use]
     pub fn report(&self) -> Value {
         self.extremes.map_or(Value::Null, |[low, high, outside, tilt]| {
-            json!({ "height_min_m": low, "height_max_m": high, "outside_max_m": outside, "tilt_max_rad": tilt })
+            json!({ "height_min_m": low, "height_max_m": high, "outside_max_m": outside,
+                "tilt_max_rad": tilt })
         })
     }
 }

@@ -1,7 +1,8 @@
 //! A process that tries to get into files that are not its own.
 //!
-//! Contract: `trespass PATH...` tries each path for reading, for writing without changing it, as a folder and as a socket, and
-//! prints `user`, `entered` (what worked), `denied` (attempts that the system forbade) and `gone` (what is not there).
+//! Contract: `trespass PATH...` tries each path for reading, for writing without changing it, as a folder and
+//! as a socket, and prints `user`, `entered` (what worked), `denied` (attempts that the system forbade) and
+//! `gone` (what is not there).
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind};

@@ -1,4 +1,5 @@
-//! Who may start programs now. The machine has two places: a test takes one, a test that measures or computes takes both.
+//! Who may start programs now. The machine has two places: a test takes one, a test that measures or computes
+//! takes both.
 
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::MetadataExt as _;

@@ -1,4 +1,5 @@
-//! The program `foretrace`, under a name of its own; with one of the tests' own roles as its first word, that role.
+//! The program `foretrace`, under a name of its own; with one of the tests' own roles as its first word, that
+//! role.
 
 use std::process::ExitCode;
 

@@ -23,7 +23,8 @@ pub(crate) enum ConfigCommand {
     /// The output reads back as the same settings: redirect it to begin a file of your own.
     Show {
         /// A preset, as with --preset: ur5 or ur5e
-        #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"], value_parser = crate::values::preset)]
+        #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"],
+            value_parser = crate::values::preset)]
         name: Option<String>,
 
         #[command(flatten)]

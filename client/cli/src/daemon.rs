@@ -8,8 +8,8 @@ use crate::settings::{SettingsArgs, wrong};
 /// Run the real-time daemon in the foreground
 ///
 /// It creates the instance's shared memory, waits for an arm and a pen, moves nothing before it is asked to
-/// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reads the settings again. Without
-/// real-time rights it runs on and says which are missing.
+/// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reads the settings
+/// again. Without real-time rights it runs on and says which are missing.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DaemonArgs {
     /// Ticks per second: 125, 250, 500 or 1000; the grid step follows where it has to

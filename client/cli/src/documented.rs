@@ -1,7 +1,8 @@
 //! Every command line of the documents is one that the program takes.
 //!
-//! Lines of shell blocks must parse as they stand. Mentions in the text may leave out what is required (`foretrace request`), but
-//! not name commands or options that do not exist. Placeholders in capitals are filled in.
+//! Lines of shell blocks must parse as they stand. Mentions in the text may leave out what is required
+//! (`foretrace request`), but not name commands or options that do not exist. Placeholders in capitals are
+//! filled in.
 
 use std::path::Path;
 
@@ -42,8 +43,8 @@ pub(crate) fn documents() -> Vec<(String, String)> {
     found
 }
 
-/// The words of a line as a shell makes them of it: what stands in quotes is one, and what begins a comment or goes to another
-/// program or file ends it.
+/// The words of a line as a shell makes them of it: what stands in quotes is one, and what begins a comment
+/// or goes to another program or file ends it.
 fn words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
     for character in line.chars() {
@@ -62,7 +63,8 @@ fn words(line: &str) -> Vec<String> {
     words
 }
 
-/// The part of a line that this program takes, `foretrace` first; comments and what the shell does are left out.
+/// The part of a line that this program takes, `foretrace` first; comments and what the shell does are left
+/// out.
 fn of_this_program(line: &str) -> Option<Vec<String>> {
     let words = words(line.trim().trim_start_matches("sudo "));
     let said: Vec<&str> = words.iter().map(String::as_str).collect();

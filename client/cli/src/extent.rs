@@ -1,4 +1,5 @@
-//! Where a tool has been, as figures and words: the keys `envelope.*` of every report, and one line for people.
+//! Where a tool has been, as figures and words: the keys `envelope.*` of every report, and one line for
+//! people.
 
 use std::fmt;
 

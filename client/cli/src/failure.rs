@@ -64,7 +64,8 @@ impl Failure {
 
 impl Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Messages of other crates often carry their own remedy after a semicolon: then ours would be a second one.
+        // Messages of other crates often carry their own remedy after a semicolon: then ours would be a
+        // second one.
         if self.remedy.is_empty() {
             write!(f, "foretrace: {}", self.what.trim_end())
         } else {

@@ -1,7 +1,8 @@
 //! `foretrace move home`: let the daemon move the arm home, and stay until it is there.
 //!
-//! Contract: moves nothing without `--yes` or a `yes` on the terminal. Who leaves stops the arm: on Ctrl-C, and where the answer
-//! or the status stays away, it is stopped by the way that needs nothing of the middleware.
+//! Contract: moves nothing without `--yes` or a `yes` on the terminal. Who leaves stops the arm: on Ctrl-C,
+//! and where the answer or the status stays away, it is stopped by the way that needs nothing of the
+//! middleware.
 
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -24,7 +25,8 @@ const ANSWER: Duration = Duration::from_secs(3);
 /// Longest wait for a status, and for the confirmation of a stop.
 const PATIENCE: Duration = Duration::from_secs(2);
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// An arm whose farthest joint is so near is at home [rad]: as far as the presets let an arm be from its commands.
+/// An arm whose farthest joint is so near is at home [rad]: as far as the presets let an arm be from its
+/// commands.
 const AT_HOME_RAD: f64 = 0.02;
 
 /// `foretrace move ...`
@@ -35,10 +37,10 @@ pub(crate) enum MoveCommand {
 
 /// Move the arm home from where it stands, slowly and straight in joint space
 ///
-/// No joint is faster than 0.25 rad/s. The daemon looks along the whole way before anything moves: where the arm would
-/// come too near itself, a plane or a box of [clearance], it refuses and names it. What is not in the settings, people among it, it
-/// does not see: stand at the arm's own stop button. Ctrl-C stops the arm, as `foretrace request stop` does. At home the arm is
-/// let go of; `foretrace request arm` takes it over.
+/// No joint is faster than 0.25 rad/s. The daemon looks along the whole way before anything moves: where the
+/// arm would come too near itself, a plane or a box of [clearance], it refuses and names it. What is not in
+/// the settings, people among it, it does not see: stand at the arm's own stop button. Ctrl-C stops the arm,
+/// as `foretrace request stop` does. At home the arm is let go of; `foretrace request arm` takes it over.
 #[derive(Debug, clap::Args)]
 pub(crate) struct HomeArgs {
     /// Move without asking on the terminal
@@ -76,7 +78,8 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
     let way = before.way_home;
     if way.farthest_rad >= 0.0 {
         say!(
-            "home is {:.2} rad away for joint {}, which turns farthest: {:.1} s in a straight line of the joints",
+            "home is {:.2} rad away for joint {}, which turns farthest: {:.1} s in a straight line of the \
+             joints",
             way.farthest_rad,
             way.joint,
             way.left_s

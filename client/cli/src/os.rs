@@ -1,4 +1,5 @@
-//! The calls to the operating system that the standard library lacks. The only file of this program with `unsafe`.
+//! The calls to the operating system that the standard library lacks. The only file of this program with
+//! `unsafe`.
 
 use std::io;
 use std::os::fd::AsRawFd;
@@ -20,19 +21,21 @@ pub(crate) fn sleep_until(instant_ns: u64) {
 
 /// Asks process `pid` to end (SIGTERM).
 pub(crate) fn terminate(pid: u32) {
-    // SAFETY: kill touches no memory; the pid is a child of ours that has not been waited for, so it is not reused.
+    // SAFETY: kill touches no memory; the pid is a child of ours that has not been waited for, so it is not
+    // reused.
     unsafe {
         libc::kill(pid as libc::pid_t, libc::SIGTERM);
     }
 }
 
-/// Lets the child end with this process, however that ends, and keeps the terminal's Ctrl-C from it: its parent ends
-/// it in order.
+/// Lets the child end with this process, however that ends, and keeps the terminal's Ctrl-C from it: its
+/// parent ends it in order.
 pub(crate) fn tie_to_parent(command: &mut Command) -> &mut Command {
     let parent = std::process::id();
     command.process_group(0);
     let in_child = move || {
-        // SAFETY: prctl with PR_SET_PDEATHSIG takes a signal number and touches no memory; allowed after fork.
+        // SAFETY: prctl with PR_SET_PDEATHSIG takes a signal number and touches no memory; allowed after
+        // fork.
         let done = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) };
         if done != 0 {
             return Err(io::Error::last_os_error());
@@ -47,11 +50,13 @@ pub(crate) fn tie_to_parent(command: &mut Command) -> &mut Command {
     unsafe { command.pre_exec(in_child) }
 }
 
-/// The user of the process at the other end, as it was when it connected (SO_PEERCRED); the kernel says it, not the process.
+/// The user of the process at the other end, as it was when it connected (SO_PEERCRED); the kernel says it,
+/// not the process.
 pub(crate) fn peer_user(stream: &UnixStream) -> io::Result<u32> {
     let mut peer = libc::ucred { pid: 0, uid: u32::MAX, gid: u32::MAX };
     let mut bytes = size_of::<libc::ucred>() as libc::socklen_t;
-    // SAFETY: the descriptor is open while `stream` is borrowed, `peer` has room for `bytes` bytes, and both are valid for writing.
+    // SAFETY: the descriptor is open while `stream` is borrowed, `peer` has room for `bytes` bytes, and both
+    // are valid for writing.
     let answer = unsafe {
         libc::getsockopt(
             stream.as_raw_fd(),

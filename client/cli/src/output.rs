@@ -1,7 +1,7 @@
 //! Where words and results go: people read stdout, machines read the JSON file.
 //!
-//! Contract: with `--json -` stdout carries the JSON and nothing else, and every word goes to stderr. A reader who
-//! closes the pipe ends the program quietly; no write ever panics.
+//! Contract: with `--json -` stdout carries the JSON and nothing else, and every word goes to stderr. A
+//! reader who closes the pipe ends the program quietly; no write ever panics.
 
 use std::borrow::Cow;
 use std::fmt::Arguments;
@@ -26,8 +26,8 @@ pub(crate) struct JsonArgs {
 }
 
 impl JsonArgs {
-    /// Before any work: sends all words to stderr from now on if stdout belongs to the JSON, and refuses a file whose
-    /// folder does not exist.
+    /// Before any work: sends all words to stderr from now on if stdout belongs to the JSON, and refuses a
+    /// file whose folder does not exist.
     pub(crate) fn claim(&self) -> Result<(), Failure> {
         self.claim_with(None)
     }

@@ -1,7 +1,8 @@
 //! `foretrace record`: the pen samples of a running instance as a recording.
 //!
-//! Contract: every sample that the daemon receives is written, or counted as lost; the recording appears under its name
-//! when it is whole, and what was recorded until then is beside it. Ctrl-C is the ordinary end. Outlives the daemon.
+//! Contract: every sample that the daemon receives is written, or counted as lost; the recording appears
+//! under its name when it is whole, and what was recorded until then is beside it. Ctrl-C is the ordinary
+//! end. Outlives the daemon.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -21,11 +22,12 @@ const NAP: Duration = Duration::from_millis(50);
 
 /// Record the pen of a running daemon until Ctrl-C
 ///
-/// The recording is CSV with the columns t_s,x_m,y_m,contact (metres in the pen's own plane) below a line with version,
-/// unit, rate and writer. It can be played, and a folder of recordings is a data set.
+/// The recording is CSV with the columns t_s,x_m,y_m,contact (metres in the pen's own plane) below a line
+/// with version, unit, rate and writer. It can be played, and a folder of recordings is a data set.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  foretrace record --pen anna-1.csv --writer anna\n  foretrace record --pen test.csv --seconds 10"
+    after_help = "Examples:\n  foretrace record --pen anna-1.csv --writer anna\n  foretrace record --pen \
+                  test.csv --seconds 10"
 )]
 pub(crate) struct RecordArgs {
     /// The recording; must not exist yet

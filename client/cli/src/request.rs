@@ -1,7 +1,7 @@
 //! `foretrace request`: ask the running daemon for something.
 //!
-//! Contract: ends within `--timeout`. A stop takes the way that needs nothing of the middleware; everything else runs in a
-//! thread that is given up, because calls into damaged shared memory can hang.
+//! Contract: ends within `--timeout`. A stop takes the way that needs nothing of the middleware; everything
+//! else runs in a thread that is given up, because calls into damaged shared memory can hang.
 
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;

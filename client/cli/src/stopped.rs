@@ -19,28 +19,35 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
             "somebody asked for it: `foretrace request arm` goes on"
         }
         FaultReason::TimeLost => {
-            "the machine stood still for longer than safety.latch_after_ms: find what held it up with `foretrace doctor`, then arm again"
+            "the machine stood still for longer than safety.latch_after_ms: find what held it up with \
+             `foretrace doctor`, then arm again"
         }
         FaultReason::JointStateStale => {
-            "no joint state came for longer than safety.joint_state_timeout_ms: look at the arm's process, then arm again"
+            "no joint state came for longer than safety.joint_state_timeout_ms: look at the arm's process, \
+             then arm again"
         }
         FaultReason::RobotStopped => {
             "the arm's own safety system stopped it: clear that at the arm, then arm again"
         }
         FaultReason::TrackingError => {
-            "the arm did not go where it was told (bounds: safety.tracking): look what holds, slows or drives it (brake, speed slider, another program), then disarm and arm again"
+            "the arm did not go where it was told (bounds: safety.tracking): look what holds, slows or \
+             drives it (brake, speed slider, another program), then disarm and arm again"
         }
         FaultReason::DeadMan => {
-            "the dead-man switch was released or silent for longer than safety.enable_timeout_ms: hold it, then arm again"
+            "the dead-man switch was released or silent for longer than safety.enable_timeout_ms: hold it, \
+             then arm again"
         }
         FaultReason::Overruns => {
-            "the loop cannot keep its rate on this machine (bounds: safety.overruns): lower loop.rate_hz, use the exact solver, or see `foretrace doctor`"
+            "the loop cannot keep its rate on this machine (bounds: safety.overruns): lower loop.rate_hz, \
+             use the exact solver, or see `foretrace doctor`"
         }
         FaultReason::Envelope => {
-            "the tool could not be kept over the paper and in the workspace (bounds: safety.envelope): look at plane.workspace_m and mpc.limits, then arm again"
+            "the tool could not be kept over the paper and in the workspace (bounds: safety.envelope): look \
+             at plane.workspace_m and mpc.limits, then arm again"
         }
         FaultReason::WayBlocked => {
-            "the arm came too near something on its way home (bounds: clearance): move it by hand, or take that away"
+            "the arm came too near something on its way home (bounds: clearance): move it by hand, or take \
+             that away"
         }
         FaultReason::CommandNotSent
         | FaultReason::NotFinite

@@ -2,11 +2,12 @@
 //!
 //! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT]]]`
 //!
-//! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default 25) of every
-//! EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared distance [m²], 4, 7, 17, 35, 37 and 55 ms
-//! after a sample, of: standing still; the shipped predictor's preview; a Kalman filter tuned for that lead; the preview with
-//! what `trust::Evidence` makes of it, with no arm at its limits. Points of a preview are joined by straight lines. Samples that
-//! the loop refuses, as the first of a jump, are not scored; the Kalman filter is told of them.
+//! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default
+//! 25) of every EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared
+//! distance \[m²\], 4, 7, 17, 35, 37 and 55 ms after a sample, of: standing still; the shipped predictor's
+//! preview; a Kalman filter tuned for that lead; the preview with what `trust::Evidence` makes of it, with no
+//! arm at its limits. Points of a preview are joined by straight lines. Samples that the loop refuses, as the
+//! first of a jump, are not scored; the Kalman filter is told of them.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -25,7 +26,7 @@ use foretrace_sim::path::{Lift, PathSample};
 
 const LEADS_S: [f64; 6] = [0.004, 0.007, 0.017, 0.035, 0.037, 0.055];
 const PERIOD_S: f64 = 0.002;
-/// Between two sequences [s].
+/// Between two sequences \[s\].
 const REST_S: f64 = 2.0;
 /// Samples of a sequence before anything is scored: a Kalman filter needs some.
 const WARM: usize = 8;
@@ -97,7 +98,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         // The preview in force: its base, the point before, and the predicted points.
         let mut preview: Option<(Stamp, Point, [Point; SKILL_LEADS + 1])> = None;
-        // What the last sample left for the skill to learn from: a new preview was made, and what the sample said.
+        // What the last sample left for the skill to learn from: a new preview was made, and what the sample
+        // said.
         let (mut made, mut look) = (false, None);
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;

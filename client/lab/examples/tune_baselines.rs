@@ -2,11 +2,12 @@
 //!
 //! `cargo run --release -p foretrace-lab --example tune_baselines -- FOLDER [WAY [EVERY [limited]]]`
 //!
-//! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one of the
-//! ways, or `all`. EVERY: search on every n-th letter (default 5), what is found is then scored on all of them; 0 only
-//! scores the settings as they are. `limited`: glyphs 0.03 m high and the shipped limits of a tool before a UR5.
-//! Search for the least mean squared error at every budget of jerk: the servoj ways over the whole grid; the others one
-//! knob after another over its grid until nothing improves, from two starts, then on from budget to budget.
+//! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one
+//! of the ways, or `all`. EVERY: search on every n-th letter (default 5), what is found is then scored on all
+//! of them; 0 only scores the settings as they are. `limited`: glyphs 0.03 m high and the shipped limits of a
+//! tool before a UR5. Search for the least mean squared error at every budget of jerk: the servoj ways over
+//! the whole grid; the others one knob after another over its grid until nothing improves, from two starts,
+//! then on from budget to budget.
 
 use std::path::Path;
 
@@ -21,7 +22,7 @@ use foretrace_sim::path::{PathSample, Placement};
 const PERIOD_S: f64 = 0.002;
 /// Limits of the shipped settings for a tool before a UR5.
 const UR5: Limits = Limits { velocity_mps: 1.0, acceleration_mps2: 15.0, jerk_mps3: 2000.0 };
-/// RMS jerk of the target for which the least error is searched, at glyphs of 0.1 m [m/s³].
+/// RMS jerk of the target for which the least error is searched, at glyphs of 0.1 m \[m/s³\].
 const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
 
 /// One knob: its name and the settings that each of its values leads to.

@@ -1,10 +1,11 @@
-//! The lab: what foretrace is compared with, the paper's experiments, closed-loop benchmarks, prediction tables, training.
+//! The lab: what foretrace is compared with, the paper's experiments, closed-loop benchmarks, prediction
+//! tables, training.
 //!
-//! Contract: nothing here runs in the real-time loop, and no product command needs it. Data sets, paths, arms, metrics and
-//! pictures come from [`foretrace_sim`]. The same seed and inputs give the same numbers on any number of cores.
+//! Contract: nothing here runs in the real-time loop, and no product command needs it. Data sets, paths,
+//! arms, metrics and pictures come from [`foretrace_sim`]. The same seed and inputs give the same numbers on
+//! any number of cores.
 
 #![forbid(unsafe_code)]
-#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets")]
 
 pub mod baselines;
 pub mod experiments;

@@ -7,11 +7,11 @@ use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels};
 /// What happened around a ramp of trust, per grid step.
 #[derive(Debug, Clone, Copy)]
 pub struct Rampup<'a> {
-    /// (step, trust in [0, 1]).
+    /// (step, trust in \[0, 1\]).
     pub trust: &'a [(f64, f64)],
-    /// (step, error [m]).
+    /// (step, error \[m\]).
     pub error_m: &'a [(f64, f64)],
-    /// (step, size of the jerk [m/s³]).
+    /// (step, size of the jerk \[m/s³\]).
     pub jerk_mps3: &'a [(f64, f64)],
     /// First and last step of the ramp.
     pub ramp: (f64, f64),

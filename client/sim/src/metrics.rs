@@ -1,7 +1,7 @@
 //! How well a tool followed a pen, and how smooth a motion is.
 //!
-//! Pen and tool carry stamps of one clock in seconds and positions in one plane in metres. Between samples both
-//! move linearly. Absent: orientation and the height above the plane.
+//! Pen and tool carry stamps of one clock in seconds and positions in one plane in metres. Between samples
+//! both move linearly. Absent: orientation and the height above the plane.
 
 use crate::path::PathSample;
 
@@ -14,26 +14,26 @@ const LAG_LAST_MS: i32 = 200;
 /// Where the tool was at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolSample {
-    /// [s], same clock as the pen
+    /// \[s\], same clock as the pen
     pub t_s: f64,
-    /// [m]
+    /// \[m\]
     pub x_m: f64,
-    /// [m]
+    /// \[m\]
     pub y_m: f64,
 }
 
 /// Tracking error at the tool's instants with the pen down.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Tracking {
-    /// Mean squared distance [m²].
+    /// Mean squared distance \[m²\].
     pub mse_m2: f64,
-    /// Root of it [m].
+    /// Root of it \[m\].
     pub rmse_m: f64,
-    /// Largest distance [m].
+    /// Largest distance \[m\].
     pub max_m: f64,
-    /// Shift s in [−50, 200] ms for which tool(t) fits pen(t − s) best; positive: the tool is late.
+    /// Shift s in \[−50, 200\] ms for which tool(t) fits pen(t − s) best; positive: the tool is late.
     pub lag_ms: f64,
-    /// Mean squared distance that remains at that shift [m²].
+    /// Mean squared distance that remains at that shift \[m²\].
     pub mse_at_lag_m2: f64,
     /// Instants scored.
     pub samples: usize,
@@ -42,9 +42,9 @@ pub struct Tracking {
 /// Error at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSample {
-    /// [s]
+    /// \[s\]
     pub t_s: f64,
-    /// Distance between tool and pen [m].
+    /// Distance between tool and pen \[m\].
     pub error_m: f64,
     /// The pen touched the surface.
     pub contact: bool,
@@ -53,25 +53,25 @@ pub struct ErrorSample {
 /// Speed, acceleration and jerk of a motion, by differences between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct Smoothness {
-    /// [m/s]
+    /// \[m/s\]
     pub peak_speed_mps: f64,
-    /// [m/s]
+    /// \[m/s\]
     pub rms_speed_mps: f64,
-    /// [m/s²]
+    /// \[m/s²\]
     pub peak_acceleration_mps2: f64,
-    /// [m/s²]
+    /// \[m/s²\]
     pub rms_acceleration_mps2: f64,
-    /// [m/s³]
+    /// \[m/s³\]
     pub peak_jerk_mps3: f64,
-    /// [m/s³]
+    /// \[m/s³\]
     pub rms_jerk_mps3: f64,
 }
 
 /// Scores `tool` against `pen`: e(t) = |tool(t) − pen(t)| at every tool stamp where the pen was down.
 ///
-/// Both in order of time. Samples of the tool with no pen around them (before, after, in a gap, hovering) do not
-/// count. `None` when nothing counts. The lag is the minimum of the mean squared error over a 1 ms grid, refined by a parabola
-/// through its neighbours; at a border of the range the border is returned.
+/// Both in order of time. Samples of the tool with no pen around them (before, after, in a gap, hovering) do
+/// not count. `None` when nothing counts. The lag is the minimum of the mean squared error over a 1 ms grid,
+/// refined by a parabola through its neighbours; at a border of the range the border is returned.
 #[must_use]
 pub fn tracking(pen: &[PathSample], tool: &[ToolSample]) -> Option<Tracking> {
     let now = shifted_error(pen, tool, 0.0)?;
@@ -106,9 +106,11 @@ pub fn error_series(pen: &[PathSample], tool: &[ToolSample]) -> Vec<ErrorSample>
         .collect()
 }
 
-/// Peak and RMS of the derivatives of a sampled motion; stretches across a gap (more than 4 median steps) are left out.
+/// Peak and RMS of the derivatives of a sampled motion; stretches across a gap (more than 4 median steps) are
+/// left out.
 ///
-/// Derivatives are divided differences over each sample's own stamps; noise in positions grows with every order.
+/// Derivatives are divided differences over each sample's own stamps; noise in positions grows with every
+/// order.
 #[must_use]
 pub fn motion(samples: &[ToolSample]) -> Smoothness {
     let mut steps: Vec<f64> = samples

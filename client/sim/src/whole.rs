@@ -40,8 +40,8 @@ impl Drop for Partial {
     }
 }
 
-/// Fills `file` by `write`, so that no reader ever sees half of it. What is no ordinary file (a device, a pipe) is
-/// written in place.
+/// Fills `file` by `write`, so that no reader ever sees half of it. What is no ordinary file (a device, a
+/// pipe) is written in place.
 ///
 /// # Errors
 /// Whatever the file system or `write` says; the file is then as it was.

@@ -39,7 +39,9 @@ pub struct LstmModel {
 impl LstmModel {
     /// The shipped model of that name, or else the file.
     ///
-    /// *Errors*: see [`ModelError`].
+    /// # Errors
+    ///
+    /// See [`ModelError`].
     pub fn find(name_or_path: &str) -> Result<Self, ModelError> {
         match shipped(name_or_path) {
             Some(shipped) => shipped.lstm(),
@@ -52,14 +54,18 @@ impl LstmModel {
 
     /// Loads a file.
     ///
-    /// *Errors*: see [`ModelError`].
+    /// # Errors
+    ///
+    /// See [`ModelError`].
     pub fn load(path: &Path) -> Result<Self, ModelError> {
         Self::load_assuming(path, Assumed::default())
     }
 
     /// As `load`, with what to take for missing metadata.
     ///
-    /// *Errors*: see [`ModelError`].
+    /// # Errors
+    ///
+    /// See [`ModelError`].
     pub fn load_assuming(path: &Path, assumed: Assumed) -> Result<Self, ModelError> {
         let file = path.display().to_string();
         let failed = |error: &std::io::Error| ModelError::File {
@@ -78,7 +84,9 @@ impl LstmModel {
 
     /// Reads a file's bytes; `file` is what messages call it.
     ///
-    /// *Errors*: see [`ModelError`].
+    /// # Errors
+    ///
+    /// See [`ModelError`].
     pub fn parse(file: &str, bytes: &[u8], assumed: Assumed) -> Result<Self, ModelError> {
         let container = Container::read(file, bytes)?;
         let reader = Reader { file, container: &container };
@@ -89,9 +97,11 @@ impl LstmModel {
         Ok(Self { file: file.to_owned(), weights: Arc::new(weights), notes: notes.collect() })
     }
 
-    /// Checks that the model was trained for a loop with step `loop_ns` [ns].
+    /// Checks that the model was trained for a loop with step `loop_ns` \[ns\].
     ///
-    /// *Errors*: [`ModelError::Refused`] with both steps, or both scales.
+    /// # Errors
+    ///
+    /// [`ModelError::Refused`] with both steps, or both scales.
     pub fn fits(&self, loop_ns: u64) -> Result<(), ModelError> {
         self.weights.fits(loop_ns).map_err(|why| ModelError::Refused { file: self.file.clone(), why })
     }
@@ -117,7 +127,9 @@ impl LstmModel {
 
     /// Writes the file whole: into a neighbour, then renamed over `path`.
     ///
-    /// *Errors*: [`ModelError::File`]; what stood at `path` before is untouched then.
+    /// # Errors
+    ///
+    /// [`ModelError::File`]; what stood at `path` before is untouched then.
     pub fn save(&self, path: &Path, dtype: DType) -> Result<(), ModelError> {
         write_whole(path, &self.to_bytes(dtype)).map_err(|error| ModelError::File {
             file: path.display().to_string(),
@@ -211,7 +223,8 @@ impl Reader<'_> {
                     tensor: name.to_owned(),
                     found: tensor.shape.clone(),
                     wanted: format!("{wanted:?} (H = {}, leads = {})", spec.hidden, spec.leads),
-                    remedy: "all tensors must come from one network on two inputs, and metadata `leads` from its training",
+                    remedy: "all tensors must come from one network on two inputs, and metadata `leads` from \
+                             its training",
                 });
             }
         }

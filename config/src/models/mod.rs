@@ -1,13 +1,15 @@
-//! Trained networks: safetensors files in, [`LstmWeights`](foretrace_control::predict::LstmWeights) out, and back. And the weights from
-//! which refinement starts: a TOML file in, [`RefinePrior`](foretrace_control::predict::refine::RefinePrior) out.
+//! Trained networks: safetensors files in, [`LstmWeights`](foretrace_control::predict::LstmWeights) out, and
+//! back. And the weights from which refinement starts: a TOML file in,
+//! [`RefinePrior`](foretrace_control::predict::refine::RefinePrior) out.
 //!
-//! Contract: what is loaded is complete, of the right sizes, finite and bounded, or the error names file, tensor, what was
-//! found, what is needed and what to do. No file content panics or takes more memory than the file's size allows. Files are
-//! written whole (temporary file, then rename) and the same model gives the same bytes.
+//! Contract: what is loaded is complete, of the right sizes, finite and bounded, or the error names file,
+//! tensor, what was found, what is needed and what to do. No file content panics or takes more memory than
+//! the file's size allows. Files are written whole (temporary file, then rename) and the same model gives the
+//! same bytes.
 //!
-//! An LSTM file holds PyTorch's tensors, `F32` or `F64`, gate rows in the order i, f, g, o (H cells, K leads):
-//! `lstm.weight_ih_l0` 4H x 2, `lstm.weight_hh_l0` 4H x H, `lstm.bias_ih_l0` 4H, `lstm.bias_hh_l0` 4H, `out.weight` 2K x H,
-//! `out.bias` 2K; and in its metadata (strings):
+//! An LSTM file holds PyTorch's tensors, `F32` or `F64`, gate rows in the order i, f, g, o (H cells, K
+//! leads): `lstm.weight_ih_l0` 4H x 2, `lstm.weight_hh_l0` 4H x H, `lstm.bias_ih_l0` 4H, `lstm.bias_hh_l0`
+//! 4H, `out.weight` 2K x H, `out.bias` 2K; and in its metadata (strings):
 //!
 //! | key | meaning |
 //! |---|---|
@@ -17,7 +19,8 @@
 //! | `residual` | `true`: outputs are added to the newest clipped input; absent = `false` |
 //! | `leads` | K, steps predicted directly; absent = 1, rolled out |
 //!
-//! Other keys are notes and kept. Other tensors are refused, but for those whose names begin with `extra.`, which are ignored.
+//! Other keys are notes and kept. Other tensors are refused, but for those whose names begin with `extra.`,
+//! which are ignored.
 
 mod container;
 mod problem;

@@ -1,8 +1,9 @@
 //! Where refinement starts: coefficients from a TOML file, [`RefinePrior`] out.
 //!
-//! Contract: what is loaded is complete, has no key that means nothing, and every number is finite and bounded, or the error names file,
-//! place, what was found and what is legal. No file content panics, and no more than [`MAX_BYTES`] of a file are read.
-//! The format is explained at the top of the shipped file, `config/models/refine-prior.toml`; what its numbers are, in the card beside it.
+//! Contract: what is loaded is complete, has no key that means nothing, and every number is finite and
+//! bounded, or the error names file, place, what was found and what is legal. No file content panics, and no
+//! more than [`MAX_BYTES`] of a file are read. The format is explained at the top of the shipped file,
+//! `config/models/refine-prior.toml`; what its numbers are, in the card beside it.
 
 use std::fs::File;
 use std::io::Read;
@@ -38,7 +39,9 @@ pub const SHIPPED_PRIOR: ShippedPrior = ShippedPrior {
 
 /// The shipped prior, if that is its name, or else the one in the file.
 ///
-/// *Errors*: see [`ModelError`].
+/// # Errors
+///
+/// See [`ModelError`].
 pub fn find_prior(name_or_path: &str) -> Result<RefinePrior, ModelError> {
     if name_or_path == SHIPPED_PRIOR.name {
         return parse_prior(SHIPPED_PRIOR.name, SHIPPED_PRIOR.text.as_bytes());
@@ -59,7 +62,9 @@ pub fn find_prior(name_or_path: &str) -> Result<RefinePrior, ModelError> {
 
 /// Reads a file's bytes; `file` is what messages call it.
 ///
-/// *Errors*: see [`ModelError`].
+/// # Errors
+///
+/// See [`ModelError`].
 pub fn parse_prior(file: &str, bytes: &[u8]) -> Result<RefinePrior, ModelError> {
     let wrong = |what: String| ModelError::Prior { file: file.to_owned(), what };
     if bytes.len() as u64 > MAX_BYTES {

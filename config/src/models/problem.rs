@@ -1,4 +1,5 @@
-//! What can be wrong with a model file: one variant per bound that can be broken, each with file, place and remedy.
+//! What can be wrong with a model file: one variant per bound that can be broken, each with file, place and
+//! remedy.
 
 use foretrace_control::predict::LstmError;
 use foretrace_control::predict::refine::PriorError;
@@ -31,7 +32,8 @@ pub enum ModelError {
     },
     /// Not in the safetensors format.
     #[error(
-        "{file}: not a safetensors file, {what}: save the model with `safetensors.torch.save_file` or `foretrace lab train`"
+        "{file}: not a safetensors file, {what}: save the model with `safetensors.torch.save_file` or \
+         `foretrace lab train`"
     )]
     Format {
         /// The file.
@@ -41,7 +43,8 @@ pub enum ModelError {
     },
     /// A tensor that the network needs is not there.
     #[error(
-        "{file}: tensor {tensor} is missing, the file has {found}: name the tensors as PyTorch does ({needed})"
+        "{file}: tensor {tensor} is missing, the file has {found}: name the tensors as PyTorch does \
+         ({needed})"
     )]
     Missing {
         /// The file.
@@ -55,7 +58,8 @@ pub enum ModelError {
     },
     /// A tensor that the network does not have.
     #[error(
-        "{file}: tensor {tensor} is unknown, the network has {needed}: remove it, or let its name begin with `extra.`"
+        "{file}: tensor {tensor} is unknown, the network has {needed}: remove it, or let its name begin with \
+         `extra.`"
     )]
     Unknown {
         /// The file.
@@ -67,7 +71,8 @@ pub enum ModelError {
     },
     /// A number format that is not read.
     #[error(
-        "{file}: tensor {tensor} is of dtype {found}, legal are F32 and F64: convert it with `.float()` before saving"
+        "{file}: tensor {tensor} is of dtype {found}, legal are F32 and F64: convert it with `.float()` \
+         before saving"
     )]
     DType {
         /// The file.
@@ -93,7 +98,8 @@ pub enum ModelError {
     },
     /// Metadata that must be there.
     #[error(
-        "{file}: metadata key `{key}` is missing: save the model with metadata={{\"input_scale\": \"10.13\", \"step_ns\": \"5000000\"}} \
+        "{file}: metadata key `{key}` is missing: save the model with \
+         metadata={{\"input_scale\": \"10.13\", \"step_ns\": \"5000000\"}} \
          (RMS and step in ns of the displacements it was trained on)"
     )]
     MissingKey {
@@ -118,7 +124,8 @@ pub enum ModelError {
     },
     /// Metadata whose key is almost one with a meaning.
     #[error(
-        "{file}: metadata key `{key}` is unknown but looks like `{meant}`: correct it, or name the note otherwise"
+        "{file}: metadata key `{key}` is unknown but looks like `{meant}`: correct it, or name the note \
+         otherwise"
     )]
     Slip {
         /// The file.
@@ -136,7 +143,8 @@ pub enum ModelError {
         /// By the control law.
         why: LstmError,
     },
-    /// Not the coefficients that refinement starts from: syntax, a key that is missing or means nothing, a word.
+    /// Not the coefficients that refinement starts from: syntax, a key that is missing or means nothing, a
+    /// word.
     #[error(
         "{file}: not where refinement can start, {what}: take config/models/refine-prior.toml as a pattern"
     )]

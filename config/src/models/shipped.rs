@@ -38,7 +38,9 @@ const MODELS: &[Shipped] = &shipped![
 impl Shipped {
     /// The model as an LSTM.
     ///
-    /// *Errors*: it is another kind of model.
+    /// # Errors
+    ///
+    /// It is another kind of model.
     pub fn lstm(&self) -> Result<LstmModel, ModelError> {
         LstmModel::parse(self.name, self.bytes, Assumed::default())
     }

@@ -14,12 +14,15 @@ section! {
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// A turn of the tool counts like a displacement at this distance from its tip.
         orientation_length_m: f64 = Between(0.001, 1.0), Default("0.1"), AtStart, "0.1";
-        /// Weight of position errors along the plane's normal, relative to those in the plane: where joints cannot do
-        /// both, the tool leaves the line rather than the paper.
-        normal_weight: f64 = Between(1.0, 100.0), Default("10.0"), AtStart, "10; 1 treats all directions alike";
-        /// Weight of turns of the tool relative to those displacements: where joints cannot do both, the tool tilts a
-        /// little and its tip stays on the line. Of an upright tool: the weight grows to 1 at 0.15 rad.
-        tilt_weight: f64 = Between(0.01, 1.0), Default("0.2"), AtStart, "0.2; 1 keeps the pen upright at any price";
+        /// Weight of position errors along the plane's normal, relative to those in the plane: where joints
+        /// cannot do both, the tool leaves the line rather than the paper.
+        normal_weight: f64 = Between(1.0, 100.0), Default("10.0"), AtStart, "10; 1 treats all directions \
+                                        alike";
+        /// Weight of turns of the tool relative to those displacements: where joints cannot do both, the tool
+        /// tilts a little and its tip stays on the line. Of an upright tool: the weight grows to 1 at 0.15
+        /// rad.
+        tilt_weight: f64 = Between(0.01, 1.0), Default("0.2"), AtStart, "0.2; 1 keeps the pen upright at any \
+                                        price";
         /// Weight of the turn about the pen's own axis, relative to the tilt; 0 leaves it free.
         spin_weight: f64 = Between(0.0, 1.0), Default("0.1"), AtStart, "0.1";
         /// Damping far from singularities.
@@ -49,8 +52,8 @@ section! {
         base_link: Option<String> = Text, Optional, AtStart, "\"base_link\" for a UR";
         /// Link that carries the tool; its z axis is the pen. Not set: the only leaf of the URDF.
         tip_link: Option<String> = Text, Optional, AtStart, "\"tool0\" for a UR";
-        /// Where the pen's tip is, seen from `tip_link`. It has to be right: the tool may tilt (`ik.tilt_weight`), and it
-        /// tilts about this point.
+        /// Where the pen's tip is, seen from `tip_link`. It has to be right: the tool may tilt
+        /// (`ik.tilt_weight`), and it tilts about this point.
         tool_m: [f64; 3] = Between(-0.5, 0.5), Default("[0.0, 0.0, 0.0]"), AtStart,
             "[0.0, 0.0, length] for a pen of that length below the flange";
         /// Posture from which the plane is reached without passing a singularity.
@@ -79,22 +82,24 @@ section! {
 section! {
     /// Delays of the world around the loop.
     pub struct Timing {
-        /// From a command to the motion of the arm, all of it, `servo_filter_ms` included; the prediction looks this far
-        /// ahead in addition. With `follow_lag` the value at start, and the one by which the learner chooses how far ahead
-        /// it compares.
+        /// From a command to the motion of the arm, all of it, `servo_filter_ms` included; the prediction
+        /// looks this far ahead in addition. With `follow_lag` the value at start, and the one by which the
+        /// learner chooses how far ahead it compares.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
-            "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz (one controller cycle more, and waiting for it)";
-        /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this group delay: the plan
-        /// then brings the arm behind it to the pen, not the command, inside all limits. 0: all of it is taken for pure delay.
+            "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz \
+             (one controller cycle more, and waiting for it)";
+        /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this
+        /// group delay: the plan then brings the arm behind it to the pen, not the command, inside all
+        /// limits. 0: all of it is taken for pure delay.
         servo_filter_ms: f64 = Between(0.0, 150.0), Default("0.0"), AtStart,
             "0 for letters near the arm's limits; for slower motion what `foretrace calibrate lag` says";
-        /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow it.
-        /// `false`: the dead time stays as configured; the lag is measured and shown all the same.
+        /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow
+        /// it. `false`: the dead time stays as configured; the lag is measured and shown all the same.
         follow_lag: bool = Flag, Default("true"), AtStart, "true";
         /// The dead time follows no faster than this many seconds per second.
         follow_rate: f64 = Between(0.001, 0.1), Default("0.02"), AtStart, "0.02: 20 ms per second";
-        /// The dead time follows no farther than this. Not set: as far as there is room for predicted steps, at
-        /// most 200 ms.
+        /// The dead time follows no farther than this. Not set: as far as there is room for predicted steps,
+        /// at most 200 ms.
         dead_time_max_ms: Option<f64> = Between(0.0, 200.0), Optional, AtStart, "nothing: leave it out";
     }
 }
@@ -110,9 +115,11 @@ section! {
         enable_timeout_ms: f64 = Between(20.0, 2000.0), Default("100.0"), AtStart, "100";
         /// Time lost in one piece beyond which the stop is latched and the arm has to be armed again.
         latch_after_ms: f64 = Between(10.0, 5000.0), Required, AtStart, "200";
-        /// Share of the recent periods that the loop's own work may overrun (their tick took longer than a period, or never ran
-        /// because of one that did). Above half of it the loop solves in every second tick only, above all of it the stop is latched.
-        late_ticks_max: f64 = Between(0.01, 1.0), Default("0.5"), AtStart, "0.5; 0.05 on a machine of its own";
+        /// Share of the recent periods that the loop's own work may overrun (their tick took longer than a
+        /// period, or never ran because of one that did). Above half of it the loop solves in every second
+        /// tick only, above all of it the stop is latched.
+        late_ticks_max: f64 = Between(0.01, 1.0), Default("0.5"), AtStart, "0.5; 0.05 on a machine of its \
+                                        own";
         /// How far back that looks.
         late_ticks_window_ms: f64 = Between(50.0, 2000.0), Default("1000.0"), AtStart, "1000";
         /// Fastest joint with which the arm may be armed: arming wants an arm at rest.
@@ -148,38 +155,45 @@ words! {
 }
 
 section! {
-    /// How far the arm may be from where it was told to be. Measured joints are compared with all commands that they may be
-    /// answering, back to `timing.dead_time_max_ms` and what a servo filter spreads: the smaller that is, the sooner an arm
-    /// that stands still is noticed. What is wrong latches a stop, "tracking-error", with joint, amount and limit.
+    /// How far the arm may be from where it was told to be. Measured joints are compared with all commands
+    /// that they may be answering, back to `timing.dead_time_max_ms` and what a servo filter spreads: the
+    /// smaller that is, the sooner an arm that stands still is noticed. What is wrong latches a stop,
+    /// "tracking-error", with joint, amount and limit.
     pub struct Tracking {
-        /// Farthest that a measured joint may be from all of those commands. A joint that is half as far outside and moving away
-        /// stops the arm as well.
+        /// Farthest that a measured joint may be from all of those commands. A joint that is half as far
+        /// outside and moving away stops the arm as well.
         joint_rad: f64 = Between(0.002, 0.5), Default("0.02"), AtStart, "0.02";
         /// The same for the tool, along the axes of the plane: several small joint errors add up.
         tool_m: f64 = Between(0.001, 0.2), Default("0.015"), AtStart, "0.015";
-        /// Commands that move a joint by this much within a quarter of a second have to show: a joint that stands still
-        /// then stops the arm.
+        /// Commands that move a joint by this much within a quarter of a second have to show: a joint that
+        /// stands still then stops the arm.
         still_rad: f64 = Between(0.002, 0.5), Default("0.006"), AtStart, "0.006";
         /// A joint that leaves its commands faster than this runs away.
         runaway_radps: f64 = Between(0.02, 3.0), Default("0.1"), AtStart, "0.1";
         /// What is wrong for this long, and in two joint states, stops the arm; less is a glitch.
         hold_ms: f64 = Between(0.0, 200.0), Default("10.0"), AtStart, "10";
-        /// An arm that moves at less than three quarters of the speed that is asked for (a speed slider): "slow-down", the tool
-        /// slows with it; "stop", a stop is latched.
-        slow_arm: SlowArmChoice = Words(SlowArmChoice::WORDS), Default("\"slow-down\""), AtStart, "\"slow-down\"";
+        /// An arm that moves at less than three quarters of the speed that is asked for (a speed slider):
+        /// "slow-down", the tool slows with it; "stop", a stop is latched.
+        slow_arm: SlowArmChoice = Words(SlowArmChoice::WORDS), Default("\"slow-down\""), AtStart,
+            "\"slow-down\"";
     }
 }
 
 section! {
-    /// How far the tool may go while the pen leads, whatever the plan is: judged from the commanded joints in every tick. Near a
-    /// bound the tool gets no faster than the joints can stop it; beyond it a stop is latched. An arm that was armed outside
-    /// (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`) may only come in.
+    /// How far the tool may go while the pen leads, whatever the plan is: judged from the commanded joints in
+    /// every tick. Near a bound the tool gets no faster than the joints can stop it; beyond it a stop is
+    /// latched. An arm that was armed outside (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`)
+    /// may only come in.
     pub struct EnvelopeSection {
-        /// Beyond `plane.workspace_m` (also into the paper) by more than this, a stop is latched; commands keep half of it.
-        margin_m: f64 = Between(0.0002, 0.05), Default("0.001"), AtStart, "0.001; more only where joints are much slower than the plan";
+        /// Beyond `plane.workspace_m` (also into the paper) by more than this, a stop is latched; commands
+        /// keep half of it.
+        margin_m: f64 = Between(0.0002, 0.05), Default("0.001"), AtStart, "0.001; more only where joints are \
+                                        much slower than the plan";
         /// Largest angle between the tool's axis and the plane's normal.
-        max_tilt_rad: f64 = Between(0.02, 1.5), Default("0.35"), AtStart, "0.35: letters tilt the preset's pen by 0.1, leaps by 0.25";
+        max_tilt_rad: f64 = Between(0.02, 1.5), Default("0.35"), AtStart, "0.35: letters tilt the preset's \
+                                        pen by 0.1, leaps by 0.25";
         /// Fastest tool. Not set: what the limits of the plan and `ik.correction_mps` amount to together.
-        max_speed_mps: Option<f64> = Between(0.005, 20.0), Optional, AtStart, "nothing: leave it out; 0.25 near people";
+        max_speed_mps: Option<f64> = Between(0.005, 20.0), Optional, AtStart, "nothing: leave it out; 0.25 \
+                                        near people";
     }
 }

@@ -41,9 +41,9 @@ section! {
     pub struct Predictor {
         /// Who predicts.
         kind: PredictorKind = Words(&PredictorKind::LIVE_NAMES), Required, Live, "\"mixture\"";
-        /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings file; made for
-        /// this pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", there is
-        /// no predictor "lstm".
+        /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings
+        /// file; made for this pen.step_ms. Not set: the shipped one for this step; where there is none, or
+        /// with "none", there is no predictor "lstm".
         lstm: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get
         /// faster.
@@ -108,8 +108,8 @@ section! {
 }
 
 section! {
-    /// The echo state network beside the DyBM (predictor.kind = "dybm-esn"): 50 units, fixed and random, with a
-    /// read-out that learns by AdaGrad.
+    /// The echo state network beside the DyBM (predictor.kind = "dybm-esn"): 50 units, fixed and random, with
+    /// a read-out that learns by AdaGrad.
     pub struct EsnSection {
         /// Of the random numbers; the same seed gives the same network.
         seed: u32 = Between(0.0, 4294967295.0), Default("0"), AtStart, "0";
@@ -123,8 +123,8 @@ section! {
 }
 
 section! {
-    /// Autoregression over the last 8 steps by recursive least squares (predictor.kind = "ar-rls"). Lengths are
-    /// normalised: a typical step is 10 per axis, 14 in the plane.
+    /// Autoregression over the last 8 steps by recursive least squares (predictor.kind = "ar-rls"). Lengths
+    /// are normalised: a typical step is 10 per axis, 14 in the plane.
     pub struct ArRlsSection {
         /// Factor per step by which the past loses weight: 0.999 remembers a thousand steps.
         forgetting: f64 = Between(0.9, 1.0), Default("0.999"), AtStart, "0.999";
@@ -136,12 +136,12 @@ section! {
 }
 
 section! {
-    /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out, a trained network,
-    /// and that network corrected online, weighed anew at every step and for every lead.
+    /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out, a
+    /// trained network, and that network corrected online, weighed anew at every step and for every lead.
     pub struct MixtureSection {
-        /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24 direct
-        /// leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is none, or with
-        /// "none", the mixture does without.
+        /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24
+        /// direct leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is
+        /// none, or with "none", the mixture does without.
         network: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// Factor per step by which the past loses weight in the read-outs.
         forgetting: f64 = Between(0.99, 1.0), Default("0.99985"), AtStart, "0.99985";
@@ -153,11 +153,11 @@ section! {
 }
 
 section! {
-    /// How samples newer than the grid move the preview (trust.per_step): learned from the hand, from weights that other hands
-    /// taught.
+    /// How samples newer than the grid move the preview (trust.per_step): learned from the hand, from weights
+    /// that other hands taught.
     pub struct RefineSection {
-        /// The weights from which that starts: the shipped "refine-prior", or a .toml file relative to the settings file. Not
-        /// set: the shipped ones.
+        /// The weights from which that starts: the shipped "refine-prior", or a .toml file relative to the
+        /// settings file. Not set: the shipped ones.
         prior: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
     }
 }
@@ -165,8 +165,8 @@ section! {
 section! {
     /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live
     /// weights only when it did better on recent motion (or, for models that learn at once, no worse), and is
-    /// taken back when it then does worse than what it replaced. They are compared by their predictions as far
-    /// ahead as the plan looks: from the dead time to the horizon behind it.
+    /// taken back when it then does worse than what it replaced. They are compared by their predictions as
+    /// far ahead as the plan looks: from the dead time to the horizon behind it.
     pub struct Learner {
         /// Learn while running. Off: the weights stay as they are.
         enabled: bool = Flag, Default("true"), Live, "true";
@@ -184,7 +184,8 @@ section! {
         promote_ratio: f64 = Between(0.1, 1.0), Default("0.95"), AtStart, "0.95";
         /// The live weights are rolled back when their error is above this many times their predecessor's.
         rollback_ratio: f64 = Between(1.0, 10.0), Default("1.1"), AtStart, "1.1";
-        /// Displacements longer than this in the plane (normalised; a typical one is 14) are not learned from.
+        /// Displacements longer than this in the plane (normalised; a typical one is 14) are not learned
+        /// from.
         max_learned: f64 = Between(10.0, 1e6), Default("60.0"), AtStart, "60";
     }
 }
@@ -199,9 +200,11 @@ section! {
         /// The trust that a healthy prediction gets in automatic mode.
         ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
         /// Steps of motion whose previews have to be judged before automatic mode believes in any.
-        proof_cases: u32 = Between(0.0, 10000.0), Default("1"), AtStart, "1: the record begins with cases of doubt anyway; 20 to wait for a fifth of a second at 10 ms";
-        /// Automatic mode believes each step of the preview as far as it paid, and moves the preview by samples newer than
-        /// the grid's. Off: one trust for the whole preview, as in the paper and in manual mode.
+        proof_cases: u32 = Between(0.0, 10000.0), Default("1"), AtStart, "1: the record begins with cases of \
+                                        doubt anyway; 20 to wait for a fifth of a second at 10 ms";
+        /// Automatic mode believes each step of the preview as far as it paid, and moves the preview by
+        /// samples newer than the grid's. Off: one trust for the whole preview, as in the paper and in manual
+        /// mode.
         per_step: bool = Flag, Default("true"), AtStart, "true";
         /// Steps that the trust takes from 0 to 1, at least.
         ramp_steps: u32 = Between(1.0, 1000.0), Required, AtStart, "10, as in the paper";

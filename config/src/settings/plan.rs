@@ -19,23 +19,27 @@ section! {
     /// Gains and effort are plain numbers for errors in mm, mm per step, mm per step^2 and mm per step^3.
     pub struct Mpc {
         /// Steps of the plan; the horizon lasts horizon * mpc.step_ms.
-        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20: with steps of 2.5 ms time enough to brake from 0.8 m/s";
-        /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers new
-        /// samples sooner. Not set: a quarter of pen.step_ms, or the period where that is longer.
+        horizon: u32 = OneOf(&[10.0, 20.0, 30.0]), Required, AtStart, "20: with steps of 2.5 ms time enough \
+                                        to brake from 0.8 m/s";
+        /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers
+        /// new samples sooner. Not set: a quarter of pen.step_ms, or the period where that is longer.
         step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
-        /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a new sample.
-        /// More follows sooner and overshoots more.
-        response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough for sharp gains";
-        /// The arm is led this much of the predicted velocity ahead of where the pen is predicted. Predictions of hands that
-        /// are hard to foresee come late, and limits make an arm late; this takes the lag out, beyond the preset for more error.
-        velocity_lead_ms: f64 = Between(0.0, 100.0), Default("7.0"), AtStart, "7; 0 for an arm that no limits hold up, or a known future";
+        /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a
+        /// new sample. More follows sooner and overshoots more.
+        response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough \
+                                        for sharp gains";
+        /// The arm is led this much of the predicted velocity ahead of where the pen is predicted.
+        /// Predictions of hands that are hard to foresee come late, and limits make an arm late; this takes
+        /// the lag out, beyond the preset for more error.
+        velocity_lead_ms: f64 = Between(0.0, 100.0), Default("7.0"), AtStart, "7; 0 for an arm that no \
+                                        limits hold up, or a known future";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
         effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "10";
-        /// Iterations of the exact solver per axis before the previous plan is used, and the next one is asked for
-        /// less. Where the tool cannot help leaving the workspace,
-        /// a tick may take half as many again.
+        /// Iterations of the exact solver per axis before the previous plan is used, and the next one is
+        /// asked for less. Where the tool cannot help leaving the workspace, a tick may take half as many
+        /// again.
         max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
             "100: enough for the presets, whatever the pen does";
     }
@@ -56,7 +60,8 @@ section! {
     /// prediction (trust 1).
     pub struct Gains {
         /// Weight of the position error.
-        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0; feedforward up to 3 for an arm much faster than the hand";
+        position: f64 = Between(1e-6, 1000.0), Required, AtStart, "1.0; feedforward up to 3 for an arm much \
+                                        faster than the hand";
         /// Weight of the velocity error.
         velocity: f64 = Between(0.0, 1000.0), Required, AtStart, "7.0 for feedback, 2.5 for feedforward";
         /// Weight of the acceleration error.
@@ -96,9 +101,11 @@ section! {
     /// Limits of the tool along one axis of the writing plane. The workspace is `plane.workspace_m`.
     pub struct AxisLimits {
         /// Largest speed (kept unless the state makes that impossible).
-        velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.8: letters of 3 cm at natural speed; 0.25 near people";
+        velocity_mps: f64 = Between(0.001, 5.0), Required, AtStart, "0.8: letters of 3 cm at natural speed; \
+                                        0.25 near people";
         /// Largest acceleration (kept unless the state makes that impossible).
-        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "36.0 for a UR5 near its home with a pen, 24.0 without one; 5.0 near people";
+        acceleration_mps2: f64 = Between(0.01, 100.0), Required, AtStart, "36.0 for a UR5 near its home with \
+                                        a pen, 24.0 without one; 5.0 near people";
         /// Largest jerk (always kept).
         jerk_mps3: f64 = Between(1.0, 100_000.0), Required, AtStart,
             "16000: the acceleration reverses in 3 ms; 400 near people";

@@ -19,10 +19,11 @@ section! {
         /// Plane metres per pen metre.
         scale: f64 = Between(0.01, 100.0), Required, AtStart, "1.0: the arm writes as large as the hand";
         /// Height of the lifted tool above the plane while the pen is up.
-        lift_height_m: f64 = Between(0.001, 0.2), Required, AtStart, "0.01: more takes from the joints what writing needs";
+        lift_height_m: f64 = Between(0.001, 0.2), Required, AtStart, "0.01: more takes from the joints what \
+                                        writing needs";
         /// Where the tool may be, [[x_min, x_max], [y_min, y_max], [z_min, z_max]] in the plane's frame.
-        /// Every corner must be within reach of the arm; contact (z = 0) and the lift height lie inside. A plan
-        /// may press the tip no deeper than z_min into the paper.
+        /// Every corner must be within reach of the arm; contact (z = 0) and the lift height lie inside. A
+        /// plan may press the tip no deeper than z_min into the paper.
         workspace_m: [[f64; 2]; 3] = Between(-3.0, 3.0), Required, AtStart,
             "[[-0.1, 0.1], [-0.1, 0.1], [-0.0005, 0.05]]";
     }

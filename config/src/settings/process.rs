@@ -45,8 +45,9 @@ section! {
         every_ticks: u32 = Between(1.0, 1000.0), Default("1"), AtStart, "1";
         /// Status messages per second (one more at every change of mode).
         status_hz: u32 = Between(1.0, 100.0), Default("10"), AtStart, "10";
-        /// Run the ghost: what feedback alone (trust 0) would have done, tick by tick beside the loop, so that status,
-        /// records and reports show what the prediction saves. Costs one more step per tick on an ordinary thread.
+        /// Run the ghost: what feedback alone (trust 0) would have done, tick by tick beside the loop, so
+        /// that status, records and reports show what the prediction saves. Costs one more step per tick on
+        /// an ordinary thread.
         ghost: bool = Flag, Default("true"), AtStart, "true; false where every core counts";
     }
 }

@@ -63,7 +63,8 @@ fn plane_far_away_names_the_middle_and_where_the_tool_is() {
 
 #[test]
 fn corner_behind_a_narrowed_joint_limit_names_the_joint() {
-    let narrow = "position_min_rad = [3.0, -2.5, 1.0, -3.0, -2.0, -3.0]\nposition_max_rad = [3.3, -0.5, 2.8, -1.0, -1.0, 3.0]\n";
+    let narrow = "position_min_rad = [3.0, -2.5, 1.0, -3.0, -2.0, -3.0]\nposition_max_rad = [3.3, -0.5, 2.8, \
+                  -1.0, -1.0, 3.0]\n";
     let text = over_ur5(&format!("[robot]\n{narrow}")).unwrap_err().to_string();
     assert!(text.contains("`plane.workspace_m`") && text.contains("shoulder_pan_joint"), "{text}");
 }
@@ -81,7 +82,8 @@ fn reachable_corners_are_reached_by_the_solver_that_judged_them() {
 #[test]
 fn the_narrower_of_urdf_and_settings_counts() {
     let config = over_ur5(
-        "[robot]\nvelocity_radps = [1, 9, 1, 1, 1, 1]\nposition_min_rad = [-6.3, -2.5, -6.3, -6.3, -6.3, -6.3]\n",
+        "[robot]\nvelocity_radps = [1, 9, 1, 1, 1, 1]\nposition_min_rad = [-6.3, -2.5, -6.3, -6.3, -6.3, \
+         -6.3]\n",
     )
     .unwrap();
     let limits = config.robot().limits;
@@ -215,7 +217,8 @@ fn a_changed_urdf_file_needs_a_restart() {
 
 #[test]
 fn a_table_under_the_arm_and_a_box_beside_it_are_kept_away_from() {
-    let written = "[clearance]\nplanes_m = [[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]\nboxes_m = [[[0.0, 0.8, 0.2], [0.2, 0.2, 0.4], [0.0, 0.0, 0.3]]]\n";
+    let written = "[clearance]\nplanes_m = [[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]\nboxes_m = [[[0.0, 0.8, \
+                   0.2], [0.2, 0.2, 0.4], [0.0, 0.0, 0.3]]]\n";
     let config = over_ur5(written).unwrap();
     let clearance = config.robot().clearance.clone().unwrap();
     assert_eq!((clearance.obstacles.len(), clearance.itself, clearance.margin_m), (2, true, 0.01));
@@ -292,7 +295,8 @@ fn a_home_where_the_arm_would_not_be_armed_is_told() {
         "{below:?}"
     );
     let tilted = remarks(
-        "[robot]\ntool_m = [0.0, 0.0, 0.15]\n[safety]\narm_max_tilt_rad = 0.3\n[plane]\nnormal = [0.0, 0.35, 0.93675]\nx_axis = [0.0, -0.93675, 0.35]\n",
+        "[robot]\ntool_m = [0.0, 0.0, 0.15]\n[safety]\narm_max_tilt_rad = 0.3\n[plane]\nnormal = [0.0, 0.35, \
+         0.93675]\nx_axis = [0.0, -0.93675, 0.35]\n",
     );
     assert!(tilted.len() == 1 && tilted.iter().all(|r| r.contains("tilted by 0.358 rad")), "{tilted:?}");
 }

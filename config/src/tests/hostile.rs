@@ -1,4 +1,5 @@
-//! Anything at all as a settings file: an answer, never a panic. FORETRACE_FUZZ_CASES=N asks for N answers to each question.
+//! Anything at all as a settings file: an answer, never a panic. FORETRACE_FUZZ_CASES=N asks for N answers to
+//! each question.
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -47,7 +48,9 @@ proptest! {
     }
 
     #[test]
-    fn random_text_that_looks_like_toml_never_panics(text in "([a-z_\\.]{1,8}|[=\\[\\]{}\",'#\n \t0-9.eE+-]|é|\u{0}){0,120}") {
+    fn random_text_that_looks_like_toml_never_panics(
+        text in "([a-z_\\.]{1,8}|[=\\[\\]{}\",'#\n \t0-9.eE+-]|é|\u{0}){0,120}"
+    ) {
         let _ = over_ur5(&text);
     }
 

@@ -48,10 +48,12 @@ fn presets_keep_what_was_measured_in_the_control_law() {
 
 #[test]
 fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
-    let law =
-        over_ur5("[timing]\ndead_time_ms = 34.5\n[loop]\nrate_hz = 1000\n[pen]\nmin_interval_us = 1500\n[mpc]\nvelocity_lead_ms = 12.5\n")
-            .unwrap()
-            .follower_settings();
+    let law = over_ur5(
+        "[timing]\ndead_time_ms = 34.5\n[loop]\nrate_hz = 1000\n[pen]\nmin_interval_us = \
+                  1500\n[mpc]\nvelocity_lead_ms = 12.5\n",
+    )
+    .unwrap()
+    .follower_settings();
     assert_eq!((law.dead_time_ns, law.velocity_lead_ns), (34_500_000, 12_500_000));
     assert_eq!((law.period_ns, law.pen.step_ns), (1_000_000, 10_000_000));
     assert_eq!(law.pen.min_interval_ns, 1_500_000);
@@ -64,7 +66,8 @@ fn milliseconds_hertz_and_millimetres_arrive_in_the_units_of_the_law() {
 #[test]
 fn pen_gates_are_scaled_from_the_device_into_the_plane() {
     let law = over_ur5(
-        "[plane]\nscale = 2.0\npen_origin_m = [0.1, -0.1]\n[pen]\nbounds_m = [[0.0, 0.3], [-0.2, 0.2]]\nmax_speed_mps = 1.5\n",
+        "[plane]\nscale = 2.0\npen_origin_m = [0.1, -0.1]\n[pen]\nbounds_m = [[0.0, 0.3], [-0.2, \
+         0.2]]\nmax_speed_mps = 1.5\n",
     )
     .unwrap()
     .follower_settings();
@@ -92,7 +95,8 @@ fn workspace_and_limits_reach_their_axes() {
 #[test]
 fn words_choose_what_they_say() {
     let config = over_ur5(
-        "[predictor]\nkind = \"hold\"\n[trust]\nmode = \"manual\"\nvalue = 0.25\n[mpc]\nbackend = \"clarabel\"\n\
+        "[predictor]\nkind = \"hold\"\n[trust]\nmode = \"manual\"\nvalue = 0.25\n[mpc]\nbackend \
+         = \"clarabel\"\n\
          [learner]\ninitial_persistence = 0.0\n",
     )
     .unwrap();
@@ -146,7 +150,8 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
     let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
-    // What the plan models as the arm's servo need not be foreseen; twenty plan steps of 2.5 ms are five grid steps.
+    // What the plan models as the arm's servo need not be foreseen; twenty plan steps of 2.5 ms are five grid
+    // steps.
     let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
     assert_eq!(inverted, Leads::new(1, 6).unwrap());
 }

@@ -1,5 +1,6 @@
-//! Trained networks from files: PyTorch's numbers reproduced, and everything that can be wrong with a file refused.
-//! `fixtures/lstm`: fixed random weights (`F32`) and what PyTorch computes from them in double precision.
+//! Trained networks from files: PyTorch's numbers reproduced, and everything that can be wrong with a file
+//! refused. `fixtures/lstm`: fixed random weights (`F32`) and what PyTorch computes from them in double
+//! precision.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -154,7 +155,8 @@ fn wrong_names_are_named() {
     assert_eq!(
         renamed,
         format!(
-            "pen.safetensors: tensor out.weight is missing, the file has fc.weight, lstm.bias_hh_l0, lstm.bias_ih_l0, \
+            "pen.safetensors: tensor out.weight is missing, the file has fc.weight, lstm.bias_hh_l0, \
+             lstm.bias_ih_l0, \
              lstm.weight_hh_l0, lstm.weight_ih_l0, out.bias: name the tensors as PyTorch does ({NAMES})"
         )
     );
@@ -164,7 +166,8 @@ fn wrong_names_are_named() {
     assert_eq!(
         second_layer,
         format!(
-            "pen.safetensors: tensor lstm.weight_ih_l1 is unknown, the network has {NAMES}: remove it, or let its name \
+            "pen.safetensors: tensor lstm.weight_ih_l1 is unknown, the network has {NAMES}: remove it, or \
+             let its name \
              begin with `extra.`"
         )
     );
@@ -186,7 +189,8 @@ fn wrong_shapes_and_sizes_are_named() {
     });
     assert_eq!(
         wide,
-        "pen.safetensors: tensor out.weight has shape [4, 10], needed is [2, 10] (H = 10, leads = 1): all tensors must \
+        "pen.safetensors: tensor out.weight has shape [4, 10], needed is [2, 10] (H = 10, leads = 1): all \
+         tensors must \
          come from one network on two inputs, and metadata `leads` from its training"
     );
     let projected = changed(|_, tensors| {
@@ -194,7 +198,8 @@ fn wrong_shapes_and_sizes_are_named() {
     });
     assert_eq!(
         projected,
-        "pen.safetensors: tensor lstm.weight_hh_l0 has shape [40, 5], needed is [4H, H] (H cells, four gates each): save \
+        "pen.safetensors: tensor lstm.weight_hh_l0 has shape [40, 5], needed is [4H, H] (H cells, four gates \
+         each): save \
          an nn.LSTM with one layer, one direction and no projection"
     );
     let eleven = changed(|_, tensors| {
@@ -224,7 +229,8 @@ fn wrong_dtypes_are_named() {
     bytes.extend([0; 960]);
     assert_eq!(
         LstmModel::parse("pen.safetensors", &bytes, BARE).unwrap_err().to_string(),
-        "pen.safetensors: tensor lstm.weight_ih_l0 is of dtype F16, legal are F32 and F64: convert it with `.float()` \
+        "pen.safetensors: tensor lstm.weight_ih_l0 is of dtype F16, legal are F32 and F64: convert it with \
+         `.float()` \
          before saving"
     );
 }
@@ -237,7 +243,8 @@ fn poisoned_numbers_are_named_with_their_place() {
         assert_eq!(
             poisoned(value),
             format!(
-                "pen.safetensors: tensor lstm.bias_ih_l0 holds {written} at index 17 (counted row by row from 0), legal \
+                "pen.safetensors: tensor lstm.bias_ih_l0 holds {written} at index 17 (counted row by row \
+                 from 0), legal \
                  are finite values within ±1000: the training diverged or the file is damaged"
             )
         );
@@ -251,12 +258,14 @@ fn missing_and_wrong_metadata_is_named() {
     };
     assert_eq!(
         changed(|metadata, _| drop(metadata.remove("step_ns"))),
-        "pen.safetensors: metadata key `step_ns` is missing: save the model with metadata={\"input_scale\": \"10.13\", \
+        "pen.safetensors: metadata key `step_ns` is missing: save the model with \
+         metadata={\"input_scale\": \"10.13\", \
          \"step_ns\": \"5000000\"} (RMS and step in ns of the displacements it was trained on)"
     );
     assert_eq!(
         with("input_scale", "ten"),
-        "pen.safetensors: metadata key `input_scale` = \"ten\" cannot be read, legal is a positive number: correct it and \
+        "pen.safetensors: metadata key `input_scale` = \"ten\" cannot be read, legal is a positive number: \
+         correct it and \
          save again"
     );
     assert_eq!(
@@ -265,7 +274,8 @@ fn missing_and_wrong_metadata_is_named() {
     );
     assert_eq!(
         with("residual", "yes"),
-        "pen.safetensors: metadata key `residual` = \"yes\" cannot be read, legal is true or false: correct it and save \
+        "pen.safetensors: metadata key `residual` = \"yes\" cannot be read, legal is true or false: correct \
+         it and save \
          again"
     );
     assert_eq!(
@@ -274,7 +284,8 @@ fn missing_and_wrong_metadata_is_named() {
     );
     assert_eq!(
         with("input_clp", "4"),
-        "pen.safetensors: metadata key `input_clp` is unknown but looks like `input_clip`: correct it, or name the note \
+        "pen.safetensors: metadata key `input_clp` is unknown but looks like `input_clip`: correct it, or \
+         name the note \
          otherwise"
     );
     assert!(with("note", "anything").starts_with("LstmSpec"));
@@ -289,7 +300,8 @@ fn damaged_containers_are_refused_with_the_place() {
         bytes.resize(bytes.len() + data, 0);
         refused(&bytes)
     };
-    let cut = "x: not a safetensors file, tensor \"out.weight\" lies at data bytes 2248 to 2328, there are 2327: save the \
+    let cut = "x: not a safetensors file, tensor \"out.weight\" lies at data bytes 2248 to 2328, there are \
+               2327: save the \
                model with `safetensors.torch.save_file` or `foretrace lab train`";
     assert_eq!(refused(&PYTORCH[..PYTORCH.len() - 1]), cut);
     assert!(refused(&[1, 2, 3]).contains("it has 3 bytes, a header alone has 8"));
@@ -351,7 +363,8 @@ fn reference_is_for_five_milliseconds_and_no_other_loop() {
     assert_eq!(model.fits(5_000_000), Ok(()));
     assert_eq!(
         model.fits(10_000_000).unwrap_err().to_string(),
-        "lstm10-reference: the LSTM was trained at a step of 5000000 ns, the loop runs at 10000000 ns: take a model for \
+        "lstm10-reference: the LSTM was trained at a step of 5000000 ns, the loop runs at 10000000 ns: take \
+         a model for \
          this step, or train one"
     );
 }

@@ -1,4 +1,5 @@
-//! The model loader against damaged files: bounded, with fixed seeds. It never panics, and what it lets through is finite.
+//! The model loader against damaged files: bounded, with fixed seeds. It never panics, and what it lets
+//! through is finite.
 //!
 //! FORETRACE_FUZZ_CASES=N runs N cases.
 
@@ -23,7 +24,8 @@ fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// One to four cuts, flips, insertions, deletions, or pieces of another file; the header twice as often as the rest.
+/// One to four cuts, flips, insertions, deletions, or pieces of another file; the header twice as often as
+/// the rest.
 fn mutate(random: &mut Pcg64, seeds: &[Vec<u8>]) -> Vec<u8> {
     let mut below = |n: usize| random.random_range(0..n.max(1));
     let mut bytes = seeds[below(seeds.len())].clone();

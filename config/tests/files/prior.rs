@@ -1,5 +1,5 @@
-//! The weights from which refinement starts, as a file: the shipped one is the law's own, and everything that can be wrong with one is
-//! refused with place, value and bounds.
+//! The weights from which refinement starts, as a file: the shipped one is the law's own, and everything that
+//! can be wrong with one is refused with place, value and bounds.
 
 use foretrace_config::models::{SHIPPED_PRIOR, find_prior, parse_prior};
 use foretrace_config::{Config, ConfigError};
@@ -54,13 +54,15 @@ fn numbers_out_of_bounds_are_named_with_place_value_and_bounds() {
     assert_eq!(
         of("amplitude = -0.9", "amplitude = 1e308"),
         format!(
-            "mine.toml: the weights that refinement starts from: coarse.acceleration: amplitude = {} is outside -4 to 4",
+            "mine.toml: the weights that refinement starts from: coarse.acceleration: amplitude = {} is \
+             outside -4 to 4",
             1e308
         )
     );
     assert_eq!(
         of("reach_steps = 12.0", "reach_steps = 0.0"),
-        "mine.toml: the weights that refinement starts from: clean.left: reach_steps = 0 is outside 0.01 to 1000"
+        "mine.toml: the weights that refinement starts from: clean.left: reach_steps = 0 is outside 0.01 to \
+         1000"
     );
     for bad in ["-inf", "+inf", "-1.5", "1001.0", "nan"] {
         let told = of("reach_steps = 9.0", &format!("reach_steps = {bad}"));

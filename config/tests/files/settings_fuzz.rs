@@ -1,5 +1,5 @@
-//! Damaged settings files and URDFs, with fixed seeds: no panic, every refusal names its file or key, and whatever is accepted moves
-//! an arm by legal commands only.
+//! Damaged settings files and URDFs, with fixed seeds: no panic, every refusal names its file or key, and
+//! whatever is accepted moves an arm by legal commands only.
 //!
 //! FORETRACE_FUZZ_CASES=N runs N cases of each.
 
@@ -210,7 +210,8 @@ fn damaged_urdfs_never_panic_and_what_is_accepted_moves_legally() {
     reaches("urdf", counts);
 }
 
-/// Enough was accepted and moved, and not everything; a few cases, as when one is looked for, prove nothing either way.
+/// Enough was accepted and moved, and not everything; a few cases, as when one is looked for, prove nothing
+/// either way.
 fn reaches(what: &str, [accepted, moved]: [u32; 2]) {
     println!("{what}: {accepted} of {} accepted, {moved} moved", cases());
     if cases() >= CASES {

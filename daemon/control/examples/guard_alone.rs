@@ -1,11 +1,13 @@
-//! Somebody's own loop at 500 Hz behind the guard alone: it proposes what it likes and sends what the guard lets pass.
+//! Somebody's own loop at 500 Hz behind the guard alone: it proposes what it likes and sends what the guard
+//! lets pass.
 //!
 //! `cargo run -p foretrace-control --example guard_alone`
 //!
-//! No daemon, no pen, no plan. The proposals are bad on purpose: leaps beyond the position limits, numbers that are
-//! none, and 60 ms of silence in the middle of a wave. `send` stands for your driver: it prints what a
-//! consumer would be told and has an independent judge check it. Three things make it safe: send nothing but `verdict.command`;
-//! after lost time go on from where the arm is (`consumer_state`); end with `StopProfile`.
+//! No daemon, no pen, no plan. The proposals are bad on purpose: leaps beyond the position limits, numbers
+//! that are none, and 60 ms of silence in the middle of a wave. `send` stands for your driver: it prints what
+//! a consumer would be told and has an independent judge check it. Three things make it safe: send nothing
+//! but `verdict.command`; after lost time go on from where the arm is (`consumer_state`); end with
+//! `StopProfile`.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
@@ -67,7 +69,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     driver.report()
 }
 
-/// What the loop wants next [rad]. The guard is no planner: far goals are approached as fast as the limits allow, and overshot.
+/// What the loop wants next \[rad\]. The guard is no planner: far goals are approached as fast as the limits
+/// allow, and overshot.
 fn proposal(tick: u64, q: &[f64; JOINTS]) -> [f64; JOINTS] {
     let t = tick as f64 * PERIOD_NS as f64 * 1e-9;
     let wave = [1.2 * (2.0 * t).sin(), -0.2 + 0.3 * (3.0 * t).cos()];
@@ -95,7 +98,8 @@ impl Driver {
     ];
 
     fn send(&mut self, command: &Commanded<JOINTS>, reasons: Reasons) {
-        // Your driver here: positions, velocities, the stamp at which they hold, and until when they may be extrapolated.
+        // Your driver here: positions, velocities, the stamp at which they hold, and until when they may be
+        // extrapolated.
         self.judge.observe(command.stamp(), command.stamp() + VALID_NS, command.q(), command.qd());
         self.altered += u64::from(!reasons.is_empty());
         for (count, (reason, _)) in self.why.iter_mut().zip(Self::WHY) {

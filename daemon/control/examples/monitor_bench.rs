@@ -1,7 +1,8 @@
-//! What the tracking monitor costs per tick: `cargo run --release -p foretrace-control --example monitor_bench`.
+//! What the tracking monitor costs per tick: `cargo run --release -p foretrace-control --example
+//! monitor_bench`.
 //!
-//! Six joints write, 34 ms late; one command and one joint state every 2 ms. Without the forward kinematics of the measured tool,
-//! which the loop adds.
+//! Six joints write, 34 ms late; one command and one joint state every 2 ms. Without the forward kinematics
+//! of the measured tool, which the loop adds.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -42,7 +43,8 @@ fn main() {
         let usual: u128 = costs.iter().take(costs.len() * 99 / 100).sum();
         let mean = usual as f64 / (costs.len() * 99 / 100) as f64;
         println!(
-            "{name:<14} [ns] median {median}, 90 % {p90}, 99 % {p99}; mean of the lower 99 % {mean:.0}, a clock reading included"
+            "{name:<14} [ns] median {median}, 90 % {p90}, 99 % {p99}; mean of the lower 99 % {mean:.0}, a \
+             clock reading included"
         );
     }
 }

@@ -1,8 +1,8 @@
 //! Time `Mpc::plan` (three axes, N = 10) on a closed loop of made-up handwriting, by number of active limits.
 //!
-//! `cargo run --release -p foretrace-control --example mpc_bench`
-//! Instances come in pseudo-random order, every backend once per instance, so caches are about as cold as in a
-//! real tick. The clock's own cost is measured and printed, not subtracted.
+//! `cargo run --release -p foretrace-control --example mpc_bench` Instances come in pseudo-random order,
+//! every backend once per instance, so caches are about as cold as in a real tick. The clock's own cost is
+//! measured and printed, not subtracted.
 
 use std::f64::consts::TAU;
 use std::hint::black_box;

@@ -1,7 +1,9 @@
-//! Where a tool has been: height over the paper, distance outside the workspace, tilt. For judges, not for the law.
+//! Where a tool has been: height over the paper, distance outside the workspace, tilt. For judges, not for
+//! the law.
 //!
-//! Contract: pure, no allocation; forward kinematics of the joints it is shown, measured or commanded, and nothing else. What is
-//! not finite is left out. Whoever judges a run compares an [`Extent`] with [`ExtentBounds`].
+//! Contract: pure, no allocation; forward kinematics of the joints it is shown, measured or commanded, and
+//! nothing else. What is not finite is left out. Whoever judges a run compares an [`Extent`] with
+//! [`ExtentBounds`].
 
 use std::fmt;
 
@@ -14,27 +16,28 @@ use crate::plane::Plane;
 /// Extremes of a tool since the watch began.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// Lowest and greatest height of the tip over the paper [m].
+    /// Lowest and greatest height of the tip over the paper \[m\].
     pub height_m: [f64; 2],
-    /// Farthest outside the workspace in the plane, 0 inside [m].
+    /// Farthest outside the workspace in the plane, 0 inside \[m\].
     pub outside_m: f64,
-    /// Largest angle between the tool's axis and the plane's normal [rad].
+    /// Largest angle between the tool's axis and the plane's normal \[rad\].
     pub tilt_rad: f64,
 }
 
-/// How far a measured tool may be beyond the envelope of the commanded one before a judge speaks of a breach: [m] and [rad]. A
-/// servo that is a critically damped filter does not overshoot; this leaves room for noise and stamps.
+/// How far a measured tool may be beyond the envelope of the commanded one before a judge speaks of a breach:
+/// \[m\] and \[rad\]. A servo that is a critically damped filter does not overshoot; this leaves room for
+/// noise and stamps.
 const TOLERANCE_M: f64 = 1e-3;
 const TOLERANCE_RAD: f64 = 0.05;
 
 /// What a tool must keep, from the settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExtentBounds {
-    /// Lowest and greatest height over the paper [m].
+    /// Lowest and greatest height over the paper \[m\].
     pub height_m: [f64; 2],
-    /// Farthest outside the workspace in the plane [m].
+    /// Farthest outside the workspace in the plane \[m\].
     pub outside_m: f64,
-    /// Largest tilt [rad].
+    /// Largest tilt \[rad\].
     pub tilt_rad: f64,
 }
 
@@ -95,7 +98,7 @@ impl fmt::Display for Breach {
 pub struct ExtentWatch<const J: usize> {
     chain: Chain<J>,
     plane: Plane,
-    /// Lowest and highest x and y of the workspace [m].
+    /// Lowest and highest x and y of the workspace \[m\].
     workspace: [[f64; 2]; 2],
     extent: Option<Extent>,
 }
@@ -113,7 +116,7 @@ impl<const J: usize> ExtentWatch<J> {
         self.extent = None;
     }
 
-    /// Takes in an arm that stands at `q` [rad].
+    /// Takes in an arm that stands at `q` \[rad\].
     pub fn see(&mut self, q: &[f64; J]) {
         let kinematics = self.chain.forward(q);
         let tip: Vector3<f64> = self.plane.point_from_base(&kinematics.position);

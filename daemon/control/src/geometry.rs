@@ -1,22 +1,24 @@
 //! Distances between segments, planes and boxes, with the points where they are taken.
 //!
-//! Contract: pure, bounded, no allocation; finite shapes give finite answers with a unit normal. A distance is negative
-//! where shapes overlap, and then the depth by which the first has to move along the normal to touch only.
+//! Contract: pure, bounded, no allocation; finite shapes give finite answers with a unit normal. A distance
+//! is negative where shapes overlap, and then the depth by which the first has to move along the normal to
+//! touch only.
 //!
-//! Source: Ericson, "Real-Time Collision Detection" (2005), section 5.1.9 for two segments. The square of a segment's
-//! distance to a box is convex and piecewise quadratic along the segment, so its minimum is found exactly.
+//! Source: Ericson, "Real-Time Collision Detection" (2005), section 5.1.9 for two segments. The square of a
+//! segment's distance to a box is convex and piecewise quadratic along the segment, so its minimum is found
+//! exactly.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Two axes nearer than this have no direction between them [m].
+/// Two axes nearer than this have no direction between them \[m\].
 const TOUCHING_M: f64 = 1e-12;
 
-/// A straight piece between two points in one frame [m]; a point where both are equal.
+/// A straight piece between two points in one frame \[m\]; a point where both are equal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// One end [m].
+    /// One end \[m\].
     pub from: Vector3<f64>,
-    /// The other end [m].
+    /// The other end \[m\].
     pub to: Vector3<f64>,
 }
 
@@ -31,7 +33,7 @@ impl Segment {
 /// Everything behind the plane through `point` is forbidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
-    /// A point of the plane [m].
+    /// A point of the plane \[m\].
     pub point: Vector3<f64>,
     /// Unit vector away from what is forbidden.
     pub normal: Vector3<f64>,
@@ -40,9 +42,9 @@ pub struct HalfSpace {
 /// A solid box, turned in any way.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cuboid {
-    /// Its middle [m].
+    /// Its middle \[m\].
     pub centre: Vector3<f64>,
-    /// Half of its size along its own axes, positive [m].
+    /// Half of its size along its own axes, positive \[m\].
     pub half: Vector3<f64>,
     /// Columns: its axes, orthonormal.
     pub axes: Matrix3<f64>,
@@ -51,11 +53,11 @@ pub struct Cuboid {
 /// How far two shapes are apart, and where.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Separation {
-    /// [m]; negative where they overlap.
+    /// \[m\]; negative where they overlap.
     pub distance: f64,
-    /// The point of the first shape [m].
+    /// The point of the first shape \[m\].
     pub point: Vector3<f64>,
-    /// The point of the second shape [m].
+    /// The point of the second shape \[m\].
     pub other: Vector3<f64>,
     /// Unit vector from the second to the first: the distance grows fastest that way.
     pub normal: Vector3<f64>,
@@ -121,10 +123,10 @@ pub fn segment_box(segment: &Segment, cuboid: &Cuboid) -> Separation {
     }
 }
 
-/// Where along a segment the distance to the box [−half, half] is smallest.
+/// Where along a segment the distance to the box \[−half, half\] is smallest.
 ///
-/// The derivative of its square is continuous, piecewise linear and never falls; it bends only where a coordinate crosses a
-/// face. Between the two bends around its zero one division gives the minimum.
+/// The derivative of its square is continuous, piecewise linear and never falls; it bends only where a
+/// coordinate crosses a face. Between the two bends around its zero one division gives the minimum.
 fn nearest_to_box(segment: &Segment, half: &Vector3<f64>) -> f64 {
     let along = segment.to - segment.from;
     let slope = |share: f64| beyond(&segment.at(share), half).dot(&along);
@@ -154,13 +156,13 @@ fn nearest_to_box(segment: &Segment, half: &Vector3<f64>) -> f64 {
     if rise > 0.0 { low - at_low * ((high - low) / rise) } else { low }
 }
 
-/// The part of a point that sticks out of the box [−half, half].
+/// The part of a point that sticks out of the box \[−half, half\].
 fn beyond(point: &Vector3<f64>, half: &Vector3<f64>) -> Vector3<f64> {
     point.zip_map(half, |x, half| x - x.max(-half).min(half))
 }
 
-/// The least motion that gets a segment out of the box it meets: depth of its deepest point, the point's share, and the
-/// outward direction, which stands on a face, or on an edge and the segment.
+/// The least motion that gets a segment out of the box it meets: depth of its deepest point, the point's
+/// share, and the outward direction, which stands on a face, or on an edge and the segment.
 fn shallowest_way(segment: &Segment, half: &Vector3<f64>) -> (f64, f64, Vector3<f64>) {
     let along = segment.to - segment.from;
     let mut best = (f64::INFINITY, 0.0, Vector3::z());

@@ -1,45 +1,56 @@
 //! The control law of foretrace as pure mathematics: pen samples in, a legal joint command out.
 //!
-//! Contract: no clock, thread, file, socket, shared memory or log is reachable from here. Time is an argument.
-//! The same build and inputs give the same outputs, bit for bit.
-//! Modules stand in order of dependence: each names only those before it. A tick runs in the order below.
+//! Contract: no clock, thread, file, socket, shared memory or log is reachable from here. Time is an
+//! argument. The same build and inputs give the same outputs, bit for bit. Modules stand in order of
+//! dependence: each names only those before it. A tick runs in the order below.
 //!
 //! # One tick
 //!
-//! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it was told to be?), *pen* (samples
-//! onto the grid), *skill* (what past previews were worth), *predict* and *refine* (by samples newer than the grid), *trust* (how far
-//! to believe the preview), *reference*, *plan* ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and
-//! [`envelope`]), *guard* (and the envelope's judge), *heed* (what that came to, for lag, monitor and the next tick), *report*.
+//! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it
+//! was told to be?), *pen* (samples onto the grid), *skill* (what past previews were worth), *predict* and
+//! *refine* (by samples newer than the grid), *trust* (how far to believe the preview), *reference*, *plan*
+//! ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and [`envelope`]), *guard* (and the envelope's
+//! judge), *heed* (what that came to, for lag, monitor and the next tick), *report*.
 //!
 //! # The two problems
 //!
-//! The plan, per axis of the writing plane, over the jerks ũ of N steps ([`mpc::cost`]; Agravante et al. 2018, section 2):
+//! The plan, per axis of the writing plane, over the jerks ũ of N steps ([`mpc::cost`]; Agravante et al.
+//! 2018, section 2):
 //!
 //! ```text
 //!   min over ũ:  ½ (1 − α) ‖G_c (x_c − x̃)‖²  +  ½ α ‖G_f (g − x̃)‖²  +  ½ β ‖ũ‖²
 //!   where        x̃ = Ã x₀ + B̃ ũ     position, velocity, acceleration of the next N steps
-//!   within       |ũ| ≤ jerk;  |acceleration|, |velocity| ≤ limits and position inside the workspace, each by an exact penalty
+//!   within       |ũ| ≤ jerk;  |acceleration|, |velocity| ≤ limits and position inside the workspace,
+//!                each by an exact penalty
 //! ```
 //!
-//! The joints, for the first step of that plan (cost in [`ik::task`], box and rows gathered in [`ik`], solvers in [`qp`]):
+//! The joints, for the first step of that plan (cost in [`ik::task`], box and rows gathered in [`ik`],
+//! solvers in [`qp`]):
 //!
 //! ```text
 //!   min over q̇:  ½ ‖J(q) q̇ − v*‖²_W  +  ½ λ ‖q̇‖²  +  posture
-//!   within       the velocity box of every joint ([`arm::limits`]), rows of [`clearance`] and of the tool's [`envelope`]
+//!   within       the velocity box of every joint (arm::limits), rows of clearance and of the tool's envelope
 //! ```
 //!
 //! # Glossary
 //!
-//! - α, *trust*: how much of the preview the plan follows, in [0, 1]; it moves by a ramp only ([`trust`]).
+//! - α, *trust*: how much of the preview the plan follows, in \[0, 1\]; it moves by a ramp only ([`trust`]).
 //! - *share* w: trust per lead, from what past previews were worth there ([`skill`]).
-//! - *grid*, Δ: the even steps (10 ms) onto which pen samples are brought; *tick*, dt: the period of the loop (2 ms).
-//! - *lead*: steps of the grid from the newest closed one to what is predicted. *Preview*: predictions at all leads.
+//! - *grid*, Δ: the even steps (10 ms) onto which pen samples are brought; *tick*, dt: the period of the loop
+//!   (2 ms).
+//! - *lead*: steps of the grid from the newest closed one to what is predicted. *Preview*: predictions at all
+//!   leads.
 //! - *Hold*: the predictor that says the pen stays; what is left of the plan at α = 0.
-//! - *dead time* τ: how far ahead references look because the arm is late; it follows the measured lag ([`arm::lag`]).
-//! - *ladder*: fresh plan, previous plan, stop, hold ([`follower::Rung`]); what makes a command when the step above it cannot.
-//! - *envelope*: where the tool must stay (height, workspace, tilt, speed). *Clearance*: how far the arm keeps from things.
-//! - *guard*: the last stage; what leaves it is legal whatever came in. *Monitor*: judges the arm, not the plan.
-//! - *latched*: a stop that only an operator's arm request ends. *Ghost*: the same law at α = 0 beside the loop, for comparison.
+//! - *dead time* τ: how far ahead references look because the arm is late; it follows the measured lag
+//!   ([`arm::lag`]).
+//! - *ladder*: fresh plan, previous plan, stop, hold ([`follower::Rung`]); what makes a command when the step
+//!   above it cannot.
+//! - *envelope*: where the tool must stay (height, workspace, tilt, speed). *Clearance*: how far the arm
+//!   keeps from things.
+//! - *guard*: the last stage; what leaves it is legal whatever came in. *Monitor*: judges the arm, not the
+//!   plan.
+//! - *latched*: a stop that only an operator's arm request ends. *Ghost*: the same law at α = 0 beside the
+//!   loop, for comparison.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -7,20 +7,20 @@ use crate::units::AxisState;
 /// The calibrated writing plane. Its frame: x, y in the plane, z along the normal, away from the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
-    /// Origin of the plane frame in the base frame [m].
+    /// Origin of the plane frame in the base frame \[m\].
     pub origin: Vector3<f64>,
     /// Columns: the plane's x, y and normal in the base frame.
     pub rotation: Rotation3<f64>,
     /// Plane metres for one metre of the pen device.
     pub pen_scale: f64,
-    /// Point of the pen device [m] that lies on the plane's origin.
+    /// Point of the pen device \[m\] that lies on the plane's origin.
     pub pen_origin: [f64; 2],
-    /// Height of the tool above the paper while the pen is up [m].
+    /// Height of the tool above the paper while the pen is up \[m\].
     pub lift_height: f64,
 }
 
 impl Plane {
-    /// A point of the pen device [m] in the plane frame [m].
+    /// A point of the pen device \[m\] in the plane frame \[m\].
     #[must_use]
     pub fn from_pen(&self, point: [f64; 2]) -> [f64; 2] {
         let [x, y] = point;
@@ -28,13 +28,13 @@ impl Plane {
         [(x - ox) * self.pen_scale, (y - oy) * self.pen_scale]
     }
 
-    /// A point of the plane frame in the base frame [m].
+    /// A point of the plane frame in the base frame \[m\].
     #[must_use]
     pub fn point_to_base(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.origin + self.rotation * point
     }
 
-    /// A point of the base frame in the plane frame [m].
+    /// A point of the base frame in the plane frame \[m\].
     #[must_use]
     pub fn point_from_base(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.inverse_transform_vector(&(point - self.origin))
@@ -58,8 +58,8 @@ impl Plane {
         -(self.rotation * Vector3::z())
     }
 
-    /// The three axis states of a tool that moves with `velocity` and `acceleration` through `position`, all given in
-    /// the base frame [m, m/s, m/s²].
+    /// The three axis states of a tool that moves with `velocity` and `acceleration` through `position`, all
+    /// given in the base frame \[m, m/s, m/s²\].
     #[must_use]
     pub fn axes_from_base(
         &self,

@@ -1,12 +1,13 @@
 //! From the preview to the references of the plan, at the instants the arm will be there.
 //!
-//! Contract: no memory; positions in the plane frame [m].
+//! Contract: no memory; positions in the plane frame \[m\].
 
 use crate::predict::refine::Preview;
 use crate::units::{AxisState, Stamp};
 
-/// References lead by the mean velocity of so many steps before and after: how neighbouring predictions differ is noisier than
-/// they are. Least error for the lag taken out on ten train writers of unipen-tos behind 30 ms, among 0 to 12.
+/// References lead by the mean velocity of so many steps before and after: how neighbouring predictions
+/// differ is noisier than they are. Least error for the lag taken out on ten train writers of unipen-tos
+/// behind 30 ms, among 0 to 12.
 const VELOCITY_STEPS: f64 = 3.5;
 
 /// How references are made of a preview.
@@ -17,18 +18,18 @@ pub(crate) struct Reference {
 }
 
 impl Reference {
-    /// References `lead_ns` of the predicted velocity farther on than the pen is predicted, in grid steps of `step_ns`. What is foreseen
-    /// badly is foreseen late, in the mean: of all ways to take that lag out, this one adds least error, because the predicted velocity is
-    /// what is known of the true one.
+    /// References `lead_ns` of the predicted velocity farther on than the pen is predicted, in grid steps of
+    /// `step_ns`. What is foreseen badly is foreseen late, in the mean: of all ways to take that lag out,
+    /// this one adds least error, because the predicted velocity is what is known of the true one.
     pub(crate) fn leading(step_ns: u64, lead_ns: u64) -> Self {
         Self { velocity_lead: lead_ns as f64 / step_ns as f64 }
     }
 
     /// References at `now` + `ahead_ns` + i·`plan_step_s`, i = 1..N, for the plane's x and y.
     ///
-    /// On cubic pieces through the newest sample and the predicted grid points, with the slopes of their neighbours: a kink
-    /// at every grid point would cost a sharp plan more jerk than the letter does. Beyond the last predicted point the pen is
-    /// taken to stand still.
+    /// On cubic pieces through the newest sample and the predicted grid points, with the slopes of their
+    /// neighbours: a kink at every grid point would cost a sharp plan more jerk than the letter does. Beyond
+    /// the last predicted point the pen is taken to stand still.
     pub(crate) fn references<const N: usize>(
         self,
         preview: &Preview,
@@ -55,7 +56,7 @@ impl Reference {
         Some([xs, ys])
     }
 
-    /// What the predicted velocity around `s` adds to a reference [m].
+    /// What the predicted velocity around `s` adds to a reference \[m\].
     fn further(self, spline: &Spline<'_>, s: f64) -> [f64; 2] {
         let (from, to) =
             ((s - VELOCITY_STEPS).max(spline.origin), (s + VELOCITY_STEPS).min(spline.steps as f64));
@@ -67,7 +68,7 @@ impl Reference {
     }
 }
 
-/// References that stay at `position` [m].
+/// References that stay at `position` \[m\].
 pub(crate) fn resting<const N: usize>([x, y]: [f64; 2]) -> [[AxisState; N]; 2] {
     [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]]
 }
@@ -86,7 +87,8 @@ impl<'a> Spline<'a> {
         Self { points, origin: preview.origin(), steps: points.len().saturating_sub(1) }
     }
 
-    /// Position [m], velocity [m/step] and acceleration [m/step²] of x and y, `s` steps after the base; at rest at both ends.
+    /// Position \[m\], velocity \[m/step\] and acceleration \[m/step²\] of x and y, `s` steps after the base;
+    /// at rest at both ends.
     fn at(&self, s: f64) -> [[f64; 3]; 2] {
         let point = |index: usize| self.points.get(index.min(self.steps)).copied().unwrap_or_default();
         let first = self.first();
@@ -106,12 +108,14 @@ impl<'a> Spline<'a> {
         [hermite([x0, mx0, x1, mx1], t, length), hermite([y0, my0, y1, my1], t, length)]
     }
 
-    /// Index of the first predicted point after the newest sample, and not so close that noise between them would count.
+    /// Index of the first predicted point after the newest sample, and not so close that noise between them
+    /// would count.
     fn first(&self) -> usize {
         (self.origin + 0.1) as usize + 1
     }
 
-    /// Slope at a point: that of the line between its neighbours; at the ends that to the only neighbour [m/step].
+    /// Slope at a point: that of the line between its neighbours; at the ends that to the only neighbour
+    /// \[m/step\].
     fn slope(&self, index: usize) -> [f64; 2] {
         let first = self.first();
         let knot = |index: usize| if index < first { (0, self.origin) } else { (index, index as f64) };
@@ -126,8 +130,8 @@ impl<'a> Spline<'a> {
     }
 }
 
-/// Position, velocity and acceleration at `t` in [0, 1] on the cubic from `x0` with slope `m0` to `x1` with slope `m1`, `length`
-/// steps long.
+/// Position, velocity and acceleration at `t` in \[0, 1\] on the cubic from `x0` with slope `m0` to `x1` with
+/// slope `m1`, `length` steps long.
 fn hermite([x0, m0, x1, m1]: [f64; 4], t: f64, length: f64) -> [f64; 3] {
     let way = x1 - x0;
     let (a, b) = (m0 * length - way, way - m1 * length);

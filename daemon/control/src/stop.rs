@@ -34,31 +34,31 @@ pub enum StopCause {
     /// Nothing to add to the reason.
     #[default]
     None,
-    /// A measured joint is off every command that it may be answering [rad].
+    /// A measured joint is off every command that it may be answering \[rad\].
     JointDeviation,
-    /// The measured tool is off every command that it may be answering [m].
+    /// The measured tool is off every command that it may be answering \[m\].
     ToolDeviation,
-    /// A measured joint moves against its commands [rad].
+    /// A measured joint moves against its commands \[rad\].
     WrongDirection,
-    /// The measured joints stand still while commands move them [rad].
+    /// The measured joints stand still while commands move them \[rad\].
     NoMotion,
-    /// A measured joint moves though nothing commands it to [rad/s].
+    /// A measured joint moves though nothing commands it to \[rad/s\].
     Runaway,
-    /// The difference between measured and commanded joints swings and grows [rad].
+    /// The difference between measured and commanded joints swings and grows \[rad\].
     Oscillation,
-    /// The arm moves at a part of the speed that is asked for [1].
+    /// The arm moves at a part of the speed that is asked for \[1\].
     SlowArm,
-    /// The tool is below its lowest or above its highest height over the paper [m].
+    /// The tool is below its lowest or above its highest height over the paper \[m\].
     Height,
-    /// The tool is outside the workspace in the plane [m].
+    /// The tool is outside the workspace in the plane \[m\].
     Workspace,
-    /// The tool is tilted against the plane's normal [rad].
+    /// The tool is tilted against the plane's normal \[rad\].
     Tilt,
-    /// The tool is too fast [m/s].
+    /// The tool is too fast \[m/s\].
     ToolSpeed,
-    /// Too many of the recent ticks were late [1].
+    /// Too many of the recent ticks were late \[1\].
     LateTicks,
-    /// Something is nearer than the arm may come to it [m].
+    /// Something is nearer than the arm may come to it \[m\].
     Clearance,
 }
 

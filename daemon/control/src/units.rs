@@ -2,12 +2,13 @@
 
 use std::ops::Add;
 
-/// A monotonic instant [ns], as read from the host's CLOCK_MONOTONIC by somebody else.
+/// A monotonic instant \[ns\], as read from the host's CLOCK_MONOTONIC by somebody else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
 pub struct Stamp(pub u64);
 
 impl Stamp {
-    /// Nanoseconds from `earlier` to `self`, negative when `self` is the earlier one; saturates at ±`i64::MAX`.
+    /// Nanoseconds from `earlier` to `self`, negative when `self` is the earlier one; saturates at
+    /// ±`i64::MAX`.
     #[must_use]
     pub const fn since(self, earlier: Self) -> i64 {
         let difference = self.0 as i128 - earlier.0 as i128;
@@ -40,7 +41,7 @@ impl Add<u64> for Stamp {
     }
 }
 
-/// Weight on the preview, α of the paper: 1 = prediction only, 0 = Hold only. Always in [0, 1].
+/// Weight on the preview, α of the paper: 1 = prediction only, 0 = Hold only. Always in \[0, 1\].
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct Trust(f64);
 
@@ -50,7 +51,7 @@ impl Trust {
     /// Prediction only.
     pub const FULL: Self = Self(1.0);
 
-    /// Clamps to [0, 1]; NaN becomes 0, because doubt never moves the arm.
+    /// Clamps to \[0, 1\]; NaN becomes 0, because doubt never moves the arm.
     #[must_use]
     pub const fn new(alpha: f64) -> Self {
         if alpha >= 1.0 {
@@ -62,7 +63,7 @@ impl Trust {
         }
     }
 
-    /// α in [0, 1].
+    /// α in \[0, 1\].
     #[must_use]
     pub const fn alpha(self) -> f64 {
         self.0
@@ -72,22 +73,22 @@ impl Trust {
 /// Motion along one axis of the writing plane's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AxisState {
-    /// [m]
+    /// \[m\]
     pub position: f64,
-    /// [m/s]
+    /// \[m/s\]
     pub velocity: f64,
-    /// [m/s²]
+    /// \[m/s²\]
     pub acceleration: f64,
 }
 
 impl AxisState {
-    /// At rest at `position` [m].
+    /// At rest at `position` \[m\].
     #[must_use]
     pub const fn at_rest(position: f64) -> Self {
         Self { position, velocity: 0.0, acceleration: 0.0 }
     }
 
-    /// The state after `seconds` of constant `jerk` [m/s³].
+    /// The state after `seconds` of constant `jerk` \[m/s³\].
     #[must_use]
     pub fn advanced(&self, jerk: f64, seconds: f64) -> Self {
         let t = seconds;

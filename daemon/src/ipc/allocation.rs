@@ -1,8 +1,9 @@
 //! Tells allocations that a coming or going peer explains from those that nothing explains.
 //!
-//! Contract: allocations inside the law are never excused. Those of receiving and sending are excused only when the set
-//! of connected peers was seen to change at that time, with the uncertainty of the two looks around the change and the
-//! time the loop takes to notice. Totals come from cumulative counts, so that lost records lose nothing.
+//! Contract: allocations inside the law are never excused. Those of receiving and sending are excused only
+//! when the set of connected peers was seen to change at that time, with the uncertainty of the two looks
+//! around the change and the time the loop takes to notice. Totals come from cumulative counts, so that lost
+//! records lose nothing.
 
 use std::collections::VecDeque;
 
@@ -10,9 +11,10 @@ use foretrace_control::units::Stamp;
 
 use crate::rt::facts::TickFacts;
 
-/// The loop connects in the first tick after a change; a stalled machine may delay that tick by this much [ns].
+/// The loop connects in the first tick after a change; a stalled machine may delay that tick by this much
+/// \[ns\].
 const NOTICE_NS: u64 = 250_000_000;
-/// Allocations that no look could explain after this time stay unexplained [ns].
+/// Allocations that no look could explain after this time stay unexplained \[ns\].
 const PATIENCE_NS: u64 = 1_000_000_000;
 
 /// What became of the allocations after warm-up.

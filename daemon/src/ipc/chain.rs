@@ -1,7 +1,9 @@
-//! Where the time goes between the pen and the arm: the parts of one tick, and their medians over the last second.
+//! Where the time goes between the pen and the arm: the parts of one tick, and their medians over the last
+//! second.
 //!
-//! Contract: pure, time comes with the ticks. An echo of the arm counts only if it names a tick of this daemon together
-//! with that tick's pen sample, and was accepted after the command was sent; anything else is "not known".
+//! Contract: pure, time comes with the ticks. An echo of the arm counts only if it names a tick of this
+//! daemon together with that tick's pen sample, and was accepted after the command was sent; anything else is
+//! "not known".
 
 use std::collections::VecDeque;
 
@@ -15,12 +17,12 @@ use crate::wire::{Echo, Refused};
 
 /// Commands that an echo may still name: a second at 1 kHz.
 const KEPT: usize = 1024;
-/// Medians are over stretches of this length [ns].
+/// Medians are over stretches of this length \[ns\].
 const STRETCH_NS: i64 = 1_000_000_000;
-/// Longer times count as this [ns].
+/// Longer times count as this \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
 
-/// Latencies part by part [ns]; `None`: not known.
+/// Latencies part by part \[ns\]; `None`: not known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Parts {
     /// Newest pen sample: device stamp to sent.

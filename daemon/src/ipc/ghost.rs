@@ -1,7 +1,9 @@
-//! The ghost in the daemon: beside the loop, one tick behind it, on the thread that publishes what the loop did.
+//! The ghost in the daemon: beside the loop, one tick behind it, on the thread that publishes what the loop
+//! did.
 //!
-//! Contract: costs the real-time thread nothing. When records pile up, telemetry comes first: the ghost leaves ticks out,
-//! and says by itself that it cannot be compared for a while. Pure but for the clock that times its own cost.
+//! Contract: costs the real-time thread nothing. When records pile up, telemetry comes first: the ghost
+//! leaves ticks out, and says by itself that it cannot be compared for a while. Pure but for the clock that
+//! times its own cost.
 
 use std::fmt::Debug;
 
@@ -56,7 +58,8 @@ impl GhostShell {
             20 => Box::new(Ghost::<20, JOINTS>::new(settings)?),
             _ => Box::new(Ghost::<30, JOINTS>::new(settings)?),
         };
-        // The bounds are constants that the crate accepts; without a histogram the cost is not known, no harm.
+        // The bounds are constants that the crate accepts; without a histogram the cost is not known, no
+        // harm.
         Ok(Self { ghost: Some(ghost), cost: Histogram::new_with_bounds(1, 1_000_000_000, 2).ok() })
     }
 
@@ -91,7 +94,7 @@ impl GhostShell {
         self.ghost.as_ref().map_or_else(GhostFigures::default, |ghost| ghost.figures())
     }
 
-    /// Median cost per tick in which the ghost moved [ns]; 0: none yet.
+    /// Median cost per tick in which the ghost moved \[ns\]; 0: none yet.
     #[must_use]
     pub fn cost_ns(&self) -> u32 {
         let known = self.cost.as_ref().filter(|cost| !cost.is_empty());

@@ -54,7 +54,8 @@ impl Homeward {
         if by.pair == WayBlocked::PAPER {
             let (below_mm, percent) = (-1e-3 * f64::from(by.distance_um), by.percent);
             return format!(
-                "the pen's tip would be {below_mm:.1} mm below the paper {percent} % of the way on: move it by hand"
+                "the pen's tip would be {below_mm:.1} mm below the paper {percent} % of the way on: move it \
+                 by hand"
             );
         }
         let pair = self.pairs.get(usize::from(by.pair)).map_or("something", String::as_str);
@@ -62,7 +63,8 @@ impl Homeward {
         let margin_m = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);
         let kept_mm = 1e3 * (margin_m + MORE_M);
         format!(
-            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % of the way on: move it by hand"
+            "{pair} would be {near_mm:.1} mm apart (wanted: {kept_mm:.1}) {percent} % of the way on: move it \
+             by hand"
         )
     }
 }

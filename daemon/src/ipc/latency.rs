@@ -1,6 +1,8 @@
-//! The two latencies that people ask for, over all ticks since warm-up: pen to command, and command to motion.
+//! The two latencies that people ask for, over all ticks since warm-up: pen to command, and command to
+//! motion.
 //!
-//! Contract: fed tick by tick on the ipc thread; no allocation per tick. Medians of the parts are in [`super::chain`].
+//! Contract: fed tick by tick on the ipc thread; no allocation per tick. Medians of the parts are in
+//! [`super::chain`].
 
 use hdrhistogram::Histogram;
 
@@ -9,9 +11,9 @@ use foretrace_shm::{LATENCY_BINS, Latency, Percentiles};
 
 use crate::rt::facts::TickFacts;
 
-/// Longer times count as this [ns].
+/// Longer times count as this \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
-/// An arm whose lag is known less well than this says nothing about its motion [s].
+/// An arm whose lag is known less well than this says nothing about its motion \[s\].
 const KNOWN_S: f64 = 3e-3;
 
 /// Both latencies.
@@ -31,8 +33,9 @@ impl Latencies {
 
     /// Takes note of a tick.
     ///
-    /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was taken in. Command to
-    /// motion: from there to the command's stamp, and on by the lag that the arm was measured to have.
+    /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was
+    /// taken in. Command to motion: from there to the command's stamp, and on by the lag that the arm was
+    /// measured to have.
     pub fn tick(&mut self, facts: &TickFacts) {
         let output = &facts.output;
         let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
@@ -75,7 +78,8 @@ struct Meter {
 
 impl Meter {
     fn new() -> Self {
-        // The bounds are constants that the crate accepts; without a histogram there are no percentiles, no harm.
+        // The bounds are constants that the crate accepts; without a histogram there are no percentiles, no
+        // harm.
         Self { spread: Histogram::new_with_bounds(1, LONGEST_NS, 2).ok(), bins: [0; LATENCY_BINS] }
     }
 

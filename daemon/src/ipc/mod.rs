@@ -1,7 +1,7 @@
 //! The ipc thread: everything the loop has to say and to be asked, kept away from it.
 //!
-//! Contract: drains the loop's ring into telemetry, status and the log; serves requests; cleans up after dead peers.
-//! May block and allocate; the loop never waits for it. What could not be told is counted.
+//! Contract: drains the loop's ring into telemetry, status and the log; serves requests; cleans up after dead
+//! peers. May block and allocate; the loop never waits for it. What could not be told is counted.
 
 pub mod allocation;
 pub mod chain;
@@ -48,10 +48,10 @@ use statistics::{RateMeter, RunningRms, Spreads};
 const PAUSE: Duration = Duration::from_millis(4);
 /// Records taken in one round at most.
 const ROUND: usize = 1024;
-/// Time between two clean-ups of dead peers [ns].
+/// Time between two clean-ups of dead peers \[ns\].
 const CLEAN_NS: i64 = 1_000_000_000;
 
-/// A loop that says nothing for this long is in trouble [ns].
+/// A loop that says nothing for this long is in trouble \[ns\].
 const SILENCE_NS: i64 = 1_000_000_000;
 
 /// What the thread has to know.
@@ -63,7 +63,7 @@ pub struct IpcSettings {
     pub warm_after_ticks: u64,
     /// Every n-th tick is published.
     pub telemetry_every: u64,
-    /// Time between two status messages [ns].
+    /// Time between two status messages \[ns\].
     pub status_period_ns: u64,
     /// Differs from start to start.
     pub daemon_id: u64,

@@ -1,7 +1,7 @@
 //! Turns plain data about ticks into lines of the log.
 //!
-//! Contract: changes are told at once, floods once per second with their number. What is refused for a reason that was never
-//! told is told at once too, whatever else was said in that second.
+//! Contract: changes are told at once, floods once per second with their number. What is refused for a reason
+//! that was never told is told at once too, whatever else was said in that second.
 
 use foretrace_control::follower::Mode;
 use foretrace_control::learn::{Promotion, PromotionCause};
@@ -17,12 +17,12 @@ use crate::learner::LearnerEvent;
 use crate::rt::facts::TickFacts;
 use crate::wire;
 
-/// Time between two lines about the same flood [ns].
+/// Time between two lines about the same flood \[ns\].
 const FLOOD_NS: i64 = 1_000_000_000;
-/// What belongs together shows within this time of its first sign [ns].
+/// What belongs together shows within this time of its first sign \[ns\].
 const GATHER_NS: i64 = 20_000_000;
 
-/// Time between two lines about new weights of the same model [ns].
+/// Time between two lines about new weights of the same model \[ns\].
 const LEARNED_NS: i64 = 10_000_000_000;
 
 /// What is counted between two lines about new weights of a model.
@@ -101,7 +101,8 @@ impl Troubles {
     }
 }
 
-/// An arm at less than this share of the speed asked for is slow; at more than the other one it is not any more.
+/// An arm at less than this share of the speed asked for is slow; at more than the other one it is not any
+/// more.
 const SLOW_SHARE: f64 = 0.75;
 const KEEPS_UP_SHARE: f64 = 0.95;
 
@@ -160,7 +161,8 @@ impl Narrator {
         changed
     }
 
-    /// Says once that the arm is slow, and once that it is not any more; between the two shares nothing changes.
+    /// Says once that the arm is slow, and once that it is not any more; between the two shares nothing
+    /// changes.
     fn pace(&mut self, facts: &TickFacts) {
         let Some(share) = facts.output.arm_speed_share else { return };
         let tick = facts.tick;
@@ -169,7 +171,8 @@ impl Narrator {
             let percent = 100.0 * share;
             warn!(
                 tick,
-                "the arm moves at about {percent:.0} % of what is asked; the tool slows with it (safety.tracking.slow_arm)"
+                "the arm moves at about {percent:.0} % of what is asked; the tool slows with it \
+                 (safety.tracking.slow_arm)"
             );
         } else if share > KEEPS_UP_SHARE && self.slow {
             self.slow = false;
@@ -211,7 +214,8 @@ impl Narrator {
                 lines = format!("{lines}; {who}: {}", refused.why);
             }
         }
-        // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its step.
+        // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its
+        // step.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
         warn!(tick = facts.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
         self.told = now;
@@ -237,7 +241,8 @@ impl Narrator {
     fn learned(&mut self, promotion: &Promotion) {
         let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
         let name = model.name();
-        // Normalised errors are squares, and TARGET_RMS is the pen's usual displacement in a step of the grid.
+        // Normalised errors are squares, and TARGET_RMS is the pen's usual displacement in a step of the
+        // grid.
         let steps = |squared: f64| squared.sqrt() / TARGET_RMS;
         let (before, after) = (steps(error_leaving), steps(error_coming));
         if cause == PromotionCause::Followed {

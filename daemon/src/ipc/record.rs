@@ -79,7 +79,8 @@ pub fn counters(facts: &TickFacts, ipc: &IpcTally) -> shm::Counters {
     }
 }
 
-/// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of their own.
+/// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of
+/// their own.
 fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
     let pen = &facts.output.pen_counters;
     let mut rejected = shm::Rejections { by_reason: facts.ports.pen_rejected };
@@ -210,7 +211,8 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }
 
-/// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.
+/// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays
+/// 0.
 #[must_use]
 pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
     [

@@ -1,7 +1,7 @@
 //! Operators' requests: to the loop, to the supervisor, and the answers back.
 //!
-//! Contract: every request is answered once, by the loop's own word where the loop decides, at the latest after
-//! [`PATIENCE`]. What cannot be taken now is answered `Busy`.
+//! Contract: every request is answered once, by the loop's own word where the loop decides, at the latest
+//! after [`PATIENCE`]. What cannot be taken now is answered `Busy`.
 
 use std::time::{Duration, Instant};
 

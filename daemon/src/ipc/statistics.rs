@@ -8,7 +8,7 @@ use foretrace_shm::{Percentiles, STAGES};
 use super::record;
 use crate::rt::facts::{StageTimes, TickFacts};
 
-/// Longer times count as this [ns].
+/// Longer times count as this \[ns\].
 const LONGEST_NS: u64 = 1_000_000_000;
 /// Relative width of a bin: 1 %.
 const DIGITS: u8 = 2;
@@ -23,7 +23,8 @@ impl Spreads {
     /// Empty.
     #[must_use]
     pub fn new() -> Self {
-        // The bounds are constants that the crate accepts; without histograms there would be no percentiles, no harm.
+        // The bounds are constants that the crate accepts; without histograms there would be no percentiles,
+        // no harm.
         let one = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).ok();
         Self { stages: one.into_iter().cycle().take(STAGES).collect() }
     }
@@ -64,7 +65,7 @@ pub struct RateMeter {
 }
 
 impl RateMeter {
-    /// Takes note of a tick; returns the rate [Hz], 0 during the first second.
+    /// Takes note of a tick; returns the rate \[Hz\], 0 during the first second.
     pub fn measure(&mut self, facts: &TickFacts) -> f64 {
         let (now, ticks) = (facts.wake.started, facts.tally.ticks);
         let (then, before) = *self.since.get_or_insert((now, ticks));

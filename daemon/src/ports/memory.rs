@@ -1,7 +1,7 @@
 //! Ports inside one process: the same tick without shared memory, for tests and for embedding the loop.
 //!
-//! Contract: as [`Ports`]; two wait-free rings per direction, everything allocated at construction. A full ring drops
-//! the newest message and counts it.
+//! Contract: as [`Ports`]; two wait-free rings per direction, everything allocated at construction. A full
+//! ring drops the newest message and counts it.
 
 use rtrb::{Consumer, Producer, RingBuffer};
 

@@ -1,7 +1,8 @@
 //! Where the tick meets the world: what arrived, what leaves, and what was dropped or refused on the way.
 //!
-//! Contract: a [`Ports`] copies each message once, validates the copy, counts every refusal by reason and hands over
-//! domain types only. Neither call blocks; neither allocates while the set of connected peers stays the same.
+//! Contract: a [`Ports`] copies each message once, validates the copy, counts every refusal by reason and
+//! hands over domain types only. Neither call blocks; neither allocates while the set of connected peers
+//! stays the same.
 
 pub mod memory;
 pub mod shm;

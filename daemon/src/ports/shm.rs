@@ -1,8 +1,8 @@
 //! Ports over shared memory: the only file of the daemon that names the middleware.
 //!
-//! Contract: ports are made in the thread that uses them. The real-time ends neither block nor allocate unless a peer
-//! came or went since the last call (then 20 to 40 allocations and about 100 us, which cannot be avoided; see
-//! [`PeerWatch`] for how they are told apart).
+//! Contract: ports are made in the thread that uses them. The real-time ends neither block nor allocate
+//! unless a peer came or went since the last call (then 20 to 40 allocations and about 100 us, which cannot
+//! be avoided; see [`PeerWatch`] for how they are told apart).
 
 use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeBuilder, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
@@ -31,7 +31,9 @@ pub struct ShmPorts {
 impl ShmPorts {
     /// Opens them in the calling thread.
     ///
-    /// *Errors*: as the middleware's, see [`ServiceError`].
+    /// # Errors
+    ///
+    /// As the middleware's, see [`ServiceError`].
     pub fn open(services: &Services) -> Result<Self, ServiceError> {
         Ok(Self {
             pen: services.pen.subscriber(shm::PenSample::QOS.buffer, HeaderBounds::DEFAULT)?,
@@ -120,7 +122,9 @@ pub struct IpcPorts {
 impl IpcPorts {
     /// Opens them in the calling thread; `daemon_id` goes into every answer.
     ///
-    /// *Errors*: as the middleware's, see [`ServiceError`].
+    /// # Errors
+    ///
+    /// As the middleware's, see [`ServiceError`].
     pub fn open(services: &Services, instance: &Instance, daemon_id: u64) -> Result<Self, ServiceError> {
         let config = instance.config().clone();
         Ok(Self {
@@ -141,8 +145,8 @@ impl IpcPorts {
 
 /// Sees which peers are connected to the real-time ports.
 ///
-/// A number of peers would not do: a killed peer is often cleaned away and replaced between two looks. Listing them
-/// allocates, so this is for another thread.
+/// A number of peers would not do: a killed peer is often cleaned away and replaced between two looks.
+/// Listing them allocates, so this is for another thread.
 #[derive(Debug)]
 pub struct PeerWatch {
     // Keeps the factories valid.
@@ -156,7 +160,9 @@ pub struct PeerWatch {
 impl PeerWatch {
     /// Opens the services for looking only.
     ///
-    /// *Errors*: the middleware refuses.
+    /// # Errors
+    ///
+    /// The middleware refuses.
     pub fn open(config: &Config) -> Result<Self, ServiceError> {
         let node = NodeBuilder::new()
             .config(config)

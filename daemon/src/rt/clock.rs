@@ -1,6 +1,7 @@
 //! What the loop knows of time: read it, and sleep until an instant of it.
 //!
-//! Contract: one monotonic clock [ns], the one every message is stamped with. Tests put a simulated clock here.
+//! Contract: one monotonic clock \[ns\], the one every message is stamped with. Tests put a simulated clock
+//! here.
 
 use foretrace_control::units::Stamp;
 

@@ -1,20 +1,22 @@
 //! The fixed-rate loop: when each tick may start, how late it started, and what was lost.
 //!
-//! Contract: releases lie on a lattice `PHASE_NS + k * period` of the clock that no overrun ever moves. [`Cyclic::wait`] sleeps until
-//! `release - spin`, then spins, never for longer than the margin. When whole periods have passed unused, they are
-//! skipped and counted, and the tick runs at once for the last release that has come. A loop that has not slept for
-//! [`BUSY_PERIODS`] gives periods up until it has slept for half of one: under SCHED_FIFO nobody else would ever run on its
-//! CPU, not even who wants to stop it. Nothing here allocates or blocks except the sleep.
+//! Contract: releases lie on a lattice `PHASE_NS + k * period` of the clock that no overrun ever moves.
+//! [`Cyclic::wait`] sleeps until `release - spin`, then spins, never for longer than the margin. When whole
+//! periods have passed unused, they are skipped and counted, and the tick runs at once for the last release
+//! that has come. A loop that has not slept for [`BUSY_PERIODS`] gives periods up until it has slept for half
+//! of one: under SCHED_FIFO nobody else would ever run on its CPU, not even who wants to stop it. Nothing
+//! here allocates or blocks except the sleep.
 
 use foretrace_control::units::Stamp;
 
 use super::clock::Clock;
 
-/// Offset of the releases from the multiples of the period [ns].
+/// Offset of the releases from the multiples of the period \[ns\].
 ///
-/// The kernel's own tick, and every program that sleeps to round times, runs at the multiples of a millisecond: a
-/// release there waits 15 us for them even while it spins (measured at 250 Hz kernel tick). Half a millisecond is the
-/// point farthest from all of them, for every period from 1 ms and every usual tick.
+/// The kernel's own tick, and every program that sleeps to round times, runs at the multiples of a
+/// millisecond: a release there waits 15 us for them even while it spins (measured at 250 Hz kernel tick).
+/// Half a millisecond is the point farthest from all of them, for every period from 1 ms and every usual
+/// tick.
 pub const PHASE_NS: u64 = 500_000;
 
 /// A loop may go on for so many periods without a sleep.
@@ -25,10 +27,10 @@ const REST_PART: u64 = 16;
 /// The rhythm of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rhythm {
-    /// Time between releases [ns]; at least 1.
+    /// Time between releases \[ns\]; at least 1.
     pub period_ns: u64,
-    /// The last stretch before a release that is spun instead of slept [ns]; 0 = only sleep. Held below half a period,
-    /// because a thread that never sleeps starves everybody else.
+    /// The last stretch before a release that is spun instead of slept \[ns\]; 0 = only sleep. Held below
+    /// half a period, because a thread that never sleeps starves everybody else.
     pub spin_ns: u64,
 }
 
@@ -39,7 +41,8 @@ pub struct Wake {
     pub index: u64,
     /// The release that was waited for.
     pub due: Stamp,
-    /// When the tick was allowed to start: `due`, or the last release that had come when the wait ended too late.
+    /// When the tick was allowed to start: `due`, or the last release that had come when the wait ended too
+    /// late.
     pub release: Stamp,
     /// When it did start.
     pub started: Stamp,
@@ -48,7 +51,7 @@ pub struct Wake {
 }
 
 impl Wake {
-    /// How long after the release that was waited for it started [ns]; skipped periods count.
+    /// How long after the release that was waited for it started \[ns\]; skipped periods count.
     #[must_use]
     pub const fn latency_ns(&self) -> u64 {
         self.started.0.saturating_sub(self.due.0)
@@ -77,7 +80,8 @@ pub struct Cyclic<C> {
 impl<C: Clock> Cyclic<C> {
     /// A loop whose first release is the next point of the lattice that is at least one period away.
     ///
-    /// The lattice depends on the clock and the period only: the ticks of a restarted daemon lie on the old one's.
+    /// The lattice depends on the clock and the period only: the ticks of a restarted daemon lie on the old
+    /// one's.
     #[must_use]
     pub fn new(clock: C, rhythm: Rhythm) -> Self {
         let period_ns = rhythm.period_ns.max(1);
@@ -151,7 +155,8 @@ impl<C: Clock> Cyclic<C> {
         } else {
             self.restless = self.restless.saturating_add(1);
         }
-        // Without the processor's pause instruction: hypervisors take a pausing loop for a wait and give the CPU away.
+        // Without the processor's pause instruction: hypervisors take a pausing loop for a wait and give the
+        // CPU away.
         while now < release {
             now = self.clock.now();
         }

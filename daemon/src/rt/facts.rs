@@ -8,7 +8,7 @@ use super::cyclic::Wake;
 use crate::ports::PortTally;
 use crate::wire::{Echo, JOINTS};
 
-/// What each part of a tick cost [ns].
+/// What each part of a tick cost \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StageTimes {
     /// Release to start.
@@ -46,7 +46,7 @@ impl<'a, C: Clock> LapClock<'a, C> {
         Self { clock, last: wake.started, times }
     }
 
-    /// Time since the last lap [ns].
+    /// Time since the last lap \[ns\].
     fn lap_ns(&mut self) -> u64 {
         let now = self.clock.now();
         let ns = now.0.saturating_sub(self.last.0);
@@ -146,7 +146,7 @@ pub struct TickFacts {
     pub budget: Budget,
     /// Pen samples that arrived.
     pub pen_samples: u32,
-    /// Newest measured joints so far, stamp and positions [rad].
+    /// Newest measured joints so far, stamp and positions \[rad\].
     pub measured: Option<(Stamp, [f64; JOINTS])>,
     /// When the command, if there is one, was handed to the port.
     pub published: Stamp,
@@ -181,8 +181,8 @@ pub struct Asked {
     pub sent: Stamp,
 }
 
-/// A loop that stood still for longer than this must not start what the operator has been told has failed [ns]; below the
-/// ipc thread's patience.
+/// A loop that stood still for longer than this must not start what the operator has been told has failed
+/// \[ns\]; below the ipc thread's patience.
 const REQUEST_LIFE_NS: i64 = 1_000_000_000;
 
 impl Asked {

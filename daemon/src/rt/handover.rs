@@ -1,8 +1,9 @@
 //! Handing whole sets of weights from the learner to the loop: the newest that there is, read where it lies.
 //!
-//! Contract: neither side waits. Each set that is announced is one day the newest that the loop finds, or counted once as
-//! overtaken, on the side where a newer one overtook it; what the loop reads does not change under it. This file names nothing but
-//! the ring, so that `tests/loom` can run it, and the ring, through every order in which two threads may meet.
+//! Contract: neither side waits. Each set that is announced is one day the newest that the loop finds, or
+//! counted once as overtaken, on the side where a newer one overtook it; what the loop reads does not change
+//! under it. This file names nothing but the ring, so that `tests/loom` can run it, and the ring, through
+//! every order in which two threads may meet.
 
 use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -27,7 +28,8 @@ impl<T> Outbox<T> {
         std::mem::replace(&mut self.due, true)
     }
 
-    /// Puts the newest set if one was announced and there is room; `newest` is called only then. True when it was put.
+    /// Puts the newest set if one was announced and there is room; `newest` is called only then. True when it
+    /// was put.
     pub fn put(&mut self, newest: impl FnOnce() -> T) -> bool {
         if !self.due || self.ring.slots() == 0 {
             return false;

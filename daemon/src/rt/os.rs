@@ -1,9 +1,9 @@
 //! What the daemon asks of the operating system, and what to say when it refuses.
 //!
-//! Contract: with `alloc_count.rs` the only file of the daemon with `unsafe`. Every request for a right answers with
-//! `Ok` or with a [`Missing`] that names the right, the limit that stands in the way and the remedy; none of them is
-//! fatal, the loop runs on without. Only [`monotonic_ns`], [`sleep_until_ns`] and [`page_faults`] are called while
-//! ticks run, and they neither allocate nor fail.
+//! Contract: with `alloc_count.rs` the only file of the daemon with `unsafe`. Every request for a right
+//! answers with `Ok` or with a [`Missing`] that names the right, the limit that stands in the way and the
+//! remedy; none of them is fatal, the loop runs on without. Only [`monotonic_ns`], [`sleep_until_ns`] and
+//! [`page_faults`] are called while ticks run, and they neither allocate nor fail.
 
 use std::fmt;
 use std::io;
@@ -42,7 +42,7 @@ impl fmt::Display for Missing {
     }
 }
 
-/// CLOCK_MONOTONIC now [ns].
+/// CLOCK_MONOTONIC now \[ns\].
 #[must_use]
 pub fn monotonic_ns() -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
@@ -51,11 +51,12 @@ pub fn monotonic_ns() -> u64 {
     (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
 }
 
-/// Processor time of the calling thread so far [ns].
+/// Processor time of the calling thread so far \[ns\].
 #[must_use]
 pub fn thread_cpu_ns() -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `time` is valid for writing; CLOCK_THREAD_CPUTIME_ID exists on every Linux, so the call cannot fail.
+    // SAFETY: `time` is valid for writing; CLOCK_THREAD_CPUTIME_ID exists on every Linux, so the call cannot
+    // fail.
     unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut time) };
     (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
 }
@@ -108,8 +109,8 @@ pub fn pin_to(cpu: usize) -> Result<(), Missing> {
 
 /// Locks every page the process has mapped by now into memory (MCL_CURRENT).
 ///
-/// Call after all ports and threads exist. Later mappings (a peer's segments) stay unlocked on purpose: MCL_FUTURE
-/// would make every later connection fail at a small RLIMIT_MEMLOCK.
+/// Call after all ports and threads exist. Later mappings (a peer's segments) stay unlocked on purpose:
+/// MCL_FUTURE would make every later connection fail at a small RLIMIT_MEMLOCK.
 ///
 /// # Errors
 /// The process maps more than RLIMIT_MEMLOCK allows.
@@ -127,7 +128,8 @@ pub fn block_signals() {
     let mut all = MaybeUninit::<libc::sigset_t>::zeroed();
     // SAFETY: `all` is valid for writing.
     unsafe { libc::sigfillset(all.as_mut_ptr()) };
-    // SAFETY: `all` was filled above; the old mask is not asked for. Neither call can fail with these arguments.
+    // SAFETY: `all` was filled above; the old mask is not asked for. Neither call can fail with these
+    // arguments.
     unsafe { libc::pthread_sigmask(libc::SIG_BLOCK, all.as_ptr(), ptr::null_mut()) };
 }
 
@@ -150,7 +152,8 @@ pub fn set_timer_slack(ns: u32) -> Result<(), Missing> {
 /// Bytes of stack touched by [`prefault_stack`].
 pub const PREFAULTED_STACK: usize = 256 * 1024;
 
-/// Touches the next [`PREFAULTED_STACK`] bytes of the calling thread's stack, so that no tick is the first to.
+/// Touches the next [`PREFAULTED_STACK`] bytes of the calling thread's stack, so that no tick is the first
+/// to.
 #[inline(never)]
 pub fn prefault_stack() {
     let mut stack = [0_u8; PREFAULTED_STACK];
@@ -168,7 +171,7 @@ pub fn page_faults() -> (u64, u64) {
     (usage.ru_minflt as u64, usage.ru_majflt as u64)
 }
 
-/// Room of a file system [bytes].
+/// Room of a file system \[bytes\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Space {
     /// What this user may still take.
@@ -257,7 +260,8 @@ fn user_name() -> String {
 pub fn fifo_remedy(priority: u32) -> String {
     let (user, wanted) = (user_name(), priority.max(90));
     format!(
-        "add `{user} - rtprio {wanted}` to /etc/security/limits.conf and log in again, or LimitRTPRIO={wanted} to the \
+        "add `{user} - rtprio {wanted}` to /etc/security/limits.conf and log in again, or \
+         LimitRTPRIO={wanted} to the \
          systemd unit"
     )
 }
@@ -267,7 +271,8 @@ pub fn fifo_remedy(priority: u32) -> String {
 pub fn lock_remedy() -> String {
     let user = user_name();
     format!(
-        "add `{user} - memlock unlimited` to /etc/security/limits.conf and log in again, or LimitMEMLOCK=infinity to the \
+        "add `{user} - memlock unlimited` to /etc/security/limits.conf and log in again, or \
+         LimitMEMLOCK=infinity to the \
          systemd unit"
     )
 }
@@ -275,7 +280,8 @@ pub fn lock_remedy() -> String {
 fn fifo_refused(priority: u32, error: &io::Error, limit: Option<u64>) -> Missing {
     let text = if (1..=99).contains(&priority) {
         format!(
-            "SCHED_FIFO {priority} refused ({error}): RLIMIT_RTPRIO is {limit}; {remedy}. Until then other programs can \
+            "SCHED_FIFO {priority} refused ({error}): RLIMIT_RTPRIO is {limit}; {remedy}. Until then other \
+             programs can \
              delay ticks",
             limit = limit_text(limit),
             remedy = fifo_remedy(priority),
@@ -293,7 +299,8 @@ fn affinity_refused(cpu: usize, error: &io::Error, allowed: &str) -> Missing {
 
 fn lock_refused(error: &io::Error, limit: Option<u64>) -> Missing {
     let text = format!(
-        "memory lock refused ({error}): RLIMIT_MEMLOCK is {limit} bytes; {remedy}. Until then a page fault can delay a \
+        "memory lock refused ({error}): RLIMIT_MEMLOCK is {limit} bytes; {remedy}. Until then a page fault \
+         can delay a \
          tick",
         limit = limit_text(limit),
         remedy = lock_remedy(),

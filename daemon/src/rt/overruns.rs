@@ -1,13 +1,14 @@
 //! How many ticks may be late: a budget, first spent on shedding work, then on the arm's stop.
 //!
-//! Contract: pure, fixed memory, no clock. Late is a period whose tick's own work took longer than the period, or that did not run
-//! because of such a tick. Wake-ups that other programs delay do not count: they pass by themselves, an overload does not.
-//! Ticks whose solve was shed count neither way: they do not show whether the loop can keep its rate.
+//! Contract: pure, fixed memory, no clock. Late is a period whose tick's own work took longer than the
+//! period, or that did not run because of such a tick. Wake-ups that other programs delay do not count: they
+//! pass by themselves, an overload does not. Ticks whose solve was shed count neither way: they do not show
+//! whether the loop can keep its rate.
 
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
 
-/// The longest window [periods]: two seconds at 1000 Hz.
+/// The longest window \[periods\]: two seconds at 1000 Hz.
 pub const MAX_WINDOW: usize = 2048;
 const WORD: usize = u64::BITS as usize;
 

@@ -1,7 +1,9 @@
-//! The loop without its work: how late the releases come on this machine, with the rights and the rhythm of the real one.
+//! The loop without its work: how late the releases come on this machine, with the rights and the rhythm of
+//! the real one.
 //!
-//! Contract: the thread takes its rights as the real-time thread does and waits on the same [`Cyclic`]; nothing is
-//! allocated, locked or written while it is measured. No port, no follower: a rehearsal commands nothing.
+//! Contract: the thread takes its rights as the real-time thread does and waits on the same [`Cyclic`];
+//! nothing is allocated, locked or written while it is measured. No port, no follower: a rehearsal commands
+//! nothing.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +19,7 @@ use super::cyclic::Cyclic;
 use super::os::{self, Missing};
 use super::thread::{RtSettings, take_rights};
 
-/// The latest wake-up that is told apart from later ones [ns].
+/// The latest wake-up that is told apart from later ones \[ns\].
 const LATEST_NS: u64 = 10_000_000_000;
 /// The first wake-ups do not count [ns]: everything is touched for the first time.
 const WARM_UP_NS: u64 = 200_000_000;
@@ -25,7 +27,7 @@ const WARM_UP_NS: u64 = 200_000_000;
 /// What a rehearsal saw.
 #[derive(Debug, Clone)]
 pub struct Rehearsal {
-    /// From the release that was waited for to the start of the tick [ns], one per tick.
+    /// From the release that was waited for to the start of the tick \[ns\], one per tick.
     pub lateness: Histogram<u64>,
     /// Whole periods that passed without a tick.
     pub missed: u64,
@@ -37,7 +39,8 @@ pub struct Rehearsal {
     pub missing: Vec<Missing>,
 }
 
-/// Starts a rehearsal of `seconds` in a thread of its own, with the memory of the process locked if asked for; it ends early once `quit` is set.
+/// Starts a rehearsal of `seconds` in a thread of its own, with the memory of the process locked if asked
+/// for; it ends early once `quit` is set.
 ///
 /// # Errors
 /// The system refuses another thread or its memory.
@@ -108,7 +111,8 @@ mod tests {
     fn every_period_is_a_tick_or_missed() {
         let quit = Arc::new(AtomicBool::new(false));
         let seen = rehearse(ordinary(), false, 0.3, quit).unwrap().join().unwrap();
-        // At the two ends a stall may swallow periods on either side of the border; nothing else may get lost.
+        // At the two ends a stall may swallow periods on either side of the border; nothing else may get
+        // lost.
         let periods = seen.lateness.len() + seen.missed;
         assert!(
             !seen.lateness.is_empty() && periods.abs_diff(150) <= 1 + seen.missed,

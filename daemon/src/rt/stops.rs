@@ -1,8 +1,9 @@
-//! The flag by which a stop reaches the loop without ring, request or memory: set by the stop socket's thread and by SIGUSR1, read
-//! by every tick.
+//! The flag by which a stop reaches the loop without ring, request or memory: set by the stop socket's thread
+//! and by SIGUSR1, read by every tick.
 //!
-//! Contract: a stop that was asked for is taken by exactly one tick, the next that begins; asked for more than once before that, by
-//! the same one. Nothing resets it but that tick, so arming cannot lose one. Neither side waits or allocates.
+//! Contract: a stop that was asked for is taken by exactly one tick, the next that begins; asked for more
+//! than once before that, by the same one. Nothing resets it but that tick, so arming cannot lose one.
+//! Neither side waits or allocates.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

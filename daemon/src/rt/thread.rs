@@ -1,7 +1,7 @@
 //! The real-time thread: opens its ports, takes its rights, runs ticks until told to leave.
 //!
-//! Contract: everything that may fail, block or allocate happens before the first tick. Told to leave, the thread stops
-//! the arm smoothly, ends once the loop is idle, and can be told to end at once instead.
+//! Contract: everything that may fail, block or allocate happens before the first tick. Told to leave, the
+//! thread stops the arm smoothly, ends once the loop is idle, and can be told to end at once instead.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -1,8 +1,9 @@
 //! One tick: receive, decide what may be spent, step the law, send, record.
 //!
-//! Contract: no allocation, lock, log, file or panic; work is bounded by capacities fixed at construction. What does not
-//! fit into a ring is dropped and counted. The budget is decided before the step, from the clock, and recorded, so that
-//! the step can be replayed. Absent on purpose: every decision about motion, which is the follower's.
+//! Contract: no allocation, lock, log, file or panic; work is bounded by capacities fixed at construction.
+//! What does not fit into a ring is dropped and counted. The budget is decided before the step, from the
+//! clock, and recorded, so that the step can be replayed. Absent on purpose: every decision about motion,
+//! which is the follower's.
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -90,7 +91,7 @@ pub struct Tick<const N: usize, P> {
     inbox: Inbox,
     period_ns: u64,
     max_iterations: u32,
-    /// Decaying maximum of what a step with full budget costs [ns].
+    /// Decaying maximum of what a step with full budget costs \[ns\].
     usual_cost_ns: u64,
     measured: Option<(Stamp, [f64; JOINTS])>,
     echo: Option<Echo>,
@@ -207,7 +208,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if exchanged {
             self.weights_since = Some(wake.release);
         }
-        // What a busy machine takes from the loop while it sleeps is not its own work: only that would never end.
+        // What a busy machine takes from the loop while it sleeps is not its own work: only that would never
+        // end.
         let overslept = wake.release.0.saturating_sub(wake.due.0) / self.period_ns.max(1);
         let too_long = finished.0.saturating_sub(wake.started.0) > self.period_ns;
         self.overruns.count(wake.skipped.saturating_sub(overslept), too_long, solve);
@@ -267,8 +269,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let _ = self.rings.answered.push(Answered { token, outcome, mode, trust });
     }
 
-    /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that a slow
-    /// solver cannot talk itself out of work for ever. A loop that is late too often solves in every second tick.
+    /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that
+    /// a slow solver cannot talk itself out of work for ever. A loop that is late too often solves in every
+    /// second tick.
     fn budget(&self, now: Stamp, wake: &Wake, verdict: Verdict) -> (Budget, Solve) {
         let left = wake.deadline(self.period_ns).0.saturating_sub(now.0);
         let solve = if verdict == Verdict::Shed && self.tally.ticks.is_multiple_of(2) {

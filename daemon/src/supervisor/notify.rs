@@ -1,8 +1,9 @@
 //! What the daemon tells the service manager that started it: ready, alive, stopping (sd_notify(3)).
 //!
-//! Contract: datagrams over NOTIFY_SOCKET, a path or an abstract name (`@...`), from the supervisor's thread only. Nothing
-//! blocks and nothing fails the daemon. The watchdog is fed only while the real-time thread's ticks advance: a loop that
-//! hangs is ended and started anew by the manager. Without NOTIFY_SOCKET nothing is sent.
+//! Contract: datagrams over NOTIFY_SOCKET, a path or an abstract name (`@...`), from the supervisor's thread
+//! only. Nothing blocks and nothing fails the daemon. The watchdog is fed only while the real-time thread's
+//! ticks advance: a loop that hangs is ended and started anew by the manager. Without NOTIFY_SOCKET nothing
+//! is sent.
 
 use std::ffi::OsStr;
 use std::io;
@@ -140,7 +141,8 @@ impl Watchdog {
 
 type Parsed = Option<Result<u64, std::num::ParseIntError>>;
 
-/// The period that process `own` shall keep; `None` where there is no watchdog or it is meant for another process.
+/// The period that process `own` shall keep; `None` where there is no watchdog or it is meant for another
+/// process.
 fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duration>, String> {
     let Some(usec) = usec else { return Ok(None) };
     let usec = match usec {

@@ -34,7 +34,8 @@ use crate::wire::JOINTS;
 /// Ticks that count neither in spreads nor in allocations: this much time after the start.
 const WARM_UP_S: f64 = 0.5;
 
-/// Joins the instance and creates its services, in a thread of its own because damaged files can make that hang.
+/// Joins the instance and creates its services, in a thread of its own because damaged files can make that
+/// hang.
 pub(super) fn open_services(
     instance: &Instance,
     lock: InstanceLock,

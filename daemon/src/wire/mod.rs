@@ -1,8 +1,10 @@
-//! Between the wire and the domain: value by value, what a message says in the types of the law, and the other way round.
+//! Between the wire and the domain: value by value, what a message says in the types of the law, and the
+//! other way round.
 //!
-//! Contract: pure, total, no allocation on the paths that the real-time thread takes (pen, joints, dead-man, command).
-//! Messages arrive validated; numbers that the wire has no place for are left out here and nowhere else. Whole records and the
-//! status are put together of these by the ipc thread (`ipc/record.rs`), which alone knows everything that they tell.
+//! Contract: pure, total, no allocation on the paths that the real-time thread takes (pen, joints, dead-man,
+//! command). Messages arrive validated; numbers that the wire has no place for are left out here and nowhere
+//! else. Whole records and the status are put together of these by the ipc thread (`ipc/record.rs`), which
+//! alone knows everything that they tell.
 
 mod messages;
 mod requests;

@@ -73,7 +73,8 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         }
         Refusal::ToolOutsideWorkspace => (
             ControlStatus::Jump,
-            "the tool stands outside the workspace: `foretrace move home`, or move it near the writing plane by hand",
+            "the tool stands outside the workspace: `foretrace move home`, or move it near the writing plane \
+             by hand",
         ),
         Refusal::ToolNotAligned => (
             ControlStatus::Jump,
@@ -87,7 +88,8 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         ),
         Refusal::NotFollowing => (
             ControlStatus::NotFollowing,
-            "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm anew",
+            "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm \
+             anew",
         ),
         Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),
         Refusal::DisarmFirst => {

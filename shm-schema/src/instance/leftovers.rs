@@ -1,8 +1,9 @@
-//! What dead processes left behind, for people who ask; a daemon purges its own instance at every start anyway.
+//! What dead processes left behind, for people who ask; a daemon purges its own instance at every start
+//! anyway.
 //!
-//! Contract: looking changes nothing. Cleaning never touches what a living process uses: where peers live, only what the
-//! middleware attributes to dead nodes goes; where none does, the whole instance is purged under its lock. Damaged files
-//! can make the middleware hang (as root above all): callers bound the time.
+//! Contract: looking changes nothing. Cleaning never touches what a living process uses: where peers live,
+//! only what the middleware attributes to dead nodes goes; where none does, the whole instance is purged
+//! under its lock. Damaged files can make the middleware hang (as root above all): callers bound the time.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -73,8 +74,8 @@ impl Leftovers {
 }
 
 impl Instance {
-    /// Instances of this user that are in sight: those with a folder at a usual place, and those whose files in /dev/shm
-    /// belong to one of `roots`. Touches nothing.
+    /// Instances of this user that are in sight: those with a folder at a usual place, and those whose files
+    /// in /dev/shm belong to one of `roots`. Touches nothing.
     pub fn in_sight(roots: &[PathBuf]) -> Vec<Self> {
         let mut found: Vec<Self> =
             usual_roots().into_iter().filter_map(|(number, root)| Self::at(number, root).ok()).collect();
@@ -93,7 +94,9 @@ impl Instance {
 
     /// What dead processes left behind here.
     ///
-    /// *Errors*: those of [`Instance::check_root`] except that there is none, `PeersUnknown`, `Io`.
+    /// # Errors
+    ///
+    /// Those of [`Instance::check_root`] except that there is none, `PeersUnknown`, `Io`.
     pub fn leftovers(&self) -> Result<Leftovers, InstanceError> {
         let mut found = Leftovers { memory: self.shared_memory()?, ..Leftovers::default() };
         match self.check_root() {
@@ -108,9 +111,12 @@ impl Instance {
         Ok(found)
     }
 
-    /// Process numbers of living and of dead peers, ascending, one for each node, and how many nodes are neither's.
+    /// Process numbers of living and of dead peers, ascending, one for each node, and how many nodes are
+    /// neither's.
     ///
-    /// *Errors*: `PeersUnknown`.
+    /// # Errors
+    ///
+    /// `PeersUnknown`.
     pub(crate) fn nodes(&self) -> Result<(Vec<u32>, Vec<u32>, usize), InstanceError> {
         let (mut alive, mut dead, mut damaged) = (Vec::new(), Vec::new(), 0);
         if self.root().join(MIDDLEWARE_FOLDER).exists() {
@@ -134,7 +140,9 @@ impl Instance {
 
     /// Remove what dead processes left behind here, and nothing of the living.
     ///
-    /// *Errors*: those of [`Instance::leftovers`]; `Held` when a daemon comes up at this moment.
+    /// # Errors
+    ///
+    /// Those of [`Instance::leftovers`]; `Held` when a daemon comes up at this moment.
     pub fn clean(&self) -> Result<Cleaned, InstanceError> {
         let before = self.leftovers()?;
         if before.is_empty() {
@@ -170,7 +178,9 @@ impl Instance {
 
 /// Every prefix of an instance among the files of `folder`, of any middleware version, in order.
 ///
-/// *Errors*: the folder cannot be read.
+/// # Errors
+///
+/// The folder cannot be read.
 pub fn prefixed(folder: &Path) -> io::Result<Vec<Prefixed>> {
     let mut groups: BTreeMap<String, Prefixed> = BTreeMap::new();
     for entry in fs::read_dir(folder)? {

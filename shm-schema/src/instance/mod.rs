@@ -1,5 +1,5 @@
-//! An instance: where one daemon and its peers keep their files, who is in it, what the dead left behind, and how its daemon is
-//! stopped without any middleware.
+//! An instance: where one daemon and its peers keep their files, who is in it, what the dead left behind, and
+//! how its daemon is stopped without any middleware.
 
 pub(crate) mod root;
 pub(crate) mod occupancy;

@@ -1,7 +1,7 @@
 //! Who is in an instance: the lock that makes a daemon the only one, living peers, leftovers of dead ones.
 //!
-//! Contract: the lock file tells whether a daemon is up, without touching the middleware. Leftovers are removed only
-//! under the lock and only while no peer lives, and only names with the instance's own prefix.
+//! Contract: the lock file tells whether a daemon is up, without touching the middleware. Leftovers are
+//! removed only under the lock and only while no peer lives, and only names with the instance's own prefix.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -38,7 +38,7 @@ pub struct SharedMemory {
 pub struct DaemonMark {
     /// Its process number.
     pub pid: u32,
-    /// When it announced itself, on the monotonic clock [ns].
+    /// When it announced itself, on the monotonic clock \[ns\].
     pub announced_ns: u64,
 }
 
@@ -63,7 +63,9 @@ impl Instance {
 
     /// Become the only daemon of this instance; makes the root directory if needed.
     ///
-    /// *Errors*: `Held`, those of [`Instance::check_root`], `Io`.
+    /// # Errors
+    ///
+    /// `Held`, those of [`Instance::check_root`], `Io`.
     pub fn lock(&self) -> Result<InstanceLock, InstanceError> {
         self.make_root()?;
         let path = self.lock_path();
@@ -76,8 +78,8 @@ impl Instance {
             .mode(0o600)
             .open(&path)
             .map_err(io)?;
-        // A peer looking for a daemon takes the lock for an instant, and the last one to leave for as long as it tidies up: ask
-        // more than once, and longer where no daemon has announced itself.
+        // A peer looking for a daemon takes the lock for an instant, and the last one to leave for as long as
+        // it tidies up: ask more than once, and longer where no daemon has announced itself.
         for tries in 0..100 {
             if tries >= 20 && announced(&mut file).is_some() {
                 break;
@@ -94,10 +96,12 @@ impl Instance {
         Err(InstanceError::Held { number: self.number(), pid: announced(&mut file).map(|mark| mark.pid) })
     }
 
-    /// Remove what dead processes left behind, if no peer lives. Only the daemon may, under its lock and before it
-    /// opens anything.
+    /// Remove what dead processes left behind, if no peer lives. Only the daemon may, under its lock and
+    /// before it opens anything.
     ///
-    /// *Errors*: `PeersUnknown`, `Io`.
+    /// # Errors
+    ///
+    /// `PeersUnknown`, `Io`.
     pub fn purge(&self, _lock: &InstanceLock) -> Result<Purge, InstanceError> {
         let alive = self.peers()?;
         if !alive.is_empty() {
@@ -124,8 +128,8 @@ impl Instance {
         Ok(Purge::Removed(removed))
     }
 
-    /// Remove everything, if neither a daemon nor a peer lives: for whoever may be the last to leave. Returns whether it was.
-    /// Damaged files can make it hang: callers bound the time.
+    /// Remove everything, if neither a daemon nor a peer lives: for whoever may be the last to leave. Returns
+    /// whether it was. Damaged files can make it hang: callers bound the time.
     pub fn tidy_up(&self) -> bool {
         let Ok(file) = OpenOptions::new().read(true).write(true).open(self.lock_path()) else { return false };
         // Another one that leaves at this moment may hold it, and still have seen this process alive.
@@ -140,17 +144,21 @@ impl Instance {
         matches!(self.purge(&InstanceLock { file }), Ok(Purge::Removed(_)))
     }
 
-    /// Check that every segment of this instance belongs to this user alone. /dev/shm is open to everybody: another user
-    /// can put a file there under a name that the middleware would open.
+    /// Check that every segment of this instance belongs to this user alone. /dev/shm is open to everybody:
+    /// another user can put a file there under a name that the middleware would open.
     ///
-    /// *Errors*: `ForeignSegment`, `Io`.
+    /// # Errors
+    ///
+    /// `ForeignSegment`, `Io`.
     pub fn check_segments(&self) -> Result<(), InstanceError> {
         self.segments()?.iter().try_for_each(|path| own_segment(path))
     }
 
     /// Process numbers of all living peers, the daemon included, in ascending order.
     ///
-    /// *Errors*: `PeersUnknown`.
+    /// # Errors
+    ///
+    /// `PeersUnknown`.
     pub fn peers(&self) -> Result<Vec<u32>, InstanceError> {
         let (mut alive, _, _) = self.nodes()?;
         alive.dedup();
@@ -159,7 +167,9 @@ impl Instance {
 
     /// The shared memory of this instance.
     ///
-    /// *Errors*: `Io`.
+    /// # Errors
+    ///
+    /// `Io`.
     pub fn shared_memory(&self) -> Result<SharedMemory, InstanceError> {
         let mut sum = SharedMemory::default();
         for path in self.segments()? {
@@ -193,7 +203,9 @@ impl Instance {
 impl InstanceLock {
     /// Tell everybody that the daemon is up: its services exist and may be opened.
     ///
-    /// *Errors*: the system refused to write.
+    /// # Errors
+    ///
+    /// The system refused to write.
     pub fn announce(&mut self) -> io::Result<()> {
         self.file.set_len(0)?;
         self.file.rewind()?;
@@ -203,7 +215,9 @@ impl InstanceLock {
 
     /// Take [`InstanceLock::announce`] back before the services go.
     ///
-    /// *Errors*: the system refused to write.
+    /// # Errors
+    ///
+    /// The system refused to write.
     pub fn withdraw(&mut self) -> io::Result<()> {
         self.file.set_len(0)
     }

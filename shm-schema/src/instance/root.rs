@@ -1,8 +1,8 @@
 //! An instance: one daemon and its peers, known by a number. Where its files are and who may use them.
 //!
-//! Contract: the root directory belongs to this user alone (0700) or nothing is opened. Every name in /dev/shm begins
-//! with a prefix made of the number, the middleware's version and the root, so that leftovers of one instance can be
-//! removed without touching another. The trust boundary is the Unix user.
+//! Contract: the root directory belongs to this user alone (0700) or nothing is opened. Every name in
+//! /dev/shm begins with a prefix made of the number, the middleware's version and the root, so that leftovers
+//! of one instance can be removed without touching another. The trust boundary is the Unix user.
 
 use std::fs::{self, DirBuilder};
 use std::io;
@@ -125,17 +125,23 @@ pub enum InstanceError {
 crate::debug_is_sentence!(InstanceError);
 
 impl Instance {
-    /// The instance of this user with this number: `$XDG_RUNTIME_DIR/foretrace-N`, else `/tmp/foretrace-UID-N`.
+    /// The instance of this user with this number: `$XDG_RUNTIME_DIR/foretrace-N`, else
+    /// `/tmp/foretrace-UID-N`.
     ///
-    /// *Errors*: `RootTooLong`, `RootNotPlain`. Touches no file.
+    /// # Errors
+    ///
+    /// `RootTooLong`, `RootNotPlain`. Touches no file.
     pub fn new(number: u32) -> Result<Self, InstanceError> {
         let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
         Self::at(number, default_root(number, runtime.as_deref(), crate::os::effective_user()))
     }
 
-    /// An instance whose files live in `root`; for tests and for runtime directories made by a service manager.
+    /// An instance whose files live in `root`; for tests and for runtime directories made by a service
+    /// manager.
     ///
-    /// *Errors*: `RootTooLong`, `RootNotPlain`. Touches no file.
+    /// # Errors
+    ///
+    /// `RootTooLong`, `RootNotPlain`. Touches no file.
     pub fn at(number: u32, root: impl Into<PathBuf>) -> Result<Self, InstanceError> {
         let root = root.into();
         let bytes = root.as_os_str().as_encoded_bytes();
@@ -170,8 +176,8 @@ impl Instance {
         &self.config
     }
 
-    /// Another user whose instance of the same number has its directory beside this one's; `None` where there is none to be
-    /// seen: directories below `/run/user` show nothing to others.
+    /// Another user whose instance of the same number has its directory beside this one's; `None` where there
+    /// is none to be seen: directories below `/run/user` show nothing to others.
     #[must_use]
     pub fn foreign_owner(&self) -> Option<u32> {
         let user = crate::os::effective_user();
@@ -186,7 +192,9 @@ impl Instance {
 
     /// Check that the root directory exists and belongs to this user alone.
     ///
-    /// *Errors*: `NotADirectory`, `ForeignOwner`, `TooOpen`, `Io` (`NotFound` when there is none).
+    /// # Errors
+    ///
+    /// `NotADirectory`, `ForeignOwner`, `TooOpen`, `Io` (`NotFound` when there is none).
     pub fn check_root(&self) -> Result<(), InstanceError> {
         let io = |source| InstanceError::Io { path: self.root.clone(), source };
         let root = self.root.clone();

@@ -1,8 +1,9 @@
-//! The way to stop the arm that needs no middleware, no shared memory and no place: a datagram socket beside the lock file, and a
-//! signal to the process that holds that lock.
+//! The way to stop the arm that needs no middleware, no shared memory and no place: a datagram socket beside
+//! the lock file, and a signal to the process that holds that lock.
 //!
-//! Contract: frames have one length each and are judged as a whole. The run directory (0700) decides who may send: its user and
-//! root. A signal goes to the holder of the lock and to nobody else, whatever has become of its process number.
+//! Contract: frames have one length each and are judged as a whole. The run directory (0700) decides who may
+//! send: its user and root. A signal goes to the holder of the lock and to nobody else, whatever has become
+//! of its process number.
 
 use std::fs::{self, File};
 use std::io;
@@ -155,9 +156,9 @@ impl Instance {
         self.root().join("stop")
     }
 
-    /// Sends the daemon SIGUSR1: stop smoothly and stay stopped. Safe against reused process numbers, also those of another
-    /// container: the descriptor is taken first, and the process then has to be the one that still holds the lock and that
-    /// catches the signal.
+    /// Sends the daemon SIGUSR1: stop smoothly and stay stopped. Safe against reused process numbers, also
+    /// those of another container: the descriptor is taken first, and the process then has to be the one that
+    /// still holds the lock and that catches the signal.
     ///
     /// # Errors
     /// See [`SignalError`]; then no signal was sent.
@@ -167,8 +168,8 @@ impl Instance {
         let refused = |source| SignalError::Refused { pid, source };
         let uncertain = |why| SignalError::Uncertain { pid, why };
         let process = crate::os::open_process(pid).map_err(refused)?;
-        // What the descriptor means cannot change any more; all that follows is about the process that it means, as long as
-        // that is the same one as before.
+        // What the descriptor means cannot change any more; all that follows is about the process that it
+        // means, as long as that is the same one as before.
         if self.daemon() != Some(mark) {
             return Err(SignalError::NoDaemon);
         }
@@ -201,7 +202,8 @@ fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
     if locks.as_deref().is_some_and(told) {
         return Some(true);
     }
-    // Some kernels in containers list no locks; open files tell the same, since only a daemon keeps this one open.
+    // Some kernels in containers list no locks; open files tell the same, since only a daemon keeps this one
+    // open.
     match fs::read_dir(format!("/proc/{pid}/fd")) {
         Ok(files) => Some(files.flatten().any(|entry| {
             fs::metadata(entry.path()).is_ok_and(|open| (open.dev(), open.ino()) == (file.dev(), file.ino()))

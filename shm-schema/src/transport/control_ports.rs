@@ -1,7 +1,7 @@
 //! Both ends of the request-response service. Not for the real-time thread: a round trip allocates.
 //!
-//! Contract: the server answers malformed requests itself and counts them; every answer carries the token of its
-//! request. The client waits no longer than it is told.
+//! Contract: the server answers malformed requests itself and counts them; every answer carries the token of
+//! its request. The client waits no longer than it is told.
 
 use std::time::{Duration, Instant};
 
@@ -71,7 +71,9 @@ crate::debug_is_sentence!(AskError);
 impl ControlTopic {
     /// The server, to be used in the calling thread. `daemon_id` goes into every answer.
     ///
-    /// *Errors*: `NoPlace` when another one lives, `Middleware`.
+    /// # Errors
+    ///
+    /// `NoPlace` when another one lives, `Middleware`.
     pub fn server(&self, daemon_id: u64) -> Result<ControlServer, ServiceError> {
         let port = self
             .factory
@@ -90,7 +92,9 @@ impl ControlTopic {
 
     /// A client, to be used in the calling thread.
     ///
-    /// *Errors*: `NoPlace`, `Middleware`.
+    /// # Errors
+    ///
+    /// `NoPlace`, `Middleware`.
     pub fn client(&self) -> Result<ControlClient, ServiceError> {
         let port = self
             .factory
@@ -168,7 +172,9 @@ impl Call {
 impl ControlClient {
     /// Send `request` (token and boot id are filled in) and wait for its answer.
     ///
-    /// *Errors*: see [`AskError`]. A refusal by the daemon is an answer, not an error.
+    /// # Errors
+    ///
+    /// See [`AskError`]. A refusal by the daemon is an answer, not an error.
     pub fn ask(
         &mut self,
         mut request: ControlRequest,

@@ -1,4 +1,5 @@
-//! The request-response service: its name, quality of service, creation by the daemon and opening by operators.
+//! The request-response service: its name, quality of service, creation by the daemon and opening by
+//! operators.
 //!
 //! Contract: as `topic`, for one server and a few clients.
 
@@ -31,7 +32,9 @@ const CONTROL_LAYOUT: u64 = ControlRequest::LAYOUT_HASH ^ ControlResponse::LAYOU
 impl ControlTopic {
     /// Create it, or take over one that living peers kept; for the daemon.
     ///
-    /// *Errors*: as [`crate::Topic::create`].
+    /// # Errors
+    ///
+    /// As [`crate::Topic::create`].
     pub fn create(session: &Session) -> Result<Self, ServiceError> {
         let attributes = layout_required(CONTROL_SERVICE, CONTROL_LAYOUT)?;
         let factory = control_builder(session)?.open_or_create_with_attributes(&attributes).map_err(
@@ -54,7 +57,9 @@ impl ControlTopic {
 
     /// Open it; for everybody else.
     ///
-    /// *Errors*: as [`crate::Topic::open`].
+    /// # Errors
+    ///
+    /// As [`crate::Topic::open`].
     pub fn open(session: &Session) -> Result<Self, ServiceError> {
         let factory = control_builder(session)?.open().map_err(|error| control_open_error(session, error))?;
         Self { factory }.verified()
@@ -94,8 +99,8 @@ fn control_builder(session: &Session) -> Result<ControlBuilder, ServiceError> {
         .max_borrowed_responses_per_pending_response(1)
         .enable_safe_overflow_for_requests(true)
         .enable_safe_overflow_for_responses(true)
-        // Without it 0.9.3 never lets go of clients that have left, and panics in the server at the 133rd; requests that
-        // nobody waits for any more are left out by the server instead.
+        // Without it 0.9.3 never lets go of clients that have left, and panics in the server at the 133rd;
+        // requests that nobody waits for any more are left out by the server instead.
         .enable_fire_and_forget_requests(true))
 }
 

@@ -1,4 +1,5 @@
-//! How messages travel: joining an instance, its services with their quality of service, and the ports at both ends.
+//! How messages travel: joining an instance, its services with their quality of service, and the ports at
+//! both ends.
 
 pub(crate) mod session;
 pub(crate) mod topic;

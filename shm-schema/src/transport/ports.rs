@@ -1,8 +1,8 @@
 //! Publisher and subscriber of one message type, fit for the real-time thread.
 //!
-//! Contract: after the ports have connected, neither `publish` nor `take` allocates, blocks or loops without bound.
-//! A message is copied out once and the copy is checked: header first, then every field. Ports stay in the thread
-//! that made them.
+//! Contract: after the ports have connected, neither `publish` nor `take` allocates, blocks or loops without
+//! bound. A message is copied out once and the copy is checked: header first, then every field. Ports stay in
+//! the thread that made them.
 
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
@@ -45,7 +45,9 @@ pub struct Publisher<T: Message> {
 impl<T: Message> Topic<T> {
     /// A publisher, to be used in the calling thread.
     ///
-    /// *Errors*: `NoPlace` when another one lives, `Middleware`.
+    /// # Errors
+    ///
+    /// `NoPlace` when another one lives, `Middleware`.
     pub fn publisher(&self) -> Result<Publisher<T>, ServiceError> {
         let port = self
             .factory
@@ -64,10 +66,12 @@ impl<T: Message> Topic<T> {
         Ok(Publisher { topic: self.clone(), port, sequence: 0, boot_id: host_boot_id() })
     }
 
-    /// A subscriber holding up to `buffer` unread messages, to be used in the calling thread. Before this moment's
-    /// messages there is only the topic's history.
+    /// A subscriber holding up to `buffer` unread messages, to be used in the calling thread. Before this
+    /// moment's messages there is only the topic's history.
     ///
-    /// *Errors*: `NoPlace`, `BufferSize`, `Middleware`.
+    /// # Errors
+    ///
+    /// `NoPlace`, `BufferSize`, `Middleware`.
     pub fn subscriber(&self, buffer: usize, bounds: HeaderBounds) -> Result<Subscriber<T>, ServiceError> {
         if buffer == 0 || buffer > T::QOS.buffer {
             return Err(ServiceError::BufferSize {
@@ -101,7 +105,9 @@ impl<T: Message> Topic<T> {
 impl<T: Message> Publisher<T> {
     /// Send `message` under `stamp_ns`; the header is filled in. Returns how many subscribers it reached.
     ///
-    /// *Errors*: see [`PublishError`]; the sequence number is used up, so that receivers see the gap.
+    /// # Errors
+    ///
+    /// See [`PublishError`]; the sequence number is used up, so that receivers see the gap.
     pub fn publish(&mut self, stamp_ns: u64, mut message: T) -> Result<usize, PublishError> {
         self.sequence = self.sequence.wrapping_add(1);
         *message.header_mut() = Header { sequence: self.sequence, stamp_ns, boot_id: self.boot_id };
@@ -111,7 +117,9 @@ impl<T: Message> Publisher<T> {
 
     /// Connect to new subscribers now rather than at the next message.
     ///
-    /// *Errors*: `Connection`.
+    /// # Errors
+    ///
+    /// `Connection`.
     pub fn connect(&self) -> Result<(), PublishError> {
         self.port.update_connections().map_err(|_| PublishError::Connection)
     }
@@ -149,7 +157,8 @@ pub struct Subscriber<T: Message> {
 }
 
 impl<T: Message> Subscriber<T> {
-    /// Take the oldest unread message; `None` when there is none. A refused one is counted and returned as error.
+    /// Take the oldest unread message; `None` when there is none. A refused one is counted and returned as
+    /// error.
     ///
     /// A failure of the middleware counts as none, see [`Subscriber::failures`].
     pub fn take(&mut self, now_ns: u64) -> Option<Result<T, Rejection>> {
@@ -175,8 +184,8 @@ impl<T: Message> Subscriber<T> {
         }
     }
 
-    /// Give every unread message to `use_message`, oldest first; refused ones are only counted. At most one buffer
-    /// full per call. Returns how many were given.
+    /// Give every unread message to `use_message`, oldest first; refused ones are only counted. At most one
+    /// buffer full per call. Returns how many were given.
     pub fn drain(&mut self, now_ns: u64, mut use_message: impl FnMut(T)) -> usize {
         let mut given = 0;
         for _ in 0..self.buffer {
@@ -219,7 +228,7 @@ impl<T: Message> Subscriber<T> {
         &self.rejections
     }
 
-    /// The newest refusal, and when it was [ns].
+    /// The newest refusal, and when it was \[ns\].
     pub fn newest_refused(&self) -> Option<(Rejection, u64)> {
         self.newest_refused
     }

@@ -69,7 +69,8 @@ pub enum ServiceError {
     },
     /// Everybody who may ask at a time is asking.
     #[error(
-        "all {limit} places for operators are taken, by processes {pids:?}: end those that hang (`kill -9`); a stop needs \
+        "all {limit} places for operators are taken, by processes {pids:?}: end those that hang (`kill -9`); \
+         a stop needs \
          no place (`foretrace request stop`)"
     )]
     NoOperatorPlace {
@@ -107,13 +108,14 @@ pub enum ServiceError {
     },
     /// The first touch of a page that is not there would kill the process without a word.
     #[error(
-        "/dev/shm has {} KiB free, a program that attaches needs up to {} KiB: remove files there, or give the container \
+        "/dev/shm has {} KiB free, a program that attaches needs up to {} KiB: remove files there, or give \
+         the container \
          more (docker run --shm-size=64m)", free / 1024, needed / 1024
     )]
     NoSpace {
-        /// Free [bytes].
+        /// Free \[bytes\].
         free: u64,
-        /// Needed [bytes].
+        /// Needed \[bytes\].
         needed: u64,
     },
     /// The instance itself cannot be used.
@@ -149,7 +151,8 @@ fn remedy(number: u32, foreign: Option<u32>) -> String {
     match foreign {
         None => format!("start it with `foretrace daemon{option}`"),
         Some(user) => format!(
-            "user {user} seems to run one, whose shared memory is that user's alone: run as that user, send the pen \
+            "user {user} seems to run one, whose shared memory is that user's alone: run as that user, send \
+             the pen \
              through that user's `foretrace gateway`, or start your own with `foretrace daemon{option}`"
         ),
     }
@@ -168,14 +171,18 @@ pub struct Session {
 impl Session {
     /// Join as the daemon, which holds the lock and has purged.
     ///
-    /// *Errors*: `Permission`, `Middleware`, `Instance`.
+    /// # Errors
+    ///
+    /// `Permission`, `Middleware`, `Instance`.
     pub fn create(instance: &Instance, name: &str, _lock: &InstanceLock) -> Result<Self, ServiceError> {
         Self::join(instance, name)
     }
 
     /// Join an instance whose daemon is up; leaves no trace if there is none.
     ///
-    /// *Errors*: `NoDaemon`, `NoSpace`, `Permission`, `Middleware`, `Instance`.
+    /// # Errors
+    ///
+    /// `NoDaemon`, `NoSpace`, `Permission`, `Middleware`, `Instance`.
     pub fn open(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
         let no_daemon = || ServiceError::no_daemon(instance);
         match instance.check_root() {

@@ -1,7 +1,9 @@
-//! The services of an instance: their names, quality of service, creation by the daemon and opening by others.
+//! The services of an instance: their names, quality of service, creation by the daemon and opening by
+//! others.
 //!
-//! Contract: only the daemon creates; others open, and then verify type, layout hash and quality of service exactly,
-//! because the middleware treats them as minimum and compares no layout. What does not match is refused.
+//! Contract: only the daemon creates; others open, and then verify type, layout hash and quality of service
+//! exactly, because the middleware treats them as minimum and compares no layout. What does not match is
+//! refused.
 
 use std::sync::Arc;
 
@@ -27,7 +29,7 @@ pub struct Qos {
     pub publishers: usize,
     /// Subscribers at a time.
     pub subscribers: usize,
-    /// Largest buffer of a subscriber [messages].
+    /// Largest buffer of a subscriber \[messages\].
     pub buffer: usize,
     /// Messages a late subscriber gets.
     pub history: usize,
@@ -46,11 +48,13 @@ pub trait Message: Validate {
 }
 
 macro_rules! message {
-    ($($type:ident: $service:literal, $publishers:literal, $subscribers:literal, $buffer:literal, $history:literal;)+) => {$(
+    ($($type:ident: $service:literal, $publishers:literal, $subscribers:literal, $buffer:literal,
+        $history:literal;)+) => {$(
         impl Message for $type {
             const SERVICE: &'static str = $service;
             const QOS: Qos =
-                Qos { publishers: $publishers, subscribers: $subscribers, buffer: $buffer, history: $history };
+                Qos { publishers: $publishers, subscribers: $subscribers, buffer: $buffer,
+                    history: $history };
 
             fn header(&self) -> &Header {
                 &self.header
@@ -88,7 +92,9 @@ pub struct Topic<T: Message> {
 impl<T: Message> Topic<T> {
     /// Create it, or take over one that living peers kept; for the daemon.
     ///
-    /// *Errors*: `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
+    /// # Errors
+    ///
+    /// `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
     pub fn create(session: &Session) -> Result<Self, ServiceError> {
         let attributes = layout_required(T::SERVICE, T::LAYOUT_HASH)?;
         let factory = builder::<T>(session)?.open_or_create_with_attributes(&attributes).map_err(
@@ -111,14 +117,16 @@ impl<T: Message> Topic<T> {
 
     /// Open it; for everybody else.
     ///
-    /// *Errors*: `NoDaemon`, `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
+    /// # Errors
+    ///
+    /// `NoDaemon`, `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
     pub fn open(session: &Session) -> Result<Self, ServiceError> {
         let factory = builder::<T>(session)?.open().map_err(|error| open_error::<T>(session, error))?;
         Self { factory: Arc::new(factory) }.verified()
     }
 
-    /// Ports connected now: publishers and subscribers. A change means that the next send or receive connects, which
-    /// costs allocations and tens of microseconds.
+    /// Ports connected now: publishers and subscribers. A change means that the next send or receive
+    /// connects, which costs allocations and tens of microseconds.
     pub fn connections(&self) -> (usize, usize) {
         let now = self.factory.dynamic_config();
         (now.number_of_publishers(), now.number_of_subscribers())
@@ -165,7 +173,9 @@ pub struct Services {
 impl Services {
     /// Create all of them; for the daemon.
     ///
-    /// *Errors*: as [`Topic::create`].
+    /// # Errors
+    ///
+    /// As [`Topic::create`].
     pub fn create(session: &Session) -> Result<Self, ServiceError> {
         Ok(Self {
             pen: Topic::create(session)?,
@@ -180,7 +190,9 @@ impl Services {
 
     /// Open all of them; for everybody else.
     ///
-    /// *Errors*: as [`Topic::open`].
+    /// # Errors
+    ///
+    /// As [`Topic::open`].
     pub fn open(session: &Session) -> Result<Self, ServiceError> {
         Ok(Self {
             pen: Topic::open(session)?,

@@ -1,5 +1,5 @@
-//! `ArmLag`: how late the arm is, as measured, and what the plan makes of it. Part of [`crate::TickRecord`] and
-//! [`crate::Status`].
+//! `ArmLag`: how late the arm is, as measured, and what the plan makes of it. Part of [`crate::TickRecord`]
+//! and [`crate::Status`].
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -9,13 +9,14 @@ wire! {
     /// The arm's lag from a command's stamp to the motion, measured while it works.
     "foretrace.ArmLagV1"
     pub struct ArmLag {
-        /// Dead time that the plan looks ahead by [ns].
+        /// Dead time that the plan looks ahead by \[ns\].
         pub dead_time_ns: u64,
-        /// Group delay at low frequency [s].
+        /// Group delay at low frequency \[s\].
         pub lag_s: f64,
-        /// Its standard deviation [s]; negative: the lag is not known, and the two beside it mean nothing.
+        /// Its standard deviation \[s\]; negative: the lag is not known, and the two beside it mean nothing.
         pub std_s: f64,
-        /// Shift of the commands that fits the recent motion best [s]; shorter than the group delay where the arm is a filter.
+        /// Shift of the commands that fits the recent motion best \[s\]; shorter than the group delay where
+        /// the arm is a filter.
         pub shift_s: f64,
     }
 }

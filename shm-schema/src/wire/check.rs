@@ -1,7 +1,7 @@
 //! Refusing what must not enter: checks of single fields, the reasons of refusal, and counters per reason.
 //!
-//! Contract: pure, no allocation, total for every bit pattern. A refusal names its reason, the field, what was found there and
-//! the bound it broke, so that whoever sent it can mend it.
+//! Contract: pure, no allocation, total for every bit pattern. A refusal names its reason, the field, what
+//! was found there and the bound it broke, so that whoever sent it can mend it.
 
 use std::fmt;
 
@@ -20,7 +20,7 @@ pub struct Rejection {
     pub field: &'static str,
     /// Which element of it, where it is an array.
     pub index: Option<u8>,
-    /// What was found, in the field's unit; for stamps the distance from what was expected [s].
+    /// What was found, in the field's unit; for stamps the distance from what was expected \[s\].
     pub value: f64,
     /// The bound that was broken, in the same unit; NaN where there is none.
     pub bound: f64,
@@ -77,7 +77,7 @@ fn guess(field: &str, value: f64) -> &'static str {
     }
 }
 
-/// A stamp this far ahead is of another clock, not early [s].
+/// A stamp this far ahead is of another clock, not early \[s\].
 const ANOTHER_CLOCK_S: f64 = 3600.0;
 
 impl fmt::Display for Rejection {
@@ -120,11 +120,13 @@ impl fmt::Display for Rejection {
             RejectReason::FromTheFuture if value.is_nan() => write!(f, " lies in the future"),
             RejectReason::FromTheFuture if value > ANOTHER_CLOCK_S => write!(
                 f,
-                " lies {value:.0} s in the future: the time of day? Stamp by CLOCK_MONOTONIC (`monotonic_now_ns()`)"
+                " lies {value:.0} s in the future: the time of day? Stamp by CLOCK_MONOTONIC \
+                 (`monotonic_now_ns()`)"
             ),
             RejectReason::FromTheFuture => write!(
                 f,
-                " lies {value:.3} s in the future, allowed {bound:.3} s: stamp by CLOCK_MONOTONIC, when it was measured"
+                " lies {value:.3} s in the future, allowed {bound:.3} s: stamp by CLOCK_MONOTONIC, when it \
+                 was measured"
             ),
             RejectReason::TooOld if !value.is_nan() => write!(
                 f,
@@ -172,7 +174,9 @@ impl Rejections {
 pub trait Validate: Wire {
     /// Check every field but the header.
     ///
-    /// *Errors*: the first field that is not finite, out of range, or holds an unknown enum or flag.
+    /// # Errors
+    ///
+    /// The first field that is not finite, out of range, or holds an unknown enum or flag.
     fn validate(&self) -> Result<(), Rejection>;
 }
 

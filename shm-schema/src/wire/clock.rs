@@ -4,15 +4,15 @@ use std::sync::OnceLock;
 
 use super::layout::fnv1a;
 
-/// Now on CLOCK_MONOTONIC [ns]. No system call on common machines (vDSO), no allocation.
+/// Now on CLOCK_MONOTONIC \[ns\]. No system call on common machines (vDSO), no allocation.
 pub fn monotonic_now_ns() -> u64 {
     crate::os::clock_monotonic_ns()
 }
 
 /// Hash of the kernel's boot id: equal for all processes of this boot of this host, never zero.
 ///
-/// The first call reads a file; call it once before real-time work. Where the file is missing the answer is the same
-/// constant for everybody, so that processes still agree.
+/// The first call reads a file; call it once before real-time work. Where the file is missing the answer is
+/// the same constant for everybody, so that processes still agree.
 pub fn host_boot_id() -> u64 {
     static BOOT_ID: OnceLock<u64> = OnceLock::new();
     *BOOT_ID.get_or_init(|| {

@@ -17,11 +17,12 @@ wire! {
     pub struct ControlRequest {
         /// Chosen by the client, given back in the response.
         pub token: u64,
-        /// When it was sent, on the monotonic clock [ns]: a request to arm does not undo a stop that came after it.
+        /// When it was sent, on the monotonic clock \[ns\]: a request to arm does not undo a stop that came
+        /// after it.
         pub sent_ns: u64,
         /// The client's `host_boot_id()`.
         pub boot_id: u64,
-        /// For `SetTrust`: α in [0, 1]; else 0.
+        /// For `SetTrust`: α in \[0, 1\]; else 0.
         pub value: f64,
         /// [`ControlOp`].
         pub op: u32,

@@ -1,5 +1,5 @@
-//! Everything the daemon counts since its start. The same block stands in every `TickRecord` and `Status`: nothing
-//! is dropped or refused without a number here.
+//! Everything the daemon counts since its start. The same block stands in every `TickRecord` and `Status`:
+//! nothing is dropped or refused without a number here.
 
 use iceoryx2::prelude::ZeroCopySend;
 

@@ -15,7 +15,8 @@ macro_rules! wire_flags {
 
             /// Words for the bits set in `mask`, lowest bit first; unknown bits are left out.
             pub fn labels(mask: u32) -> impl Iterator<Item = &'static str> {
-                [$(($flag, $label)),+].into_iter().filter(move |(bit, _)| mask & bit != 0).map(|(_, label)| label)
+                [$(($flag, $label)),+].into_iter().filter(move |(bit, _)| mask & bit != 0).map(|(_,
+                    label)| label)
             }
         }
     };
@@ -46,7 +47,8 @@ wire_flags! {
     pub mod command_flags {
         /// The arm shall follow; without it the consumer stands still.
         ENABLED = 0 => "enabled",
-        /// First command after arming: it begins at rest where the arm stands. Every other one continues the one before.
+        /// First command after arming: it begins at rest where the arm stands. Every other one continues the
+        /// one before.
         BEGINS = 1 => "begins",
         /// A stop is under way.
         STOPPING = 2 => "stopping",

@@ -1,7 +1,8 @@
 //! The header that begins every message, and the receiver's check of it.
 //!
-//! Contract: [`HeaderCheck::admit`] is pure apart from its own memory, allocates nothing and accepts a message only
-//! if it was stamped under this boot, not in the future, not too old, and after the previous one of its sender.
+//! Contract: [`HeaderCheck::admit`] is pure apart from its own memory, allocates nothing and accepts a
+//! message only if it was stamped under this boot, not in the future, not too old, and after the previous one
+//! of its sender.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -15,7 +16,7 @@ wire! {
     pub struct Header {
         /// Counts the messages of one publisher, from 1.
         pub sequence: u64,
-        /// Monotonic clock [ns]: when it was sent, except for commands (see `JointCommand`).
+        /// Monotonic clock \[ns\]: when it was sent, except for commands (see `JointCommand`).
         pub stamp_ns: u64,
         /// The sender's `host_boot_id()`.
         pub boot_id: u64,
@@ -23,7 +24,7 @@ wire! {
 }
 
 impl Header {
-    /// Age at `now_ns` [ns]; zero for stamps in the future.
+    /// Age at `now_ns` \[ns\]; zero for stamps in the future.
     pub fn age_ns(&self, now_ns: u64) -> u64 {
         now_ns.saturating_sub(self.stamp_ns)
     }
@@ -32,9 +33,9 @@ impl Header {
 /// What a receiver tolerates in a header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HeaderBounds {
-    /// How far a stamp may lie after the receiver's clock [ns].
+    /// How far a stamp may lie after the receiver's clock \[ns\].
     pub future_ns: u64,
-    /// How old a stamp may be [ns]; `u64::MAX` for any age.
+    /// How old a stamp may be \[ns\]; `u64::MAX` for any age.
     pub age_ns: u64,
 }
 
@@ -45,8 +46,8 @@ impl HeaderBounds {
 
 /// The receiver's memory of one stream of headers.
 ///
-/// A lower sequence number with a later stamp is a new sender (restart) and accepted; with an earlier stamp it is a
-/// leftover of an old one and refused.
+/// A lower sequence number with a later stamp is a new sender (restart) and accepted; with an earlier stamp
+/// it is a leftover of an old one and refused.
 #[derive(Debug, Clone, Copy)]
 pub struct HeaderCheck {
     boot_id: u64,
@@ -64,7 +65,9 @@ impl HeaderCheck {
 
     /// Admit or refuse `header` at `now_ns`, and remember it if admitted.
     ///
-    /// *Errors*: `ForeignBoot`, `FromTheFuture`, `TooOld`, `Replayed`, `TimeBackwards`.
+    /// # Errors
+    ///
+    /// `ForeignBoot`, `FromTheFuture`, `TooOld`, `Replayed`, `TimeBackwards`.
     pub fn admit(&mut self, header: &Header, now_ns: u64) -> Result<(), Rejection> {
         let refuse = |reason, field, value, bound| Err(Rejection::new(reason, field).because(value, bound));
         let seconds = |ns: u64| ns as f64 * 1e-9;

@@ -1,7 +1,7 @@
 //! `JointCommand` (daemon to arm), `JointState` (arm to daemon) and the dead-man `Enable`.
 //!
-//! Consumer rule for commands: follow q + q̇·(now − stamp) until `valid_until_ns`, then brake by itself. Until the
-//! stamp this interpolates between two commands, after it it extrapolates.
+//! Consumer rule for commands: follow q + q̇·(now − stamp) until `valid_until_ns`, then brake by itself.
+//! Until the stamp this interpolates between two commands, after it it extrapolates.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -19,19 +19,19 @@ wire! {
     pub struct JointCommand {
         /// Stamp: the instant `q` holds for; in the future by up to one period.
         pub header: Header,
-        /// When it was sent [ns].
+        /// When it was sent \[ns\].
         pub published_ns: u64,
         /// The tick that made it.
         pub tick: u64,
-        /// From here on the consumer brakes by itself [ns].
+        /// From here on the consumer brakes by itself \[ns\].
         pub valid_until_ns: u64,
         /// Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none.
         pub pen_sequence: u64,
-        /// Identity of the newest pen sample behind it: its device stamp [ns]; 0: none.
+        /// Identity of the newest pen sample behind it: its device stamp \[ns\]; 0: none.
         pub pen_stamp_ns: u64,
-        /// Joint positions at the stamp [rad].
+        /// Joint positions at the stamp \[rad\].
         pub q: [f64; JOINTS],
-        /// Joint velocities up to the stamp [rad/s].
+        /// Joint velocities up to the stamp \[rad/s\].
         pub qd: [f64; JOINTS],
         /// [`Mode`].
         pub mode: u32,
@@ -46,11 +46,11 @@ wire! {
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
         pub header: Header,
-        /// The robot's own clock [ns]; 0: none.
+        /// The robot's own clock \[ns\]; 0: none.
         pub robot_stamp_ns: u64,
         /// Tick of the newest command accepted; 0: none. This and the next three are filled in by `echo`.
         pub command_tick: u64,
-        /// When that command was accepted, on this host's clock [ns]; 0: not known.
+        /// When that command was accepted, on this host's clock \[ns\]; 0: not known.
         pub command_accepted_ns: u64,
         /// `pen_sequence` of that command.
         pub pen_sequence: u64,
@@ -60,11 +60,11 @@ wire! {
         pub commands_received: u64,
         /// Commands refused so far (stale, foreign, malformed).
         pub commands_refused: u64,
-        /// Joint positions [rad].
+        /// Joint positions \[rad\].
         pub q: [f64; JOINTS],
-        /// Joint velocities [rad/s].
+        /// Joint velocities \[rad/s\].
         pub qd: [f64; JOINTS],
-        /// Joint currents [A] or torques [Nm], whichever the arm reports; 0: none.
+        /// Joint currents \[A\] or torques \[Nm\], whichever the arm reports; 0: none.
         pub effort: [f64; JOINTS],
         /// [`SafetyMode`].
         pub safety_mode: u32,
@@ -86,16 +86,17 @@ wire! {
     }
 }
 
-/// Largest joint position on the wire [rad]: two turns, one more than any joint of a UR has. An arm that speaks degrees is
-/// found by it wherever a joint stands beyond 12.6 degrees.
+/// Largest joint position on the wire \[rad\]: two turns, one more than any joint of a UR has. An arm that
+/// speaks degrees is found by it wherever a joint stands beyond 12.6 degrees.
 pub const JOINT_POSITION_LIMIT_RAD: f64 = 4.0 * std::f64::consts::PI;
-/// Largest joint velocity on the wire [rad/s].
+/// Largest joint velocity on the wire \[rad/s\].
 pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
-/// Largest effort on the wire [A] or [Nm].
+/// Largest effort on the wire \[A\] or \[Nm\].
 pub const EFFORT_LIMIT: f64 = 1e5;
 
 impl JointState {
-    /// Echo `command`, accepted at `accepted_ns` on this host's clock: the way back of its pen sample's identity.
+    /// Echo `command`, accepted at `accepted_ns` on this host's clock: the way back of its pen sample's
+    /// identity.
     pub fn echo(&mut self, command: &JointCommand, accepted_ns: u64) {
         self.command_tick = command.tick;
         self.command_accepted_ns = accepted_ns;

@@ -16,14 +16,14 @@ wire! {
         pub count: u64,
         /// Percentiles, saturated at 4.29 s.
         pub percentiles: Percentiles,
-        /// How often it was shorter than [`Latency::edge_us`] and not shorter than the edge before; the last bin counts the rest,
-        /// saturated.
+        /// How often it was shorter than [`Latency::edge_us`] and not shorter than the edge before; the last
+        /// bin counts the rest, saturated.
         pub bins: [u32; LATENCY_BINS],
     }
 }
 
 impl Latency {
-    /// Upper edge of bin `index`: 16 µs doubled from bin to bin; infinite for the last one [µs].
+    /// Upper edge of bin `index`: 16 µs doubled from bin to bin; infinite for the last one \[µs\].
     #[must_use]
     pub fn edge_us(index: usize) -> f64 {
         if index + 1 < LATENCY_BINS { 16.0 * 2.0_f64.powi(index as i32) } else { f64::INFINITY }

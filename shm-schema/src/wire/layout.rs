@@ -1,8 +1,9 @@
-//! Layout of wire types: the macro that declares them, the field table it makes, and the hash over that table.
+//! Layout of wire types: the macro that declares them, the field table it makes, and the hash over that
+//! table.
 //!
 //! Contract: a type declared with `wire!` lists its fields once; name, offset, size and type of each enter
-//! [`Wire::LAYOUT_HASH`], recursively. Implicit padding does not compile. Bytes written by [`Wire::put`] equal the
-//! memory image on a little-endian machine.
+//! [`Wire::LAYOUT_HASH`], recursively. Implicit padding does not compile. Bytes written by [`Wire::put`]
+//! equal the memory image on a little-endian machine.
 
 use std::fmt::Debug;
 

@@ -1,7 +1,7 @@
 //! Messages: what crosses a process border, byte for byte, and what a receiver checks of it.
 //!
-//! Contract: pure but for the clock and the boot id that every header carries. Nothing here knows where an instance keeps its
-//! files or how a message travels.
+//! Contract: pure but for the clock and the boot id that every header carries. Nothing here knows where an
+//! instance keeps its files or how a message travels.
 
 pub mod layout;
 pub(crate) mod sentence;

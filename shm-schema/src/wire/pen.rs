@@ -8,29 +8,30 @@ use super::header::Header;
 use super::layout::wire;
 
 wire! {
-    /// One reading of the pen. Positions are in metres in the device's plane, x right, y away from the writer.
+    /// One reading of the pen. Positions are in metres in the device's plane, x right, y away from the
+    /// writer.
     "foretrace.PenSampleV1"
     pub struct PenSample {
         /// Stamp: when it was sent.
         pub header: Header,
-        /// When the pen was there [ns], mapped by the reader to this host's monotonic clock.
+        /// When the pen was there \[ns\], mapped by the reader to this host's monotonic clock.
         pub device_stamp_ns: u64,
-        /// Position [m].
+        /// Position \[m\].
         pub x_m: f64,
-        /// Position [m].
+        /// Position \[m\].
         pub y_m: f64,
         /// 0 to 1; negative: unknown.
         pub pressure: f32,
-        /// Tilt towards x from the plane's normal [rad].
+        /// Tilt towards x from the plane's normal \[rad\].
         pub tilt_x_rad: f32,
-        /// Tilt towards y from the plane's normal [rad].
+        /// Tilt towards y from the plane's normal \[rad\].
         pub tilt_y_rad: f32,
         /// [`pen_flags`].
         pub flags: u32,
     }
 }
 
-/// Largest position a tablet may report [m].
+/// Largest position a tablet may report \[m\].
 pub const PEN_POSITION_LIMIT_M: f64 = 10.0;
 
 impl PenSample {

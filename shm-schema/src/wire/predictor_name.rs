@@ -1,7 +1,9 @@
-//! `PredictorName`: a predictor's name as text, so that a message can carry one that its reader has never heard of.
+//! `PredictorName`: a predictor's name as text, so that a message can carry one that its reader has never
+//! heard of.
 //!
-//! Contract: lower-case letters, digits and hyphens, then NUL to the end, at least one; all NUL: none. Total for every bit
-//! pattern: what a foreign writer put there is a name, none, or refused, and never reaches a terminal or a log.
+//! Contract: lower-case letters, digits and hyphens, then NUL to the end, at least one; all NUL: none. Total
+//! for every bit pattern: what a foreign writer put there is a name, none, or refused, and never reaches a
+//! terminal or a log.
 
 use std::fmt;
 
@@ -27,8 +29,8 @@ impl PredictorName {
     /// No name.
     pub const NONE: Self = Self { bytes: [0; PREDICTOR_NAME_BYTES] };
 
-    /// `text` as a name; `None` where it is none: empty, longer than 27 bytes, or other than lower-case letters, digits and
-    /// hyphens.
+    /// `text` as a name; `None` where it is none: empty, longer than 27 bytes, or other than lower-case
+    /// letters, digits and hyphens.
     #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let mut name = Self::NONE;

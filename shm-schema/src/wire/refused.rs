@@ -64,11 +64,11 @@ wire! {
         pub index: i32,
         /// Zero.
         pub reserved: u32,
-        /// What was found, in the field's unit; for stamps the distance from what was expected [s].
+        /// What was found, in the field's unit; for stamps the distance from what was expected \[s\].
         pub value: f64,
         /// The bound that was broken, in the same unit; NaN: none.
         pub bound: f64,
-        /// When it was refused [ns]; 0: nothing was refused yet.
+        /// When it was refused \[ns\]; 0: nothing was refused yet.
         pub at_ns: u64,
     }
 }

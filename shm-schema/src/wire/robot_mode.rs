@@ -35,7 +35,8 @@ wire_enum! {
 }
 
 impl SafetyMode {
-    /// Whether the robot follows commands in this mode. `Unknown` counts as yes: simple arms do not report it.
+    /// Whether the robot follows commands in this mode. `Unknown` counts as yes: simple arms do not report
+    /// it.
     pub const fn permits_motion(self) -> bool {
         matches!(self, Self::Unknown | Self::Normal | Self::Reduced)
     }

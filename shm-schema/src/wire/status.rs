@@ -18,7 +18,7 @@ use super::tick_record::Chain;
 use super::vocabulary::{FaultReason, Mode, STAGES, Stage, TrustReason, UnknownValue, wire_enum};
 
 wire! {
-    /// Spread of a duration [ns], saturated.
+    /// Spread of a duration \[ns\], saturated.
     "foretrace.PercentilesV1"
     pub struct Percentiles {
         /// Median.
@@ -33,19 +33,19 @@ wire! {
 }
 
 wire! {
-    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: not known. Lags are the
-    /// shift of the pen that fits the tool best, −0.05 to 0.2; NaN: not known.
+    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: not
+    /// known. Lags are the shift of the pen that fits the tool best, −0.05 to 0.2; NaN: not known.
     "foretrace.TrackingV1"
     pub struct Tracking {
-        /// Root mean square distance while the pen writes, over the last seconds of writing [m].
+        /// Root mean square distance while the pen writes, over the last seconds of writing \[m\].
         pub recent_rms_m: f64,
-        /// The same since arming [m].
+        /// The same since arming \[m\].
         pub session_rms_m: f64,
-        /// The same since arming, hovering included [m].
+        /// The same since arming, hovering included \[m\].
         pub hover_rms_m: f64,
-        /// How late the tool is behind the pen, over the last seconds of writing [s].
+        /// How late the tool is behind the pen, over the last seconds of writing \[s\].
         pub recent_lag_s: f64,
-        /// The same since arming [s].
+        /// The same since arming \[s\].
         pub session_lag_s: f64,
     }
 }
@@ -65,9 +65,9 @@ wire! {
     /// The straight way home, from the measured joints, or what is left of it while the arm moves along it.
     "foretrace.WayHomeV1"
     pub struct WayHome {
-        /// How far the joint that turns farthest is from home [rad]; negative: not known.
+        /// How far the joint that turns farthest is from home \[rad\]; negative: not known.
         pub farthest_rad: f64,
-        /// How long the way takes, or the rest of it, with nothing near [s]; negative: not known.
+        /// How long the way takes, or the rest of it, with nothing near \[s\]; negative: not known.
         pub left_s: f64,
         /// In mode [`Mode::Homing`], the share of the way that was gone; negative: in another mode.
         pub share: f64,
@@ -113,13 +113,13 @@ wire! {
         pub fault: u32,
         /// [`mod@missing_rights`].
         pub missing_rights: u32,
-        /// Ticks per second, configured [Hz].
+        /// Ticks per second, configured \[Hz\].
         pub rate_hz: f64,
-        /// Ticks per second over the last second, measured [Hz].
+        /// Ticks per second over the last second, measured \[Hz\].
         pub measured_rate_hz: f64,
         /// Newest tick.
         pub tick: u64,
-        /// Since the daemon started [ns].
+        /// Since the daemon started \[ns\].
         pub uptime_ns: u64,
         /// Counts changes of live settings.
         pub settings_revision: u64,
@@ -139,15 +139,16 @@ wire! {
         pub trust_reason: u32,
         /// Who predicts; none before the first tick.
         pub predictor: PredictorName,
-        /// Age of the newest pen sample [ns]; `u64::MAX`: none.
+        /// Age of the newest pen sample \[ns\]; `u64::MAX`: none.
         pub pen_age_ns: u64,
-        /// Age of the newest joint state [ns]; `u64::MAX`: none.
+        /// Age of the newest joint state \[ns\]; `u64::MAX`: none.
         pub joint_state_age_ns: u64,
         /// Latencies part by part, each the median over about the last second.
         pub chain: Chain,
         /// From the device stamp of a pen sample to the first command handed over after it was taken in.
         pub pen_to_command: Latency,
-        /// From a command handed over to the motion that it asks for: to its stamp, and on by the arm's measured lag.
+        /// From a command handed over to the motion that it asks for: to its stamp, and on by the arm's
+        /// measured lag.
         pub command_to_motion: Latency,
 
         /// Version of the weights in use.
@@ -160,12 +161,12 @@ wire! {
         pub learner_rollbacks: u64,
         /// Sets of weights not handed over: not finite or worse.
         pub learner_refused: u64,
-        /// Age of the weights in use [ns].
+        /// Age of the weights in use \[ns\].
         pub learner_age_ns: u64,
-        /// Root mean square of the one-step prediction error, recent [m]; negative: none.
+        /// Root mean square of the one-step prediction error, recent \[m\]; negative: none.
         pub predictor_rms_m: f64,
-        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
-        /// not known.
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten
+        /// \[m\]; negative: not known.
         pub predictor_band_m: f64,
 
         /// The arm's lag, and what the plan makes of it.
@@ -174,11 +175,11 @@ wire! {
         pub tracking: Tracking,
         /// The arm as it would be had the loop always held (trust 0), at the same instants.
         pub ghost: Tracking,
-        /// How long the pen wrote while both were compared [s].
+        /// How long the pen wrote while both were compared \[s\].
         pub compared_s: f64,
         /// [`GhostState`].
         pub ghost_state: u32,
-        /// Median cost of the ghost per tick, on a thread that no tick waits for [ns].
+        /// Median cost of the ghost per tick, on a thread that no tick waits for \[ns\].
         pub ghost_cost_ns: u32,
 
         /// Heap allocations per tick after warm-up, ticks with a connection change left out.

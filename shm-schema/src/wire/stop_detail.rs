@@ -1,4 +1,5 @@
-//! `StopCause` and `StopDetail`: what exactly was seen when a stop latched, and the figures of the tool's envelope.
+//! `StopCause` and `StopDetail`: what exactly was seen when a stop latched, and the figures of the tool's
+//! envelope.
 
 use std::fmt;
 
@@ -12,31 +13,31 @@ wire_enum! {
     pub enum StopCause: u32 {
         /// Nothing to add to the reason.
         None = 0 => "none",
-        /// A measured joint is off every command that it may be answering [rad].
+        /// A measured joint is off every command that it may be answering \[rad\].
         JointDeviation = 1 => "joint deviation",
-        /// The measured tool is off every command that it may be answering [m].
+        /// The measured tool is off every command that it may be answering \[m\].
         ToolDeviation = 2 => "tool deviation",
-        /// A measured joint moves against its commands [rad].
+        /// A measured joint moves against its commands \[rad\].
         WrongDirection = 3 => "wrong direction",
-        /// The measured joints stand still while commands move them [rad].
+        /// The measured joints stand still while commands move them \[rad\].
         NoMotion = 4 => "no motion",
-        /// A measured joint moves though nothing commands it to [rad/s].
+        /// A measured joint moves though nothing commands it to \[rad/s\].
         Runaway = 5 => "runaway",
-        /// The difference between measured and commanded joints swings and grows [rad].
+        /// The difference between measured and commanded joints swings and grows \[rad\].
         Oscillation = 6 => "growing oscillation",
-        /// The arm moves at a part of the speed that is asked for [1].
+        /// The arm moves at a part of the speed that is asked for \[1\].
         SlowArm = 7 => "slow arm",
-        /// The tool is below its lowest or above its highest height over the paper [m].
+        /// The tool is below its lowest or above its highest height over the paper \[m\].
         Height = 8 => "height over the paper",
-        /// The tool is outside the workspace in the plane [m].
+        /// The tool is outside the workspace in the plane \[m\].
         Workspace = 9 => "workspace",
-        /// The tool is tilted against the plane's normal [rad].
+        /// The tool is tilted against the plane's normal \[rad\].
         Tilt = 10 => "tilt",
-        /// The tool is too fast [m/s].
+        /// The tool is too fast \[m/s\].
         ToolSpeed = 11 => "tool speed",
-        /// Too many of the recent ticks were late [1].
+        /// Too many of the recent ticks were late \[1\].
         LateTicks = 12 => "late ticks",
-        /// Something is nearer than the arm may come to it [m].
+        /// Something is nearer than the arm may come to it \[m\].
         Clearance = 13 => "too near",
     }
 }
@@ -53,7 +54,7 @@ wire! {
         pub amount: f64,
         /// What was allowed.
         pub limit: f64,
-        /// Release of the tick in which the stop latched [ns]; 0: no stop has latched.
+        /// Release of the tick in which the stop latched \[ns\]; 0: no stop has latched.
         pub at_ns: u64,
     }
 }
@@ -72,11 +73,13 @@ impl fmt::Display for StopDetail {
             StopCause::None => Ok(()),
             StopCause::JointDeviation => write!(
                 f,
-                "joint {joint} is {amount:.3} rad from every command that it may be answering, limit {limit:.3} rad"
+                "joint {joint} is {amount:.3} rad from every command that it may be answering, limit \
+                 {limit:.3} rad"
             ),
             StopCause::ToolDeviation => write!(
                 f,
-                "the tool is {amount_mm:.1} mm from every command that it may be answering, limit {limit_mm:.1} mm"
+                "the tool is {amount_mm:.1} mm from every command that it may be answering, limit \
+                 {limit_mm:.1} mm"
             ),
             StopCause::WrongDirection => {
                 write!(f, "joint {joint} moved {amount:.3} rad against its commands, limit {limit:.3} rad")
@@ -95,7 +98,8 @@ impl fmt::Display for StopDetail {
             ),
             StopCause::Oscillation => write!(
                 f,
-                "joint {joint} swings about its commands by {amount:.3} rad and more with every swing, limit {limit:.3} rad"
+                "joint {joint} swings about its commands by {amount:.3} rad and more with every swing, limit \
+                 {limit:.3} rad"
             ),
             StopCause::SlowArm => write!(
                 f,
@@ -125,17 +129,17 @@ impl fmt::Display for StopDetail {
 }
 
 wire! {
-    /// How far the measured tool has been since the daemon took charge, by forward kinematics of the *measured* joints in
-    /// the plane's frame. NaN: nothing measured yet.
+    /// How far the measured tool has been since the daemon took charge, by forward kinematics of the
+    /// *measured* joints in the plane's frame. NaN: nothing measured yet.
     "foretrace.ToolExtentV1"
     pub struct ToolExtent {
-        /// Lowest height over the paper [m].
+        /// Lowest height over the paper \[m\].
         pub height_min_m: f64,
-        /// Greatest height over the paper [m].
+        /// Greatest height over the paper \[m\].
         pub height_max_m: f64,
-        /// Farthest outside the workspace in the plane, 0 inside [m].
+        /// Farthest outside the workspace in the plane, 0 inside \[m\].
         pub outside_max_m: f64,
-        /// Largest angle between the tool's axis and the plane's normal [rad].
+        /// Largest angle between the tool's axis and the plane's normal \[rad\].
         pub tilt_max_rad: f64,
     }
 }

@@ -1,8 +1,8 @@
 //! `TickRecord`: everything one tick saw, decided and cost. Evidence, at most 2 KiB.
 //!
-//! Contract: unlike inputs, its numbers may be anything, NaN included, so that a fault can be seen; only enums and
-//! flags are checked. `u64::MAX` stands for an unknown age, a negative number for an unknown residual or error.
-//! Positions are in the writing plane's frame unless said otherwise.
+//! Contract: unlike inputs, its numbers may be anything, NaN included, so that a fault can be seen; only
+//! enums and flags are checked. `u64::MAX` stands for an unknown age, a negative number for an unknown
+//! residual or error. Positions are in the writing plane's frame unless said otherwise.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -19,10 +19,11 @@ use super::vocabulary::{FaultReason, Mode, Rung, STAGES, SolverPath, Stage, Trus
 use super::{AXES, JOINTS};
 
 wire! {
-    /// Where the time goes between the pen and the arm, part by part [ns]; `u64::MAX`: not known.
+    /// Where the time goes between the pen and the arm, part by part \[ns\]; `u64::MAX`: not known.
     ///
-    /// No sum: a command is stamped one control period after its tick, so what compute and transport take within that
-    /// period delays nothing. The arm's own lag, from a command's stamp to the motion, is told apart from these.
+    /// No sum: a command is stamped one control period after its tick, so what compute and transport take
+    /// within that period delays nothing. The arm's own lag, from a command's stamp to the motion, is told
+    /// apart from these.
     "foretrace.ChainV1"
     pub struct Chain {
         /// Device stamp to sent, of the newest pen sample: what the reader and its device took.
@@ -57,13 +58,13 @@ wire! {
         pub header: Header,
         /// Number of the tick, from 1.
         pub tick: u64,
-        /// When it should have started [ns].
+        /// When it should have started \[ns\].
         pub release_ns: u64,
-        /// The instant its command holds for [ns].
+        /// The instant its command holds for \[ns\].
         pub command_stamp_ns: u64,
-        /// Time left to the deadline [ns]; negative after an overrun.
+        /// Time left to the deadline \[ns\]; negative after an overrun.
         pub slack_ns: i64,
-        /// Cost of each [`Stage`] [ns], saturated.
+        /// Cost of each [`Stage`] \[ns\], saturated.
         pub stage_ns: [u32; STAGES],
 
         /// Caps of iterations the tick was given: MPC.
@@ -77,50 +78,50 @@ wire! {
 
         /// Identity of the newest pen sample: its number in its publisher's sequence; 0: none yet.
         pub pen_sequence: u64,
-        /// Identity of the newest pen sample: its device stamp [ns]; 0: none yet.
+        /// Identity of the newest pen sample: its device stamp \[ns\]; 0: none yet.
         pub pen_stamp_ns: u64,
         /// Latencies, part by part.
         pub chain: Chain,
-        /// Newest pen position [m].
+        /// Newest pen position \[m\].
         pub pen_m: [f64; AXES],
         /// Pen samples accepted in this tick.
         pub pen_samples: u32,
         /// [`crate::pen_flags`] of the newest sample.
         pub pen_flags: u32,
 
-        /// Age of the newest joint state [ns].
+        /// Age of the newest joint state \[ns\].
         pub joint_state_age_ns: u64,
-        /// Newest measured joint positions [rad].
+        /// Newest measured joint positions \[rad\].
         pub measured_q: [f64; JOINTS],
         /// Tick of the newest command that the arm has echoed; 0: none.
         pub echo_tick: u64,
         /// Identity of the pen sample behind that command, as echoed: its number.
         pub echo_pen_sequence: u64,
-        /// Identity of the pen sample behind that command, as echoed: its device stamp [ns].
+        /// Identity of the pen sample behind that command, as echoed: its device stamp \[ns\].
         pub echo_pen_stamp_ns: u64,
 
-        /// Where the tool should be at the command's stamp [m].
+        /// Where the tool should be at the command's stamp \[m\].
         pub reference_m: [f64; AXES],
-        /// Setpoint: position [m].
+        /// Setpoint: position \[m\].
         pub setpoint_m: [f64; AXES],
-        /// Setpoint: velocity [m/s].
+        /// Setpoint: velocity \[m/s\].
         pub setpoint_mps: [f64; AXES],
-        /// Setpoint: acceleration [m/s²].
+        /// Setpoint: acceleration \[m/s²\].
         pub setpoint_mps2: [f64; AXES],
-        /// Jerk applied [m/s³].
+        /// Jerk applied \[m/s³\].
         pub jerk_mps3: [f64; AXES],
-        /// Tool position of the published command [m].
+        /// Tool position of the published command \[m\].
         pub tool_m: [f64; AXES],
-        /// Published joint positions [rad].
+        /// Published joint positions \[rad\].
         pub q: [f64; JOINTS],
-        /// Published joint velocities [rad/s].
+        /// Published joint velocities \[rad/s\].
         pub qd: [f64; JOINTS],
 
         /// Trust α: 1 prediction only, 0 hold only.
         pub trust: f64,
         /// Where α is going.
         pub trust_target: f64,
-        /// The predictor's own score, [0, 1].
+        /// The predictor's own score, \[0, 1\].
         pub confidence: f64,
         /// [`TrustReason`].
         pub trust_reason: u32,
@@ -155,19 +156,19 @@ wire! {
         pub mpc_residual: [f64; AXES],
         /// KKT residual, normalised; negative: not computed.
         pub ik_residual: f64,
-        /// Length of the orientation error [rad].
+        /// Length of the orientation error \[rad\].
         pub orientation_error_rad: f64,
-        /// Distance to the nearest singularity [m]; negative: not computed.
+        /// Distance to the nearest singularity \[m\]; negative: not computed.
         pub singularity_m: f64,
 
-        /// One-step error of the predictor at the newest closed grid step [m]; negative: none.
+        /// One-step error of the predictor at the newest closed grid step \[m\]; negative: none.
         pub predictor_error_m: f64,
-        /// The pen is expected within this distance of the plan's first reference nine times out of ten [m]; negative:
-        /// not known.
+        /// The pen is expected within this distance of the plan's first reference nine times out of ten
+        /// \[m\]; negative: not known.
         pub predictor_band_m: f64,
         /// Version of the weights in use.
         pub learner_version: u64,
-        /// Age of the weights in use [ns].
+        /// Age of the weights in use \[ns\].
         pub learner_age_ns: u64,
         /// Who predicts.
         pub predictor: PredictorName,
@@ -183,13 +184,16 @@ wire! {
         /// The arm's lag, and what the plan makes of it.
         pub arm_lag: ArmLag,
 
-        /// Where the tool would be at the command's stamp had the loop always held (trust 0) [m]; zero without a ghost.
+        /// Where the tool would be at the command's stamp had the loop always held (trust 0) \[m\]; zero
+        /// without a ghost.
         pub ghost_tool_m: [f64; AXES],
-        /// The instant for which the next two distances hold, a tenth of a second back [ns]; 0: none in this tick.
+        /// The instant for which the next two distances hold, a tenth of a second back \[ns\]; 0: none in
+        /// this tick.
         pub compared_ns: u64,
-        /// Distance of the measured tool from the pen at that instant, in the plane [m]; negative: none in this tick.
+        /// Distance of the measured tool from the pen at that instant, in the plane \[m\]; negative: none in
+        /// this tick.
         pub error_m: f64,
-        /// The same for the ghost's tool, behind an arm of the same lag [m]; negative: none in this tick.
+        /// The same for the ghost's tool, behind an arm of the same lag \[m\]; negative: none in this tick.
         pub ghost_error_m: f64,
         /// [`GhostState`].
         pub ghost_state: u32,
@@ -205,7 +209,7 @@ wire! {
 const _: () = assert!(size_of::<TickRecord>() <= 2048);
 
 impl TickRecord {
-    /// Cost of a stage [ns].
+    /// Cost of a stage \[ns\].
     pub fn stage(&self, stage: Stage) -> u32 {
         self.stage_ns.get(stage as usize).copied().unwrap_or(0)
     }

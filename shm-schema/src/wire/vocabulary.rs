@@ -1,7 +1,7 @@
 //! The enumerations of the wire, with the numbers that stand for them.
 //!
-//! Contract: on the wire an enumeration is a `u32` (statuses: `i32`); numbers are never reused for another meaning.
-//! `TryFrom` refuses what it does not know.
+//! Contract: on the wire an enumeration is a `u32` (statuses: `i32`); numbers are never reused for another
+//! meaning. `TryFrom` refuses what it does not know.
 
 use std::fmt;
 
@@ -177,7 +177,7 @@ wire_enum! {
         Disarm = 2 => "disarm",
         /// Stop smoothly and latch.
         Stop = 3 => "stop",
-        /// Trust by hand; `value` in [0, 1].
+        /// Trust by hand; `value` in \[0, 1\].
         SetTrust = 4 => "set-trust",
         /// Trust from evidence again.
         TrustAuto = 5 => "trust-auto",

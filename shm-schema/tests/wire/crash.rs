@@ -1,7 +1,8 @@
-//! A daemon that is killed: peers notice, keep what they have, and a new daemon starts over what it left behind.
+//! A daemon that is killed: peers notice, keep what they have, and a new daemon starts over what it left
+//! behind.
 //!
-//! The daemon is this test binary, started again with `CHILD` set. It is killed only once it is up: killed earlier,
-//! and as root, the middleware can leave an empty segment that hangs others.
+//! The daemon is this test binary, started again with `CHILD` set. It is killed only once it is up: killed
+//! earlier, and as root, the middleware can leave an empty segment that hangs others.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};

@@ -49,7 +49,8 @@ proptest! {
     #[test]
     fn accepted_pen_samples_are_in_range(sample in any_bits::<PenSample>()) {
         if sample.validate().is_ok() {
-            prop_assert!(sample.x_m.abs() <= PEN_POSITION_LIMIT_M && sample.y_m.abs() <= PEN_POSITION_LIMIT_M);
+            prop_assert!(sample.x_m.abs() <= PEN_POSITION_LIMIT_M
+                && sample.y_m.abs() <= PEN_POSITION_LIMIT_M);
             prop_assert!(sample.pressure <= 1.0 && sample.tilt_x_rad.abs() <= 3.15);
             prop_assert_eq!(sample.flags & !pen_flags::ALL, 0);
         }
@@ -87,13 +88,15 @@ proptest! {
     }
 
     #[test]
-    fn one_field_out_of_a_good_sample_is_found(bad in prop_oneof![Just(f64::NAN), 10.1f64..1e300, -1e300f64..-10.1]) {
+    fn one_field_out_of_a_good_sample_is_found(bad in prop_oneof![Just(f64::NAN), 10.1f64..1e300,
+        -1e300f64..-10.1]) {
         let sample = PenSample { y_m: bad, ..Default::default() };
         prop_assert_eq!(sample.validate().unwrap_err().field, "y_m");
     }
 
     #[test]
-    fn a_header_check_survives_any_stream(headers in prop::collection::vec(any_bits::<Header>(), 1..50), now: u64) {
+    fn a_header_check_survives_any_stream(headers in prop::collection::vec(any_bits::<Header>(), 1..50),
+        now: u64) {
         let boot = headers[0].boot_id;
         let mut check = HeaderCheck::new(boot, HeaderBounds { future_ns: 1000, age_ns: u64::MAX });
         for header in &headers {

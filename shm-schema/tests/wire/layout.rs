@@ -1,5 +1,5 @@
-//! Size, alignment, offset and size of every field, as literal numbers. If one of these tests fails, the layout has
-//! changed: raise the version in the type name, then change the numbers here.
+//! Size, alignment, offset and size of every field, as literal numbers. If one of these tests fails, the
+//! layout has changed: raise the version in the type name, then change the numbers here.
 
 use foretrace_shm::*;
 

@@ -1,4 +1,5 @@
-//! Services made by a program of another version: same names, other layout or other quality of service. All refused.
+//! Services made by a program of another version: same names, other layout or other quality of service. All
+//! refused.
 
 use foretrace_shm::*;
 use iceoryx2::prelude::*;

@@ -1,8 +1,10 @@
-//! The rings between the daemon's threads, and the hand-over of weights through one of them, under the model checker loom.
+//! The rings between the daemon's threads, and the hand-over of weights through one of them, under the model
+//! checker loom.
 //!
-//! `RUSTFLAGS="--cfg loom" cargo test -p foretrace-loom --target-dir target/loom`; without `--cfg loom` this crate is empty.
-//! Contract: the code that runs here is the code that is shipped (`build.rs`). Absent: crossbeam's channels, which no real-time
-//! thread uses once it runs, and single flags and counters, which order nothing else.
+//! `RUSTFLAGS="--cfg loom" cargo test -p foretrace-loom --target-dir target/loom`; without `--cfg loom` this
+//! crate is empty. Contract: the code that runs here is the code that is shipped (`build.rs`). Absent:
+//! crossbeam's channels, which no real-time thread uses once it runs, and single flags and counters, which
+//! order nothing else.
 
 #[cfg(loom)]
 extern crate alloc;

@@ -23,7 +23,8 @@ fn every_order(meeting: impl Fn() + Send + Sync + 'static) {
 /// Places of the rings under test.
 const PLACES: usize = 2;
 
-/// The memory of a ring's places as loom sees it: reading or writing one without an order between the threads fails the test.
+/// The memory of a ring's places as loom sees it: reading or writing one without an order between the threads
+/// fails the test.
 #[derive(Default)]
 struct Places([UnsafeCell<u64>; PLACES]);
 

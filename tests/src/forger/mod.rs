@@ -1,7 +1,8 @@
 //! A process that sends what no honest peer sends: forged numbers, headers, rates, layouts.
 //!
-//! Contract: `forge KIND SECONDS --instance=N --root=DIR` writes messages into shared memory without the checks of foretrace-shm, and
-//! prints at the end one JSON object: `sent` by kind, and the daemon's counters `before` and `after`.
+//! Contract: `forge KIND SECONDS --instance=N --root=DIR` writes messages into shared memory without the
+//! checks of foretrace-shm, and prints at the end one JSON object: `sent` by kind, and the daemon's counters
+//! `before` and `after`.
 
 mod arm;
 mod pen;
@@ -78,7 +79,8 @@ fn counts(status: &Status) -> Value {
         },
         "arm": {
             "received": counters.joint_state_received, "dropped": counters.joint_state_dropped,
-            "rejected": counters.joint_state_rejected.total(), "by_reason": counters.joint_state_rejected.by_reason,
+            "rejected": counters.joint_state_rejected.total(),
+                "by_reason": counters.joint_state_rejected.by_reason,
         },
         "learner": {
             "version": status.learner_version, "updates": status.learner_updates,

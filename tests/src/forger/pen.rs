@@ -26,7 +26,8 @@ pub(super) enum Kind {
     Pixels,
     /// How many there are: 20 000 per second.
     Flood,
-    /// Each message makes sense, all together do not: noise as fast as the gate for jumps allows, jumps across the device.
+    /// Each message makes sense, all together do not: noise as fast as the gate for jumps allows, jumps
+    /// across the device.
     Mad,
 }
 

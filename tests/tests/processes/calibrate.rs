@@ -7,7 +7,8 @@ use foretrace_tests::{Process, World, assert_refused, json, told, until};
 
 use crate::PROGRAM;
 
-/// A machine that stalls for long makes the daemon stop the arm, which is right, and no matter here: then once more.
+/// A machine that stalls for long makes the daemon stop the arm, which is right, and no matter here: then
+/// once more.
 fn calibrated(world: &World, options: &[&str]) -> Output {
     let mut tried = 0;
     loop {
@@ -23,7 +24,7 @@ fn calibrated(world: &World, options: &[&str]) -> Output {
     }
 }
 
-/// Runs an arm with `options`, calibrates, ends the arm; (calibration's report, arm's own lag [ms]).
+/// Runs an arm with `options`, calibrates, ends the arm; (calibration's report, arm's own lag \[ms\]).
 fn measured(world: &World, options: &[&str]) -> (serde_json::Value, f64) {
     let own = world.file("arm.json").display().to_string();
     let arm = world.start(0, &[&["arm", "sim", "--json", &own], options].concat());

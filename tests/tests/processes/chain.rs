@@ -1,4 +1,5 @@
-//! The whole chain over real shared memory: daemon, arm and player as processes, started, killed and started again.
+//! The whole chain over real shared memory: daemon, arm and player as processes, started, killed and started
+//! again.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,7 +37,8 @@ fn the_arm_follows_the_pen_and_no_command_breaks_a_limit() {
     assert!(number(&report["commands"]["count"]) > 100, "{report}");
     assert_eq!(number(&report["commands"]["limit_violations"]), 0, "{report}");
     assert_eq!(number(&report["commands"]["refused"]["jump"]), 0, "{report}");
-    // The letters are 30 mm high at half a metre from the base: some joint must have moved by more than 20 mrad.
+    // The letters are 30 mm high at half a metre from the base: some joint must have moved by more than 20
+    // mrad.
     let text = std::fs::read_to_string(record).unwrap();
     let joints: Vec<Vec<f64>> = text
         .lines()

@@ -1,4 +1,5 @@
-//! `foretrace move home` over processes: asked for, refused with what is in the way, interrupted, and orphaned in the middle.
+//! `foretrace move home` over processes: asked for, refused with what is in the way, interrupted, and
+//! orphaned in the middle.
 
 use foretrace_tests::{Process, World, assert_refused, json, told, until};
 

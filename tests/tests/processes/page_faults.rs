@@ -1,4 +1,5 @@
-//! Once an arm is armed and everybody has connected, the real-time thread takes no page fault: all its memory is there and locked.
+//! Once an arm is armed and everybody has connected, the real-time thread takes no page fault: all its memory
+//! is there and locked.
 
 use std::time::Duration;
 
@@ -42,7 +43,8 @@ fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
     assert_eq!(after["mode"], "following", "{after}");
     assert_eq!(
         after["page_faults"], before["page_faults"],
-        "in {TICKS} ticks; a kernel that moves locked pages can do this as well (vm.compact_unevictable_allowed)"
+        "in {TICKS} ticks; a kernel that moves locked pages can do this as well \
+         (vm.compact_unevictable_allowed)"
     );
     for process in [player, arm, daemon] {
         process.end();

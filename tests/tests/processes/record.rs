@@ -1,4 +1,5 @@
-//! `foretrace record`: everything the pen sent is in the file, and Ctrl-C or a killed recorder loses none of it.
+//! `foretrace record`: everything the pen sent is in the file, and Ctrl-C or a killed recorder loses none of
+//! it.
 
 use foretrace_tests::{World, assert_refused, told, until};
 

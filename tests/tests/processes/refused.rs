@@ -1,5 +1,5 @@
-//! Whatever the daemon refuses is told, with field, value, bound and a guess, in the status, in the log and in the answer to
-//! who asks for the arm.
+//! Whatever the daemon refuses is told, with field, value, bound and a guess, in the status, in the log and
+//! in the answer to who asks for the arm.
 
 use foretrace_tests::{World, assert_refused, until};
 use serde_json::Value;
@@ -12,7 +12,8 @@ fn refused(status: &Value, what: &str) -> Value {
     all.iter().find(|refused| refused["what"] == what).cloned().unwrap_or_else(|| panic!("{what}: {all:?}"))
 }
 
-/// Lets a forger lie until the status tells of a refusal of `what` for its `field`; the refusal, and the status for people.
+/// Lets a forger lie until the status tells of a refusal of `what` for its `field`; the refusal, and the
+/// status for people.
 fn told_of(world: &World, kind: &str, what: &str, field: &str) -> (Value, String) {
     let mut liar = world.start(0, &["forge", kind, "600"]);
     let seen = until(&format!("a refusal of {what}"), || {

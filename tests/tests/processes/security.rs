@@ -1,7 +1,8 @@
-//! What other users can do: nothing with the shared memory, and only what the gateway lets through with the pen.
+//! What other users can do: nothing with the shared memory, and only what the gateway lets through with the
+//! pen.
 //!
-//! Started as root, the daemon runs as `nobody` and the stranger as another user. Without root there is only one user at hand:
-//! then the modes are still checked, and the rest says that it was skipped.
+//! Started as root, the daemon runs as `nobody` and the stranger as another user. Without root there is only
+//! one user at hand: then the modes are still checked, and the rest says that it was skipped.
 
 use std::fs::Permissions;
 use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
@@ -198,7 +199,8 @@ fn a_gateway_outlives_its_daemon_and_refuses_a_bad_beginning_with_a_line() {
     let tally = json(&world.file("gateway.json"));
     assert!(tally["samples"]["passed"].as_u64() > Some(100), "{tally}");
 
-    // A killed gateway leaves its socket; the next one takes its place, and play says what is wrong meanwhile.
+    // A killed gateway leaves its socket; the next one takes its place, and play says what is wrong
+    // meanwhile.
     let gate = world.start(0, &gateway);
     open(&world.file("pen.socket"), 0o660);
     gate.kill();

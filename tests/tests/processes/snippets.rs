@@ -1,9 +1,10 @@
 //! Every Rust snippet of the documents is compiled, and is what the document says.
 //!
-//! The functions below are the documents' snippets with what their readers bring themselves (a tablet, an arm, a proposal).
-//! Nobody calls them: they would need a daemon and never end. A snippet that no function here has, letter for letter, fails
-//! the test; one that does not compile fails the build. Settings must be accepted, dependencies be crates of this workspace,
-//! and blocks are of a kind that is checked. Shell: [`crate::snippets_shell`].
+//! The functions below are the documents' snippets with what their readers bring themselves (a tablet, an
+//! arm, a proposal). Nobody calls them: they would need a daemon and never end. A snippet that no function
+//! here has, letter for letter, fails the test; one that does not compile fails the build. Settings must be
+//! accepted, dependencies be crates of this workspace, and blocks are of a kind that is checked. Shell:
+//! [`crate::snippets_shell`].
 
 #![allow(dead_code, reason = "compiled, not run")]
 
@@ -14,7 +15,8 @@ use foretrace_client::{JOINTS, PenReading, monotonic_now_ns};
 use foretrace_control::guard::Commanded as Command;
 use foretrace_control::units::Stamp;
 
-/// The predictors of docs/extend/predictor.md, which are compiled and run by the law's tests, and where they are listed.
+/// The predictors of docs/extend/predictor.md, which are compiled and run by the law's tests, and where they
+/// are listed.
 const EXAMPLES: [&str; 3] = [
     include_str!("../../../daemon/control/src/predict/models/damped_velocity.rs"),
     include_str!("../../../daemon/control/src/predict/models/learned_damping.rs"),
@@ -154,7 +156,8 @@ pub(crate) fn documents() -> Vec<(PathBuf, String)> {
     found
 }
 
-/// What stands between fences of a document, with the word behind the first of them; without the indentation of a list.
+/// What stands between fences of a document, with the word behind the first of them; without the indentation
+/// of a list.
 pub(crate) fn blocks(text: &str) -> Vec<(String, String)> {
     let mut found = Vec::new();
     let mut block: Option<(String, String, usize)> = None;

@@ -1,4 +1,5 @@
-//! What the real-time thread asks of the kernel while it moves an arm: it is traced, and every system call counted.
+//! What the real-time thread asks of the kernel while it moves an arm: it is traced, and every system call
+//! counted.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;

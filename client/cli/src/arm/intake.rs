@@ -1,9 +1,10 @@
 //! What the simulated arm makes of the commands it receives: which it refuses, and where it wants its joints.
 //!
-//! Contract: time is an argument, nothing here touches the shared memory. A command is refused when it is malformed,
-//! of another boot, older than another one, past its validity, or more than 20 rad/s away from the present target; then
-//! the target goes on as the last accepted command says: along it until it expires, then braking to rest.
-//! Every command that may be ours is also judged against the limits by stamps, refused or not.
+//! Contract: time is an argument, nothing here touches the shared memory. A command is refused when it is
+//! malformed, of another boot, older than another one, past its validity, or more than 20 rad/s away from the
+//! present target; then the target goes on as the last accepted command says: along it until it expires, then
+//! braking to rest. Every command that may be ours is also judged against the limits by stamps, refused or
+//! not.
 
 use std::collections::VecDeque;
 
@@ -43,8 +44,8 @@ impl Intake {
     /// More commands than this between two cycles are more than a controller would keep.
     const KEPT: usize = 256;
 
-    /// An arm at rest at `q` [rad], cycling every `cycle_s`, that judges by `limits` and accepts stamps of `boot_id`.
-    /// `None` unless `q` is finite.
+    /// An arm at rest at `q` [rad], cycling every `cycle_s`, that judges by `limits` and accepts stamps of
+    /// `boot_id`. `None` unless `q` is finite.
     pub(crate) fn new(
         boot_id: u64,
         limits: JointLimits<JOINTS>,
@@ -64,8 +65,8 @@ impl Intake {
         })
     }
 
-    /// Takes or refuses a command read at `now` for the cycle due at `due` (earlier, where the machine slept); true
-    /// when taken.
+    /// Takes or refuses a command read at `now` for the cycle due at `due` (earlier, where the machine
+    /// slept); true when taken.
     pub(crate) fn receive(&mut self, command: &JointCommand, now: Stamp, due: Stamp) -> bool {
         let (lost, restarts) = (self.header.dropped(), self.header.restarts());
         if let Err(reason) = self.header.admit(&command.header, now.0) {

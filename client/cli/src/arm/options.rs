@@ -5,16 +5,18 @@ use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub(crate) struct LagArgs {
-    /// Pure delay before the servo, in milliseconds, 0 to 500; the controller's cycle, the look-ahead and 2 ms of joint
-    /// loop come on top
+    /// Pure delay before the servo, in milliseconds, 0 to 500; the controller's cycle, the look-ahead and 2
+    /// ms of joint loop come on top
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = delay)]
     pub(crate) lag_ms: f64,
 
-    /// Look-ahead of the servo in milliseconds, 0 to 200 (a UR's servoj: 30 to 200); 0 is an arm without a servo filter
+    /// Look-ahead of the servo in milliseconds, 0 to 200 (a UR's servoj: 30 to 200); 0 is an arm without a
+    /// servo filter
     #[arg(long, value_name = "MS", alias = "look-ahead", default_value_t = 30.0, value_parser = look_ahead)]
     pub(crate) look_ahead_ms: f64,
 
-    /// Let the delay vary from cycle to cycle by up to this many milliseconds, 0 to 100; commands stay in order
+    /// Let the delay vary from cycle to cycle by up to this many milliseconds, 0 to 100; commands stay in
+    /// order
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = jitter)]
     pub(crate) jitter_ms: f64,
 
@@ -26,13 +28,14 @@ pub(crate) struct LagArgs {
     #[arg(long, value_name = "S:MS", value_parser = change)]
     pub(crate) lag_change: Option<(f64, f64)>,
 
-    /// Speed scaling from 0 to 1, like the speed slider of a UR: only this share of the way to each target is gone
-    /// before the next one comes, and no joint is faster than this share of its limit; 0 is a paused arm
+    /// Speed scaling from 0 to 1, like the speed slider of a UR: only this share of the way to each target is
+    /// gone before the next one comes, and no joint is faster than this share of its limit; 0 is a paused arm
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = scaling)]
     pub(crate) speed_scaling: f64,
 
-    /// Break down when so many seconds have passed since the arm began to cycle: stuck, paused; locked, frozen (in its report),
-    /// flipped or wrapped (a turn) with a joint as VALUE; offset, runaway, slow, oscillation with a size
+    /// Break down when so many seconds have passed since the arm began to cycle: stuck, paused; locked,
+    /// frozen (in its report), flipped or wrapped (a turn) with a joint as VALUE; offset, runaway, slow,
+    /// oscillation with a size
     #[arg(long, value_name = "KIND@S[:VALUE]")]
     pub(crate) fault: Option<Fault>,
 }

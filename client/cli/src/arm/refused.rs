@@ -27,12 +27,14 @@ impl fmt::Display for Refusal {
             Self::Header(rejection) | Self::Malformed(rejection) => write!(f, "{rejection}"),
             Self::Stale { late_s } => write!(
                 f,
-                "its validity had ended {:.1} ms before its cycle: this process or the daemon got no processor for that long",
+                "its validity had ended {:.1} ms before its cycle: this process or the daemon got no \
+                 processor for that long",
                 late_s * 1e3
             ),
             Self::Jump { joint, away, reach } => write!(
                 f,
-                "joint {joint} is told to be {away:.4} rad from where it is wanted, more than {reach:.4} rad, which is {JUMP_RADPS} rad/s for a cycle"
+                "joint {joint} is told to be {away:.4} rad from where it is wanted, more than {reach:.4} \
+                 rad, which is {JUMP_RADPS} rad/s for a cycle"
             ),
         }
     }
@@ -99,7 +101,8 @@ impl fmt::Display for Refused {
     }
 }
 
-/// Says so on stderr when commands are refused: the first at once, then with counts, every ten seconds at most.
+/// Says so on stderr when commands are refused: the first at once, then with counts, every ten seconds at
+/// most.
 #[derive(Debug, Default)]
 pub(super) struct Teller {
     told: u64,

@@ -46,8 +46,8 @@ pub(super) struct ArmReport {
     /// Cycles that the machine slept through and that were made up for.
     pub(super) late_cycles: u64,
     pub(super) daemons: u64,
-    /// From a target to its motion at low frequency, without jitter, when the run began and when it ended [ms]; none where
-    /// speed scaling is 0.
+    /// From a target to its motion at low frequency, without jitter, when the run began and when it ended
+    /// [ms]; none where speed scaling is 0.
     pub(super) lag_ms: Option<f64>,
     pub(super) lag_at_end_ms: Option<f64>,
     /// The pure delay as it was, jitter included [ms].

@@ -1,8 +1,8 @@
 //! `foretrace arm sim`: a simulated UR5 controller as a process of its own.
 //!
-//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine slept through are made up for, each with
-//! the command that was due then, because a real controller would not have slept. Outlives the daemon: without commands
-//! it brakes and stays, and follows again when a daemon comes back.
+//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine slept through are made up
+//! for, each with the command that was due then, because a real controller would not have slept. Outlives the
+//! daemon: without commands it brakes and stays, and follows again when a daemon comes back.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -31,13 +31,16 @@ use crate::settings::SettingsArgs;
 
 /// Simulate a UR5 behind its controller: receive joint commands, move like the arm, report joint states
 ///
-/// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically damped servo with
-/// the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34 rad/s and 40 rad/s². It brakes by itself when
-/// commands stay away. Every command received is checked against the settings' limits; the result is printed at the end.
+/// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically
+/// damped servo with the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34
+/// rad/s and 40 rad/s². It brakes by itself when commands stay away. Every command received is checked
+/// against the settings' limits; the result is printed at the end.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Examples:\n  foretrace arm sim --lag-ms 66                  in all 100 ms late\n  foretrace arm sim --look-ahead-ms 0 --lag-ms 30  a pure delay\n  foretrace arm sim --lag-ms 20 --jitter-ms 5 --lag-change 20:60"
+    after_help = "Examples:\n  foretrace arm sim --lag-ms 66                  in all 100 ms late\n  \
+                  foretrace arm sim --look-ahead-ms 0 --lag-ms 30  a pure delay\n  foretrace arm sim \
+                  --lag-ms 20 --jitter-ms 5 --lag-change 20:60"
 )]
 pub(crate) struct SimArgs {
     /// Cycles per second of the controller [default: robot.controller_rate_hz of the settings]
@@ -55,7 +58,8 @@ pub(crate) struct SimArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
-    /// Stand at these joints in the beginning, base first [rad], for example --from=0.5,-1.9,-1.7,-1.1,1.6,0 [default: home]
+    /// Stand at these joints in the beginning, base first [rad], for example --from=0.5,-1.9,-1.7,-1.1,1.6,0
+    /// [default: home]
     #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1..)]
     from: Option<Vec<f64>>,
 

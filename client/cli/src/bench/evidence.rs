@@ -1,8 +1,10 @@
-//! Trust evidence under the clock: what judging, correcting and shortening the preview add to a tick of the recorded loop.
+//! Trust evidence under the clock: what judging, correcting and shortening the preview add to a tick of the
+//! recorded loop.
 //!
-//! Contract: the same calls as in a tick of the follower, with a preview of constant velocity. Every tick takes its newest
-//! sample in and works out gain and share of every lead; where a grid step closed, waiting previews are judged and a new
-//! one is put beside them as well. Absent: reading the pen and predicting, which have lines of their own.
+//! Contract: the same calls as in a tick of the follower, with a preview of constant velocity. Every tick
+//! takes its newest sample in and works out gain and share of every lead; where a grid step closed, waiting
+//! previews are judged and a new one is put beside them as well. Absent: reading the pen and predicting,
+//! which have lines of their own.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,7 +1,7 @@
 //! The lag estimator under the clock: what it adds to every tick of the recorded loop.
 //!
-//! Contract: one number per tick, of a joint state and a command taken in. In most ticks they are only put down; every grid
-//! step one instant is worked in, and every fifth the figures are worked out anew: the tail.
+//! Contract: one number per tick, of a joint state and a command taken in. In most ticks they are only put
+//! down; every grid step one instant is worked in, and every fifth the figures are worked out anew: the tail.
 
 use std::hint::black_box;
 use std::time::Instant;

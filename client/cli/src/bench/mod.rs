@@ -1,7 +1,8 @@
 //! `foretrace bench`: what the parts of a tick cost on this machine, the exact path beside Clarabel.
 //!
-//! Contract: for every instance each backend is timed once, in turning order, so that all see the same machine and about
-//! the same caches. The clock's own cost is reported, not subtracted. Percentiles are over instances.
+//! Contract: for every instance each backend is timed once, in turning order, so that all see the same
+//! machine and about the same caches. The clock's own cost is reported, not subtracted. Percentiles are over
+//! instances.
 
 mod evidence;
 mod lag;
@@ -36,7 +37,8 @@ use workload::{J, Workload};
 #[derive(Debug, clap::Args)]
 pub(crate) struct BenchArgs {
     /// Instances per row
-    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(50..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32)
+        .range(50..=1_000_000))]
     samples: u32,
 
     /// Handwriting to follow: UNIPEN file, data-set folder, CSV, or glyphs:TEXT
@@ -202,7 +204,8 @@ fn planning<const N: usize>(
     }
     Ok(interleaved(&chosen, samples, |way, problem| {
         let planner = &mut planners[way as usize];
-        // In a tick the problem was written a moment ago: fetching it from the recording is not part of the cost.
+        // In a tick the problem was written a moment ago: fetching it from the recording is not part of the
+        // cost.
         let problem = black_box(**problem);
         let begin = Instant::now();
         black_box(solve(planner, black_box(&problem)));
@@ -263,7 +266,8 @@ fn predicting<const N: usize>(config: &Config, workload: &Workload<N>, samples: 
     Ok(Row { exact: cost(times), clarabel: None, clarabel_tuned: None })
 }
 
-/// Times `solve` for every way on `samples` of `problems`, in an order that neither a cache nor a prefetcher knows.
+/// Times `solve` for every way on `samples` of `problems`, in an order that neither a cache nor a prefetcher
+/// knows.
 fn interleaved<T>(problems: &[T], samples: u32, mut solve: impl FnMut(Way, &T) -> f64) -> Row {
     let mut times = [const { Vec::new() }; 3];
     let mut dice = 0x9e37_79b9_7f4a_7c15_u64;

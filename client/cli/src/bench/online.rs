@@ -1,8 +1,8 @@
 //! The models that learn online under the clock: as predictors, and learning.
 //!
-//! Contract: a learner's row costs one `learn`: the prediction before the displacement is seen, the update, the memory.
-//! The DyBM is that of the reference tables (delay 2, decay 0.5, AdaGrad 0.1) and starts at zero; time does not depend on
-//! what was learned.
+//! Contract: a learner's row costs one `learn`: the prediction before the displacement is seen, the update,
+//! the memory. The DyBM is that of the reference tables (delay 2, decay 0.5, AdaGrad 0.1) and starts at zero;
+//! time does not depend on what was learned.
 
 use std::sync::Arc;
 

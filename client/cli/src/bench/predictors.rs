@@ -1,8 +1,9 @@
 //! One row per predictor: what taking in a displacement and predicting from it costs.
 //!
-//! Contract: every predictor sees the same displacements of the recorded pen, normalised like the loop's, one after the
-//! other, and is timed in turning order. A cost is one `observe` and one `preview`, or one `learn`. The numbers of a
-//! network do not change its time, so sizes for which no trained weights are shipped run on made-up ones.
+//! Contract: every predictor sees the same displacements of the recorded pen, normalised like the loop's, one
+//! after the other, and is timed in turning order. A cost is one `observe` and one `preview`, or one `learn`.
+//! The numbers of a network do not change its time, so sizes for which no trained weights are shipped run on
+//! made-up ones.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -39,7 +40,9 @@ pub(super) struct PredictorCost {
 
 /// Times every predictor on `samples` displacements of the recorded pen.
 ///
-/// *Errors*: settings the pen's grid refuses, a pen that never moves.
+/// # Errors
+///
+/// Settings the pen's grid refuses, a pen that never moves.
 pub(super) fn predictors<const N: usize>(
     config: &Config,
     workload: &Workload<N>,

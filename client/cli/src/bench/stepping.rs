@@ -1,7 +1,7 @@
 //! The whole step under the clock: with every solver, and with every predictor.
 //!
-//! Contract: all run through the same recorded ticks, in turning order. With a predictor, the learner learns beside the loop,
-//! outside the clock, and its weights come in as they do in the daemon.
+//! Contract: all run through the same recorded ticks, in turning order. With a predictor, the learner learns
+//! beside the loop, outside the clock, and its weights come in as they do in the daemon.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -75,8 +75,8 @@ struct Loop<const N: usize> {
     new_weights: Vec<f64>,
 }
 
-/// The whole step with every predictor that these settings have, and what its learner takes for one grid step (all models
-/// together).
+/// The whole step with every predictor that these settings have, and what its learner takes for one grid step
+/// (all models together).
 pub(super) fn by_predictor<const N: usize>(
     config: &Config,
     workload: &Workload<N>,

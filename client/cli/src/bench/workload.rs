@@ -1,7 +1,8 @@
 //! What the bench times: every tick of a closed loop on handwriting, and the problems that occurred in it.
 //!
-//! Contract: recorded once by the exact path with a perfect arm, from stamps alone, so that the same settings and path
-//! give the same workload. The MPC problems start from the loop's own commanded states and follow the recorded pen.
+//! Contract: recorded once by the exact path with a perfect arm, from stamps alone, so that the same settings
+//! and path give the same workload. The MPC problems start from the loop's own commanded states and follow
+//! the recorded pen.
 
 use foretrace_config::Config;
 use foretrace_control::arm::JointMotion;
@@ -68,7 +69,9 @@ pub(crate) struct Workload<const N: usize> {
 
 /// Runs `seconds` of the loop on `path`, over and over, with plans of N steps.
 ///
-/// *Errors*: settings the loop refuses, a path on which the arm never follows.
+/// # Errors
+///
+/// Settings the loop refuses, a path on which the arm never follows.
 pub(crate) fn record<const N: usize>(
     config: &Config,
     path: &PenPath,

@@ -1,7 +1,8 @@
 //! `foretrace calibrate lag`: a small test motion, and how late the arm made it.
 //!
-//! Contract: the motion goes the ordinary way, as a pen that hovers, so all limits and stops of the loop hold. Whatever
-//! happens, the pen comes to rest where it is before this ends, and an arm that was armed here is let go of.
+//! Contract: the motion goes the ordinary way, as a pen that hovers, so all limits and stops of the loop
+//! hold. Whatever happens, the pen comes to rest where it is before this ends, and an arm that was armed here
+//! is let go of.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -40,13 +41,15 @@ const REST_SAMPLES: u64 = 60;
 
 /// Measure how late the arm is: make a small test motion and compare commands with joint states
 ///
-/// Plays a gentle, hovering pen motion about where the tool stands, a few frequencies at once, from rest to rest. The
-/// daemon must be armed (or give --arm). Fits a pure delay and a delay with a servo behind it to all joints that move, and
-/// says which one the arm is, how certain that is, and what to write into the settings. No pen may be feeding the loop.
+/// Plays a gentle, hovering pen motion about where the tool stands, a few frequencies at once, from rest to
+/// rest. The daemon must be armed (or give --arm). Fits a pure delay and a delay with a servo behind it to
+/// all joints that move, and says which one the arm is, how certain that is, and what to write into the
+/// settings. No pen may be feeding the loop.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Examples:\n  foretrace calibrate lag --arm\n  foretrace calibrate lag --amplitude-mm 5 --seconds 10 --json lag.json"
+    after_help = "Examples:\n  foretrace calibrate lag --arm\n  foretrace calibrate lag --amplitude-mm 5 \
+                  --seconds 10 --json lag.json"
 )]
 pub(crate) struct LagArgs {
     /// Arm the daemon for the motion and let go of the arm afterwards

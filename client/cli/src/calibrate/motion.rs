@@ -1,7 +1,7 @@
 //! The pen's test motion: gentle, about where the tool stands, from rest to rest, hovering.
 //!
-//! Contract: begins at the tool's position, stays inside the workspace, and asks for frequencies from 0.7 to 4.1 Hz, so
-//! that a filter shows as what it is. Peak speed is about 9 amplitudes per second and axis.
+//! Contract: begins at the tool's position, stays inside the workspace, and asks for frequencies from 0.7 to
+//! 4.1 Hz, so that a filter shows as what it is. Peak speed is about 9 amplitudes per second and axis.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,8 @@ use crate::failure::Failure;
 
 /// Rate of the made-up pen [Hz].
 const RATE_HZ: f64 = 200.0;
-/// Rest before, between and after [s]: the loop gets used to the pen, the arm comes to a stand, the last motion arrives.
+/// Rest before, between and after [s]: the loop gets used to the pen, the arm comes to a stand, the last
+/// motion arrives.
 const REST_S: [f64; 3] = [0.4, 0.5, 0.8];
 /// Time in which the motion fades in and out [s].
 const FADE_S: f64 = 0.5;
@@ -34,9 +35,12 @@ pub(super) struct Place {
     pub(super) amplitude_m: f64,
 }
 
-/// The motion as a pen feels it [m of the pen's plane], times from 0; lasts `seconds` without rest and travel.
+/// The motion as a pen feels it [m of the pen's plane], times from 0; lasts `seconds` without rest and
+/// travel.
 ///
-/// *Errors*: the workspace has no room for the amplitude.
+/// # Errors
+///
+/// The workspace has no room for the amplitude.
 pub(super) fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSample>, Failure> {
     let [start, centre] = start_and_centre(place)?;
     let distance = (centre[0] - start[0]).hypot(centre[1] - start[1]);

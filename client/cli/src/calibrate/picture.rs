@@ -12,7 +12,9 @@ const NEAR_S: f64 = 0.08;
 
 /// Draws the middle of the motion, what both models leave of it, and the error against the shift.
 ///
-/// *Errors*: [`PlotError`].
+/// # Errors
+///
+/// [`PlotError`].
 pub(super) fn draw(
     file: &Path,
     words: &str,

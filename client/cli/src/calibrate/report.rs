@@ -8,8 +8,10 @@ use serde::Serialize;
 use super::listen::Heard;
 use crate::output::{note, say};
 
-/// What making up for the filter costs: it commands ahead of the planned motion, with more acceleration than that has.
-const HEADROOM: &str = "needs acceleration to spare: where writing is so fast that the arm is at its acceleration limit, the pure shift follows better";
+/// What making up for the filter costs: it commands ahead of the planned motion, with more acceleration than
+/// that has.
+const HEADROOM: &str = "needs acceleration to spare: where writing is so fast that the arm is at its \
+                        acceleration limit, the pure shift follows better";
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
@@ -154,7 +156,8 @@ impl CalibrationReport {
             _ => String::new(),
         };
         say!(
-            "with servo    delay {:.1} + filter {:.1}{joint_loop} = {:.1} ms (interquartile range {:.2} ms), leaves {:.3} mrad",
+            "with servo    delay {:.1} + filter {:.1}{joint_loop} = {:.1} ms (interquartile range {:.2} ms), \
+             leaves {:.3} mrad",
             servo.delay_ms,
             servo.filter_ms,
             servo.lag_ms,
@@ -212,7 +215,8 @@ fn words(found: &Identified, times_better: f64) -> String {
         Verdict::Servo => {
             let Servo { delay_s, filter_s, joint_loop_s, .. } = *servo;
             format!(
-                "delay {:.1} ms + servo filter {:.1} ms, together {}, explain the motion {times_better:.1} times better than a pure delay",
+                "delay {:.1} ms + servo filter {:.1} ms, together {}, explain the motion {times_better:.1} \
+                 times better than a pure delay",
                 ms(delay_s + joint_loop_s),
                 ms(filter_s),
                 plus_minus(servo.lag_s(), &found.lag_spread)

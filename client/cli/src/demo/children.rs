@@ -1,7 +1,8 @@
 //! The processes of a demo: started from this program's own file, watched, and always ended.
 //!
-//! Contract: a [`Child`] that goes out of scope is ended (SIGTERM, then SIGKILL after a grace time) and waited for. What it
-//! writes on stderr is kept, the last lines only, to be shown if it fails. Its stdout goes nowhere.
+//! Contract: a [`Child`] that goes out of scope is ended (SIGTERM, then SIGKILL after a grace time) and
+//! waited for. What it writes on stderr is kept, the last lines only, to be shown if it fails. Its stdout
+//! goes nowhere.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};

@@ -1,7 +1,7 @@
 //! The demo's processes on their way through a run: up, armed, following, let go, down.
 //!
-//! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew ends them all,
-//! the newest first.
+//! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew
+//! ends them all, the newest first.
 
 use std::time::{Duration, Instant};
 

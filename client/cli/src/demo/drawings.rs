@@ -1,7 +1,7 @@
 //! The pictures of a demo, one per claim, from what the run left behind.
 //!
-//! Contract: time starts at 0 where the way to the paper is over; what came before is in no picture, so that it rules no
-//! axis. The ghost stands beside the arm wherever both are known.
+//! Contract: time starts at 0 where the way to the paper is over; what came before is in no picture, so that
+//! it rules no axis. The ghost stands beside the arm wherever both are known.
 
 use foretrace_client::Stage;
 use foretrace_control::extent::ExtentBounds;
@@ -35,7 +35,8 @@ pub(crate) struct Drawings {
 }
 
 impl Drawings {
-    /// `scored`: the part of the run that counts; `turn_s`: one repetition of the pen's path [s], of which the last is shown.
+    /// `scored`: the part of the run that counts; `turn_s`: one repetition of the pen's path [s], of which
+    /// the last is shown.
     pub(crate) fn of(
         gathered: &Gathered,
         figures: &Figures,

@@ -1,7 +1,8 @@
 //! The numbers of a demo run.
 //!
-//! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the pen as the
-//! loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to the paper.
+//! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the
+//! pen as the loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to
+//! the paper.
 
 use foretrace_client::{FaultReason, Mode, Stage, Status, health};
 use foretrace_config::{Config, JOINTS, Settings};
@@ -180,7 +181,8 @@ impl Scored {
     }
 }
 
-/// The tool from the first instant at which it had come as near to the pen as the loop wants it before lowering it.
+/// The tool from the first instant at which it had come as near to the pen as the loop wants it before
+/// lowering it.
 ///
 /// `None`: it never did.
 pub(crate) fn scored(gathered: &Gathered, settings: &Settings) -> Option<Scored> {

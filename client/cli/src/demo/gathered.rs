@@ -64,7 +64,8 @@ pub(crate) struct TickNote {
     pub(crate) mode: u32,
     /// Distance between the commanded tool and the ghost's, where they can be compared [m].
     pub(crate) ghost_apart_m: Option<f64>,
-    /// Where the ghost's tool was and when, behind an arm as late as the real one; as long as they can be compared.
+    /// Where the ghost's tool was and when, behind an arm as late as the real one; as long as they can be
+    /// compared.
     pub(crate) ghost: Option<ToolSample>,
     /// Both errors at one instant.
     pub(crate) compared: Option<ComparedNote>,

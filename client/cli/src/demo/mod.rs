@@ -1,7 +1,8 @@
 //! `foretrace demo`: the whole loop on this machine, every part a process of its own.
 //!
-//! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and everything is
-//! cleaned up whatever happens. The numbers come from the processes' own records, not from what the demo hoped for.
+//! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and
+//! everything is cleaned up whatever happens. The numbers come from the processes' own records, not from what
+//! the demo hoped for.
 
 mod scratch;
 mod children;
@@ -39,12 +40,14 @@ use verdict::Finding;
 
 /// Run everything together: daemon, simulated arm and handwriting, then show how it went
 ///
-/// Starts the daemon, a simulated UR5 and a pen player as separate processes on a private instance, arms the loop, lets
-/// the arm follow the pen, and ends by itself. Prints a short table and writes a report: one HTML file, and JSON.
+/// Starts the daemon, a simulated UR5 and a pen player as separate processes on a private instance, arms the
+/// loop, lets the arm follow the pen, and ends by itself. Prints a short table and writes a report: one HTML
+/// file, and JSON.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Examples:\n  foretrace demo\n  foretrace demo --pen glyphs:Hello --seconds 10 --trust 1\n  foretrace demo --pen data/unipen-ced --label K --rate 1000 --json -"
+    after_help = "Examples:\n  foretrace demo\n  foretrace demo --pen glyphs:Hello --seconds 10 --trust 1\n  \
+                  foretrace demo --pen data/unipen-ced --label K --rate 1000 --json -"
 )]
 pub(crate) struct DemoArgs {
     /// How long the arm follows, in seconds
@@ -99,7 +102,8 @@ pub(crate) struct DemoArgs {
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
     let stage = Stage::set(args)?;
-    // A folder that cannot be written is better known before the run than after it, and one that nobody needs is not made.
+    // A folder that cannot be written is better known before the run than after it, and one that nobody needs
+    // is not made.
     folder::prepare(&args.out)?;
     let (figures, drawings, findings) = stage.performed(args)?;
     for (name, value) in told::rows(&figures) {
@@ -235,7 +239,8 @@ fn evidence_of(
     player.extend(words(&["--", &args.pen]));
     crew.start("player", &player)?;
     let followed = crew.follow(&mut watch, args.seconds)?;
-    // After a stop it is what was gathered that counts: what cannot be let go of in order any more must not cost the report.
+    // After a stop it is what was gathered that counts: what cannot be let go of in order any more must not
+    // cost the report.
     let let_go = |crew: &mut Crew, watch: &mut Watch| match (followed, crew.let_go(watch)) {
         (Followed::Whole, Err(failure)) => Err(failure),
         _ => Ok(()),

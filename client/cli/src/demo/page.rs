@@ -1,7 +1,8 @@
-//! The report as one HTML page that needs no file beside it and no network: one picture per claim, explained where it stands.
+//! The report as one HTML page that needs no file beside it and no network: one picture per claim, explained
+//! where it stands.
 //!
-//! Contract: every figure carries its place in the JSON (`data-of`), and is that number. Whatever is written by others
-//! (names, paths, settings) is escaped.
+//! Contract: every figure carries its place in the JSON (`data-of`), and is that number. Whatever is written
+//! by others (names, paths, settings) is escaped.
 
 use std::fmt::Write as _;
 
@@ -15,22 +16,26 @@ use super::verdict::Finding;
 
 const PAGE_STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1f2937;--muted:#5b6472;--paper:#fff;--soft:#f3f4f6;--good:#15806a;--bad:#b91c1c}\
-@media screen and (prefers-color-scheme:dark){:root{--ink:#e6e8eb;--muted:#a3adba;--paper:#14171c;--soft:#1f242c;--good:#4cc9ae;--bad:#ff8078}}\
+@media screen and \
+(prefers-color-scheme:dark){:root{--ink:#e6e8eb;--muted:#a3adba;--paper:#14171c;--soft:#1f242c;--good:#4cc9ae;--bad:#ff8078}}\
 body{font:16px/1.5 system-ui,sans-serif;max-width:960px;margin:1.5em auto;padding:0 1em;color:var(--ink);background:var(--paper)}\
 h1{font-size:1.5em;margin:0}h2{font-size:1.15em;margin:0 0 .2em}p{margin:.3em 0}.muted{color:var(--muted)}\
 .fig{display:block;width:100%;height:auto;margin:.4em 0}section{margin:1.8em 0;break-inside:avoid}\
-.tiles{display:flex;flex-wrap:wrap;gap:.6em;margin:1em 0}.tiles div{flex:1 1 10em;background:var(--soft);border-radius:6px;padding:.5em .8em}\
+.tiles{display:flex;flex-wrap:wrap;gap:.6em;margin:1em 0}.tiles \
+div{flex:1 1 10em;background:var(--soft);border-radius:6px;padding:.5em .8em}\
 .tiles b{display:block;font-size:1.25em}.tiles span.muted{display:block;font-size:.9em}\
 .told{border-left:4px solid var(--good);padding:.3em .8em;background:var(--soft)}.told.bad{border-color:var(--bad)}\
 table{border-collapse:collapse;font-size:.92em}td{padding:.15em 1em .15em 0;vertical-align:top;overflow-wrap:anywhere}td:first-child{color:var(--muted)}\
-@page{size:A4;margin:12mm}@media print{body{margin:0;padding:0;max-width:none;font-size:10.5pt}section{margin:1em 0}.tiles div{border:1px solid #ccc}tr{break-inside:avoid}}";
+@page{size:A4;margin:12mm}@media \
+print{body{margin:0;padding:0;max-width:none;font-size:10.5pt}section{margin:1em 0}.tiles div{border:1px solid #ccc}tr{break-inside:avoid}}";
 
 /// The page.
 pub(crate) fn page(figures: &Figures, drawings: &Drawings, findings: &[Finding]) -> String {
     let (arm, ghost) = (arm(figures), ghost(figures));
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>foretrace demo</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>foretrace \
+         demo</title>\n\
          <style>{PAGE_STYLE}\n{STYLE}</style>\n</head>\n<body>\n"
     );
     head(&mut page, figures, findings);
@@ -44,7 +49,8 @@ pub(crate) fn page(figures: &Figures, drawings: &Drawings, findings: &[Finding])
         let _ = writeln!(page, "<tr><td>{}</td><td>{}</td></tr>", escaped(name), escaped(&value));
     }
     page.push_str(
-        "</table>\n<p class=\"muted\">The learner keeps adapting the prediction while the loop runs. What it has learned is \
+        "</table>\n<p class=\"muted\">The learner keeps adapting the prediction while the loop runs. What it \
+         has learned is \
          taken into use only where it foresaw recent motion better, and taken back where it did not. \
          The same figures for machines: report.json.</p>\n</section>\n</body>\n</html>\n",
     );
@@ -66,7 +72,8 @@ fn head(page: &mut String, figures: &Figures, findings: &[Finding]) {
     );
     if findings.is_empty() {
         page.push_str(
-            "<div class=\"told\"><p>The run went as it should: no limit was broken and nothing stopped the arm.</p></div>\n",
+            "<div class=\"told\"><p>The run went as it should: no limit was broken and nothing stopped the \
+             arm.</p></div>\n",
         );
         return;
     }
@@ -201,21 +208,20 @@ fn claims<'a>(
     vec![
         Claim {
             head: "The arm writes what the pen writes".to_owned(),
-            words: "The last round of writing, above by the arm, below by its ghost: the same loop with the same pen and arm, \
+            words: "The last round of writing, above by the arm, below by its ghost: the same loop with the \
+                    same pen and arm, \
                     computed beside it, that never predicts and moves nothing. Both draw neat letters: a \
                     picture of shapes does not show that the ghost draws them late. The next two do."
                 .to_owned(),
             picture: drawings.path.as_ref(),
         },
         Claim {
-            head: format!(
-                "Error: {}{}",
-                with(&|one| mm(&one.rms_m)),
-                without(&|one| mm(&one.rms_m))
-            ),
+            head: format!("Error: {}{}", with(&|one| mm(&one.rms_m)), without(&|one| mm(&one.rms_m))),
             words: format!(
-                "How far the arm's tool is from the pen at the same instant while the pen writes (root mean square; at most \
-                 {}{}). Trust says how much of the prediction the arm acts on: 1 is all of it, 0 none, as the ghost.",
+                "How far the arm's tool is from the pen at the same instant while the pen writes (root mean \
+                 square; at most \
+                 {}{}). Trust says how much of the prediction the arm acts on: 1 is all of it, 0 none, as \
+                 the ghost.",
                 with(&|one| largest(&one.max_m)),
                 without(&|one| largest(&one.max_m))
             ),
@@ -223,7 +229,8 @@ fn claims<'a>(
         },
         Claim {
             head: format!("Lag: {}{}", with(&|one| ms(&one.lag_ms)), without(&|one| ms(&one.lag_ms))),
-            words: "The liveliest strokes in slow motion: how far a curve lies to the right of the pen's is how late it comes. \
+            words: "The liveliest strokes in slow motion: how far a curve lies to the right of the pen's is \
+                    how late it comes. \
                     The figures are the shift in time that fits best over the whole run."
                 .to_owned(),
             picture: drawings.lag.as_ref(),
@@ -235,7 +242,8 @@ fn claims<'a>(
                 count("/loop/ticks", looped.ticks)
             ),
             words: format!(
-                "Every {period_ms:.0} ms the loop wakes up and computes one command, which must be sent before the next tick. 99 % of \
+                "Every {period_ms:.0} ms the loop wakes up and computes one command, which must be sent \
+                 before the next tick. 99 % of \
                  the ticks began within {} of their time and took {} or less.",
                 micro("/loop/wakeup_us/p99", looped.wakeup_us.p99),
                 micro("/loop/step_us/p99", looped.step_us.p99)
@@ -247,14 +255,18 @@ fn claims<'a>(
                 "Limits: {} commands broke one",
                 count("/commands/limit_violations", figures.limit_violations())
             ),
-            words: "The arm judged every command by itself. The bars show the largest speed and acceleration that any command \
-                    asked of each joint; 100 is what is allowed. A bar at 100 means that the arm's strength was used in full."
-                .to_owned(),
+            words:
+                "The arm judged every command by itself. The bars show the largest speed and acceleration \
+                    that any command \
+                    asked of each joint; 100 is what is allowed. A bar at 100 means that the arm's strength \
+                    was used in full."
+                    .to_owned(),
             picture: drawings.limits.as_ref(),
         },
         Claim {
             head: format!("Height: {heights} over the paper"),
-            words: "Where the tip of the pen on the arm was, from the measured joints. It touches the paper (0) while the hand \
+            words: "Where the tip of the pen on the arm was, from the measured joints. It touches the paper \
+                    (0) while the hand \
                     writes and lifts in between; it must never press deeper than the red line."
                 .to_owned(),
             picture: drawings.heights.as_ref(),

@@ -1,4 +1,5 @@
-//! The table of a demo for people: each quantity once, under one name, with its counterpart of the ghost beside it.
+//! The table of a demo for people: each quantity once, under one name, with its counterpart of the ghost
+//! beside it.
 
 use serde_json::Value;
 

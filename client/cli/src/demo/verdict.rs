@@ -1,6 +1,7 @@
 //! Whether a run went as it should: what stopped the arm, where its tool was, which limits were kept.
 //!
-//! Contract: pure. The program ends with the worst finding, the one that comes first; the report has them all.
+//! Contract: pure. The program ends with the worst finding, the one that comes first; the report has them
+//! all.
 
 use foretrace_control::extent::ExtentBounds;
 
@@ -33,8 +34,8 @@ impl Finding {
     }
 }
 
-/// All findings, the worst first; none for a run as it should be. An arm that did not follow its commands may leave the
-/// envelope as well: the stop, which names the cause, comes first.
+/// All findings, the worst first; none for a run as it should be. An arm that did not follow its commands may
+/// leave the envelope as well: the stop, which names the cause, comes first.
 pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) -> Vec<Finding> {
     let count = figures.limit_violations();
     let illegal = (count > 0).then(|| {
@@ -46,7 +47,8 @@ pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) 
     let breach = gathered.extent.and_then(|extent| bounds.broken_by(&extent)).map(|breach| {
         Finding::new(
             format!("the tool left its envelope: {breach}"),
-            "lower the speed of the pen or of plane.scale, or give the plan back its mpc.limits; the report has the picture",
+            "lower the speed of the pen or of plane.scale, or give the plan back its mpc.limits; the report \
+             has the picture",
         )
     });
     let stops = gathered.stops.iter().zip(&figures.control_loop.stops).map(|(stop, told)| Finding {

@@ -69,7 +69,8 @@ pub(super) fn idle(machine: &Machine, need: &Need) -> Finding {
         return Finding::ok(IDLE, what);
     };
     let value = format!("deepest {name}, {us} µs to leave it; the period is {} µs", need.period_us);
-    // A tenth of the period is lost at each wake-up; the spin before a release hides what is shorter than itself.
+    // A tenth of the period is lost at each wake-up; the spin before a release hides what is shorter than
+    // itself.
     if us * 10 >= need.period_us {
         Finding::bad(IDLE, value, idle_fix(need))
     } else if us > need.spin_us.max(50) {
@@ -81,7 +82,8 @@ pub(super) fn idle(machine: &Machine, need: &Need) -> Finding {
 
 fn idle_fix(need: &Need) -> String {
     format!(
-        "`sudo cpupower idle-set -D {}`; for good: boot with `intel_idle.max_cstate=1 processor.max_cstate=1`",
+        "`sudo cpupower idle-set -D {}`; for good: boot with `intel_idle.max_cstate=1 \
+         processor.max_cstate=1`",
         need.spin_us.max(50)
     )
 }
@@ -125,7 +127,8 @@ pub(super) fn isolation(machine: &Machine, need: &Need) -> Finding {
             ISOLATION,
             format!("none of {}; the loop {}", online.len(), place(pinned)),
             format!(
-                "boot with `isolcpus={last} nohz_full={last} rcu_nocbs={last}` (GRUB_CMDLINE_LINUX in /etc/default/grub, \
+                "boot with `isolcpus={last} nohz_full={last} rcu_nocbs={last}` (GRUB_CMDLINE_LINUX in \
+                 /etc/default/grub, \
                  `sudo update-grub`), then set loop.cpu = {last}"
             ),
         ),

@@ -24,7 +24,8 @@ enum Model {
     Hidden,
 }
 
-/// Pre-emption of the kernel itself. Source: kernel/Kconfig.preempt, `preempt=` in admin-guide/kernel-parameters.
+/// Pre-emption of the kernel itself. Source: kernel/Kconfig.preempt, `preempt=` in
+/// admin-guide/kernel-parameters.
 pub(super) fn preemption(machine: &Machine) -> Finding {
     let path = "proc/sys/kernel/version";
     let version = match machine.text(path) {
@@ -34,7 +35,8 @@ pub(super) fn preemption(machine: &Machine) -> Finding {
     };
     let boot =
         "add `preempt=full` to GRUB_CMDLINE_LINUX in /etc/default/grub, then `sudo update-grub` and reboot";
-    let best = "install a PREEMPT_RT kernel for the best guarantee (Debian: `sudo apt install linux-image-rt-amd64`; \
+    let best = "install a PREEMPT_RT kernel for the best guarantee (Debian: `sudo apt install \
+                linux-image-rt-amd64`; \
                 Ubuntu: `sudo pro enable realtime-kernel`) and reboot";
     match model(machine, &version) {
         Model::RealTime => Finding::ok(PREEMPTION, "PREEMPT_RT"),
@@ -109,8 +111,8 @@ fn built(machine: &Machine) -> Option<Model> {
     .find_map(|(key, model)| has(key).then_some(model))
 }
 
-/// The share of each period that real-time threads may take together. Source: scheduler/sched-rt-group in the kernel's
-/// documentation.
+/// The share of each period that real-time threads may take together. Source: scheduler/sched-rt-group in the
+/// kernel's documentation.
 pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
     let (runtime_path, period_path) =
         ("proc/sys/kernel/sched_rt_runtime_us", "proc/sys/kernel/sched_rt_period_us");
@@ -138,7 +140,8 @@ pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
         period as f64 / 1e6,
         100.0 * wanted
     );
-    let fix = "`sudo sysctl -w kernel.sched_rt_runtime_us=950000 kernel.sched_rt_period_us=1000000`; for good: both \
+    let fix = "`sudo sysctl -w kernel.sched_rt_runtime_us=950000 kernel.sched_rt_period_us=1000000`; for \
+               good: both \
                lines in /etc/sysctl.d/90-foretrace.conf";
     if share < wanted {
         Finding::bad(THROTTLING, value, fix)
@@ -149,7 +152,8 @@ pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
     }
 }
 
-/// The hardware behind CLOCK_MONOTONIC: slow ones cost a microsecond or a system call at each of a tick's dozen readings.
+/// The hardware behind CLOCK_MONOTONIC: slow ones cost a microsecond or a system call at each of a tick's
+/// dozen readings.
 pub(super) fn clock(machine: &Machine) -> Finding {
     let folder = "sys/devices/system/clocksource/clocksource0";
     let path = format!("{folder}/current_clocksource");

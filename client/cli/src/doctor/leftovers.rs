@@ -1,7 +1,7 @@
 //! What dead instances left behind, and its removal on request.
 //!
-//! Contract: nothing that a living process may use is removed, so files whose instance nobody can tell are only named. The
-//! middleware can hang on damaged files: every call of it has a limit of time.
+//! Contract: nothing that a living process may use is removed, so files whose instance nobody can tell are
+//! only named. The middleware can hang on damaged files: every call of it has a limit of time.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver};
@@ -195,8 +195,8 @@ fn by_hand(instance: &Instance) -> String {
     )
 }
 
-/// Files of this user in `folder` that belong to none of the instances and are mapped by no process. Where a process cannot
-/// be looked into, nothing counts as unused.
+/// Files of this user in `folder` that belong to none of the instances and are mapped by no process. Where a
+/// process cannot be looked into, nothing counts as unused.
 fn strangers(machine: &Machine, folder: &Path, instances: &[Instance], user: u32) -> Vec<Prefixed> {
     let mut groups = prefixed(folder).unwrap_or_default();
     groups
@@ -210,7 +210,8 @@ fn strangers(machine: &Machine, folder: &Path, instances: &[Instance], user: u32
             Ok(maps) => groups.retain(|group| !maps.contains(&format!("/{}", group.prefix))),
             // Ended meanwhile.
             Err(Silent::Missing) => {}
-            // Somebody else's process, who is refused the instances of this user, unless it cannot be told whose it is.
+            // Somebody else's process, who is refused the instances of this user, unless it cannot be told
+            // whose it is.
             Err(Silent::Wrong(_)) if owner_differs(machine, process, user) => {}
             Err(Silent::Wrong(_)) => return Vec::new(),
         }

@@ -1,6 +1,7 @@
 //! What others took while the rehearsal ran: CPU time stolen by the hypervisor, interrupts of devices.
 //!
-//! Contract: counters are read before and after; what cannot be read, or runs backwards, is said and not guessed.
+//! Contract: counters are read before and after; what cannot be read, or runs backwards, is said and not
+//! guessed.
 
 use std::collections::BTreeMap;
 
@@ -98,7 +99,8 @@ pub(super) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &S
         return Finding::ok(STEAL, format!("none during the run ({host})"));
     }
     let value = format!("{:.2} % of CPU {cpu} during the run ({host})", 100.0 * share);
-    let fix = "run on the hardware itself, or give the virtual machine CPUs of its own (on the host, for example `virsh \
+    let fix = "run on the hardware itself, or give the virtual machine CPUs of its own (on the host, for \
+               example `virsh \
                vcpupin DOMAIN 0 2` and `isolcpus=2`)";
     if share > 0.01 { Finding::bad(STEAL, value, fix) } else { Finding::warning(STEAL, value, fix) }
 }
@@ -152,7 +154,8 @@ pub(super) fn irqs(
         IRQS,
         format!("{:.0} device interrupts/s on CPU {cpu}: {}", rate(total), shown.join(", ")),
         format!(
-            "{}; for good: IRQBALANCE_BANNED_CPULIST={cpu} in /etc/default/irqbalance, boot with `irqaffinity=` of the \
+            "{}; for good: IRQBALANCE_BANNED_CPULIST={cpu} in /etc/default/irqbalance, boot with \
+             `irqaffinity=` of the \
              other CPUs",
             moves.join(" ")
         ),
@@ -172,7 +175,11 @@ mod tests {
     }
 
     fn stat(steal: u64, idle: u64) -> Vec<u8> {
-        format!("cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 1 1 1 {idle} 1 0 0 0 0 0\ncpu1 10 0 0 {idle} 0 0 0 {steal} 5 5\nintr 5\n").into()
+        format!(
+            "cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 1 1 1 {idle} 1 0 0 0 0 0\ncpu1 10 0 0 {idle} 0 0 0 {steal} 5 \
+                 5\nintr 5\n"
+        )
+        .into()
     }
 
     fn both(before: &MadeUp, after: &MadeUp, need: &Need) -> (Finding, Finding) {
@@ -197,7 +204,8 @@ mod tests {
     }
 
     const TABLE: &str = "           CPU0       CPU1       \n 24:   5   7   IO-APIC   5-edge      ACPI:Ged\n \
-                         36:   1  100   PCI-MSIX  1-edge      nvme0q1\nLOC:  9  9   Local timer interrupts\nERR:   0\n";
+                         36:   1  100   PCI-MSIX  1-edge      nvme0q1\nLOC:  9  9   Local timer \
+                         interrupts\nERR:   0\n";
 
     #[test]
     fn interrupts_on_the_core_of_the_loop_are_named_with_the_way_to_move_them() {

@@ -1,7 +1,7 @@
 //! What the machine says about itself in /proc and /sys, read below a root that tests put elsewhere.
 //!
-//! Contract: every file may be missing, unreadable or garbage, and each of these is told apart; nothing here fails or
-//! panics, and no file is read beyond a bound.
+//! Contract: every file may be missing, unreadable or garbage, and each of these is told apart; nothing here
+//! fails or panics, and no file is read beyond a bound.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -182,9 +182,8 @@ mod tests {
         assert_eq!(machine.value::<i64>("proc/nothing"), Err(Silent::Missing));
         assert_eq!(machine.value::<i64>("proc/number/below"), Err(Silent::Missing));
         assert!(matches!(machine.value::<i64>("proc"), Err(Silent::Wrong(text)) if text.contains("/proc")));
-        assert!(
-            matches!(machine.value::<i64>("proc/bytes"), Err(Silent::Wrong(text)) if text.contains("proc/bytes"))
-        );
+        assert!(matches!(machine.value::<i64>("proc/bytes"), Err(Silent::Wrong(text))
+                if text.contains("proc/bytes")));
         assert_eq!(machine.cpus_of_loop(None), [0]);
         made.put("sys/devices/system/cpu/online", b"0-3\n");
         assert_eq!(machine.cpus_of_loop(None), [0, 1, 2, 3]);

@@ -1,7 +1,7 @@
 //! `foretrace doctor`: whether this machine is fit for the loop at its rate, and what to do where it is not.
 //!
-//! Contract: read-only but for `--clean`, which removes what dead instances left. Every finding that is not ok says what to
-//! do. The verdict is unfit when one finding is bad; warnings do not decide.
+//! Contract: read-only but for `--clean`, which removes what dead instances left. Every finding that is not
+//! ok says what to do. The verdict is unfit when one finding is bad; warnings do not decide.
 
 mod machine;
 mod finding;
@@ -29,13 +29,13 @@ use rehearsal::{Lateness, Restraint, Shown};
 
 /// Tell whether this machine is fit for the loop at its rate, and what to do where it is not
 ///
-/// Looks at the kernel, the rights of this user, processors, shared memory and leftovers of dead instances, then runs the
-/// loop's own clock on a real-time thread for a few seconds and measures how late it wakes up. Run it as the user of the
-/// daemon, with the other programs of the machine running and no daemon. Exit code 6: unfit.
+/// Looks at the kernel, the rights of this user, processors, shared memory and leftovers of dead instances,
+/// then runs the loop's own clock on a real-time thread for a few seconds and measures how late it wakes up.
+/// Run it as the user of the daemon, with the other programs of the machine running and no daemon. Exit code
+/// 6: unfit.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  foretrace doctor\n  foretrace doctor --rate 1000 --seconds 60 --json doctor.json\n  foretrace doctor --clean"
-)]
+#[command(after_help = "Examples:\n  foretrace doctor\n  foretrace doctor --rate 1000 --seconds 60 --json \
+                  doctor.json\n  foretrace doctor --clean")]
 pub(crate) struct DoctorArgs {
     /// How long to measure wake-ups
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
@@ -45,8 +45,8 @@ pub(crate) struct DoctorArgs {
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
-    /// First remove what dead instances of this user left behind (with --root: that instance only); never touches
-    /// living ones
+    /// First remove what dead instances of this user left behind (with --root: that instance only); never
+    /// touches living ones
     #[arg(long)]
     clean: bool,
 
@@ -261,7 +261,8 @@ mod tests {
     fn keys_of_the_report_are_those_that_were_promised() {
         let json = serde_json::to_value(report(vec![Finding::bad("governor", "slow", "do this")])).unwrap();
         assert_eq!(json["verdict"], "unfit");
-        let check = serde_json::json!({"name": "governor", "ok": false, "level": "bad", "value": "slow", "fix": "do this"});
+        let check = serde_json::json!({"name": "governor", "ok": false, "level": "bad", "value": "slow",
+            "fix": "do this"});
         assert_eq!(json["checks"], serde_json::json!([check]));
         assert!(json["lateness_us"]["p99_9"].is_number() && json.get("removed").is_none());
     }

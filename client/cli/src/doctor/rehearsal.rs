@@ -108,7 +108,8 @@ pub(super) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Miss
                     "not tried: a daemon runs (instance {number}, process {pid}), and would be disturbed"
                 ),
                 format!(
-                    "stop it (`kill {pid}`) and run again; its own latencies: `foretrace status --instance {number}`"
+                    "stop it (`kill {pid}`) and run again; its own latencies: `foretrace status --instance \
+                     {number}`"
                 ),
             );
         }
@@ -156,17 +157,20 @@ pub(super) fn law(config: &Config) -> Result<Finding, Failure> {
     })
 }
 
-/// Lateness against the period. A late start eats the time of the tick's own work; a missed period is a command that never was.
+/// Lateness against the period. A late start eats the time of the tick's own work; a missed period is a
+/// command that never was.
 pub(super) fn lateness(need: &Need, seen: &Lateness) -> Finding {
     let Quantiles { p50, p99, p99_9, max } = seen.quantiles;
     let period = need.period_us as f64;
     let value = format!(
-        "p50 {p50:.1}, p99 {p99:.1}, p99.9 {p99_9:.1}, max {max:.0} µs of {period:.0}; {} of {} periods missed",
+        "p50 {p50:.1}, p99 {p99:.1}, p99.9 {p99_9:.1}, max {max:.0} µs of {period:.0}; {} of {} periods \
+         missed",
         seen.missed,
         seen.ticks + seen.missed
     );
     let fix = format!(
-        "first what stands above; then find who holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` beside your other \
+        "first what stands above; then find who holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` beside \
+         your other \
          programs, `sudo trace-cmd record -e sched_switch -e irq`; or a slower loop: --set loop.rate_hz={}",
         need.priority,
         need.period_us,

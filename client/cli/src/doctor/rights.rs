@@ -14,8 +14,8 @@ const STATUS: &str = "proc/self/status";
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
-/// Bound of what the daemon maps, all of which counts [bytes]: 223 MiB were measured without peers, most of it address space
-/// that the allocator sets aside per thread.
+/// Bound of what the daemon maps, all of which counts [bytes]: 223 MiB were measured without peers, most of
+/// it address space that the allocator sets aside per thread.
 const DAEMON_MAPS_BYTES: u64 = 512 << 20;
 
 /// SCHED_FIFO: RLIMIT_RTPRIO or CAP_SYS_NICE.

@@ -1,7 +1,9 @@
-//! Which samples of a client pass: finite, in range, later than the one before, of this moment, and not too many.
+//! Which samples of a client pass: finite, in range, later than the one before, of this moment, and not too
+//! many.
 //!
-//! Contract: pure (time is an argument), no allocation, total for every bit pattern. What passes is stamped strictly later than
-//! everything that passed before, also from an earlier client, and `rate` and `burst` bound it over any stretch of time.
+//! Contract: pure (time is an argument), no allocation, total for every bit pattern. What passes is stamped
+//! strictly later than everything that passed before, also from an earlier client, and `rate` and `burst`
+//! bound it over any stretch of time.
 
 use foretrace_client::{PenSample, RejectReason, Rejection, Validate};
 
@@ -72,7 +74,9 @@ impl Admission {
 
     /// Passes or refuses `sample` at `now_ns`; wrong samples use up the rate, too.
     ///
-    /// *Errors*: why it is refused.
+    /// # Errors
+    ///
+    /// Why it is refused.
     pub(crate) fn judge(&mut self, sample: &PenSample, now_ns: u64) -> Result<(), Refusal> {
         if !self.bucket.take(now_ns) {
             return Err(Refusal::OverTheRate);

@@ -1,8 +1,9 @@
 //! `foretrace gateway`: pen samples from programs of other users, who may not touch the shared memory.
 //!
-//! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames are well formed,
-//! and each sample is finite, in range, of this moment, later than the one before and within the rate. Everything that is
-//! refused is counted by reason and told. In the order of a sample's way: `socket`, `serve`, `admission`; `tally` counts.
+//! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames
+//! are well formed, and each sample is finite, in range, of this moment, later than the one before and within
+//! the rate. Everything that is refused is counted by reason and told. In the order of a sample's way:
+//! `socket`, `serve`, `admission`; `tally` counts.
 
 mod admission;
 mod holder;
@@ -25,12 +26,14 @@ use socket::Socket;
 
 /// Let programs of other users feed the pen, over a socket and through checks
 ///
-/// One client at a time, `foretrace play --gateway PATH` or any program that speaks the protocol (documentation of
-/// foretrace_client::gateway_frame). The kernel tells which user a client is; only those of --allow-uid come in. Run it as
-/// the daemon's user. Holds the instance's only place for a pen. Outlives the daemon; ends on Ctrl-C.
+/// One client at a time, `foretrace play --gateway PATH` or any program that speaks the protocol
+/// (documentation of foretrace_client::gateway_frame). The kernel tells which user a client is; only those of
+/// --allow-uid come in. Run it as the daemon's user. Holds the instance's only place for a pen. Outlives the
+/// daemon; ends on Ctrl-C.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid 1001 --mode 666\n  foretrace play glyphs:Hello --gateway /tmp/foretrace-pen.socket      # as user 1001"
+    after_help = "Example:\n  foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid 1001 --mode \
+                  666\n  foretrace play glyphs:Hello --gateway /tmp/foretrace-pen.socket      # as user 1001"
 )]
 pub(crate) struct GatewayArgs {
     /// Where to make the socket, in a folder that only its owner may write to
@@ -50,11 +53,13 @@ pub(crate) struct GatewayArgs {
     group: Option<u32>,
 
     /// Samples per second that pass in the long run
-    #[arg(long, value_name = "HZ", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "HZ", default_value_t = 2000, value_parser = clap::value_parser!(u32)
+        .range(1..=100_000))]
     rate: u32,
 
     /// Samples that may come at once
-    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32)
+        .range(1..=100_000))]
     burst: u32,
 
     /// Say what came through at most this often, and only when it has changed

@@ -1,7 +1,7 @@
 //! The gateway at work: who may come in, one at a time, and what becomes of the bytes they send.
 //!
-//! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read. Whatever a client
-//! sends or leaves out, the gateway goes on; only a listener that fails ends it.
+//! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read.
+//! Whatever a client sends or leaves out, the gateway goes on; only a listener that fails ends it.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::Shutdown;
@@ -93,7 +93,9 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
 
     /// One round: answers those who knock, then waits for bytes of the client, at most [`WAIT`].
     ///
-    /// *Errors*: the socket takes no clients any more.
+    /// # Errors
+    ///
+    /// The socket takes no clients any more.
     pub(crate) fn round(&mut self) -> io::Result<()> {
         for _ in 0..KNOCKS {
             match self.socket.knock()? {

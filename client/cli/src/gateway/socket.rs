@@ -1,7 +1,8 @@
 //! The gateway's socket in the file system: made, given its mode and group, taken away at the end.
 //!
-//! Contract: nothing that exists is replaced but a dead socket of the own user. Between `bind` and `chmod` the socket has the
-//! umask's mode; that lets nobody in, because every client is judged by the user whom the kernel names.
+//! Contract: nothing that exists is replaced but a dead socket of the own user. Between `bind` and `chmod`
+//! the socket has the umask's mode; that lets nobody in, because every client is judged by the user whom the
+//! kernel names.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -31,7 +32,9 @@ fn wrong(path: &Path, what: impl std::fmt::Display, remedy: &'static str) -> Soc
 impl Socket {
     /// Opens a socket at `path` with permission bits `mode`, and `group` where one is named.
     ///
-    /// *Errors*: the folder is missing or open to others, the path is taken, or the system refuses.
+    /// # Errors
+    ///
+    /// The folder is missing or open to others, the path is taken, or the system refuses.
     pub(crate) fn open(path: &Path, mode: u32, group: Option<u32>) -> Result<Self, SocketError> {
         let user = foretrace_shm::effective_user();
         let folder = match path.parent() {

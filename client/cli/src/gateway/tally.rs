@@ -102,7 +102,8 @@ mod tests {
         tally.samples.refused.count("too old");
         assert_eq!(
             tally.to_string(),
-            "2 clients let in, 1 turned away (user not allowed 1), 0 ended; 7 samples passed on, 1 of them unheard, \
+            "2 clients let in, 1 turned away (user not allowed 1), 0 ended; 7 samples passed on, 1 of them \
+             unheard, \
              3 refused (not finite 1, too old 2)"
         );
     }

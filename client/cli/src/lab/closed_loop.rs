@@ -38,8 +38,8 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
 
-    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold, mixture and the
-    /// baselines]
+    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold,
+    /// mixture and the baselines]
     #[arg(long)]
     pareto: bool,
 
@@ -142,7 +142,8 @@ struct Set {
 }
 
 impl Set {
-    /// The part to be written, and the one scale: the median glyph of the train part, or of all where there is none.
+    /// The part to be written, and the one scale: the median glyph of the train part, or of all where there
+    /// is none.
     fn load(args: &ClosedLoopArgs) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
@@ -238,7 +239,8 @@ fn print(rows: &[Row]) {
     for row in rows {
         let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Rival::HOLD.name());
         say!(
-            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} {:>7} {:>8}",
+            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} \
+             {:>7} {:>8}",
             row.predictor,
             row.arm,
             row.mse_m2,

@@ -25,8 +25,8 @@ pub(crate) struct EvaluateArgs {
 
     /// Which part of the set to score: a word of its split.tsv, or all
     ///
-    /// Models that learn online are trained on the part `train` first, unless that is scored itself (train, all) or
-    /// there is none: then they start cold.
+    /// Models that learn online are trained on the part `train` first, unless that is scored itself (train,
+    /// all) or there is none: then they start cold.
     #[arg(long, value_name = "WORD", default_value = "all")]
     split: Split,
 

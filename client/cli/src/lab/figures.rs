@@ -21,7 +21,8 @@ pub(crate) struct Fig2Args {
     #[command(flatten)]
     pub(super) lab: LabArgs,
 
-    /// Who predicts, comma-separated: hold (trust 0), mixture (automatic trust); all others with trust 1 [default: all]
+    /// Who predicts, comma-separated: hold (trust 0), mixture (automatic trust); all others with trust 1
+    /// [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,
 }
@@ -129,7 +130,8 @@ impl Session {
                 kind.name(),
                 self.config.settings().pen.step_ms
             ),
-            "name one that was trained for this step (--set predictor.lstm=FILE.safetensors), or another predictor",
+            "name one that was trained for this step (--set predictor.lstm=FILE.safetensors), or another \
+             predictor",
         ))
     }
 

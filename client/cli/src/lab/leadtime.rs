@@ -141,7 +141,8 @@ fn print(board: &Board) {
     let unit = if board.unit == "mm" { "mm" } else { "raw units" };
     say!("{}", title(board));
     say!(
-        "RMS of the 2-D position error [{unit}]; at 100 ms also along and across the motion, the mean lag, and the bands\n"
+        "RMS of the 2-D position error [{unit}]; at 100 ms also along and across the motion, the mean lag, \
+         and the bands\n"
     );
     let wide = table::width(board.models.iter().map(|lane| lane.model.as_str()));
     let heads: String = SHOWN_MS.iter().map(|ms| format!(" {:>9}", format!("{ms} ms"))).collect();

@@ -29,40 +29,43 @@ use crate::settings::SettingsArgs;
 pub(crate) enum LabCommand {
     /// Figure 2 of the paper: feedback only, prediction and perfect foresight on letters of a data set
     ///
-    /// Every letter of the test writers is written by the control law with each predictor, in front of an ideal arm and
-    /// in front of the simulated UR5. Errors are between tool and pen at the same instant, pen down. The picture shows
-    /// hold, constant-velocity, dybm, mixture and oracle, or everybody where --predictors names at most five.
+    /// Every letter of the test writers is written by the control law with each predictor, in front of an
+    /// ideal arm and in front of the simulated UR5. Errors are between tool and pen at the same instant, pen
+    /// down. The picture shows hold, constant-velocity, dybm, mixture and oracle, or everybody where
+    /// --predictors names at most five.
     Fig2(figures::Fig2Args),
     /// Figure 3 of the paper: switching from feedback to prediction in steps 30 to 40 of a letter
     ///
-    /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of the error.
+    /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of
+    /// the error.
     Fig3(figures::Fig3Args),
-    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against baselines, four arms
+    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against
+    /// baselines, four arms
     ///
-    /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and letters of
-    /// 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of 0.03 m.
+    /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and
+    /// letters of 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of 0.03 m.
     ClosedLoop(closed_loop::ClosedLoopArgs),
     /// Table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
-    /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are the shares of
-    /// sequences with a smaller error than constant velocity and than the reference LSTM(10).
+    /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are
+    /// the shares of sequences with a smaller error than constant velocity and than the reference LSTM(10).
     Table1(table1::Table1Args),
     /// Any predictor on any part of any data set, also without a train part
     Evaluate(evaluate::EvaluateArgs),
     /// Error against look-ahead time, 10 to 200 ms, on devices of any rate: a leaderboard for pen prediction
     ///
-    /// Others take part with an LSTM (lstm:FILE.safetensors) or with predictions (file:PREDICTIONS.csv) for the targets
-    /// that --export-targets writes.
+    /// Others take part with an LSTM (lstm:FILE.safetensors) or with predictions (file:PREDICTIONS.csv) for
+    /// the targets that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
     /// Train an LSTM on recorded handwriting
     ///
-    /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same seed, data and
-    /// options give the same file. An interrupted training continues with --resume.
+    /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same
+    /// seed, data and options give the same file. An interrupted training continues with --resume.
     Train(train::TrainArgs),
     /// Make every picture of README and docs anew
     ///
-    /// Those of the demo from a run of it; those of recordings where --recordings says where the data sets lie. What cannot
-    /// be made is named with the command that makes it. Prints each picture's figures.
+    /// Those of the demo from a run of it; those of recordings where --recordings says where the data sets
+    /// lie. What cannot be made is named with the command that makes it. Prints each picture's figures.
     Pictures(pictures::PicturesArgs),
 }
 

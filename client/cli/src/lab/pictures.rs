@@ -1,7 +1,8 @@
-//! `foretrace lab pictures`: every picture of the documents anew, each by the command that a reader can type too.
+//! `foretrace lab pictures`: every picture of the documents anew, each by the command that a reader can type
+//! too.
 //!
-//! Contract: the table below is the only place that says which picture comes from what. A picture that cannot be made here is
-//! named with its command and left as it is; one that can is written whole or not at all.
+//! Contract: the table below is the only place that says which picture comes from what. A picture that cannot
+//! be made here is named with its command and left as it is; one that can is written whole or not at all.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -35,14 +36,16 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
     (
         "closed-loop-pareto.svg",
         "unipen-tos",
-        "closed-loop --data {} --limit 2 --pareto --arms ideal,ur5 --predictors mixture,servoj-ros,otg,kalman",
+        "closed-loop --data {} --limit 2 --pareto --arms ideal,ur5 --predictors \
+         mixture,servoj-ros,otg,kalman",
         "closed-loop-pareto.svg",
     ),
 ];
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  foretrace lab pictures\n  foretrace lab pictures --recordings DATA --only fig3-unipen-ced.svg"
+    after_help = "Examples:\n  foretrace lab pictures\n  foretrace lab pictures --recordings DATA --only \
+                  fig3-unipen-ced.svg"
 )]
 pub(crate) struct PicturesArgs {
     /// Folder of the pictures

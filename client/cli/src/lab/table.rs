@@ -1,4 +1,5 @@
-//! What the commands about prediction tables share: loading a set, choosing models, the table as text, JSON and picture.
+//! What the commands about prediction tables share: loading a set, choosing models, the table as text, JSON
+//! and picture.
 
 use std::path::Path;
 
@@ -90,10 +91,12 @@ pub(super) fn print(set: &Set, scored: &Scored) {
         );
     }
     say!(
-        "\nErrors in raw units² per sample, mean over components. PS-B, PS-LSTM: sequences [%] below constant velocity"
+        "\nErrors in raw units² per sample, mean over components. PS-B, PS-LSTM: sequences [%] below \
+         constant velocity"
     );
     say!(
-        "and below lstm10-reference. mm: RMS of the 2-D position error after 10 steps, windows without a jump."
+        "and below lstm10-reference. mm: RMS of the 2-D position error after 10 steps, windows without a \
+         jump."
     );
     for (model, note) in notes(scored) {
         say!("{model}: {note}");

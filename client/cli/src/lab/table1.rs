@@ -22,12 +22,18 @@ const ENDS: usize = 12;
 
 /// Where this table and the paper's part.
 const FOOTER: &str = "
-Differences from the paper (Agravante et al. 2018, Table 1). Its numbers, on LaViola's symbols, which cannot be had any
-more: constant velocity MSE 3.0875; LSTM 3.7132 (PS-B 67); DyBM offline 3.2483 (PS-B 39, PS-LSTM 31), online 2.7151
-(79, 39), online with ESN 2.2715 (90, 42). Data, writers, units and tuning differ here, so errors compare within a table
-only. On unipen-ced two of its findings do not come out: the LSTM is not worse than constant velocity in MSE, and plain
-online DyBM is not below it in four sequences of five. The pooled MSE is mostly jumps between strokes, which nobody can
-foresee from pen-down points: judge by within, PS-B, PS-LSTM and mm. PS-LSTM moves by 2 to 7 points with the seed of the
+Differences from the paper (Agravante et al. 2018, Table 1). Its numbers, on LaViola's symbols, which cannot \
+be had any
+more: constant velocity MSE 3.0875; LSTM 3.7132 (PS-B 67); DyBM offline 3.2483 (PS-B 39, PS-LSTM 31), online \
+2.7151
+(79, 39), online with ESN 2.2715 (90, 42). Data, writers, units and tuning differ here, so errors compare \
+within a table
+only. On unipen-ced two of its findings do not come out: the LSTM is not worse than constant velocity in \
+MSE, and plain
+online DyBM is not below it in four sequences of five. The pooled MSE is mostly jumps between strokes, which \
+nobody can
+foresee from pen-down points: judge by within, PS-B, PS-LSTM and mm. PS-LSTM moves by 2 to 7 points with the \
+seed of the
 LSTM, so it is always against the same trained network. Times are of this machine and build.";
 
 #[derive(Debug, clap::Args)]
@@ -48,8 +54,8 @@ pub(crate) struct Table1Args {
     #[arg(long)]
     by_label: bool,
 
-    /// Train lstm10 (the paper's recipe) and lstm32 (the robust one) anew on the train part, instead of their shipped
-    /// weights
+    /// Train lstm10 (the paper's recipe) and lstm32 (the robust one) anew on the train part, instead of their
+    /// shipped weights
     #[arg(long)]
     train: bool,
 

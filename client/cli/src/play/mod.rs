@@ -1,7 +1,8 @@
 //! `foretrace play`: handwriting as if a pen wrote it now.
 //!
-//! Contract: every sample carries the instant at which the pen was there and is sent at that instant, by absolute
-//! sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do. Outlives the daemon.
+//! Contract: every sample carries the instant at which the pen was there and is sent at that instant, by
+//! absolute sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do.
+//! Outlives the daemon.
 
 pub(crate) mod source;
 mod way;
@@ -30,14 +31,15 @@ const NAP_NS: u64 = 100_000_000;
 
 /// Play handwriting into the loop, in real time, as a pen tablet would
 ///
-/// SOURCE is one or more recordings (UNIPEN, InkML, Character Trajectories), a data-set folder (its test part, or all
-/// where it has none), one CSV with the columns t_s,x_m,y_m,contact, or glyphs:TEXT for the built-in writer. Recorded
-/// ink is recentred into the workspace of the settings; where a recording has no hover between two strokes, a lift and
-/// travel is put in.
+/// SOURCE is one or more recordings (UNIPEN, InkML, Character Trajectories), a data-set folder (its test
+/// part, or all where it has none), one CSV with the columns t_s,x_m,y_m,contact, or glyphs:TEXT for the
+/// built-in writer. Recorded ink is recentred into the workspace of the settings; where a recording has no
+/// hover between two strokes, a lift and travel is put in.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Examples:\n  foretrace play glyphs:Hello\n  foretrace play data/unipen-ced/data/001.dat --label K --loop\n  foretrace play path.csv --speed 0.5"
+    after_help = "Examples:\n  foretrace play glyphs:Hello\n  foretrace play data/unipen-ced/data/001.dat \
+                  --label K --loop\n  foretrace play path.csv --speed 0.5"
 )]
 pub(crate) struct PlayArgs {
     /// What to play
@@ -59,7 +61,8 @@ pub(crate) struct PlayArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
-    /// Send to the socket of a `foretrace gateway` instead of into shared memory; for users other than the daemon's
+    /// Send to the socket of a `foretrace gateway` instead of into shared memory; for users other than the
+    /// daemon's
     #[arg(long, value_name = "PATH")]
     gateway: Option<PathBuf>,
 

@@ -1,7 +1,7 @@
 //! Where a pen path comes from: recordings, a data-set folder, a plain CSV, or the built-in writer.
 //!
-//! Contract: recorded ink is recentred into the workspace, one scale for all of it; a CSV is taken as it stands. Whatever
-//! had to be left out is said in `notes`.
+//! Contract: recorded ink is recentred into the workspace, one scale for all of it; a CSV is taken as it
+//! stands. Whatever had to be left out is said in `notes`.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -60,7 +60,9 @@ pub(crate) struct Source {
 
 /// Loads what the `names` on the command line stand for into the workspace of `settings`.
 ///
-/// *Errors*: a missing or malformed file, mixed kinds, nothing left to play, an unknown glyph.
+/// # Errors
+///
+/// A missing or malformed file, mixed kinds, nothing left to play, an unknown glyph.
 pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Result<Source, Failure> {
     let workspace = Workspace::of(settings);
     let mut source = match names {

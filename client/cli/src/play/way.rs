@@ -43,7 +43,9 @@ impl Way {
 
     /// Sends one reading.
     ///
-    /// *Errors*: the gateway ended the connection.
+    /// # Errors
+    ///
+    /// The gateway ended the connection.
     pub(super) fn send(&mut self, reading: PenReading) -> Result<Sent, Failure> {
         Ok(match self {
             Self::Shared { feed, .. } => match feed.as_mut().map(|feed| feed.send(reading)) {

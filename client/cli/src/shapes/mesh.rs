@@ -36,7 +36,9 @@ impl Search {
 
     /// The file that `name` of the description stands for.
     ///
-    /// *Errors*: no such package or file, in words.
+    /// # Errors
+    ///
+    /// No such package or file, in words.
     pub(super) fn find(&self, name: &str) -> Result<PathBuf, String> {
         let path = match name.strip_prefix("package://") {
             Some(rest) => {
@@ -62,7 +64,8 @@ impl Search {
         let shelved = self.shelves.iter().map(|shelf| shelf.join(package));
         above.chain(shelved).find(|folder| folder.is_dir()).ok_or_else(|| {
             format!(
-                "package://{package}: no folder of that name above {}, in ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; \
+                "package://{package}: no folder of that name above {}, in ROS_PACKAGE_PATH or \
+                 AMENT_PREFIX_PATH; \
                  give --package {package}=DIR",
                 self.folder.display()
             )
@@ -80,7 +83,9 @@ pub(super) struct Mesh {
 
 /// Reads `file`, every vertex moved by `placed`.
 ///
-/// *Errors*: what is wrong with it, in words.
+/// # Errors
+///
+/// What is wrong with it, in words.
 pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Result<Mesh, String> {
     let wrong = |why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
     let extension =

@@ -123,8 +123,10 @@ fn proposal(link: &Link, pose: &Pose, geometry: &Geometry, search: &Search) -> R
 
 fn fragment(proposals: &[Proposal]) -> String {
     let mut out = String::from(
-        "<!-- Capsules around meshes, by `foretrace config shapes`. Put each <collision> into its link, in place of the mesh.\n     \
-         A cylinder stands for a capsule: foretrace puts half-spheres at its ends, which other programs do not. -->\n",
+        "<!-- Capsules around meshes, by `foretrace config shapes`. Put each <collision> into its link, in \
+         place of the mesh.\n     \
+         A cylinder stands for a capsule: foretrace puts half-spheres at its ends, which other programs do \
+         not. -->\n",
     );
     let mut open: Option<&str> = None;
     // Writing to a string does not fail.
@@ -143,7 +145,8 @@ fn fragment(proposals: &[Proposal]) -> String {
         };
         let _ = writeln!(
             out,
-            "  <collision>\n    <origin xyz=\"{x:.7} {y:.7} {z:.7}\" rpy=\"{roll:.7} {pitch:.7} {yaw:.7}\"/>\n    \
+            "  <collision>\n    <origin xyz=\"{x:.7} {y:.7} {z:.7}\" rpy=\"{roll:.7} {pitch:.7} \
+             {yaw:.7}\"/>\n    \
              <geometry>{geometry}</geometry>\n  </collision>"
         );
     }
@@ -162,7 +165,8 @@ fn size(mesh: &Mesh, capsule: &Capsule) -> String {
             100.0 * (capsule.volume() / volume - 1.0)
         ),
         None => format!(
-            "{count} vertices, all inside; capsule {litres:.3} l (the mesh is not closed: its own volume is not known)"
+            "{count} vertices, all inside; capsule {litres:.3} l (the mesh is not closed: its own volume is \
+             not known)"
         ),
     }
 }

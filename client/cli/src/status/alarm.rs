@@ -1,7 +1,8 @@
-//! `--alarm 'pen_to_command.p99_us>5000'`: a bound on a figure of the status, which ends the program when it is broken.
+//! `--alarm 'pen_to_command.p99_us>5000'`: a bound on a figure of the status, which ends the program when it
+//! is broken.
 //!
-//! Contract: the figure is named as in `status --json`, with dots between keys. What is not there is refused before anything is
-//! watched; what is not known at the moment (null) breaks no bound.
+//! Contract: the figure is named as in `status --json`, with dots between keys. What is not there is refused
+//! before anything is watched; what is not known at the moment (null) breaks no bound.
 
 use std::fmt;
 

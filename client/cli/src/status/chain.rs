@@ -1,7 +1,7 @@
 //! The chain from pen to arm: where the time goes, how late the arm is, and what the plan makes of it.
 //!
-//! Contract: medians of about the last second, as the status carries them; what is not known is left out of the words and
-//! null in JSON.
+//! Contract: medians of about the last second, as the status carries them; what is not known is left out of
+//! the words and null in JSON.
 
 use foretrace_shm::{Latency, Status};
 use serde_json::{Value, json};
@@ -90,7 +90,8 @@ mod tests {
         status.chain =
             Chain { pen_reader_ns: 100_000, pen_transport_ns: 1_200_000, compute_ns: 20_000, ..status.chain };
         status.arm_lag = ArmLag { dead_time_ns: 33_200_000, lag_s: 0.0341, std_s: 0.0006, shift_s: 0.0332 };
-        let words = "pen 3.1 ms old (0.1 in its reader, 1.2 on the way), computed in 0.02, sent to the arm in 0.4, \
+        let words = "pen 3.1 ms old (0.1 in its reader, 1.2 on the way), computed in 0.02, sent to the arm \
+                     in 0.4, \
                      arm 34.1 ± 0.6 late (33.2 in this motion); planned for 33.2 ms";
         assert_eq!(text(&status), words);
         let age_ms = json(&status)["pen_age_ms"].as_f64().unwrap();

@@ -24,14 +24,15 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Show the daemon's mode, rates, latencies, losses, trust and learner
 ///
-/// Spreads are over all ticks since the daemon started: wakeup is from the planned start of a tick to its real one, step
-/// from there to the command published, the others are its stages.
+/// Spreads are over all ticks since the daemon started: wakeup is from the planned start of a tick to its
+/// real one, step from there to the command published, the others are its stages.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  foretrace status --watch\n  foretrace status --watch --json - | jq .pen_to_command.p99_us\n  foretrace status --watch --alarm 'pen_to_command.p99_us>5000' --alarm 'loop.overruns>100'"
-)]
+#[command(after_help = "Examples:\n  foretrace status --watch\n  foretrace status --watch --json - | jq \
+                  .pen_to_command.p99_us\n  foretrace status --watch --alarm 'pen_to_command.p99_us>5000' \
+                  --alarm 'loop.overruns>100'")]
 pub(crate) struct StatusArgs {
-    /// Show it anew until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` a line of JSON per second instead
+    /// Show it anew until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` a line of JSON per
+    /// second instead
     #[arg(long)]
     watch: bool,
 

@@ -1,7 +1,8 @@
 //! The page of `status --watch`: 80 columns by 24 lines, the most important first.
 //!
-//! Contract: at most [`LINES`] lines of at most [`COLUMNS`] columns, whatever the status holds. Mode, reason and what to do come
-//! first, then the chain, the loop, pen, arm and trust; `foretrace status` without `--watch` has everything.
+//! Contract: at most [`LINES`] lines of at most [`COLUMNS`] columns, whatever the status holds. Mode, reason
+//! and what to do come first, then the chain, the loop, pen, arm and trust; `foretrace status` without
+//! `--watch` has everything.
 
 use foretrace_shm::{FaultReason, Latency, Mode, Stage, Status, TrustReason, missing_rights};
 

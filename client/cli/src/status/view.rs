@@ -77,7 +77,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         ));
     }
     line(format_args!(
-        "\npen         newest {}   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of order   {} ticks left some",
+        "\npen         newest {}   {} samples   {} dropped   {} rejected   {} outliers   {} gaps   {} out of \
+         order   {} ticks left some",
         age(status.pen_age_ns),
         counts.pen_received,
         counts.pen_dropped,
@@ -88,7 +89,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.pen_deferred_ticks
     ));
     line(format_args!(
-        "arm         newest {}   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, {} failed",
+        "arm         newest {}   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, \
+         {} failed",
         age(status.joint_state_age_ns),
         counts.joint_state_received,
         counts.joint_state_dropped,
@@ -138,7 +140,8 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         status.learner_refused
     ));
     line(format_args!(
-        "rings       {} telemetry and {} learner records dropped   {} weights refused, {} overtaken   {} events lost",
+        "rings       {} telemetry and {} learner records dropped   {} weights refused, {} overtaken   {} \
+         events lost",
         counts.telemetry_ring_dropped,
         counts.learner_ring_dropped,
         counts.weights_refused,
@@ -235,7 +238,10 @@ pub(crate) fn json(status: &Status) -> Value {
             "index": refused.rejection().and_then(|rejection| rejection.index),
             "value": refused.rejection().map(|rejection| rejection.value),
             "bound": refused.rejection().map(|rejection| rejection.bound),
-            "age_ms": age_ms(if refused.at_ns == 0 { u64::MAX } else { status.header.stamp_ns.saturating_sub(refused.at_ns) }),
+            "age_ms": age_ms(match refused.at_ns {
+                0 => u64::MAX,
+                at => status.header.stamp_ns.saturating_sub(at),
+            }),
         })),
         "envelope": ExtentFigures::told(&status.extent),
         "arm_speed_share": (status.arm_speed_share >= 0.0).then_some(status.arm_speed_share),

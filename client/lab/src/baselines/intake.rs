@@ -12,7 +12,7 @@ const FUTURE_S: f64 = 0.010;
 pub(super) enum Arrival {
     /// The first one, or the first after a gap.
     First,
-    /// So much later than the last one [s].
+    /// So much later than the last one \[s\].
     Next(f64),
     /// Not to be used.
     Dropped,
@@ -47,7 +47,8 @@ impl Intake {
         self.newest.map(|(_, position)| position)
     }
 
-    /// Age of the newest sample [s]; a pen silent for longer than a gap counts as standing where it was led to by then.
+    /// Age of the newest sample \[s\]; a pen silent for longer than a gap counts as standing where it was led
+    /// to by then.
     pub(super) fn age_s(&self, now_s: f64) -> f64 {
         self.newest.map_or(0.0, |(t, _)| (now_s - t).clamp(0.0, GAP_S))
     }

@@ -1,12 +1,13 @@
 //! Constant-acceleration Kalman filter per axis, predicting to where the pen will be: as browsers draw ink.
 //!
-//! Filter and rules follow what Chromium's `ui/base/prediction` (BSD-3) documents and does, in own words and code: state
-//! [position, velocity, acceleration], noise enters as a random change of acceleration g·w with g = [½dt², dt, 1], the
-//! measurement is the position; a prediction starts at the newest sample, needs four samples, everything is forgotten
-//! after 20 ms of silence, predictions reach at most 25 ms. For delegated ink trails two more rules are on there: no
-//! prediction that would turn back, and acceleration only where the path turned by more than 15° in its last 40 ms.
-//! Chromium counts in pixels and milliseconds: process 0.1 px/ms², measurement 1 px. Only their ratio matters, and it is
-//! free of lengths: 1e5 s⁻². The first covariance is scaled likewise.
+//! Filter and rules follow what Chromium's `ui/base/prediction` (BSD-3) documents and does, in own words and
+//! code: state \[position, velocity, acceleration\], noise enters as a random change of acceleration g·w with
+//! g = \[½dt², dt, 1\], the measurement is the position; a prediction starts at the newest sample, needs four
+//! samples, everything is forgotten after 20 ms of silence, predictions reach at most 25 ms. For delegated
+//! ink trails two more rules are on there: no prediction that would turn back, and acceleration only where
+//! the path turned by more than 15° in its last 40 ms. Chromium counts in pixels and milliseconds: process
+//! 0.1 px/ms², measurement 1 px. Only their ratio matters, and it is free of lengths: 1e5 s⁻². The first
+//! covariance is scaled likewise.
 
 use std::collections::VecDeque;
 
@@ -18,9 +19,9 @@ use super::{Baseline, BaselineSettings, KalmanKnobs, OneEuro, Origin, PostFilter
 
 /// Samples before the first prediction.
 const SETTLED: u32 = 4;
-/// How far back the turn of the path is looked at [s].
+/// How far back the turn of the path is looked at \[s\].
 const TURN_WINDOW_S: f64 = 0.040;
-/// Less turn than this is straight [rad].
+/// Less turn than this is straight \[rad\].
 const TURN_MIN_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// More samples than the turn window holds at 1 kHz.
 const RECENT: usize = 64;
@@ -98,7 +99,7 @@ impl KalmanWay {
         Some(predicted)
     }
 
-    /// By how much the path turned over the recent samples [rad], left positive.
+    /// By how much the path turned over the recent samples \[rad\], left positive.
     fn turn_rad(&self) -> f64 {
         let steps = self.recent.iter().zip(self.recent.iter().skip(1));
         let mut before: Option<[f64; 2]> = None;
@@ -154,7 +155,7 @@ impl Post {
 /// One axis.
 #[derive(Debug, Clone, Copy, Default)]
 struct Filter {
-    /// [m, m/s, m/s²]
+    /// \[m, m/s, m/s²\]
     state: Vector3<f64>,
     covariance: Matrix3<f64>,
     samples: u32,
@@ -162,7 +163,8 @@ struct Filter {
 
 impl Filter {
     fn at(position: f64, measurement_m: f64) -> Self {
-        // One pixel, pixel per millisecond and pixel per millisecond², a pixel being the measurement's deviation.
+        // One pixel, pixel per millisecond and pixel per millisecond², a pixel being the measurement's
+        // deviation.
         let per_ms = Vector3::new(1.0, 1e6, 1e12) * measurement_m.powi(2);
         Self {
             state: Vector3::new(position, 0.0, 0.0),

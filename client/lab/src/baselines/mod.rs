@@ -1,10 +1,11 @@
 //! The baselines: what foretrace is compared with in closed loop.
 //!
-//! Contract: a [`Baseline`] hears the pen's samples as they arrive and says once per control period where the tool shall be
-//! at the end of that period, in the plane [m]. Deterministic; no clock, no file. Each is implemented from its published
-//! description with its published defaults, then tuned on training data in its own favour ([`BaselineSettings::new`]).
-//! Samples that are not finite, not later than the last one taken, or stamped in the future are dropped.
-//! Absent: the arm, inverse kinematics, and the daemon; nothing here is linked into the real-time loop.
+//! Contract: a [`Baseline`] hears the pen's samples as they arrive and says once per control period where the
+//! tool shall be at the end of that period, in the plane \[m\]. Deterministic; no clock, no file. Each is
+//! implemented from its published description with its published defaults, then tuned on training data in its
+//! own favour ([`BaselineSettings::new`]). Samples that are not finite, not later than the last one taken, or
+//! stamped in the future are dropped. Absent: the arm, inverse kinematics, and the daemon; nothing here is
+//! linked into the real-time loop.
 
 mod settings;
 mod tuned;
@@ -32,7 +33,7 @@ use foretrace_sim::path::PathSample;
 
 /// A baseline: pen samples in, where the tool is to be, once per control period.
 pub trait Baseline: Send {
-    /// The tool's target in the plane [m] for the end of the period that begins at `now_s`.
+    /// The tool's target in the plane \[m\] for the end of the period that begins at `now_s`.
     ///
     /// `pen`: samples received since the last call, in order. `None` before the first sample.
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]>;
@@ -50,7 +51,9 @@ pub trait Baseline: Send {
 
 /// The way `kind` with these settings; those of other kinds in `settings` are not looked at.
 ///
-/// *Errors*: a number outside its legal range, by name.
+/// # Errors
+///
+/// A number outside its legal range, by name.
 pub fn build(kind: BaselineKind, settings: &BaselineSettings) -> Result<Box<dyn Baseline>, BaselineError> {
     settings.check(kind)?;
     Ok(match kind {

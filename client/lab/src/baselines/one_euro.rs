@@ -1,7 +1,8 @@
 //! The 1€ filter: a low-pass whose cut-off grows with speed. Little jitter at rest, little lag in motion.
 //!
-//! Source: Casiez, Roussel, Vogel, "1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in Interactive
-//! Systems", CHI 2012, equations 1 to 6 and appendix A. Own code. Per axis, as is usual for positions.
+//! Source: Casiez, Roussel, Vogel, "1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in
+//! Interactive Systems", CHI 2012, equations 1 to 6 and appendix A. Own code. Per axis, as is usual for
+//! positions.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +12,7 @@ use super::OneEuroKnobs;
 #[derive(Debug, Clone, Copy)]
 pub struct OneEuro {
     knobs: OneEuroKnobs,
-    /// Filtered position [m] and filtered speed [m/s] per axis; `None` before the first value.
+    /// Filtered position \[m\] and filtered speed \[m/s\] per axis; `None` before the first value.
     axes: Option<[Axis; 2]>,
 }
 
@@ -28,12 +29,12 @@ impl OneEuro {
         Self { knobs, axes: None }
     }
 
-    /// Forgets everything and stands at `position` [m].
+    /// Forgets everything and stands at `position` \[m\].
     pub fn restart(&mut self, position: [f64; 2]) {
         self.axes = Some(position.map(|position| Axis { position, speed: 0.0 }));
     }
 
-    /// Filters `position` [m], which came `elapsed_s` after the last one; the first passes unchanged.
+    /// Filters `position` \[m\], which came `elapsed_s` after the last one; the first passes unchanged.
     pub fn step(&mut self, elapsed_s: f64, position: [f64; 2]) -> [f64; 2] {
         let Some(mut axes) = self.axes.filter(|_| elapsed_s > 0.0) else {
             self.restart(position);
@@ -50,7 +51,7 @@ impl OneEuro {
         axes.map(|axis| axis.position)
     }
 
-    /// The newest filtered position [m].
+    /// The newest filtered position \[m\].
     #[must_use]
     pub fn position(&self) -> Option<[f64; 2]> {
         self.axes.map(|axes| axes.map(|axis| axis.position))

@@ -1,18 +1,19 @@
 //! How well a way aims, without an arm: its target for an instant against where the pen was at that instant.
 //!
-//! Contract: each path is played in real time from a resting pen, samples are heard at the first period at or after their
-//! stamp, and the target made at `now` is scored against the pen (linear between samples, gaps left out) at
-//! `now + period + dead time`, the instant at which an arm that takes the dead time would be there. Ways that smooth in the
-//! arm's servo are scored behind a [`SoftServo`](super::SoftServo). Absent: limits of an arm, inverse kinematics.
+//! Contract: each path is played in real time from a resting pen, samples are heard at the first period at or
+//! after their stamp, and the target made at `now` is scored against the pen (linear between samples, gaps
+//! left out) at `now + period + dead time`, the instant at which an arm that takes the dead time would be
+//! there. Ways that smooth in the arm's servo are scored behind a [`SoftServo`](super::SoftServo). Absent:
+//! limits of an arm, inverse kinematics.
 
 use super::{BaselineError, BaselineKind, BaselineSettings, build, soften};
 use crate::parallel;
 use foretrace_sim::metrics::{ToolSample, error_series, motion};
 use foretrace_sim::path::PathSample;
 
-/// The pen rests on its first sample for this long before it moves [s].
+/// The pen rests on its first sample for this long before it moves \[s\].
 const WAIT_S: f64 = 0.5;
-/// Spacing of the samples of a resting pen [s].
+/// Spacing of the samples of a resting pen \[s\].
 const WAIT_STEP_S: f64 = 0.005;
 
 /// Sums of periods and stamps differ by less.
@@ -21,11 +22,11 @@ const ROUNDING_S: f64 = 1e-9;
 /// Means over paths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpenLoop {
-    /// Mean over paths of the mean squared error, hover included [m²].
+    /// Mean over paths of the mean squared error, hover included \[m²\].
     pub mse_m2: f64,
-    /// The same where the pen was down [m²].
+    /// The same where the pen was down \[m²\].
     pub pen_down_mse_m2: f64,
-    /// Root of the mean over paths of the mean squared jerk of the target [m/s³].
+    /// Root of the mean over paths of the mean squared jerk of the target \[m/s³\].
     pub rms_jerk_mps3: f64,
     /// Periods without a plan.
     pub failures: u64,
@@ -33,7 +34,9 @@ pub struct OpenLoop {
 
 /// Scores `kind` with `settings` over `paths`; paths on which nothing can be scored do not count.
 ///
-/// *Errors*: illegal settings.
+/// # Errors
+///
+/// Illegal settings.
 pub fn open_loop(
     kind: BaselineKind,
     settings: &BaselineSettings,

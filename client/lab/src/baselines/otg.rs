@@ -1,13 +1,13 @@
 //! Online trajectory generation towards a moving target: the usual answer of arms that must not jerk.
 //!
-//! Every period the pen's state is estimated from its last samples, extrapolated with constant acceleration by its age,
-//! the period and the dead time, and a jerk-limited time-optimal trajectory from the tool's commanded state to that
-//! state is planned anew (crate `rsruckig`, a port of Ruckig: Berscheid and Kröger, RSS 2021; its tracking interface
-//! clamps targets that the limits cannot reach). Axes are independent. A period without a plan follows the last plan, and
-//! where that has ended, brakes; both are counted.
+//! Every period the pen's state is estimated from its last samples, extrapolated with constant acceleration
+//! by its age, the period and the dead time, and a jerk-limited time-optimal trajectory from the tool's
+//! commanded state to that state is planned anew (crate `rsruckig`, a port of Ruckig: Berscheid and Kröger,
+//! RSS 2021; its tracking interface clamps targets that the limits cannot reach). Axes are independent. A
+//! period without a plan follows the last plan, and where that has ended, brakes; both are counted.
 //!
-//! A trajectory to where the pen is now arrives when the pen is elsewhere. With `intercept` the target is taken as much
-//! later as the way there takes: the shortest such time is searched.
+//! A trajectory to where the pen is now arrives when the pen is elsewhere. With `intercept` the target is
+//! taken as much later as the way there takes: the shortest such time is searched.
 
 use foretrace_sim::path::PathSample;
 use rsruckig::prelude::{
@@ -141,7 +141,8 @@ impl Generator {
         }
     }
 
-    /// Moves through one period towards `pen`, the pen at the end of the period; false where there was no plan.
+    /// Moves through one period towards `pen`, the pen at the end of the period; false where there was no
+    /// plan.
     fn follow(&mut self, pen: &AxisTrend, knobs: &OtgKnobs) -> bool {
         let met_s = if knobs.intercept { self.meeting_s(pen, knobs) } else { self.period_s };
         // A tool ahead of the pen must not arrive early.
@@ -158,8 +159,9 @@ impl Generator {
         planned
     }
 
-    /// The shortest time [s], counted from the beginning of the period, in which the pen can be met on its way: doubling,
-    /// then halving. Where it cannot be met in time, the period: the tool then follows as without interception.
+    /// The shortest time \[s\], counted from the beginning of the period, in which the pen can be met on its
+    /// way: doubling, then halving. Where it cannot be met in time, the period: the tool then follows as
+    /// without interception.
     fn meeting_s(&mut self, pen: &AxisTrend, knobs: &OtgKnobs) -> f64 {
         let (mut early, mut met) = (0.0, self.period_s);
         while !self.arrives_within(pen, met, knobs) {
@@ -181,7 +183,8 @@ impl Generator {
         result.is_ok() && self.probed.new_calculation && self.probed.trajectory.get_duration() <= time_s
     }
 
-    /// Moves the commanded state through one period of a jerk-limited stop; where even that has no plan, stands still.
+    /// Moves the commanded state through one period of a jerk-limited stop; where even that has no plan,
+    /// stands still.
     fn stop(&mut self) {
         let mut input = self.input.clone();
         input.control_interface = ControlInterface::Velocity;
@@ -207,7 +210,7 @@ impl Generator {
     }
 }
 
-/// The pen further ahead than this is anybody's guess [s].
+/// The pen further ahead than this is anybody's guess \[s\].
 const MEETING_MAX_S: f64 = 0.1;
 
 /// The pen `later_s` on, as the generator's target.

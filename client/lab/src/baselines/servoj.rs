@@ -1,8 +1,10 @@
-//! The servoj ways: a 1€ filter on the pen, its value sent to the arm's servo, which smooths by its look-ahead.
+//! The servoj ways: a 1€ filter on the pen, its value sent to the arm's servo, which smooths by its
+//! look-ahead.
 //!
-//! [`SoftServo`] is that servo in software, for arms that have none: per axis a critically damped second order whose
-//! group delay is the look-ahead, the mathematics of [`foretrace_sim::arm`] without limits, joint loop and cycle of delay.
-//! Not modelled: servoj's gain. Universal Robots publish no law for it; measured lags fit the look-ahead alone.
+//! [`SoftServo`] is that servo in software, for arms that have none: per axis a critically damped second
+//! order whose group delay is the look-ahead, the mathematics of [`foretrace_sim::arm`] without limits, joint
+//! loop and cycle of delay. Not modelled: servoj's gain. Universal Robots publish no law for it; measured
+//! lags fit the look-ahead alone.
 
 use super::intake::{Arrival, GAP_S, Intake};
 use super::{Baseline, BaselineSettings, Feed, OneEuro, ServoKnobs};
@@ -56,7 +58,7 @@ impl Baseline for ServojWay {
 pub struct SoftServo {
     period_s: f64,
     look_ahead_s: f64,
-    /// Target of the last period [m], position [m] and velocity [m/s].
+    /// Target of the last period \[m\], position \[m\] and velocity \[m/s\].
     state: Option<[Follower; 2]>,
 }
 
@@ -74,7 +76,8 @@ impl SoftServo {
         Self { period_s, look_ahead_s: knobs.look_ahead_s, state: None }
     }
 
-    /// Where the tool is at the end of a period in which the target went straight from the last one to `target` [m].
+    /// Where the tool is at the end of a period in which the target went straight from the last one to
+    /// `target` \[m\].
     ///
     /// A target that is not finite counts as the last one.
     pub fn step(&mut self, target: [f64; 2]) -> [f64; 2] {

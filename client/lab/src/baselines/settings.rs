@@ -61,11 +61,11 @@ impl FromStr for BaselineKind {
 /// What a way may ask of the tool, per axis of the plane; infinite: no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// [m/s]
+    /// \[m/s\]
     pub velocity_mps: f64,
-    /// [m/s²]
+    /// \[m/s²\]
     pub acceleration_mps2: f64,
-    /// [m/s³]
+    /// \[m/s³\]
     pub jerk_mps3: f64,
 }
 
@@ -78,7 +78,7 @@ impl Limits {
 /// servoj's two knobs. Universal Robots allow 0.03 to 0.2 s and 100 to 2000, and default to 0.1 s and 300.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ServoKnobs {
-    /// `lookahead_time` [s].
+    /// `lookahead_time` \[s\].
     pub look_ahead_s: f64,
     /// `gain`. What it does inside the controller is unpublished; no arm of the lab models it.
     pub gain: f64,
@@ -96,18 +96,18 @@ pub enum Feed {
 /// The 1€ filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OneEuroKnobs {
-    /// Cut-off at rest [Hz].
+    /// Cut-off at rest \[Hz\].
     pub min_cutoff_hz: f64,
-    /// Growth of the cut-off with speed [Hz per m/s].
+    /// Growth of the cut-off with speed \[Hz per m/s\].
     pub beta_hz_per_mps: f64,
-    /// Cut-off of the speed estimate [Hz].
+    /// Cut-off of the speed estimate \[Hz\].
     pub speed_cutoff_hz: f64,
 }
 
 /// The trajectory generator and the target estimate in front of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OtgKnobs {
-    /// Pen samples of this last time make the estimate [s].
+    /// Pen samples of this last time make the estimate \[s\].
     pub window_s: f64,
     /// How much of the estimated acceleration is believed, 0 (constant velocity) to 1.
     pub acceleration_share: f64,
@@ -115,10 +115,10 @@ pub struct OtgKnobs {
     pub target_acceleration: bool,
     /// The target is where the pen will be when the tool can be there, not where it is now.
     pub intercept: bool,
-    /// Longest extrapolation without the way to the target [s].
+    /// Longest extrapolation without the way to the target \[s\].
     pub horizon_max_s: f64,
-    /// The generator's own limits, its knob between smoothness and lag; the smaller of these and the arm's count. With the
-    /// arm's limits off, 10 m/s, 3000 m/s² and 1e7 m/s³ stand for none.
+    /// The generator's own limits, its knob between smoothness and lag; the smaller of these and the arm's
+    /// count. With the arm's limits off, 10 m/s, 3000 m/s² and 1e7 m/s³ stand for none.
     pub limits: Limits,
 }
 
@@ -136,26 +136,29 @@ pub enum Origin {
 pub enum PostFilter {
     /// The 1€ filter, which Chromium offers.
     OneEuro(OneEuroKnobs),
-    /// servoj in software with this look-ahead [s], for which the prediction can reach further by `lead_extra_s`.
+    /// servoj in software with this look-ahead \[s\], for which the prediction can reach further by
+    /// `lead_extra_s`.
     Servo(f64),
 }
 
 /// The Kalman filter and the rules around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KalmanKnobs {
-    /// Standard deviation of a pen sample [m]. Only the ratio to `process_mps2` matters.
+    /// Standard deviation of a pen sample \[m\]. Only the ratio to `process_mps2` matters.
     pub measurement_m: f64,
-    /// Standard deviation of the change of acceleration per sample [m/s²]. Chromium: 1e5 s⁻² times `measurement_m`.
+    /// Standard deviation of the change of acceleration per sample \[m/s²\]. Chromium: 1e5 s⁻² times
+    /// `measurement_m`.
     pub process_mps2: f64,
     /// Where the prediction starts from.
     pub origin: Origin,
-    /// Longest prediction [s]. Chromium: 0.025.
+    /// Longest prediction \[s\]. Chromium: 0.025.
     pub horizon_max_s: f64,
-    /// Predicts so much further [s], to make up for a post-filter's lag. Chromium: 0.
+    /// Predicts so much further \[s\], to make up for a post-filter's lag. Chromium: 0.
     pub lead_extra_s: f64,
     /// Factor on ½at². Chromium: 1.
     pub acceleration_share: f64,
-    /// Acceleration only counts where the path turned by more than 15° in the last 40 ms (Chromium's ink trail).
+    /// Acceleration only counts where the path turned by more than 15° in the last 40 ms (Chromium's ink
+    /// trail).
     pub turn_rule: bool,
     /// No prediction where it would turn back (Chromium's ink trail).
     pub reversal_rule: bool,
@@ -181,11 +184,11 @@ impl KalmanKnobs {
 /// Everything a way needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaselineSettings {
-    /// Control period [s].
+    /// Control period \[s\].
     pub period_s: f64,
-    /// What the arm behind is known to take from command to motion [s]. The servoj ways do not use it.
+    /// What the arm behind is known to take from command to motion \[s\]. The servoj ways do not use it.
     pub dead_time_s: f64,
-    /// Height of a median glyph that the knobs are meant for [m].
+    /// Height of a median glyph that the knobs are meant for \[m\].
     pub height_m: f64,
     /// What may be asked of the tool. Only the trajectory generator obeys; for the others the arm clips.
     pub limits: Limits,
@@ -202,10 +205,11 @@ pub struct BaselineSettings {
 }
 
 impl BaselineSettings {
-    /// The way as tuned in its own favour: least error with limits off; before limits, the Kalman way as smooth as the jerk
-    /// limit calls for.
+    /// The way as tuned in its own favour: least error with limits off; before limits, the Kalman way as
+    /// smooth as the jerk limit calls for.
     ///
-    /// `height_m`: height of a median glyph [m]; knobs that carry a length go with it. See [`super::sweep`].
+    /// `height_m`: height of a median glyph \[m\]; knobs that carry a length go with it. See
+    /// [`super::sweep`].
     #[must_use]
     pub fn new(kind: BaselineKind, period_s: f64, dead_time_s: f64, limits: Limits, height_m: f64) -> Self {
         let servo = match kind {
@@ -246,7 +250,9 @@ impl BaselineSettings {
         self
     }
 
-    /// *Errors*: the first number of this way that is outside its range.
+    /// # Errors
+    ///
+    /// The first number of this way that is outside its range.
     pub(super) fn check(&self, kind: BaselineKind) -> Result<(), BaselineError> {
         let positive = f64::MIN_POSITIVE;
         let mut ranges = vec![

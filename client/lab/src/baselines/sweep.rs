@@ -5,8 +5,8 @@ use super::{BaselineKind, BaselineSettings, KalmanKnobs, OneEuroKnobs, ServoKnob
 
 /// Settings of `kind` from quick to smooth, each with a name; one of them is `settings` itself, "default".
 ///
-/// The predicting ways run along the rows they were tuned to, one for each budget of jerk; the servoj ways along the 1€
-/// filter's opening at their own look-ahead, then along servoj's look-ahead.
+/// The predicting ways run along the rows they were tuned to, one for each budget of jerk; the servoj ways
+/// along the 1€ filter's opening at their own look-ahead, then along servoj's look-ahead.
 #[must_use]
 pub fn sweep(kind: BaselineKind, settings: &BaselineSettings) -> Vec<(String, BaselineSettings)> {
     let mut points = vec![("default".to_owned(), *settings)];

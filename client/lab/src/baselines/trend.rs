@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 /// More samples than any window holds at 1 kHz would only cost time.
 const MOST: usize = 256;
 
-/// Position [m], velocity [m/s] and acceleration [m/s²] of one axis.
+/// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct AxisTrend {
     pub(super) position: f64,
@@ -51,8 +51,8 @@ impl Trend {
         }
     }
 
-    /// Least squares over the window at its newest sample: a parabola through three or more samples, a line through
-    /// two, rest with one. `None` without samples.
+    /// Least squares over the window at its newest sample: a parabola through three or more samples, a line
+    /// through two, rest with one. `None` without samples.
     pub(super) fn fit(&self) -> Option<[AxisTrend; 2]> {
         let &(newest, at) = self.samples.back()?;
         let still = at.map(|position| AxisTrend { position, ..AxisTrend::default() });

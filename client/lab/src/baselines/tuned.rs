@@ -1,17 +1,17 @@
 //! What the ways are set to, and along which settings each trades smoothness for error.
 //!
-//! Source: `client/lab/examples/tune_baselines.rs` on the training writers of unipen-tos, hover kept, median glyph 0.1 m high,
-//! period 2 ms: for each budget of RMS jerk the settings with the least mean squared error, separately for dead times of
-//! 0, 30 and 100 ms. The servoj ways cannot predict, so one row serves every dead time; theirs is the smoothest
-//! within 2 % of the least RMS error. Budgets are of the way's target without an arm, so they only order the rows: what an
-//! arm makes of them is for the benchmark to measure.
+//! Source: `client/lab/examples/tune_baselines.rs` on the training writers of unipen-tos, hover kept, median
+//! glyph 0.1 m high, period 2 ms: for each budget of RMS jerk the settings with the least mean squared error,
+//! separately for dead times of 0, 30 and 100 ms. The servoj ways cannot predict, so one row serves every
+//! dead time; theirs is the smoothest within 2 % of the least RMS error. Budgets are of the way's target
+//! without an arm, so they only order the rows: what an arm makes of them is for the benchmark to measure.
 
 use super::{BaselineKind, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter};
 
-/// Height of a median glyph while tuning [m].
+/// Height of a median glyph while tuning \[m\].
 pub(super) const TUNED_HEIGHT_M: f64 = 0.1;
 
-/// RMS jerk of the target for each row [m/s³].
+/// RMS jerk of the target for each row \[m/s³\].
 pub(super) const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
 
 pub(super) fn one_euro(kind: BaselineKind) -> OneEuroKnobs {
@@ -25,8 +25,9 @@ pub(super) fn kalman(dead_time_s: f64, jerk_mps3: f64) -> KalmanKnobs {
     kalman_rows(dead_time_s)[nearest(jerk_mps3)]
 }
 
-/// Least error. Where the arm's jerk limit is finite the generator keeps it anyway, and the estimate in front of it was
-/// tuned under the shipped limits of a tool before a UR5 (1 m/s, 15 m/s², 2000 m/s³; glyphs 0.03 m high).
+/// Least error. Where the arm's jerk limit is finite the generator keeps it anyway, and the estimate in front
+/// of it was tuned under the shipped limits of a tool before a UR5 (1 m/s, 15 m/s², 2000 m/s³; glyphs 0.03 m
+/// high).
 pub(super) fn otg(dead_time_s: f64, jerk_mps3: f64) -> OtgKnobs {
     match (jerk_mps3.is_finite(), dead_time_s < 0.015) {
         (false, _) => otg_rows(dead_time_s)[0],
@@ -81,7 +82,7 @@ pub(super) fn kalman_rows(dead_time_s: f64) -> [KalmanKnobs; 8] {
     }
 }
 
-/// A post-filter and how much further the prediction reaches because of it [s].
+/// A post-filter and how much further the prediction reaches because of it \[s\].
 type Post = Option<(PostFilter, f64)>;
 
 fn servo(look_ahead_s: f64, further_s: f64) -> Post {

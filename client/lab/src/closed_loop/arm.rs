@@ -24,27 +24,29 @@ pub enum BenchArm {
     Slow,
 }
 
-/// Delay of [`BenchArm::Delay30`] [s].
+/// Delay of [`BenchArm::Delay30`] \[s\].
 const DELAY_S: f64 = 0.030;
-/// From command to motion on [`BenchArm::Slow`] [s].
+/// From command to motion on [`BenchArm::Slow`] \[s\].
 const SLOW_S: f64 = 0.100;
 /// Largest gain that a plan may have.
 pub(super) const FREE_GAIN: f64 = 1e3;
-/// "Off" for the way the IK takes back to the commanded tool: velocity [m/s] and acceleration [m/s²].
+/// "Off" for the way the IK takes back to the commanded tool: velocity \[m/s\] and acceleration \[m/s²\].
 const FREE_CORRECTION: [f64; 2] = [1e3, 1e6];
-/// Shortest step that a plan may have [s], and the part of its effort that is left: least error on UNIPEN train writers.
+/// Shortest step that a plan may have \[s\], and the part of its effort that is left: least error on UNIPEN
+/// train writers.
 const FREE_STEP_S: f64 = 1e-3;
 const FREE_EASE: f64 = 0.1;
-/// Plans on these arms do not follow the settings, so that what is measured on them can be compared over the years: effort and
-/// gains, for steps of this length [s].
+/// Plans on these arms do not follow the settings, so that what is measured on them can be compared over the
+/// years: effort and gains, for steps of this length \[s\].
 const FREE_REFERENCE_S: f64 = 5e-3;
 const FREE_EFFORT: f64 = 10.0;
 const FREE_FEEDBACK: Gains = Gains { position: 1.0, velocity: 3.5, acceleration: 0.0, decay: 1.0 };
 const FREE_FEEDFORWARD: Gains = Gains { position: FREE_GAIN, velocity: 0.1, acceleration: 0.0, decay: 1.0 };
-/// "Off" for the joints: velocity [rad/s] and acceleration [rad/s²]. 30 times a UR5's velocity, and no more: the IK is linear over a
-/// period, and an arm that may turn a joint by half a turn in one is thrown by a leap of the pen.
+/// "Off" for the joints: velocity \[rad/s\] and acceleration \[rad/s²\]. 30 times a UR5's velocity, and no
+/// more: the IK is linear over a period, and an arm that may turn a joint by half a turn in one is thrown by
+/// a leap of the pen.
 const FREE_JOINTS: [f64; 2] = [100.0, 1e6];
-/// Half the width and height of the paper in front of an unlimited arm [m].
+/// Half the width and height of the paper in front of an unlimited arm \[m\].
 const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
 
 impl BenchArm {
@@ -62,7 +64,7 @@ impl BenchArm {
         }
     }
 
-    /// Height that the median train glyph gets [m].
+    /// Height that the median train glyph gets \[m\].
     #[must_use]
     pub const fn glyph_height_m(self) -> f64 {
         if self.limited() { 0.03 } else { 0.1 }
@@ -89,8 +91,8 @@ impl BenchArm {
         }
     }
 
-    /// The same arm behind a baseline: `ur5` takes the look-ahead that it gives its servo. `slow` is a servo that
-    /// takes 100 ms and that nobody can change, so it stays as it is.
+    /// The same arm behind a baseline: `ur5` takes the look-ahead that it gives its servo. `slow` is a servo
+    /// that takes 100 ms and that nobody can change, so it stays as it is.
     #[must_use]
     pub(super) fn kind_for_baseline(self, config: &Config, servo: ServoKnobs) -> ArmKind {
         match (self, self.kind(config)) {
@@ -101,23 +103,23 @@ impl BenchArm {
         }
     }
 
-    /// Width and height of the paper [m], centred on [`Self::centre_m`].
+    /// Width and height of the paper \[m\], centred on [`Self::centre_m`].
     #[must_use]
     pub fn paper_m(self, config: &Config) -> [f64; 2] {
         let [x, y, _] = config.settings().plane.workspace_m;
         if self.limited() { [x[1] - x[0], y[1] - y[0]] } else { FREE_HALF_M.map(|half| 2.0 * half) }
     }
 
-    /// Middle of the paper [m].
+    /// Middle of the paper \[m\].
     #[must_use]
     pub fn centre_m(self, config: &Config) -> [f64; 2] {
         let [x, y, _] = config.settings().plane.workspace_m;
         [0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])]
     }
 
-    /// The plan as sharp as this arm lets it be, with `gain` towards the prediction: without limits its steps are so short that
-    /// a jump of the prediction is over within a tick. Who is never led by a prediction has steps of the control period: Hold
-    /// stays what it is.
+    /// The plan as sharp as this arm lets it be, with `gain` towards the prediction: without limits its steps
+    /// are so short that a jump of the prediction is over within a tick. Who is never led by a prediction has
+    /// steps of the control period: Hold stays what it is.
     pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>, gain: f64) {
         if self.limited() {
             return;

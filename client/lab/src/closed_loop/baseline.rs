@@ -1,10 +1,11 @@
 //! A baseline at the desk: its target in the plane becomes joints, which go to the same arms as the law's.
 //!
-//! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their stamp). The tool
-//! keeps the height and the orientation that it has at home; joints are found by damped least squares, without limits of
-//! ours, since that is how they are used: what an arm cannot do, its own clamps hold back. Before an arm without a
-//! servo, ways that smooth in the servo get one in software. Told to be legal, its joints are kept inside velocity and
-//! acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
+//! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their
+//! stamp). The tool keeps the height and the orientation that it has at home; joints are found by damped
+//! least squares, without limits of ours, since that is how they are used: what an arm cannot do, its own
+//! clamps hold back. Before an arm without a servo, ways that smooth in the servo get one in software. Told
+//! to be legal, its joints are kept inside velocity and acceleration limits ([`Legal`]). Absent: lift,
+//! workspace, guard.
 
 use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
@@ -61,13 +62,13 @@ pub(super) struct BaselineDesk {
     arm: Arm,
     period_ns: u64,
     now: Stamp,
-    /// Commanded joints [rad] and their velocity [rad/s].
+    /// Commanded joints \[rad\] and their velocity \[rad/s\].
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
     /// `None` in front of an arm without any.
     limits: Option<JointLimits<JOINTS>>,
     legal: Option<Legal>,
-    /// Commanded tool [m] and its velocity [m/s].
+    /// Commanded tool \[m\] and its velocity \[m/s\].
     tool: Option<([f64; 2], [f64; 2])>,
 }
 
@@ -191,7 +192,7 @@ fn seconds(stamp: Stamp) -> f64 {
 /// Farthest that one step of the solver goes [m]: what lies beyond is approached in several.
 const STEP_M: f64 = 0.05;
 const STEPS: usize = 100;
-/// Error of the pose that counts as none [m, rad].
+/// Error of the pose that counts as none \[m, rad\].
 const REACHED: f64 = 1e-10;
 /// Damping of the least squares; with a reach of a metre it only shows at singularities.
 const DAMPING: f64 = 1e-9;
@@ -200,7 +201,7 @@ const DAMPING: f64 = 1e-9;
 struct Reach {
     chain: Chain<JOINTS>,
     plane: Plane,
-    /// Of the tool in the plane's frame [m].
+    /// Of the tool in the plane's frame \[m\].
     height_m: f64,
     rotation: Matrix3<f64>,
 }
@@ -217,7 +218,8 @@ impl Reach {
         PathSample { t_s: seconds(sample.stamp), x_m, y_m, contact: sample.contact }
     }
 
-    /// Joints [rad] near `q` with the tool at `target` [m] in the plane; as near as the steps lead where it is out of reach.
+    /// Joints \[rad\] near `q` with the tool at `target` \[m\] in the plane; as near as the steps lead where
+    /// it is out of reach.
     fn joints(&self, mut q: [f64; JOINTS], target: [f64; 2]) -> [f64; JOINTS] {
         let goal = self.plane.point_to_base(&Vector3::new(target[0], target[1], self.height_m));
         for _ in 0..STEPS {

@@ -124,7 +124,8 @@ impl Benchmark<'_> {
             .collect()
     }
 
-    /// Writes one sequence again with everything that its hand wrote before, so that learners know what they knew.
+    /// Writes one sequence again with everything that its hand wrote before, so that learners know what they
+    /// knew.
     ///
     /// # Errors
     /// A sequence that could not be run.

@@ -1,7 +1,7 @@
 //! What of a joint target a command inside the joints' velocity and acceleration limits can be.
 //!
-//! Contract: on the target while that is legal; else after it as fast as each joint can still brake to the target's own velocity.
-//! One joint at a time; no jerk limit; positions are the target's business.
+//! Contract: on the target while that is legal; else after it as fast as each joint can still brake to the
+//! target's own velocity. One joint at a time; no jerk limit; positions are the target's business.
 
 use foretrace_control::arm::JointLimits;
 use foretrace_sim::arm::JOINTS;
@@ -14,7 +14,7 @@ const SHARE: f64 = 1.0 - 1e-6;
 pub(super) struct Legal {
     limits: JointLimits<JOINTS>,
     period_s: f64,
-    /// The last target [rad].
+    /// The last target \[rad\].
     target: Option<[f64; JOINTS]>,
 }
 
@@ -23,7 +23,8 @@ impl Legal {
         Self { limits, period_s, target: None }
     }
 
-    /// The command [rad] after `q` [rad], which was reached with `qd` [rad/s], on the way to `target` [rad].
+    /// The command \[rad\] after `q` \[rad\], which was reached with `qd` \[rad/s\], on the way to `target`
+    /// \[rad\].
     pub(super) fn command(
         &mut self,
         q: &[f64; JOINTS],
@@ -51,7 +52,8 @@ mod tests {
 
     const DT: f64 = 0.002;
 
-    /// Follows `target` from rest at 0 for `ticks`; returns the positions of joint 0 after checking its limits.
+    /// Follows `target` from rest at 0 for `ticks`; returns the positions of joint 0 after checking its
+    /// limits.
     fn followed(ticks: u32, target: impl Fn(u32) -> f64) -> Vec<f64> {
         let limits = JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [40.0; JOINTS]).unwrap();
         let mut legal = Legal::new(limits, DT);

@@ -1,11 +1,12 @@
-//! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control law,
-//! and through the baselines.
+//! The closed-loop benchmark: every sequence of a data set, in real time, through the daemon's own control
+//! law, and through the baselines.
 //!
-//! Contract: one constant scale per set and arm (its median *train* glyph becomes [`BenchArm::glyph_height_m`]), no scaling
-//! per letter. Hover paths are kept where they were recorded; a lift that nobody recorded stays the leap of one sample
-//! that it is in the recording, and what lies within [`LEAP_S`] behind it is scored apart, because nobody can foresee it.
-//! What learns starts cold with every writer of a file (a new hand) and carries over from letter to letter; where writers take
-//! turns in a file, each goes on where they were. The same data and settings give the same numbers on any number of cores.
+//! Contract: one constant scale per set and arm (its median *train* glyph becomes
+//! [`BenchArm::glyph_height_m`]), no scaling per letter. Hover paths are kept where they were recorded; a
+//! lift that nobody recorded stays the leap of one sample that it is in the recording, and what lies within
+//! [`LEAP_S`] behind it is scored apart, because nobody can foresee it. What learns starts cold with every
+//! writer of a file (a new hand) and carries over from letter to letter; where writers take turns in a file,
+//! each goes on where they were. The same data and settings give the same numbers on any number of cores.
 
 mod arm;
 mod rival;

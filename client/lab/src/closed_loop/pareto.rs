@@ -1,9 +1,10 @@
 //! Error against jerk: every method swept over its own tuning.
 //!
-//! Contract: the baselines along [`baselines::sweep`](crate::baselines::sweep). The law on arms without limits along one factor on its gains
-//! for position and velocity, feedback and feed-forward alike, which is the same as dividing the price of jerk by the factor's
-//! square; behind limits, where that changes little, along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the
-//! shipped settings is marked; others that the law refuses, as a swinging one, are left out. Absent: tuning of predictors.
+//! Contract: the baselines along [`baselines::sweep`](crate::baselines::sweep). The law on arms without
+//! limits along one factor on its gains for position and velocity, feedback and feed-forward alike, which is
+//! the same as dividing the price of jerk by the factor's square; behind limits, where that changes little,
+//! along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the shipped settings is marked;
+//! others that the law refuses, as a swinging one, are left out. Absent: tuning of predictors.
 
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
@@ -31,7 +32,8 @@ const SOFTER: [(f64, f64); 9] = [
 ];
 /// The same where nothing is ever believed.
 const HELD: [(f64, f64); 6] = [(0.0, 8.0), (0.0, 4.0), (0.0, 2.0), (0.0, 1.4), (0.0, 0.5), (0.0, 0.2)];
-/// Without limits: factors on the law's gains, then with the gains towards the prediction up to that of the benchmark.
+/// Without limits: factors on the law's gains, then with the gains towards the prediction up to that of the
+/// benchmark.
 const FREE_FACTORS: [f64; 6] = [0.01, 0.02, 0.05, 0.2, 0.6, 1.0];
 const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
 /// Feedback alone has no gain towards a prediction.
@@ -61,9 +63,9 @@ pub struct ParetoPoint {
     pub label: String,
     /// In front of what.
     pub arm: &'static str,
-    /// Root of the mean over sequences of the mean squared 2-D error, hover included, leaps left out [m].
+    /// Root of the mean over sequences of the mean squared 2-D error, hover included, leaps left out \[m\].
     pub rms_m: f64,
-    /// Root of the mean over sequences of the squared RMS jerk of the tool [m/s³].
+    /// Root of the mean over sequences of the squared RMS jerk of the tool \[m/s³\].
     pub rms_jerk: f64,
     /// As shipped.
     pub default: bool,
@@ -121,8 +123,8 @@ impl Benchmark<'_> {
         Ok(scored.filter_map(point).collect())
     }
 
-    /// Points of the sweep that are left out, each with what the law has against its settings. Those as shipped never are:
-    /// [`Self::pareto`] fails of them.
+    /// Points of the sweep that are left out, each with what the law has against its settings. Those as
+    /// shipped never are: [`Self::pareto`] fails of them.
     #[must_use]
     pub fn pareto_refused(&self) -> Vec<String> {
         let told = |(task, label): (Task, String)| {

@@ -32,7 +32,8 @@ impl Rival {
     /// The daemon as it is shipped.
     pub const AS_SHIPPED: Self = Self::Law(LawEntrant::Mixture);
 
-    /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows the future.
+    /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows
+    /// the future.
     pub fn all() -> impl Iterator<Item = Self> {
         let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::ORACLE;
         let law = LawEntrant::all();

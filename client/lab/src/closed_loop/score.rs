@@ -8,23 +8,23 @@ use crate::experiments::{ClosedLoop, median};
 
 /// Worse than `hold` by more than this part of its mean squared error...
 const WORSE_SHARE: f64 = 0.02;
-/// ... and by more than this in its root [m].
+/// ... and by more than this in its root \[m\].
 const WORSE_M: f64 = 2e-4;
 
 /// How one sequence was written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
-    /// Mean squared 2-D error, hover included, leaps left out [m²].
+    /// Mean squared 2-D error, hover included, leaps left out \[m²\].
     pub mse_m2: f64,
-    /// The same with the pen down [m²]; NaN where it never is.
+    /// The same with the pen down \[m²\]; NaN where it never is.
     pub pen_down_mse_m2: f64,
-    /// Behind leaps [m²]; NaN without.
+    /// Behind leaps \[m²\]; NaN without.
     pub leap_mse_m2: f64,
-    /// Largest error of what `mse_m2` counts [m].
+    /// Largest error of what `mse_m2` counts \[m\].
     pub max_m: f64,
-    /// Shift of the pen that fits the tool best [ms]; positive: the tool is late.
+    /// Shift of the pen that fits the tool best \[ms\]; positive: the tool is late.
     pub lag_ms: f64,
-    /// RMS jerk of the tool [m/s³].
+    /// RMS jerk of the tool \[m/s³\].
     pub rms_jerk: f64,
     /// Ticks in which a motion limit shaped the command.
     pub limited: u32,
@@ -66,7 +66,7 @@ impl Score {
         self.mse_m2 > (1.0 + WORSE_SHARE) * hold.mse_m2 && self.rms_beyond(hold) > WORSE_M
     }
 
-    /// RMS error above that of `hold` [m]; negative: below.
+    /// RMS error above that of `hold` \[m\]; negative: below.
     #[must_use]
     pub fn rms_beyond(&self, hold: &Self) -> f64 {
         self.mse_m2.sqrt() - hold.mse_m2.sqrt()
@@ -100,33 +100,34 @@ pub struct Row {
     pub predictor: String,
     /// In front of what.
     pub arm: &'static str,
-    /// Mean over sequences of the mean squared 2-D error [m²].
+    /// Mean over sequences of the mean squared 2-D error \[m²\].
     pub mse_m2: f64,
-    /// Median over sequences [m²].
+    /// Median over sequences \[m²\].
     pub median_mse_m2: f64,
-    /// Mean over sequences with the pen down [m²].
+    /// Mean over sequences with the pen down \[m²\].
     pub pen_down_mse_m2: f64,
-    /// Mean over sequences with leaps, behind them [m²]; absent without.
+    /// Mean over sequences with leaps, behind them \[m²\]; absent without.
     pub leap_mse_m2: Option<f64>,
-    /// Largest error of any sequence [m].
+    /// Largest error of any sequence \[m\].
     pub max_m: f64,
-    /// Median over sequences [ms].
+    /// Median over sequences \[ms\].
     pub lag_ms: f64,
-    /// Root of the mean over sequences of the squared RMS jerk [m/s³].
+    /// Root of the mean over sequences of the squared RMS jerk \[m/s³\].
     pub rms_jerk: f64,
-    /// Ticks in which a motion limit shaped the command [%].
+    /// Ticks in which a motion limit shaped the command \[%\].
     pub saturated_pct: f64,
-    /// Ticks whose command asks a joint for more velocity or acceleration than its limit [%].
+    /// Ticks whose command asks a joint for more velocity or acceleration than its limit \[%\].
     pub illegal_pct: f64,
-    /// Sequences worse than `hold` by more than 2 % and by more than 0.2 mm RMS [%]; absent without `hold`.
+    /// Sequences worse than `hold` by more than 2 % and by more than 0.2 mm RMS \[%\]; absent without `hold`.
     pub worse_than_hold_pct: Option<f64>,
-    /// The sequence that is worst beside `hold`: RMS error above its [m]; absent without `hold`.
+    /// The sequence that is worst beside `hold`: RMS error above its \[m\]; absent without `hold`.
     pub worst_beyond_hold_m: Option<f64>,
     /// Sequences scored.
     pub sequences: usize,
 }
 
-/// The row of `scores` (one per sequence, in their order), compared with those of `hold` in front of the same arm.
+/// The row of `scores` (one per sequence, in their order), compared with those of `hold` in front of the same
+/// arm.
 #[must_use]
 pub fn rows(
     rival: Rival,

@@ -6,7 +6,8 @@ use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenP
 
 use super::BenchArm;
 
-/// What lies within this behind a leap is scored apart [s]: the time a hand would have needed, and the arm needs, to get there.
+/// What lies within this behind a leap is scored apart \[s\]: the time a hand would have needed, and the arm
+/// needs, to get there.
 pub const LEAP_S: f64 = 0.15;
 
 /// One character to be written.
@@ -31,8 +32,9 @@ pub struct Hand {
     pub sequences: Vec<Sequence>,
 }
 
-/// The characters of `set` on the paper of `arm`, one scale for all: `median_height` [device units] becomes the arm's glyph
-/// height. Also how many characters are left out because they do not fit or have no more than one sample.
+/// The characters of `set` on the paper of `arm`, one scale for all: `median_height` \[device units\] becomes
+/// the arm's glyph height. Also how many characters are left out because they do not fit or have no more than
+/// one sample.
 ///
 /// # Errors
 /// A height, rate or size that is not positive.

@@ -1,7 +1,8 @@
 //! Pen paths through the whole control law in simulated time: the same `Follower::step` as the daemon's.
 //!
-//! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared memory with
-//! no delay. The learner, if there is one, takes each closed step at once, and its weights go live at the next tick.
+//! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared
+//! memory with no delay. The learner, if there is one, takes each closed step at once, and its weights go
+//! live at the next tick.
 
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, NoClock, Refusal, Request, StepInput,
@@ -21,13 +22,13 @@ use super::desk_arm::{Arm, ArmKind, exceeds};
 /// What happened in one tick, in the plane frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickTrace {
-    /// The instant for which the command holds [s], on the path's own time axis.
+    /// The instant for which the command holds \[s\], on the path's own time axis.
     pub t_s: f64,
-    /// Commanded tool [m].
+    /// Commanded tool \[m\].
     pub setpoint: [f64; 2],
-    /// First reference of the plan [m]: where the pen is expected when the arm gets there.
+    /// First reference of the plan \[m\]: where the pen is expected when the arm gets there.
     pub reference: [f64; 2],
-    /// Commanded tool acceleration [m/s²].
+    /// Commanded tool acceleration \[m/s²\].
     pub acceleration: [f64; 2],
     /// Trust.
     pub alpha: f64,
@@ -68,7 +69,7 @@ pub enum RunError {
 pub(crate) const EPOCH_NS: u64 = 10_000_000_000;
 /// Between two paths the pen is out of reach for this long [ns]: longer than any gap that is bridged.
 pub(crate) const AWAY_NS: u64 = 700_000_000;
-/// Spacing of the samples while the pen waits [s].
+/// Spacing of the samples while the pen waits \[s\].
 const WAIT_STEP_S: f64 = 0.005;
 
 /// Who predicts, learns and obeys at a desk.
@@ -82,11 +83,12 @@ pub struct DeskOptions {
     pub learner: Option<Learner>,
 }
 
-/// A loop and its arm, at which one path after the other is written: nothing is forgotten between them but what the
-/// loop itself forgets when the pen was away.
+/// A loop and its arm, at which one path after the other is written: nothing is forgotten between them but
+/// what the loop itself forgets when the pen was away.
 pub trait Desk {
-    /// Writes `path` from beginning to end, and 0.3 s of a resting pen behind it. The pen rests above its first sample
-    /// for `wait_s` \[s\] before. `requests` are made at the path times \[s\] given with them, which rise.
+    /// Writes `path` from beginning to end, and 0.3 s of a resting pen behind it. The pen rests above its
+    /// first sample for `wait_s` \[s\] before. `requests` are made at the path times \[s\] given with them,
+    /// which rise.
     ///
     /// # Errors
     /// An arm that may not be armed, an empty path.
@@ -133,7 +135,7 @@ struct LoopDesk<const N: usize> {
     oracle: bool,
     armed: bool,
     now: Stamp,
-    /// Commanded last [rad/s].
+    /// Commanded last \[rad/s\].
     qd: [f64; JOINTS],
 }
 

@@ -13,13 +13,14 @@ use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 pub enum ArmKind {
     /// Is where the command says, without delay.
     Ideal,
-    /// Is where the command said this long ago [s]; no limits.
+    /// Is where the command said this long ago \[s\]; no limits.
     Delayed(f64),
     /// A simulated UR5 behind its servo.
     Ur5(ArmSettings),
 }
 
-/// A joint is asked for more velocity, or for more acceleration from `before` to `after` [rad/s], than it is allowed.
+/// A joint is asked for more velocity, or for more acceleration from `before` to `after` \[rad/s\], than it
+/// is allowed.
 pub(crate) fn exceeds(
     limits: &JointLimits<JOINTS>,
     before: &[f64; JOINTS],
@@ -39,7 +40,7 @@ pub(crate) struct Arm {
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
     servo: Option<ArmModel>,
-    /// Delay [s] and the commands that are on their way, oldest first.
+    /// Delay \[s\] and the commands that are on their way, oldest first.
     delay: Option<(f64, VecDeque<JointCommand<JOINTS>>)>,
 }
 
@@ -64,7 +65,8 @@ impl Arm {
     pub(crate) fn obey(&mut self, command: &JointCommand<JOINTS>) {
         if let Some((delay_s, underway)) = &mut self.delay {
             underway.push_back(*command);
-            // The command that ends at or after the instant which the arm has reached holds for it, as a line.
+            // The command that ends at or after the instant which the arm has reached holds for it, as a
+            // line.
             let reached = |c: &JointCommand<JOINTS>| command.stamp.seconds_since(c.stamp) - *delay_s;
             while underway.len() > 1 && underway.front().is_some_and(|c| reached(c) > 1e-9) {
                 underway.pop_front();
@@ -79,7 +81,8 @@ impl Arm {
         match &mut self.servo {
             None => (self.q, self.qd) = (command.q, command.qd),
             Some(servo) => {
-                // The controller follows the command's line; at the beginning of its cycle that is one period back.
+                // The controller follows the command's line; at the beginning of its cycle that is one period
+                // back.
                 let cycle_s = servo.settings().cycle_s;
                 let mut target = command.q;
                 for (q, qd) in target.iter_mut().zip(&command.qd) {
@@ -91,7 +94,7 @@ impl Arm {
         }
     }
 
-    /// Where the tool is in the plane [m].
+    /// Where the tool is in the plane \[m\].
     pub(crate) fn tool(&self, chain: &Chain<JOINTS>, plane: &Plane) -> [f64; 2] {
         let tool = plane.point_from_base(&chain.forward(&self.q).position);
         [tool.x, tool.y]

@@ -20,8 +20,8 @@ pub enum LawEntrant {
 }
 
 impl LawEntrant {
-    /// All, in the order of figures and tables: feedback only, the paper's baseline and its own, the others as the registry has
-    /// them, the daemon as it is shipped, and last what knows the future.
+    /// All, in the order of figures and tables: feedback only, the paper's baseline and its own, the others
+    /// as the registry has them, the daemon as it is shipped, and last what knows the future.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let others = PredictorKind::LIVE.into_iter();
         let others = others.filter(|kind| *kind != PredictorKind::HOLD && !PAPERS.contains(kind));

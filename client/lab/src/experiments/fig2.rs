@@ -1,8 +1,8 @@
 //! The paper's figure 2: feedback only (Hold), prediction, and perfect prediction (the recorded future).
 //!
-//! Every letter is written in real time from rest; scored where the pen is down, arm's tool against pen at the same
-//! instant. Trust is 0 for feedback only, automatic for `mixture`, 1 for all others. What learns online learns on from letter
-//! to letter, as in the daemon.
+//! Every letter is written in real time from rest; scored where the pen is down, arm's tool against pen at
+//! the same instant. Trust is 0 for feedback only, automatic for `mixture`, 1 for all others. What learns
+//! online learns on from letter to letter, as in the daemon.
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
@@ -30,17 +30,17 @@ pub struct Fig2Row {
     pub entrant: LawEntrant,
     /// The arm.
     pub arm: Fig2Arm,
-    /// Mean over letters of the mean squared 2-D error [m²].
+    /// Mean over letters of the mean squared 2-D error \[m²\].
     pub mse_m2: f64,
-    /// Median over letters [m²].
+    /// Median over letters \[m²\].
     pub median_mse_m2: f64,
-    /// Largest error of any letter [m].
+    /// Largest error of any letter \[m\].
     pub max_m: f64,
-    /// Median over letters of the largest error [m].
+    /// Median over letters of the largest error \[m\].
     pub median_max_m: f64,
-    /// Median over letters of the lag [ms].
+    /// Median over letters of the lag \[ms\].
     pub lag_ms: f64,
-    /// Mean squared error of each letter [m²]; NaN where nothing could be scored.
+    /// Mean squared error of each letter \[m²\]; NaN where nothing could be scored.
     pub letters_mse_m2: Vec<f64>,
 }
 
@@ -49,7 +49,8 @@ pub struct Fig2Row {
 pub struct Fig2 {
     /// A row for each predictor and arm.
     pub rows: Vec<Fig2Row>,
-    /// Index of the letter nearest to the median of the DyBM's errors on the ideal arm (the first entrant's without it).
+    /// Index of the letter nearest to the median of the DyBM's errors on the ideal arm (the first entrant's
+    /// without it).
     pub typical: usize,
     /// The tool's path over that letter, in the order of `rows`; empty for those that are not in the picture.
     pub typical_tools: Vec<Vec<ToolSample>>,
@@ -86,7 +87,8 @@ pub fn fig2_names() -> String {
 /// So many fit the picture.
 const PICTURED: usize = 5;
 
-/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and mixture as shipped.
+/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and mixture
+/// as shipped.
 fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
     const PAPERS: [PredictorKind; 3] =
         [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM, PredictorKind::ORACLE];
@@ -99,7 +101,9 @@ fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
 
 /// Writes every letter with every entrant in front of both arms; `done` hears of each finished row.
 ///
-/// *Errors*: see [`ExperimentError`].
+/// # Errors
+///
+/// See [`ExperimentError`].
 pub fn fig2(
     config: &Config,
     letters: &[Letter],

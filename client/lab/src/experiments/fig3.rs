@@ -1,7 +1,7 @@
 //! The paper's figure 3: from feedback to prediction within steps 30 to 40 of a letter, by the ramp of trust.
 //!
-//! The claim under test: switching is smooth. Judged by the commanded tool's jerk and by how far the tracking error
-//! moves from tick to tick, each inside the ramp against everywhere else in the same letter.
+//! The claim under test: switching is smooth. Judged by the commanded tool's jerk and by how far the tracking
+//! error moves from tick to tick, each inside the ramp against everywhere else in the same letter.
 
 use foretrace_config::Config;
 use foretrace_control::follower::Request;
@@ -28,9 +28,9 @@ pub struct Fig3Letter {
     pub irregularity: f64,
     /// (step, trust).
     pub trust: Vec<(f64, f64)>,
-    /// (step, distance of commanded tool and pen [m]).
+    /// (step, distance of commanded tool and pen \[m\]).
     pub error_m: Vec<(f64, f64)>,
-    /// (step, size of the commanded tool's jerk [m/s³]).
+    /// (step, size of the commanded tool's jerk \[m/s³\]).
     pub jerk_mps3: Vec<(f64, f64)>,
 }
 
@@ -43,14 +43,17 @@ pub struct Fig3 {
     pub max_jerk_ratio: f64,
     /// Median over letters.
     pub irregularity: f64,
-    /// Share of letters with a jerk ratio of at most 1: no more jerk in the ramp than writing asks for anyway.
+    /// Share of letters with a jerk ratio of at most 1: no more jerk in the ramp than writing asks for
+    /// anyway.
     pub unnoticed: f64,
 }
 
-/// Writes every letter with the switch in the middle; ideal arm; `kind` predicts, and has learned from the letters before
-/// if it learns. Trust is set by hand, 0 and then 1, so that the ramp alone is judged.
+/// Writes every letter with the switch in the middle; ideal arm; `kind` predicts, and has learned from the
+/// letters before if it learns. Trust is set by hand, 0 and then 1, so that the ramp alone is judged.
 ///
-/// *Errors*: see [`ExperimentError`].
+/// # Errors
+///
+/// See [`ExperimentError`].
 pub fn fig3(
     config: &Config,
     letters: &[Letter],

@@ -1,4 +1,5 @@
-//! The letters of an experiment: chosen characters of a set, each as a path of its own in the workspace's centre.
+//! The letters of an experiment: chosen characters of a set, each as a path of its own in the workspace's
+//! centre.
 
 use foretrace_sim::data::{Character, DataSet, median_glyph_height};
 use foretrace_sim::path::{Ink, PathError, PenPath, Placement};
@@ -51,7 +52,9 @@ pub enum LetterError {
 /// The letters with the chosen labels; one constant scale for the whole `set`, its median glyph becoming
 /// `placement.glyph_height_m` high. Characters whose ink does not fit the workspace are left out and counted.
 ///
-/// *Errors*: no such label, no glyph with a height, an illegal placement.
+/// # Errors
+///
+/// No such label, no glyph with a height, an illegal placement.
 pub fn letters(
     set: &DataSet,
     labels: &Labels,

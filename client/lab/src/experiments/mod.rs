@@ -101,9 +101,9 @@ pub(crate) fn ur5_at(config: &Config) -> ArmSettings {
     ArmSettings::ur5(config.settings().period_ns() as f64 * 1e-9, LOOK_AHEAD_S)
 }
 
-/// servoj's smallest look-ahead [s].
+/// servoj's smallest look-ahead \[s\].
 const LOOK_AHEAD_S: f64 = 0.030;
-/// The pen rests above a letter's first point for this long, so that the tool starts there [s].
+/// The pen rests above a letter's first point for this long, so that the tool starts there \[s\].
 pub(crate) const WAIT_S: f64 = 1.2;
 
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {

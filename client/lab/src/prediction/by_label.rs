@@ -1,9 +1,10 @@
 //! The paper's per-symbol analysis: where curvy symbols favour one model and straight ones another.
 //!
-//! Curviness of a character: smooth turning per glyph height of path [rad]. Each stroke is resampled at H/6 (H: median
-//! height of the characters), the turning angles of the resampled path are added up without those of corners (beyond
-//! [`CORNER_RAD`]) and of the device's grid (within [`FLAT_RAD`]), and divided by the path's length in H. A circle of
-//! height H has 2, a zigzag about 0.1: a corner inside a piece becomes two lesser turns.
+//! Curviness of a character: smooth turning per glyph height of path \[rad\]. Each stroke is resampled at H/6
+//! (H: median height of the characters), the turning angles of the resampled path are added up without those
+//! of corners (beyond [`CORNER_RAD`]) and of the device's grid (within [`FLAT_RAD`]), and divided by the
+//! path's length in H. A circle of height H has 2, a zigzag about 0.1: a corner inside a piece becomes two
+//! lesser turns.
 
 use std::collections::BTreeMap;
 
@@ -28,9 +29,9 @@ pub struct LabelRow {
     pub label: String,
     /// How often.
     pub sequences: usize,
-    /// Smooth turning per glyph height of path, mean over the sequences [rad].
+    /// Smooth turning per glyph height of path, mean over the sequences \[rad\].
     pub curviness: Option<f64>,
-    /// Mean squared error of each model [raw units²].
+    /// Mean squared error of each model \[raw units²\].
     pub mse: BTreeMap<String, Option<f64>>,
     /// The same within strokes.
     pub within: BTreeMap<String, Option<f64>>,
@@ -43,7 +44,8 @@ pub struct Correlation {
     pub favoured: String,
     /// The other.
     pub against: String,
-    /// Spearman's rank correlation over labels of curviness with ln(within of `against` / within of `favoured`).
+    /// Spearman's rank correlation over labels of curviness with ln(within of `against` / within of
+    /// `favoured`).
     pub spearman: Option<f64>,
     /// Labels in it.
     pub labels: usize,
@@ -118,7 +120,7 @@ pub fn gains<'a>(
     })
 }
 
-/// Median height of the characters that have one [raw units], from their displacements.
+/// Median height of the characters that have one \[raw units\], from their displacements.
 #[must_use]
 pub fn glyph_height(sequences: &[Sequence]) -> Option<f64> {
     median(sequences.iter().map(height_of).filter(|h| *h > 0.0))
@@ -133,7 +135,7 @@ fn height_of(sequence: &Sequence) -> f64 {
     high - low
 }
 
-/// Smooth turning per glyph height of path [rad]; `None` for characters shorter than three pieces.
+/// Smooth turning per glyph height of path \[rad\]; `None` for characters shorter than three pieces.
 #[must_use]
 pub fn curviness_of(sequence: &Sequence, glyph_height: f64) -> Option<f64> {
     let piece = glyph_height / PIECES;

@@ -1,7 +1,8 @@
 //! Prediction tables: recorded characters as displacement sequences, the contestants, and their scores.
 //!
-//! Contract: everything is in the set's raw units per sample, exactly as the reference tables were made. Models reset
-//! their state before each sequence and carry parameters over. Networks are trained in [`crate::train`]. Absent: the closed loop.
+//! Contract: everything is in the set's raw units per sample, exactly as the reference tables were made.
+//! Models reset their state before each sequence and carry parameters over. Networks are trained in
+//! [`crate::train`]. Absent: the closed loop.
 
 mod sequence;
 mod set;

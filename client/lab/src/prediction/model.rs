@@ -1,8 +1,8 @@
 //! `Contestant`: a predictor in the tables' terms, in the set's raw units per sample.
 //!
-//! Contract: `start_sequence` forgets the history and keeps parameters; `observe` takes one real displacement (and
-//! learns from it, in a model that learns online); `preview` takes `&self`, so a roll-out changes nothing. A model
-//! sees neither labels nor anything ahead of the step it predicts.
+//! Contract: `start_sequence` forgets the history and keeps parameters; `observe` takes one real displacement
+//! (and learns from it, in a model that learns online); `preview` takes `&self`, so a roll-out changes
+//! nothing. A model sees neither labels nor anything ahead of the step it predicts.
 
 use foretrace_control::predict::{ConstantVelocity, Hold, OnlineModel, Predictor};
 
@@ -11,10 +11,11 @@ pub trait Contestant: Send {
     /// Forgets the history; parameters carry over.
     fn start_sequence(&mut self);
 
-    /// Takes in one displacement [raw units per sample] and learns from it, if the model learns and is not frozen.
+    /// Takes in one displacement \[raw units per sample\] and learns from it, if the model learns and is not
+    /// frozen.
     fn observe(&mut self, v: [f64; 2]);
 
-    /// Predicts the next `out.len()` displacements [raw units per sample].
+    /// Predicts the next `out.len()` displacements \[raw units per sample\].
     fn preview(&self, out: &mut [[f64; 2]]);
 
     /// Training is over; a model that does not learn on the scored set stops learning.

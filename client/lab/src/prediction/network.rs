@@ -1,8 +1,9 @@
 //! LSTMs in the tables: shipped ones and those in files.
 //!
-//! Which displacements a network wants stands in its metadata key `units`: `raw`, those of the device it was trained on,
-//! with `input_scale` their RMS; or `normalised`, those of the loop's running scale. Without the key it gets the set's
-//! raw units whatever their size. `reset_beyond`: the state is forgotten before inputs longer than this many `input_scale`.
+//! Which displacements a network wants stands in its metadata key `units`: `raw`, those of the device it was
+//! trained on, with `input_scale` their RMS; or `normalised`, those of the loop's running scale. Without the
+//! key it gets the set's raw units whatever their size. `reset_beyond`: the state is forgotten before inputs
+//! longer than this many `input_scale`.
 
 use foretrace_config::models::LstmModel;
 use foretrace_control::pen::TARGET_RMS;
@@ -15,7 +16,7 @@ use super::registry::{REFERENCE_MOVING_RMS, REFERENCE_RMS, Setting, fitted};
 #[derive(Debug, Clone)]
 struct Network {
     lstm: Lstm,
-    /// Longest input that continues a stroke [units of its inputs].
+    /// Longest input that continues a stroke \[units of its inputs\].
     longest: f64,
 }
 

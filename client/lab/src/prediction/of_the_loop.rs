@@ -1,7 +1,8 @@
-//! [`OfTheLoop`]: a predictor of the control law's registry as the loop has it, for tables that have no row of its own for it.
+//! [`OfTheLoop`]: a predictor of the control law's registry as the loop has it, for tables that have no row
+//! of its own for it.
 //!
-//! Contract: what learns online learns as it is scored, from the loop's own start and with the preset's rules; inputs are
-//! normalised as the loop does it.
+//! Contract: what learns online learns as it is scored, from the loop's own start and with the preset's
+//! rules; inputs are normalised as the loop does it.
 
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::{
@@ -45,9 +46,11 @@ impl Contestant for OfTheLoop {
     }
 }
 
-/// The contestant for a device with this step [ns].
+/// The contestant for a device with this step \[ns\].
 ///
-/// *Errors*: settings that the control law refuses.
+/// # Errors
+///
+/// Settings that the control law refuses.
 pub(super) fn of_the_loop(kind: PredictorKind, step_ns: u64) -> Result<Box<dyn Contestant>, ModelsError> {
     let models = Models::new(ModelSettings::preset(step_ns), Networks::default())?;
     let weights = models.initial_weights();

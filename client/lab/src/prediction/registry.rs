@@ -1,8 +1,9 @@
 //! The contestants by name.
 //!
-//! DyBM rows: delay 2, decay 0.5, AdaGrad 0.1, three training passes over the train split in its own order, raw units.
-//! Models whose numbers only fit displacements of a certain size (networks, gates) see the set's raw units where these
-//! are of that size, else the running scale of the loop ([`Scaled`]); the row's note says so.
+//! DyBM rows: delay 2, decay 0.5, AdaGrad 0.1, three training passes over the train split in its own order,
+//! raw units. Models whose numbers only fit displacements of a certain size (networks, gates) see the set's
+//! raw units where these are of that size, else the running scale of the loop ([`Scaled`]); the row's note
+//! says so.
 
 use std::fmt;
 use std::path::Path;
@@ -33,8 +34,8 @@ pub const LSTM_REFERENCE: &str = "lstm10-reference";
 pub const LSTM_FILE: &str = "lstm:";
 /// Training passes of the models that learn online.
 const PASSES: usize = 3;
-/// RMS per component of the displacements of unipen-ced, jumps included; and of its moving steps, as the running scale
-/// of the loop sees them.
+/// RMS per component of the displacements of unipen-ced, jumps included; and of its moving steps, as the
+/// running scale of the loop sees them.
 pub(super) const REFERENCE_RMS: f64 = 10.13;
 pub(super) const REFERENCE_MOVING_RMS: f64 = 6.24;
 /// Raw units are taken as they are up to this ratio to what a model was made for, either way.
@@ -45,9 +46,9 @@ const LEARNABLE_RMS: std::ops::RangeInclusive<f64> = 0.05..=500.0;
 /// What is known of the set before it starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
-    /// RMS per component of all displacements to be scored [raw units].
+    /// RMS per component of all displacements to be scored \[raw units\].
     pub rms: f64,
-    /// Step of the device [ns].
+    /// Step of the device \[ns\].
     pub step_ns: f64,
     /// There is a train part to learn from before scoring.
     pub trained: bool,
@@ -78,7 +79,8 @@ impl Setting {
 #[non_exhaustive]
 pub enum ModelError {
     /// No model of that name.
-    #[error("no model is called {name:?}; legal: {}, {LSTM_FILE}FILE.safetensors{}", names().join(", "), PredictorKind::renamed(name))]
+    #[error("no model is called {name:?}; legal: {}, \
+             {LSTM_FILE}FILE.safetensors{}", names().join(", "), PredictorKind::renamed(name))]
     Unknown {
         /// As given.
         name: String,
@@ -210,7 +212,7 @@ impl Model {
         Self { name: name.to_owned(), kind }
     }
 
-    /// What an epoch of its training took, where it was trained just now [s].
+    /// What an epoch of its training took, where it was trained just now \[s\].
     #[must_use]
     pub fn train_s_per_epoch(&self) -> Option<f64> {
         match self.kind {

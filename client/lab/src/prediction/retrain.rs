@@ -1,6 +1,7 @@
 //! Networks trained anew on the train part of a set, by the recipes behind the reference rows.
 //!
-//! The paper's recipe for 10 cells, the robust one for more; seed 0, all train writers, no epoch chosen by scores.
+//! The paper's recipe for 10 cells, the robust one for more; seed 0, all train writers, no epoch chosen by
+//! scores.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -20,7 +21,7 @@ pub const TRAINABLE: [(&str, usize); 2] = [("lstm10", 10), ("lstm32", 32)];
 pub struct Retrained {
     /// The network.
     pub model: LstmModel,
-    /// Wall time of an epoch, mean [s].
+    /// Wall time of an epoch, mean \[s\].
     pub train_s_per_epoch: f64,
 }
 

@@ -18,16 +18,16 @@ pub struct Run {
     pub model: String,
     /// Errors per sequence, in the order of the set.
     pub tallies: Vec<Tally>,
-    /// Observing (learning included) and previewing 10 steps, median over sequences [µs per step].
+    /// Observing (learning included) and previewing 10 steps, median over sequences \[µs per step\].
     pub us_per_step: Option<f64>,
-    /// One training pass, mean over the passes made here [s].
+    /// One training pass, mean over the passes made here \[s\].
     pub train_s_per_epoch: Option<f64>,
     /// What the reader must know about this row.
     pub note: Option<String>,
 }
 
 impl Run {
-    /// MSE of every sequence [raw units²].
+    /// MSE of every sequence \[raw units²\].
     #[must_use]
     pub fn per_sequence(&self) -> Vec<f64> {
         self.tallies.iter().map(|t| t.mse().unwrap_or(f64::NAN)).collect()
@@ -48,25 +48,25 @@ impl Run {
 pub struct Row {
     /// Name of the model.
     pub model: String,
-    /// Mean squared error one step ahead [raw units²].
+    /// Mean squared error one step ahead \[raw units²\].
     pub mse: Option<f64>,
     /// The same within strokes.
     pub within: Option<f64>,
     /// Median over sequences of their MSE.
     pub median: Option<f64>,
-    /// Sequences below constant velocity [%].
+    /// Sequences below constant velocity \[%\].
     pub ps_b: Option<f64>,
-    /// Sequences below the reference LSTM(10) [%].
+    /// Sequences below the reference LSTM(10) \[%\].
     pub ps_lstm: Option<f64>,
-    /// Displacement error at 1, 2, 5 and 10 steps [raw units²].
+    /// Displacement error at 1, 2, 5 and 10 steps \[raw units²\].
     pub vel_mse: ByLead,
-    /// Position error at 1, 2, 5 and 10 steps [raw units²].
+    /// Position error at 1, 2, 5 and 10 steps \[raw units²\].
     pub pos_mse: ByLead,
-    /// RMS of the 2-D position error after 10 steps without a jump [mm].
+    /// RMS of the 2-D position error after 10 steps without a jump \[mm\].
     pub rms_mm_10: Option<f64>,
-    /// Observing, learning included, and previewing 10 steps [µs].
+    /// Observing, learning included, and previewing 10 steps \[µs\].
     pub us_per_step: Option<f64>,
-    /// One training pass [s].
+    /// One training pass \[s\].
     pub train_s_per_epoch: Option<f64>,
 }
 
@@ -103,9 +103,11 @@ impl Row {
     }
 }
 
-/// Trains and scores `models` on `set`, one thread per model; `done` hears of every sequence trained on or scored.
+/// Trains and scores `models` on `set`, one thread per model; `done` hears of every sequence trained on or
+/// scored.
 ///
-/// Constant velocity and the reference LSTM(10) run in any case, for PS-B and PS-LSTM; they get rows only where chosen.
+/// Constant velocity and the reference LSTM(10) run in any case, for PS-B and PS-LSTM; they get rows only
+/// where chosen.
 ///
 /// # Errors
 /// A model that cannot be built for this set.
@@ -170,7 +172,8 @@ pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, Mo
     Ok(Run { model: model.name().to_owned(), tallies, us_per_step, train_s_per_epoch, note })
 }
 
-/// Passes over the train sequences, then the end of training; the mean time of one pass [s], `None` without any.
+/// Passes over the train sequences, then the end of training; the mean time of one pass \[s\], `None` without
+/// any.
 pub fn train(
     contestant: &mut dyn Contestant,
     sequences: &[Sequence],

@@ -1,13 +1,16 @@
-//! [`Scaled`]: a contestant that wants normalised displacements, fed from raw units through the running scale of the loop.
+//! [`Scaled`]: a contestant that wants normalised displacements, fed from raw units through the running scale
+//! of the loop.
 //!
-//! The scale is the daemon's own [`SpeedScale`] with raw units in place of metres. It starts from the first moving step
-//! of the set, since nothing else is known of an unknown device, and carries over from sequence to sequence.
+//! The scale is the daemon's own [`SpeedScale`] with raw units in place of metres. It starts from the first
+//! moving step of the set, since nothing else is known of an unknown device, and carries over from sequence
+//! to sequence.
 
 use foretrace_control::pen::{GridStep, Motion, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 
 use super::model::Contestant;
 
-/// Largest relative change per step: faster than in the loop, because there is no initial guess to start from.
+/// Largest relative change per step: faster than in the loop, because there is no initial guess to start
+/// from.
 const MAX_CHANGE: f64 = 0.25;
 /// How far the scale may move from its first value, either way.
 const RANGE: f64 = 1e6;
@@ -17,7 +20,7 @@ const RANGE: f64 = 1e6;
 pub struct RunningScale(Option<SpeedScale>);
 
 impl RunningScale {
-    /// Follows one displacement [raw units].
+    /// Follows one displacement \[raw units\].
     pub fn observe(&mut self, v: [f64; 2]) {
         let length = v[0].hypot(v[1]);
         if self.0.is_none() && length > 0.0 && length.is_finite() {
@@ -45,7 +48,8 @@ pub struct Scaled<C> {
 }
 
 impl<C> Scaled<C> {
-    /// Wraps `inner`, made for moving steps of this RMS per component; the scale is unknown until the pen moves.
+    /// Wraps `inner`, made for moving steps of this RMS per component; the scale is unknown until the pen
+    /// moves.
     pub fn new(inner: C, rms: f64) -> Self {
         Self { inner, rms, scale: RunningScale::default() }
     }
@@ -131,7 +135,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_linear_passes_through_unchanged(v in prop::collection::vec([-50.0..50.0f64, -50.0..50.0], 1..60)) {
+        fn what_is_linear_passes_through_unchanged(v in prop::collection::vec([-50.0..50.0f64, -50.0..50.0],
+            1..60)) {
             let mut scaled = Scaled::new(constant_velocity(), 3.0);
             scaled.start_sequence();
             for v in v {

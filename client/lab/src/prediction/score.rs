@@ -1,9 +1,10 @@
 //! The error measures of the prediction tables, per sequence and pooled.
 //!
-//! After v[0..=t] a model predicts v[t+1..t+10]. Error at lead h: of v[t+h] (velocity) and of the sum of the first h
-//! predicted displacements (position), over every t with t + h inside the sequence, squared, mean over components.
-//! The plain MSE is the velocity error at lead 1. Step 0 has no history and is not scored.
-//! Within-stroke leaves out jumps and the step after one; `rms_mm_10` counts windows v[t..=t+10] without a jump.
+//! After v[0..=t] a model predicts v[t+1..t+10]. Error at lead h: of v[t+h] (velocity) and of the sum of the
+//! first h predicted displacements (position), over every t with t + h inside the sequence, squared, mean
+//! over components. The plain MSE is the velocity error at lead 1. Step 0 has no history and is not scored.
+//! Within-stroke leaves out jumps and the step after one; `rms_mm_10` counts windows v[t..=t+10] without a
+//! jump.
 
 use super::Sequence;
 
@@ -45,13 +46,14 @@ impl Mean {
 /// Squared errors of one or more sequences.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
-    /// One step ahead, steps within strokes only [raw units²].
+    /// One step ahead, steps within strokes only \[raw units²\].
     pub within: Mean,
-    /// Displacement errors at [`LEADS`], mean over components [raw units²].
+    /// Displacement errors at [`LEADS`], mean over components \[raw units²\].
     pub velocity: [Mean; 4],
-    /// Position errors at [`LEADS`], mean over components [raw units²].
+    /// Position errors at [`LEADS`], mean over components \[raw units²\].
     pub position: [Mean; 4],
-    /// 2-D position errors after [`HORIZON`] steps in windows without jumps [mm²]; empty where the unit is unknown.
+    /// 2-D position errors after [`HORIZON`] steps in windows without jumps \[mm²\]; empty where the unit is
+    /// unknown.
     pub clean_mm2: Mean,
 }
 
@@ -104,7 +106,7 @@ impl Tally {
         }
     }
 
-    /// Mean squared one-step error [raw units²].
+    /// Mean squared one-step error \[raw units²\].
     #[must_use]
     pub fn mse(&self) -> Option<f64> {
         self.velocity[0].get()

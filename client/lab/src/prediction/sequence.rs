@@ -1,8 +1,9 @@
 //! Characters as the prediction tables see them: displacements per sample between pen-down points.
 //!
-//! v[t] = p[t+1] − p[t] over the pen-down points of all strokes concatenated, in raw units per sample; a step across
-//! two strokes stays in as one large step (`jump`); five zero steps follow. Repeated points and dummies are kept, pen
-//! events and hover paths are dropped. Characters without pen-down points make no sequence.
+//! v[t] = p[t+1] − p[t] over the pen-down points of all strokes concatenated, in raw units per sample; a step
+//! across two strokes stays in as one large step (`jump`); five zero steps follow. Repeated points and
+//! dummies are kept, pen events and hover paths are dropped. Characters without pen-down points make no
+//! sequence.
 
 use foretrace_sim::data::{Character, DataSet, SetFile};
 
@@ -18,11 +19,11 @@ pub struct Sequence {
     pub segment: usize,
     /// What was written.
     pub label: String,
-    /// Displacements [raw units per sample], T x 2, the appended zeros included.
+    /// Displacements \[raw units per sample\], T x 2, the appended zeros included.
     pub v: Vec<[f64; 2]>,
     /// Step t crosses two strokes; T long.
     pub jump: Vec<bool>,
-    /// Sampling rate of the device [Hz].
+    /// Sampling rate of the device \[Hz\].
     pub rate_hz: f64,
     /// The rate is an assumption, not stated by the set.
     pub rate_assumed: bool,

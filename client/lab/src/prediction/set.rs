@@ -26,8 +26,8 @@ pub struct Set {
 impl Set {
     /// Loads the part `split` of the set in `folder` to score, and its part `train` to learn from.
     ///
-    /// Nothing is learned from beforehand where the scored part is `train` itself or `all`: it would be learned from
-    /// what is scored.
+    /// Nothing is learned from beforehand where the scored part is `train` itself or `all`: it would be
+    /// learned from what is scored.
     ///
     /// # Errors
     /// [`SetError`]: a folder, table or part that cannot be read.

@@ -66,7 +66,8 @@ pub enum Schedule {
         /// Adam's rate.
         rate: f64,
     },
-    /// Up along a cosine from peak/25, then down along another to peak/25e4 (Smith 2017, PyTorch's `OneCycleLR`).
+    /// Up along a cosine from peak/25, then down along another to peak/25e4 (Smith 2017, PyTorch's
+    /// `OneCycleLR`).
     OneCycle {
         /// Highest rate.
         peak: f64,
@@ -99,7 +100,8 @@ impl Schedule {
     }
 }
 
-/// Shortens `gradient` to `limit` if it is longer, as `torch.nn.utils.clip_grad_norm_`; returns its length before.
+/// Shortens `gradient` to `limit` if it is longer, as `torch.nn.utils.clip_grad_norm_`; returns its length
+/// before.
 pub fn limit_norm<F: Real>(gradient: &mut [F], limit: f64) -> f64 {
     let norm = gradient.iter().map(|g| g.wide() * g.wide()).sum::<f64>().sqrt();
     let factor = limit / (norm + 1e-6);
@@ -120,7 +122,8 @@ mod tests {
         let schedule = Schedule::OneCycle { peak: 1e-2, warm_up: 0.3 };
         let rates: Vec<f64> = (0..100).map(|n| schedule.rate(n, 100)).collect();
         assert!((rates[0] - 4e-4).abs() < 1e-12);
-        // torch.optim.lr_scheduler.OneCycleLR(max_lr=1e-2, total_steps=100, pct_start=0.3) at steps 10, 29, 60, 99.
+        // torch.optim.lr_scheduler.OneCycleLR(max_lr=1e-2, total_steps=100, pct_start=0.3) at steps 10, 29,
+        // 60, 99.
         for (n, expected) in [(10, 2.951_639_484_641e-3), (29, 1e-2), (60, 5.892_800_902_856e-3), (99, 4e-8)]
         {
             assert!((rates[n] - expected).abs() < 1e-14, "step {n}: {} {expected}", rates[n]);

@@ -1,7 +1,8 @@
 //! Changed copies of the sequences, new in each epoch: other devices, other hands.
 //!
-//! Contract: drawn from the seed, the epoch and the sequence's place alone. Everything off changes nothing, bit for bit.
-//! Order: rate (decimation or stretching of time), smoothing, rotation and shear, size, noise, the device's grid.
+//! Contract: drawn from the seed, the epoch and the sequence's place alone. Everything off changes nothing,
+//! bit for bit. Order: rate (decimation or stretching of time), smoothing, rotation and shear, size, noise,
+//! the device's grid.
 
 use std::str::FromStr;
 
@@ -22,13 +23,13 @@ pub struct Augment {
     pub decimate: f64,
     /// Chance that positions are smoothed by (1, 2, 1)/4 inside strokes.
     pub smooth: f64,
-    /// Largest turn either way [degrees].
+    /// Largest turn either way \[degrees\].
     pub rotate: f64,
     /// Largest shear either way: x grows by it per y.
     pub shear: f64,
-    /// Standard deviation of noise on positions [input scales], uniform from 0.
+    /// Standard deviation of noise on positions \[input scales\], uniform from 0.
     pub noise: f64,
-    /// Pitch of the grid that positions are rounded to [input scales], uniform from 0.
+    /// Pitch of the grid that positions are rounded to \[input scales\], uniform from 0.
     pub grid: f64,
 }
 
@@ -37,7 +38,8 @@ pub struct Augment {
 #[error("{0}")]
 pub struct AugmentError(String);
 
-const LEGAL: &str = "comma-separated scale=0.5..2, time=0.7..1.4 (both within 0.1..10), decimate=0..1, smooth=0..1, \
+const LEGAL: &str = "comma-separated scale=0.5..2, time=0.7..1.4 (both within 0.1..10), decimate=0..1, \
+                     smooth=0..1, \
      rotate=0..45 (degrees), shear=0..1, noise=0..1, grid=0..2 (input scales)";
 
 impl FromStr for Augment {
@@ -80,7 +82,8 @@ impl Augment {
 
     /// The changed copy of `strokes` for one epoch; `unit` is one input scale in raw units.
     ///
-    /// `keep_speed`: displacements per step are divided by the change of rate, as a running speed scale would.
+    /// `keep_speed`: displacements per step are divided by the change of rate, as a running speed scale
+    /// would.
     #[must_use]
     pub fn apply(&self, strokes: &Strokes, unit: f64, keep_speed: bool, seed: u64) -> Strokes {
         if self.is_off() {

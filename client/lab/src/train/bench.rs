@@ -1,7 +1,8 @@
-//! What training costs per step, and everything that another implementation needs to do the same work beside it.
+//! What training costs per step, and everything that another implementation needs to do the same work beside
+//! it.
 //!
-//! The paper's network on given or made-up sequences, one thread, the same batches in the same order each epoch. Times
-//! are per real step: the padding that a batch adds is work, but no steps.
+//! The paper's network on given or made-up sequences, one thread, the same batches in the same order each
+//! epoch. Times are per real step: the padding that a batch adds is work, but no steps.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,7 +30,7 @@ pub struct Bench {
     pub rate: f64,
     /// Real steps per epoch.
     pub steps: usize,
-    /// Time per real step in each epoch [us].
+    /// Time per real step in each epoch \[us\].
     pub us_per_step: Vec<f64>,
     /// Sequences, inputs already scaled, in the order of the batches; T x 2 each.
     pub sequences: Vec<Vec<[f32; 2]>>,

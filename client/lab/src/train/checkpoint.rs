@@ -1,8 +1,8 @@
 //! The state of a training in a file, exact to the bit.
 //!
-//! A safetensors container (`F32`): `parameters`, `adam.mean`, `adam.square`, `best`; the rest as text in its metadata,
-//! floating-point numbers as the hexadecimal digits of their bits. Written whole (temporary file, then rename). `plan` is
-//! a description of everything that must be the same to continue.
+//! A safetensors container (`F32`): `parameters`, `adam.mean`, `adam.square`, `best`; the rest as text in its
+//! metadata, floating-point numbers as the hexadecimal digits of their bits. Written whole (temporary file,
+//! then rename). `plan` is a description of everything that must be the same to continue.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,7 +36,8 @@ pub enum CheckpointError {
     },
     /// Made with other options or data.
     #[error(
-        "{file}: was made with other options or data ({found}, now {wanted}); give the same ones, or start again without --resume"
+        "{file}: was made with other options or data ({found}, now {wanted}); give the same ones, or start \
+         again without --resume"
     )]
     Different {
         /// The checkpoint.

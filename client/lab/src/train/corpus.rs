@@ -1,8 +1,8 @@
 //! Sequences to train on: which writers, at which step, in which units.
 //!
-//! Sequences are those of the prediction tables ([`crate::prediction::sequences`]): pen-down displacements, five zero
-//! steps at the end. Another step than the device's is made by adding up whole samples, once per phase, where it is a
-//! multiple; else by interpolation. Absent: hover paths.
+//! Sequences are those of the prediction tables ([`crate::prediction::sequences`]): pen-down displacements,
+//! five zero steps at the end. Another step than the device's is made by adding up whole samples, once per
+//! phase, where it is a multiple; else by interpolation. Absent: hover paths.
 
 use std::collections::BTreeSet;
 
@@ -15,13 +15,14 @@ use rand_pcg::Pcg64;
 use super::resample;
 use crate::prediction::{PADDING_STEPS, Sequence};
 
-/// Rates that differ by no more than this part are the same: devices' clocks and estimates from stamps are no better.
+/// Rates that differ by no more than this part are the same: devices' clocks and estimates from stamps are no
+/// better.
 const RATE_TOLERANCE: f64 = 0.01;
 
 /// One recorded character as displacements per step, with what is known of its jumps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Strokes {
-    /// Displacements [raw units per step], T x 2.
+    /// Displacements \[raw units per step\], T x 2.
     pub v: Vec<[f64; 2]>,
     /// Step t crosses two strokes; T long, or empty where nothing is known.
     pub jump: Vec<bool>,
@@ -88,21 +89,22 @@ pub enum CorpusError {
         "the recordings have different rates ({low} and {high} Hz); give the step to train at (--step-ms)"
     )]
     Rates {
-        /// Lowest [Hz].
+        /// Lowest \[Hz\].
         low: f64,
-        /// Highest [Hz].
+        /// Highest \[Hz\].
         high: f64,
     },
     /// A step finer than the samples.
     #[error(
-        "a step of {step_ms} ms is finer than the samples ({rate_hz} Hz); give at least {least_ms} ms (--step-ms)"
+        "a step of {step_ms} ms is finer than the samples ({rate_hz} Hz); give at least {least_ms} ms \
+         (--step-ms)"
     )]
     TooFine {
-        /// As asked for [ms].
+        /// As asked for \[ms\].
         step_ms: f64,
-        /// Of the device [Hz].
+        /// Of the device \[Hz\].
         rate_hz: f64,
-        /// Smallest legal step [ms].
+        /// Smallest legal step \[ms\].
         least_ms: f64,
     },
     /// Too few writers to hold some out.
@@ -135,7 +137,7 @@ pub fn items(set: &DataSet) -> Vec<Item> {
         .collect()
 }
 
-/// All items at one step; returns it [ms]. `None` takes the devices' own.
+/// All items at one step; returns it \[ms\]. `None` takes the devices' own.
 ///
 /// # Errors
 /// [`CorpusError`]: nothing to train on, different rates without a step, or a step finer than the samples.
@@ -184,7 +186,8 @@ fn to_thousandths(x: f64) -> f64 {
     (x * 1e3).round() / 1e3
 }
 
-/// Parts the items by writer: (train, held out), `share` of the writers (at least one) held out as `seed` draws them.
+/// Parts the items by writer: (train, held out), `share` of the writers (at least one) held out as `seed`
+/// draws them.
 ///
 /// # Errors
 /// [`CorpusError::Writers`] with a single writer.
@@ -211,9 +214,11 @@ pub fn rms<'a>(strokes: impl IntoIterator<Item = &'a Strokes>) -> f64 {
     if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
 }
 
-/// Puts the items into the loop's normalised units: over the running speed scale, which hears each writer in order.
+/// Puts the items into the loop's normalised units: over the running speed scale, which hears each writer in
+/// order.
 ///
-/// The scale starts where that writer's moving steps put it: a loop that has run for a while. Jumps do not move it.
+/// The scale starts where that writer's moving steps put it: a loop that has run for a while. Jumps do not
+/// move it.
 pub fn normalise(items: &mut [Item]) {
     let writers: BTreeSet<String> = items.iter().map(|item| item.writer.clone()).collect();
     for writer in writers {

@@ -1,7 +1,7 @@
 //! Gradients and scores of whole batches, the groups of eight sequences shared out to threads.
 //!
-//! Contract: groups are formed and summed in an order that depends on the batch alone, so results are the same bit for
-//! bit for any number of threads and any width of vector instructions.
+//! Contract: groups are formed and summed in an order that depends on the batch alone, so results are the
+//! same bit for bit for any number of threads and any width of vector instructions.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -31,11 +31,11 @@ pub struct Setup {
 pub struct Scores {
     /// The objective, padding masked.
     pub loss: f64,
-    /// Mean squared error [raw units^2], as the tables' pooled MSE.
+    /// Mean squared error \[raw units^2\], as the tables' pooled MSE.
     pub mse: f64,
     /// The same without jump targets and the steps right after one.
     pub within: f64,
-    /// Of the position at the last lead K, where none of the K steps is a jump [raw units^2].
+    /// Of the position at the last lead K, where none of the K steps is a jump \[raw units^2\].
     pub position: f64,
 }
 

@@ -1,7 +1,8 @@
 //! A whole training: epochs, held-out scores, the best parameters so far.
 //!
-//! Contract: everything random is drawn from (seed, epoch, place), so a training continued from any epoch is the same
-//! bit for bit as one that was never interrupted. After a diverged epoch the state is that before it.
+//! Contract: everything random is drawn from (seed, epoch, place), so a training continued from any epoch is
+//! the same bit for bit as one that was never interrupted. After a diverged epoch the state is that before
+//! it.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -65,7 +66,8 @@ pub struct State {
 pub enum FitError {
     /// A loss or parameter is NaN or infinite.
     #[error(
-        "training diverged in epoch {epoch}: the loss is {loss}; lower --rate, or limit gradients (--limit-norm 1)"
+        "training diverged in epoch {epoch}: the loss is {loss}; lower --rate, or limit gradients \
+         (--limit-norm 1)"
     )]
     Diverged {
         /// From 1.
@@ -122,7 +124,8 @@ impl Fit {
         done >= self.plan.epochs || self.plan.patience.is_some_and(|patience| waited >= patience)
     }
 
-    /// The parameters to keep and the epoch (from 0) that they are of: the best on held-out writers, else the last.
+    /// The parameters to keep and the epoch (from 0) that they are of: the best on held-out writers, else the
+    /// last.
     #[must_use]
     pub fn outcome(&self) -> (usize, &[f32]) {
         match &self.state.best {
@@ -143,7 +146,8 @@ impl Fit {
         self.train.len().div_ceil(self.plan.batch)
     }
 
-    /// One epoch; `watch` hears of each finished batch and may end it, which leaves the state as it was before.
+    /// One epoch; `watch` hears of each finished batch and may end it, which leaves the state as it was
+    /// before.
     ///
     /// # Errors
     /// [`FitError`]: diverged or interrupted; the state is that before the epoch.

@@ -1,7 +1,8 @@
-//! Back-propagation through time over eight sequences at once, fused: no matrix of the whole batch is ever formed.
+//! Back-propagation through time over eight sequences at once, fused: no matrix of the whole batch is ever
+//! formed.
 //!
-//! Contract: the gradient is that of the objective over the whole batch (its denominator is given), summed over lanes
-//! and steps in a fixed order. All buffers are reused from group to group.
+//! Contract: the gradient is that of the objective over the whole batch (its denominator is given), summed
+//! over lanes and steps in a fixed order. All buffers are reused from group to group.
 
 use foretrace_control::predict::models::activation::{sigmoid, tanh};
 
@@ -16,7 +17,7 @@ pub(super) struct Group<F> {
     shape: Shape,
     /// Steps that are run: all but the last one of the longest lane.
     steps: usize,
-    /// Displacements [input scales] as recorded, steps + 1 x 2: the targets.
+    /// Displacements \[input scales\] as recorded, steps + 1 x 2: the targets.
     real: Vec<Lanes<F>>,
     /// 0 where the state is forgotten before the step, else 1.
     keep: Vec<Lanes<F>>,
@@ -59,7 +60,8 @@ impl<F: Real> Group<F> {
         }
     }
 
-    /// Takes over up to eight sequences of raw displacements, to be divided by `scale`; `longest` is the batch's.
+    /// Takes over up to eight sequences of raw displacements, to be divided by `scale`; `longest` is the
+    /// batch's.
     ///
     /// Returns the weight of this group's targets in the batch's mean.
     pub(super) fn load(
@@ -167,7 +169,7 @@ impl<F: Real> Group<F> {
         self.by_h = h;
     }
 
-    /// Prediction of the displacement lead + 1 steps after step t in one lane [input scales].
+    /// Prediction of the displacement lead + 1 steps after step t in one lane \[input scales\].
     pub(super) fn lead(&self, t: usize, lead: usize, lane: usize) -> [f64; 2] {
         let at = 2 * (t * self.shape.leads + lead);
         [self.y[at].0[lane].wide(), self.y[at + 1].0[lane].wide()]

@@ -1,8 +1,9 @@
 //! What training minimises: errors of predicted displacements, and of the positions they sum to.
 //!
-//! After input t, lead i is scored against the displacement of step t+i (`step`) and the sum of steps t+1..=t+i
-//! (`position`), per component. The mean is weighted: sum of w rho(e) over sum of w, both components counted.
-//! Absent: targets inside a jump and beyond the end of a sequence, unless the padding is counted (as in the paper).
+//! After input t, lead i is scored against the displacement of step t+i (`step`) and the sum of steps
+//! t+1..=t+i (`position`), per component. The mean is weighted: sum of w rho(e) over sum of w, both
+//! components counted. Absent: targets inside a jump and beyond the end of a sequence, unless the padding is
+//! counted (as in the paper).
 
 use super::corpus::Strokes;
 use super::real::{LANES, Lanes, Real};
@@ -22,7 +23,8 @@ pub enum Penalty {
 /// What happens beyond the end of a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Padding {
-    /// All sequences of a batch are filled with zero steps to the longest, and these count ("zero-padded for uniformity").
+    /// All sequences of a batch are filled with zero steps to the longest, and these count ("zero-padded for
+    /// uniformity").
     Counted,
     /// Only real steps count.
     Masked,
@@ -35,7 +37,8 @@ pub struct Objective {
     pub penalty: Penalty,
     /// What happens beyond the end of a sequence.
     pub padding: Padding,
-    /// Steps that are known to be jumps or are longer than this [input scales] are no targets, nor is what lies beyond.
+    /// Steps that are known to be jumps or are longer than this \[input scales\] are no targets, nor is what
+    /// lies beyond.
     pub gate: Option<f64>,
     /// Weight of the displacement at each lead, K long.
     pub step: Vec<f64>,
@@ -100,8 +103,8 @@ impl<F: Real> PreparedLoss<F> {
     /// Turns the predictions `y` (2K rows) after input t into the loss's derivative ; returns the loss's
     /// lanes. Neither is divided by the weight yet.
     ///
-    /// `targets` are the steps from t+1 on, `[step][component]`; fewer than K where no lane has more. `horizon` is each
-    /// lane's number of leads to score.
+    /// `targets` are the steps from t+1 on, `[step][component]`; fewer than K where no lane has more.
+    /// `horizon` is each lane's number of leads to score.
     #[inline(always)]
     pub(super) fn differentiate(
         &self,

@@ -1,8 +1,8 @@
 //! Training of the LSTM family in fused code of our own: back-propagation through time, Adam, no framework.
 //!
-//! Contract: the same seed, data and options give the same weights bit for bit, on any number of threads. Sequences are
-//! raw displacements ([`Strokes`]); networks see them divided by a scale. Absent: the online learners (they train
-//! inside the tables), and the running network (`foretrace_control::predict`).
+//! Contract: the same seed, data and options give the same weights bit for bit, on any number of threads.
+//! Sequences are raw displacements ([`Strokes`]); networks see them divided by a scale. Absent: the online
+//! learners (they train inside the tables), and the running network (`foretrace_control::predict`).
 
 mod real;
 pub mod corpus;

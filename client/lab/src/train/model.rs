@@ -43,16 +43,20 @@ pub fn model(
 pub fn citation(set: &str) -> Option<&'static str> {
     match set {
         "unipen-ced" | "unipen-tos" => Some(
-            "I. Guyon, L. Schomaker, R. Plamondon, M. Liberman, S. Janet: UNIPEN project of on-line data exchange and \
-             recognizer benchmarks, ICPR 1994, pp. 29-33; International Unipen Foundation: train_r01_v07 (1999), \
+            "I. Guyon, L. Schomaker, R. Plamondon, M. Liberman, S. Janet: UNIPEN project of on-line data \
+             exchange and \
+             recognizer benchmarks, ICPR 1994, pp. 29-33; International Unipen Foundation: train_r01_v07 \
+             (1999), \
              doi:10.5281/zenodo.1195803, CC BY 4.0",
         ),
         "character-trajectories" => Some(
-            "B. H. Williams, M. Toussaint, A. J. Storkey: Character Trajectories, UCI Machine Learning Repository, 2006, \
+            "B. H. Williams, M. Toussaint, A. J. Storkey: Character Trajectories, UCI Machine Learning \
+             Repository, 2006, \
              CC BY 4.0",
         ),
         "pendigits-orig" => Some(
-            "F. Alimoglu, E. Alpaydin: Pen-Based Recognition of Handwritten Digits, UCI Machine Learning Repository, \
+            "F. Alimoglu, E. Alpaydin: Pen-Based Recognition of Handwritten Digits, UCI Machine Learning \
+             Repository, \
              1998, CC BY 4.0",
         ),
         _ => None,

@@ -1,7 +1,7 @@
 //! What a network is and the flat vector of its parameters, in PyTorch's names, shapes and order.
 //!
-//! z = W_ih x + b_ih + W_hh h + b_hh, gate rows i, f, g, o (H each); i, f, o = sigmoid, g = tanh; c <- f c + i g;
-//! h <- o tanh(c); y = W_out h + b_out. h = c = 0 before each sequence.
+//! z = W_ih x + b_ih + W_hh h + b_hh, gate rows i, f, g, o (H each); i, f, o = sigmoid, g = tanh; c <- f c +
+//! i g; h <- o tanh(c); y = W_out h + b_out. h = c = 0 before each sequence.
 
 use std::ops::Range;
 
@@ -65,7 +65,8 @@ impl Shape {
     }
 }
 
-/// A network without its parameters: sizes and what is done around the layer. Lengths are in units of the input scale.
+/// A network without its parameters: sizes and what is done around the layer. Lengths are in units of the
+/// input scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Network {
     /// Sizes.
@@ -74,11 +75,13 @@ pub struct Network {
     pub clip: Option<f64>,
     /// Output = cut input + linear(h), for every lead.
     pub residual: bool,
-    /// Longer input steps are not motion: the state is forgotten before them and they are taken for a zero step.
+    /// Longer input steps are not motion: the state is forgotten before them and they are taken for a zero
+    /// step.
     pub reset_beyond: Option<f64>,
 }
 
-/// Weights as the kernels read them: four gates of a cell side by side, inputs `[x, y, 1, h]`, transposes ready.
+/// Weights as the kernels read them: four gates of a cell side by side, inputs `[x, y, 1, h]`, transposes
+/// ready.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Packed<F> {
     /// `[cell][input][gate]`, inputs 3 + H.

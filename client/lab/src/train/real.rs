@@ -1,8 +1,8 @@
 //! Eight sequences side by side in one of the two float types that a network trains in.
 //!
-//! A group of eight sequences advances together, one per lane; every inner loop runs over lanes, so that the compiler
-//! turns it into vector instructions of whatever width the machine has. Lanes never mix but in [`Lanes::sum`], whose
-//! order is fixed: results do not depend on that width.
+//! A group of eight sequences advances together, one per lane; every inner loop runs over lanes, so that the
+//! compiler turns it into vector instructions of whatever width the machine has. Lanes never mix but in
+//! [`Lanes::sum`], whose order is fixed: results do not depend on that width.
 
 use std::ops::{Add, Mul, Sub};
 

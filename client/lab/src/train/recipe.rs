@@ -14,11 +14,11 @@ use super::parameters::{Network, Shape};
 pub enum Recipe {
     /// The paper's: mean squared error, zero padding counted, Adam 1e-3, batch 16, 40 epochs.
     Paper,
-    /// `l32h` of the reference tables: inputs cut at 4 RMS, residual output, Huber (0.5 RMS), padding masked, one-cycle
-    /// Adam up to 1e-2, batch 32, 60 epochs.
+    /// `l32h` of the reference tables: inputs cut at 4 RMS, residual output, Huber (0.5 RMS), padding masked,
+    /// one-cycle Adam up to 1e-2, batch 32, 60 epochs.
     Robust,
-    /// The trunk of `mixture`: 24 direct leads on normalised inputs, positions at every lead, no jump learned from or across,
-    /// changed copies for other hands and rates.
+    /// The trunk of `mixture`: 24 direct leads on normalised inputs, positions at every lead, no jump learned
+    /// from or across, changed copies for other hands and rates.
     Mixture,
 }
 
@@ -94,8 +94,8 @@ impl Recipe {
         }
     }
 
-    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead; for `mixture` by
-    /// about the inverse of its usual squared error, and the next step 40 times over.
+    /// What is minimised. One lead: the displacement. More: the position at each, weighted by 1 / lead; for
+    /// `mixture` by about the inverse of its usual squared error, and the next step 40 times over.
     #[must_use]
     pub fn objective(self, leads: usize) -> Objective {
         let (penalty, padding) = match self {

@@ -1,7 +1,7 @@
 //! The same stroke as a device of another rate would have seen it.
 //!
-//! A step across two strokes stays one step: no point is made up between strokes. Positions count from the first point;
-//! the pen rests where the last one lies.
+//! A step across two strokes stays one step: no point is made up between strokes. Positions count from the
+//! first point; the pen rests where the last one lies.
 
 use super::corpus::Strokes;
 
@@ -18,7 +18,8 @@ pub(super) fn decimated(strokes: &Strokes, factor: usize, phase: usize) -> Strok
     Strokes::at_rest(v, jump)
 }
 
-/// Points every `ratio` samples from `start` (in [0, 1) samples) on, by cubic interpolation inside each stroke.
+/// Points every `ratio` samples from `start` (in [0, 1) samples) on, by cubic interpolation inside each
+/// stroke.
 pub(super) fn resampled(strokes: &Strokes, ratio: f64, start: f64) -> Strokes {
     let points = positions(strokes);
     let last = points.len() - 1;
@@ -47,7 +48,8 @@ pub(super) fn resampled(strokes: &Strokes, ratio: f64, start: f64) -> Strokes {
     Strokes::at_rest(v, jump)
 }
 
-/// Catmull-Rom between samples `index` and `index + 1`; neighbours beyond a jump or an end are continued straight.
+/// Catmull-Rom between samples `index` and `index + 1`; neighbours beyond a jump or an end are continued
+/// straight.
 fn between(strokes: &Strokes, points: &[[f64; 2]], index: usize, share: f64) -> [f64; 2] {
     let (p1, p2) = (points[index], points[index + 1]);
     let p0 = if index > 0 && !strokes.jumps(index - 1) { Some(points[index - 1]) } else { None };

@@ -83,7 +83,8 @@ fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
         for (tool, wanted) in run.tool.iter().zip(&wanted) {
             assert!((tool.t_s - wanted.t_s).abs() < 1e-6, "{tool:?} {wanted:?}");
             let off_m = (tool.x_m - wanted.x_m).hypot(tool.y_m - wanted.y_m);
-            // Time-optimal motion makes much of the last digit of a clock; a period off would be 0.2 mm and more.
+            // Time-optimal motion makes much of the last digit of a clock; a period off would be 0.2 mm and
+            // more.
             let most_m = if kind == BaselineKind::Otg { 1e-4 } else { 1e-6 };
             assert!(off_m < most_m, "{kind} at {}: {off_m}", tool.t_s);
         }
@@ -175,7 +176,8 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
         format!(".PEN_DOWN\n{}.PEN_UP\n", points.collect::<String>())
     };
     let text = format!(
-        ".VERSION 1.0\n.COORD X Y\n.POINTS_PER_SECOND 200\n.HIERARCHY CHARACTER\n{}{}.SEGMENT CHARACTER 0-1 OK \"8\"\n",
+        ".VERSION 1.0\n.COORD X Y\n.POINTS_PER_SECOND 200\n.HIERARCHY CHARACTER\n{}{}.SEGMENT CHARACTER 0-1 \
+         OK \"8\"\n",
         stroke(0.0),
         stroke(500.0)
     );
@@ -346,7 +348,8 @@ fn the_lead_of_the_presets_is_for_arms_behind_a_servo_and_for_what_is_not_known(
 #[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     let error = Rival::named("servoj").unwrap_err();
-    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls mixture-trust1 mixture servoj-gello \
+    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls mixture-trust1 mixture \
+                 servoj-gello \
                  servoj-ros otg kalman oracle servoj-gello-legal servoj-ros-legal otg-legal kalman-legal";
     assert_eq!(error.known.join(" "), names);
     assert!(error.to_string().contains(names), "{error}");

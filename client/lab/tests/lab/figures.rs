@@ -30,7 +30,8 @@ fn perfect_prediction_beats_ours_and_the_dybm_and_both_beat_feedback() {
     for arm in [Fig2Arm::Ideal, Fig2Arm::Ur5] {
         let [hold, dybm, mixture, believed, oracle] = entrants.map(|entrant| mse(arm, entrant));
         println!(
-            "{arm:?}: hold {hold:e}, DyBM {dybm:e}, mixture {mixture:e}, at trust 1 {believed:e}, oracle {oracle:e} m²"
+            "{arm:?}: hold {hold:e}, DyBM {dybm:e}, mixture {mixture:e}, at trust 1 {believed:e}, oracle \
+             {oracle:e} m²"
         );
         assert!(dybm < 0.7 * hold && oracle < 0.2 * dybm, "{arm:?}: {hold:e} {dybm:e} {oracle:e}");
         for mixture in [mixture, believed] {

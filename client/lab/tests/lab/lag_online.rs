@@ -1,4 +1,5 @@
-//! The loop measures the lag of simulated arms while it writes with them: the acceptance figures, by the daemon's own law.
+//! The loop measures the lag of simulated arms while it writes with them: the acceptance figures, by the
+//! daemon's own law.
 
 use foretrace_config::Config;
 use foretrace_control::arm::lag::Following;
@@ -12,7 +13,7 @@ use foretrace_sim::arm::{ArmModel, ArmSettings, DelayChange, DelaySettings, JOIN
 use foretrace_sim::path::{Layout, PenPath, Placement};
 use foretrace_sim::writer::text_path;
 
-/// The pen begins here, the loop a second before [ns].
+/// The pen begins here, the loop a second before \[ns\].
 const BEGIN_NS: u64 = 10_000_000_000;
 /// Of the preset.
 const HORIZON: usize = 20;
@@ -26,8 +27,8 @@ fn written(text: &str, seed: u64) -> PenPath {
     text_path(text, seed, 200.0, &placement).unwrap()
 }
 
-/// Writes `path` with an arm; `see` hears the time since the pen began [s], what the loop answered, and the arm's tool and
-/// the pen at that moment [m].
+/// Writes `path` with an arm; `see` hears the time since the pen began \[s\], what the loop answered, and the
+/// arm's tool and the pen at that moment \[m\].
 fn write(
     settings: FollowerSettings<JOINTS>,
     arm: ArmSettings,
@@ -85,7 +86,7 @@ fn write(
     }
 }
 
-/// Worst error of the estimate [ms] from `after` to the end, and its largest standard deviation [ms].
+/// Worst error of the estimate \[ms\] from `after` to the end, and its largest standard deviation \[ms\].
 fn worst(arm: ArmSettings, texts: &[(&str, u64)], after: f64) -> [f64; 2] {
     let mut found = [0.0_f64; 2];
     for (text, seed) in texts {
@@ -168,8 +169,8 @@ fn behind_a_slow_servo_following_the_shift_costs_who_foresees_badly_less_than_it
         }
         sum / count
     };
-    // Whose prediction goes on straight pays for every millisecond of lead that the arm, a filter, did not need. Whose prediction
-    // turns with the pen hardly minds which of the two it is given.
+    // Whose prediction goes on straight pays for every millisecond of lead that the arm, a filter, did not
+    // need. Whose prediction turns with the pen hardly minds which of the two it is given.
     for (kind, legal) in [(PredictorKind::CONSTANT_VELOCITY, 0.0..0.8), (PredictorKind::MIXTURE, 0.95..1.05)]
     {
         let fixed = mse(kind, Following::Fixed);

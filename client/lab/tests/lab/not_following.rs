@@ -1,7 +1,8 @@
-//! Arms that do not do what they are told, or do not say what they do, in simulated time: the daemon's law stops, soon, with the
-//! reason; and arms that do obey, however late and uneven, are never blamed.
+//! Arms that do not do what they are told, or do not say what they do, in simulated time: the daemon's law
+//! stops, soon, with the reason; and arms that do obey, however late and uneven, are never blamed.
 //!
-//! The table of docs/results/not-following.md: `cargo test --release -p foretrace-lab --test lab not_following -- --nocapture`.
+//! The table of docs/results/not-following.md: `cargo test --release -p foretrace-lab --test lab
+//! not_following -- --nocapture`.
 
 use crate::desk::{Desk, Pen, Seen};
 use foretrace_config::Config;
@@ -13,8 +14,8 @@ use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKi
 
 /// The arm breaks so long after the pen began [s]: by then the lag is known.
 const AT_S: f64 = 3.0;
-/// Faults are found within this time, if there is motion that shows them [s]: the longest lag that the settings allow, what
-/// the servo spreads, the window in which motion has to show.
+/// Faults are found within this time, if there is motion that shows them [s]: the longest lag that the
+/// settings allow, what the servo spreads, the window in which motion has to show.
 const FOUND_S: f64 = 1.5;
 
 fn late(delay_s: f64) -> ArmSettings {
@@ -71,7 +72,8 @@ fn every_fault_latches_at_every_lag_and_speed() {
                 assert_eq!(reason, StopReason::TrackingError, "{name}, {lag}, {speed}");
                 let after = desk.since_begin(detail.at) - AT_S;
                 println!(
-                    "{name:<14} {lag:<7} {speed:<8} {:4.2} rad/s  {:6.0} ms   {:7.1} mm   {:?} {:?} {:.3} > {:.3}",
+                    "{name:<14} {lag:<7} {speed:<8} {:4.2} rad/s  {:6.0} ms   {:7.1} mm   {:?} {:?} {:.3} > \
+                     {:.3}",
                     seen.joint_radps,
                     after * 1e3,
                     seen.off_m * 1e3,
@@ -199,7 +201,8 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
         desk.seen = Seen::default();
         let later = stop.or_else(|| desk.write(pen, 16.0));
         println!(
-            "{arm_share} of {speed_mps} m/s: share {share:.2}, up to {:.1} mm off, afterwards {:.1} at {:.2} m/s: {later:?}",
+            "{arm_share} of {speed_mps} m/s: share {share:.2}, up to {:.1} mm off, afterwards {:.1} at {:.2} \
+             m/s: {later:?}",
             off_m * 1e3,
             desk.seen.off_m * 1e3,
             desk.seen.tool_mps
@@ -208,7 +211,8 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
         assert!(later.is_none() && desk.seen.off_m < 0.05, "{arm_share}: {later:?}");
         assert!(desk.seen.tool_mps < 0.9 * speed_mps, "{arm_share}: {} m/s", desk.seen.tool_mps);
     }
-    // A hand that writes what such an arm can just catch up with between the strokes: it looks late, and is slow all the same.
+    // A hand that writes what such an arm can just catch up with between the strokes: it looks late, and is
+    // slow all the same.
     for share in [0.3, 0.15] {
         let arm =
             ArmSettings { fault: Some(Fault { kind: FaultKind::Slow(share), at_s: AT_S }), ..late(0.0) };

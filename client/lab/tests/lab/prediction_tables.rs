@@ -1,6 +1,7 @@
 //! Table 1 against the reference numbers and per-sequence errors, where the shared data is there.
 //!
-//! Sources of the numbers: the tables of the reference run (its program is not here) and `fixtures/reference`.
+//! Sources of the numbers: the tables of the reference run (its program is not here) and
+//! `fixtures/reference`.
 
 use crate::shared::shared;
 use foretrace_lab::prediction::{Model, Row, Scored, Set, score, share_below};

@@ -1,4 +1,5 @@
-//! The shipped law led by pens that leave the paper, race and leap: it always has a plan, and knows when to lift.
+//! The shipped law led by pens that leave the paper, race and leap: it always has a plan, and knows when to
+//! lift.
 
 use foretrace_config::Config;
 use foretrace_control::arm::lag::Following;
@@ -17,7 +18,8 @@ use rand_pcg::Pcg64;
 struct Seen {
     /// How far the commanded tool got beyond its workspace, x, y, z \[m\].
     beyond_m: [f64; 3],
-    /// How far it got below the paper, and how far above it stayed from a second after the beginning on, with the pen down \[m\].
+    /// How far it got below the paper, and how far above it stayed from a second after the beginning on, with
+    /// the pen down \[m\].
     deepest_m: f64,
     lifted_m: f64,
     /// Largest angle between the tool and the plane's normal \[rad\].
@@ -91,7 +93,8 @@ fn follow(
     seen
 }
 
-/// A pen that leaps to anywhere within `half` \[m\] of the middle at random times, up to `longest` \[s\] apart.
+/// A pen that leaps to anywhere within `half` \[m\] of the middle at random times, up to `longest` \[s\]
+/// apart.
 fn leaps(half: f64, longest: f64, seed: u64) -> impl Fn(f64) -> [f64; 2] {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut until = 0.0;
@@ -128,7 +131,8 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
         ] {
             let Seen { beyond_m: [x, y, z], deepest_m, tilt_rad, steps, fresh, .. } = seen;
             println!(
-                "{preset}, {name}: x, y, z beyond by {:.2} {:.2} {:.2} mm, {:.2} mm into the paper, tilted by {tilt_rad:.3} rad; at most \
+                "{preset}, {name}: x, y, z beyond by {:.2} {:.2} {:.2} mm, {:.2} mm into the paper, tilted \
+                 by {tilt_rad:.3} rad; at most \
                  {steps} steps in a tick, {fresh:.5} of the ticks with a plan of their own",
                 x * 1e3,
                 y * 1e3,
@@ -144,7 +148,8 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
     }
 }
 
-/// Less is asked for until there is a plan. An arm at rest without one would be asked for the same, and fail, for ever.
+/// Less is asked for until there is a plan. An arm at rest without one would be asked for the same, and fail,
+/// for ever.
 #[test]
 fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
     let config = Config::preset("ur5").unwrap();
@@ -160,7 +165,8 @@ fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
             ("leaps", auto, most, &leaps(0.35, 0.5, 2)),
             ("circles", auto, most, &circles),
             ("corners, believed", full, most, &corners),
-            // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins anew.
+            // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins
+            // anew.
             ("leaps, believed", full, 2 * most, &leaps(0.35, 0.5, 2)),
             ("circles, believed", full, most, &circles),
         ] {

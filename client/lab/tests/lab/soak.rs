@@ -1,8 +1,10 @@
-//! A long time at the desk, simulated: the daemon's law and its learner, an arm with a servo, texts of many hands, and
-//! troubles between them. Every command is judged, every trouble is got over, and the end is as good as the middle.
+//! A long time at the desk, simulated: the daemon's law and its learner, an arm with a servo, texts of many
+//! hands, and troubles between them. Every command is judged, every trouble is got over, and the end is as
+//! good as the middle.
 //!
-//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes); 10 000 000 are five and a half hours:
-//! `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab soak -- --nocapture`.
+//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes); 10 000 000 are
+//! five and a half hours: `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab
+//! soak -- --nocapture`.
 
 use foretrace_config::Config;
 use foretrace_control::follower::{
@@ -24,7 +26,7 @@ use rand_pcg::Pcg64;
 const HORIZON: usize = 20;
 const TICKS: u64 = 120_000;
 
-/// Below this the envelope latches a stop: the workspace's 0.5 mm and the margin's 1 mm [m].
+/// Below this the envelope latches a stop: the workspace's 0.5 mm and the margin's 1 mm \[m\].
 const HEIGHT_LIMIT_M: f64 = -0.0015;
 
 /// What goes wrong in the middle of a text.
@@ -93,7 +95,7 @@ struct Desk {
     random: Pcg64,
     /// Requests that were answered.
     answered: u64,
-    /// Where the last command has the tip, over the paper, and the lowest that one had it [m].
+    /// Where the last command has the tip, over the paper, and the lowest that one had it \[m\].
     low_m: f64,
     lowest_m: f64,
     /// Stops because lost ticks had carried the tip into the paper.
@@ -263,8 +265,8 @@ impl Desk {
                 tracking.count += 1;
             }
         }
-        // Consumers go on while a command is valid and then brake, each joint by itself: an arm that is left alone while it lowers
-        // the pen ends in the paper, and that stop is due.
+        // Consumers go on while a command is valid and then brake, each joint by itself: an arm that is left
+        // alone while it lowers the pen ends in the paper, and that stop is due.
         let carried_out = trouble == Some(Trouble::TicksLost)
             && stopped == Some(StopReason::Envelope)
             && detail.is_some_and(|detail| detail.cause == StopCause::Height && self.low_m < HEIGHT_LIMIT_M);
@@ -300,7 +302,7 @@ impl Desk {
     }
 }
 
-/// RMS of the median text [mm].
+/// RMS of the median text \[mm\].
 fn median_mm(texts: &[Tracking]) -> f64 {
     let mut each: Vec<f64> = texts.iter().map(|text| text.rms_mm()).collect();
     each.sort_by(f64::total_cmp);
@@ -328,7 +330,8 @@ fn writing_and_trouble_leave_nothing_behind() {
     let (middle, end) = (quarters[1], quarters[quarters.len() - 1]);
     let seen = desk.judge.statistics();
     println!(
-        "soak: {} ticks ({:.1} h), {} commands, {} violations, {troubles} troubles, {} requests; RMS of the median text in \
+        "soak: {} ticks ({:.1} h), {} commands, {} violations, {troubles} troubles, {} requests; RMS of the \
+         median text in \
          each quarter {quarters:.2?} mm; at most {:.1} rad/s, {:.1} rad/s2",
         desk.ticks,
         desk.ticks as f64 * desk.period_ns as f64 / 3.6e12,

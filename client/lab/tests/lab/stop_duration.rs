@@ -1,12 +1,14 @@
-//! The jerk-limited stop against an online trajectory generator (crate `rsruckig`): in the limit of short ticks they are one.
+//! The jerk-limited stop against an online trajectory generator (crate `rsruckig`): in the limit of short
+//! ticks they are one.
 //!
-//! Both bring velocity and acceleration to zero under the same limits of acceleration and jerk; the generator's answer is the
-//! time-optimal one in continuous time. In ticks the acceleration of a whole tick is that at its end, so that from (v, a) to
-//! rest Σ a·h = ∫ a dt − a·h/2: the stop in ticks is the continuous one from v − a·h/2, and that is what the generator is asked for.
-//! (Asked from v it is the same in the limit, but where a stop is nearly one fading of the acceleration, duration depends on
-//! the square root of velocity, and half a tick of it is many ticks of time.) What remains is that each of the at most three pieces of
-//! constant jerk begins and ends on a tick. So duration and distance differ by a tick or two, whatever
-//! the tick: asked at two, one a tenth of the other.
+//! Both bring velocity and acceleration to zero under the same limits of acceleration and jerk; the
+//! generator's answer is the time-optimal one in continuous time. In ticks the acceleration of a whole tick
+//! is that at its end, so that from (v, a) to rest Σ a·h = ∫ a dt − a·h/2: the stop in ticks is the
+//! continuous one from v − a·h/2, and that is what the generator is asked for. (Asked from v it is the same
+//! in the limit, but where a stop is nearly one fading of the acceleration, duration depends on the square
+//! root of velocity, and half a tick of it is many ticks of time.) What remains is that each of the at most
+//! three pieces of constant jerk begins and ends on a tick. So duration and distance differ by a tick or two,
+//! whatever the tick: asked at two, one a tenth of the other.
 
 use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::guard::{Commanded, StopProfile};
@@ -20,7 +22,8 @@ use rsruckig::prelude::{
 const STATES: usize = 3000;
 /// Ticks by which a duration may differ: two edges that have to wait for theirs.
 const DURATION_TICKS: f64 = 2.1;
-/// Ticks at the greatest speed by which a distance may differ: half of one for the velocity, half for the edges.
+/// Ticks at the greatest speed by which a distance may differ: half of one for the velocity, half for the
+/// edges.
 const DISTANCE_TICKS: f64 = 1.1;
 
 /// Limits and motion of one joint.
@@ -33,7 +36,7 @@ struct Case {
     a: f64,
 }
 
-/// Duration [s] and distance [rad] of a stop.
+/// Duration \[s\] and distance \[rad\] of a stop.
 #[derive(Debug, Clone, Copy)]
 struct Stop {
     duration: f64,
@@ -97,7 +100,8 @@ fn ticked(case: &Case, tick_ns: u64) -> Stop {
     Stop { duration: f64::from(ticks) * h, distance: last.q()[0] }
 }
 
-/// Largest differences over all cases: of durations in ticks, of distances in ticks at the greatest speed on the way.
+/// Largest differences over all cases: of durations in ticks, of distances in ticks at the greatest speed on
+/// the way.
 fn largest(cases: &[Case], tick_ns: u64) -> [f64; 2] {
     let h = tick_ns as f64 * 1e-9;
     cases.iter().fold([0.0; 2], |[duration, distance], case| {

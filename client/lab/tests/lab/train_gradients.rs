@@ -1,4 +1,5 @@
-//! Training against PyTorch's numbers (`fixtures/lstm`), and against finite differences where PyTorch has none stored.
+//! Training against PyTorch's numbers (`fixtures/lstm`), and against finite differences where PyTorch has
+//! none stored.
 
 use foretrace_lab::train::{
     Adam, AdamSettings, Engine, Network, Objective, Padding, Penalty, Real, Setup, Shape, Strokes,

@@ -1,9 +1,11 @@
-//! The way of a target from the sender to the servo: a pure delay, constant, jittering or changing in mid-run.
+//! The way of a target from the sender to the servo: a pure delay, constant, jittering or changing in
+//! mid-run.
 //!
-//! Contract: in each cycle the servo reads the target of `delay` ago, linear between two cycles' targets. It never reads
-//! backwards: where the delay grows it reads the same target again, where it shrinks targets are skipped, as by a
-//! controller that keeps the newest that arrived. Deterministic: the jitter is drawn from the seed, one number a cycle.
-//! Absent: loss (the consumer of commands bridges it), a limit on how fast the delay may change.
+//! Contract: in each cycle the servo reads the target of `delay` ago, linear between two cycles' targets. It
+//! never reads backwards: where the delay grows it reads the same target again, where it shrinks targets are
+//! skipped, as by a controller that keeps the newest that arrived. Deterministic: the jitter is drawn from
+//! the seed, one number a cycle. Absent: loss (the consumer of commands bridges it), a limit on how fast the
+//! delay may change.
 
 use std::collections::VecDeque;
 
@@ -12,17 +14,18 @@ use rand_pcg::Pcg64;
 
 use super::JOINTS;
 
-/// Longest delay that is kept [s]; longer ones count as this.
+/// Longest delay that is kept \[s\]; longer ones count as this.
 pub const MAX_DELAY_S: f64 = 1.0;
 
 /// How late targets reach the servo. Values that are negative or no numbers count as 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DelaySettings {
-    /// Delay [s], at most [`MAX_DELAY_S`]; any fraction of a cycle.
+    /// Delay \[s\], at most [`MAX_DELAY_S`]; any fraction of a cycle.
     pub delay_s: f64,
-    /// Each cycle's delay lies within this about `delay_s` [s], evenly spread, never below 0.
+    /// Each cycle's delay lies within this about `delay_s` \[s\], evenly spread, never below 0.
     ///
-    /// The newest target that arrived counts: jitter of more than a cycle therefore shortens the delay in the mean.
+    /// The newest target that arrived counts: jitter of more than a cycle therefore shortens the delay in the
+    /// mean.
     pub jitter_s: f64,
     /// Where the jitter begins.
     pub seed: u64,
@@ -33,20 +36,20 @@ pub struct DelaySettings {
 /// A change of the delay in mid-run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DelayChange {
-    /// When, since the arm began to cycle [s].
+    /// When, since the arm began to cycle \[s\].
     pub at_s: f64,
-    /// The delay from then on [s].
+    /// The delay from then on \[s\].
     pub delay_s: f64,
 }
 
 impl DelaySettings {
-    /// Nothing but a constant delay [s].
+    /// Nothing but a constant delay \[s\].
     #[must_use]
     pub fn constant(delay_s: f64) -> Self {
         Self { delay_s, ..Self::default() }
     }
 
-    /// The delay in force at `t_s` after the arm began to cycle, without its jitter [s].
+    /// The delay in force at `t_s` after the arm began to cycle, without its jitter \[s\].
     #[must_use]
     pub fn at(&self, t_s: f64) -> f64 {
         match self.change {
@@ -79,7 +82,7 @@ pub(super) struct DelayLine {
 }
 
 impl DelayLine {
-    /// All targets so far were `q` [rad]. `None` where nothing is ever delayed.
+    /// All targets so far were `q` \[rad\]. `None` where nothing is ever delayed.
     pub(super) fn new(settings: DelaySettings, cycle_s: f64, q: [f64; JOINTS]) -> Option<Self> {
         let longest = settings.longest_s() / cycle_s;
         // Not finite: a cycle of no length.
@@ -109,7 +112,7 @@ impl DelayLine {
         std::array::from_fn(|axis| newer[axis] + part * (older[axis] - newer[axis]))
     }
 
-    /// Age of the target that the servo read last [s].
+    /// Age of the target that the servo read last \[s\].
     pub(super) fn age_s(&self) -> f64 {
         self.age * self.cycle_s
     }

@@ -1,6 +1,7 @@
 //! Ways in which the simulated arm stops doing what it is told, or stops telling what it does.
 //!
-//! Contract: nothing changes before the fault begins; from then on it stays. Joints are counted from 0 at the base.
+//! Contract: nothing changes before the fault begins; from then on it stays. Joints are counted from 0 at the
+//! base.
 
 use std::f64::consts::TAU;
 use std::str::FromStr;
@@ -8,7 +9,7 @@ use std::str::FromStr;
 use super::servo::JointMotion;
 use super::{JOINTS, Joints};
 
-/// Swings per second of [`FaultKind::Oscillation`], where it begins [rad], and its growth [1/s].
+/// Swings per second of [`FaultKind::Oscillation`], where it begins \[rad\], and its growth \[1/s\].
 const SWING_HZ: f64 = 4.0;
 const SWING_RAD: f64 = 1e-3;
 
@@ -21,19 +22,19 @@ pub enum FaultKind {
     Locked(usize),
     /// One joint is reported where it was; it moves all the same.
     Frozen(usize),
-    /// The base joint is reported this much beside where it is [rad].
+    /// The base joint is reported this much beside where it is \[rad\].
     Offset(f64),
     /// One joint moves the other way.
     Flipped(usize),
     /// One joint is reported a turn farther than it is.
     Wrapped(usize),
-    /// The base joint turns at this speed whatever it is told [rad/s].
+    /// The base joint turns at this speed whatever it is told \[rad/s\].
     Runaway(f64),
     /// The program is paused: no target is taken any more, the servo settles.
     Paused,
-    /// Speed scaling as by a slider, in [0, 1].
+    /// Speed scaling as by a slider, in \[0, 1\].
     Slow(f64),
-    /// The base joint swings about where it ought to be, farther by this rate [1/s].
+    /// The base joint swings about where it ought to be, farther by this rate \[1/s\].
     Oscillation(f64),
 }
 
@@ -42,15 +43,17 @@ pub enum FaultKind {
 pub struct Fault {
     /// What breaks.
     pub kind: FaultKind,
-    /// When, since the arm began to cycle [s].
+    /// When, since the arm began to cycle \[s\].
     pub at_s: f64,
 }
 
 /// Text that names no fault.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or wrapped with a joint, 0 \
-     to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); slow [share, 0 to 1] (0.3); oscillation [growth \
+    "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or \
+     wrapped with a joint, 0 \
+     to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); slow [share, 0 to 1] (0.3); \
+     oscillation [growth \
      per second, 0 to 20] (2)"
 )]
 pub struct NoFault(String);
@@ -91,7 +94,7 @@ impl FromStr for Fault {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Broken {
     kind: FaultKind,
-    /// Where the joints were then [rad], and for how long it has lasted [s].
+    /// Where the joints were then \[rad\], and for how long it has lasted \[s\].
     from: [f64; JOINTS],
     since_s: f64,
 }

@@ -1,16 +1,18 @@
 //! The simulated UR5 controller as mathematics: what its joints do with a stream of joint targets.
 //!
-//! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure delay first
-//! ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight line), passes a critically
-//! damped second-order servo whose group delay is the look-ahead, and then a first-order joint loop. Both stages obey the
-//! velocity and acceleration clamps. Absent: clock, commands and their age (the consumer of commands keeps that),
-//! gravity, elasticity. Source: UR10e, servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
+//! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure
+//! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight
+//! line), passes a critically damped second-order servo whose group delay is the look-ahead, and then a
+//! first-order joint loop. Both stages obey the velocity and acceleration clamps. Absent: clock, commands and
+//! their age (the consumer of commands keeps that), gravity, elasticity. Source: UR10e, servoj with
+//! look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
 //!
-//! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets report: a target
-//! meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so that only the share s of the way
-//! is gone and the rest of that way is skipped (a lag of (1/s − 1) cycles that is slowly made up for at the end); and no
-//! joint is faster than s times its limit, so that a fast path is left behind. Not modelled: how a controller scales the
-//! acceleration. s = 0 is a paused program: the arm stays.
+//! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets
+//! report: a target meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so
+//! that only the share s of the way is gone and the rest of that way is skipped (a lag of (1/s − 1) cycles
+//! that is slowly made up for at the end); and no joint is faster than s times its limit, so that a fast path
+//! is left behind. Not modelled: how a controller scales the acceleration. s = 0 is a paused program: the arm
+//! stays.
 
 mod delay;
 mod fault;
@@ -29,26 +31,28 @@ pub const JOINTS: usize = 6;
 /// What the arm is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {
-    /// Controller cycle [s]: 0.002 for e-series, 0.008 for CB3.
+    /// Controller cycle \[s\]: 0.002 for e-series, 0.008 for CB3.
     pub cycle_s: f64,
     /// How late targets reach the servo.
     pub delay: DelaySettings,
-    /// Speed scaling s in [0, 1], 1: none. Values outside, and no numbers, count as the nearest legal value, 1.
+    /// Speed scaling s in \[0, 1\], 1: none. Values outside, and no numbers, count as the nearest legal
+    /// value, 1.
     pub speed_scaling: f64,
-    /// Group delay of the servo, servoj's `lookahead_time` [s]; 0: no servo filter.
+    /// Group delay of the servo, servoj's `lookahead_time` \[s\]; 0: no servo filter.
     pub look_ahead_s: f64,
-    /// Time constant of the joint loop [s]; 0: none.
+    /// Time constant of the joint loop \[s\]; 0: none.
     pub joint_loop_s: f64,
-    /// Largest joint speed [rad/s], per joint; may be infinite.
+    /// Largest joint speed \[rad/s\], per joint; may be infinite.
     pub velocity_radps: [f64; JOINTS],
-    /// Largest joint acceleration [rad/s²], per joint; may be infinite.
+    /// Largest joint acceleration \[rad/s²\], per joint; may be infinite.
     pub acceleration_radps2: [f64; JOINTS],
     /// What breaks, and when.
     pub fault: Option<Fault>,
 }
 
 impl ArmSettings {
-    /// A UR5 behind servoj at `cycle_s` with the given look-ahead: 3.342 rad/s and 40 rad/s², 2 ms of joint loop.
+    /// A UR5 behind servoj at `cycle_s` with the given look-ahead: 3.342 rad/s and 40 rad/s², 2 ms of joint
+    /// loop.
     #[must_use]
     pub fn ur5(cycle_s: f64, look_ahead_s: f64) -> Self {
         Self {
@@ -80,15 +84,16 @@ impl ArmSettings {
         }
     }
 
-    /// Time from a target to the motion it asks for, at low frequency, when the run begins [s]: [`Self::group_delay_at`] 0.
+    /// Time from a target to the motion it asks for, at low frequency, when the run begins \[s\]:
+    /// [`Self::group_delay_at`] 0.
     #[must_use]
     pub fn group_delay_s(&self) -> f64 {
         self.group_delay_at(0.0)
     }
 
-    /// Time from a target to the motion it asks for, at low frequency and speeds within the limits, `t_s` after the arm
-    /// began to cycle [s]: pure delay (without jitter), cycle, speed scaling, servo and joint loop. Infinite where speed
-    /// scaling is 0.
+    /// Time from a target to the motion it asks for, at low frequency and speeds within the limits, `t_s`
+    /// after the arm began to cycle \[s\]: pure delay (without jitter), cycle, speed scaling, servo and joint
+    /// loop. Infinite where speed scaling is 0.
     #[must_use]
     pub fn group_delay_at(&self, t_s: f64) -> f64 {
         let scaling = self.scaling();
@@ -103,12 +108,12 @@ impl ArmSettings {
     }
 }
 
-/// Joint positions [rad] and velocities [rad/s].
+/// Joint positions \[rad\] and velocities \[rad/s\].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Joints {
-    /// [rad]
+    /// \[rad\]
     pub q: [f64; JOINTS],
-    /// [rad/s]
+    /// \[rad/s\]
     pub qd: [f64; JOINTS],
 }
 
@@ -130,7 +135,7 @@ pub struct ArmModel {
 }
 
 impl ArmModel {
-    /// An arm at rest at `q` [rad].
+    /// An arm at rest at `q` \[rad\].
     #[must_use]
     pub fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
         let still = q.map(|q| JointMotion { q, qd: 0.0 });
@@ -148,8 +153,9 @@ impl ArmModel {
         }
     }
 
-    /// Moves through one controller cycle with `target` [rad], where the joints ought to be when the cycle starts,
-    /// and returns the joints at its end. A target that is not finite counts as "stay where the last one was".
+    /// Moves through one controller cycle with `target` \[rad\], where the joints ought to be when the cycle
+    /// starts, and returns the joints at its end. A target that is not finite counts as "stay where the last
+    /// one was".
     pub fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
         let dt = self.settings.cycle_s;
         self.break_down();
@@ -221,7 +227,7 @@ impl ArmModel {
         Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
     }
 
-    /// Age of the target that the servo read in the last cycle [s]: the pure delay, with its jitter.
+    /// Age of the target that the servo read in the last cycle \[s\]: the pure delay, with its jitter.
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay.as_ref().map_or(0.0, DelayLine::age_s)

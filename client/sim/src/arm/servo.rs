@@ -1,19 +1,21 @@
 //! One joint behind its controller: servo, joint loop and the clamps, each exact over one cycle.
 //!
-//! Contract: a stage whose time constant is 0 passes its input on; limits may be infinite. Absent: delay, other joints.
+//! Contract: a stage whose time constant is 0 passes its input on; limits may be infinite. Absent: delay,
+//! other joints.
 
-/// Position [rad] and velocity [rad/s] of one joint.
+/// Position \[rad\] and velocity \[rad/s\] of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct JointMotion {
     pub(super) q: f64,
     pub(super) qd: f64,
 }
 
-/// Critically damped second order, w = 2/look-ahead, behind a target going straight `from` → `to` within the cycle.
+/// Critically damped second order, w = 2/look-ahead, behind a target going straight `from` → `to` within the
+/// cycle.
 ///
-/// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and exact:
-/// e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Closing speed is bounded by what can still be braked, so that a large step
-/// meets the acceleration clamp without overshoot.
+/// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and
+/// exact: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Closing speed is bounded by what can still be braked, so
+/// that a large step meets the acceleration clamp without overshoot.
 pub(super) fn follow(
     state: JointMotion,
     from: f64,
@@ -46,7 +48,8 @@ fn pass(state: JointMotion, from: f64, to: f64, clamp: &Clamp) -> JointMotion {
     let dt = clamp.dt;
     let slope = (to - from) / dt;
     let with = |qd: f64| JointMotion { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
-    // Farther than this off the way between both velocities, no acceleration within the limit gets there in one cycle.
+    // Farther than this off the way between both velocities, no acceleration within the limit gets there in
+    // one cycle.
     if !((to - with(slope).q).abs() > 0.25 * clamp.a * dt * dt) {
         return JointMotion { q: to, qd: slope };
     }
@@ -75,7 +78,8 @@ pub(super) struct Clamp {
 }
 
 impl Clamp {
-    /// `wanted` if it is within reach of `state`, else the nearest velocity that is, with the position it leads to.
+    /// `wanted` if it is within reach of `state`, else the nearest velocity that is, with the position it
+    /// leads to.
     pub(super) fn apply(&self, state: JointMotion, wanted: JointMotion) -> JointMotion {
         let qd =
             wanted.qd.clamp(state.qd - self.a * self.dt, state.qd + self.a * self.dt).clamp(-self.v, self.v);
@@ -87,7 +91,7 @@ impl Clamp {
         }
     }
 
-    /// The speed [rad/s] from which a joint still stops within `distance` [rad], in steps of one cycle.
+    /// The speed \[rad/s\] from which a joint still stops within `distance` \[rad\], in steps of one cycle.
     fn brakeable(&self, distance: f64) -> f64 {
         let half = 0.5 * self.a * self.dt;
         (half * half + 2.0 * self.a * distance).sqrt() - half

@@ -11,7 +11,7 @@ fn lag_of_sine(rate_hz: f64, look_ahead_s: f64, frequency_hz: f64) -> f64 {
     lag_of(ArmSettings::ur5(1.0 / rate_hz, look_ahead_s), frequency_hz)
 }
 
-/// Phase lag [s] of joint 0 behind 0.02 rad·sin(2πft), by correlation over whole periods after settling.
+/// Phase lag \[s\] of joint 0 behind 0.02 rad·sin(2πft), by correlation over whole periods after settling.
 fn lag_of(settings: ArmSettings, frequency_hz: f64) -> f64 {
     let rate_hz = 1.0 / settings.cycle_s;
     let mut arm = ArmModel::at_rest(settings, [0.0; JOINTS]);
@@ -43,7 +43,8 @@ fn arm_is_still_when_the_target_is_where_it_is() {
 
 #[test]
 fn target_moves_nothing_in_its_own_cycle() {
-    // One cycle of delay: the step enters as a ramp over the cycle, of which the servo sees the first half late.
+    // One cycle of delay: the step enters as a ramp over the cycle, of which the servo sees the first half
+    // late.
     let mut arm = arm(500.0);
     let first = arm.cycle([0.01; JOINTS]).q[0];
     assert!(first < 0.01 * 0.01, "{first}");

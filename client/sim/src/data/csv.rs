@@ -1,8 +1,8 @@
 //! CSV pen paths: header `t_s,x_m,y_m,contact`, one sample per line.
 //!
-//! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact` is
-//! 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of foretrace's own
-//! recordings (`super::PenLog`). Times rise strictly.
+//! Columns may stand in any order; others are refused, so that a misspelt name cannot go unnoticed. `contact`
+//! is 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of
+//! foretrace's own recordings (`super::PenLog`). Times rise strictly.
 
 use super::csv_lines::{HEADER, Head, read_head, row};
 use super::file::read_limited;
@@ -29,7 +29,8 @@ pub enum CsvError {
         why: String,
     },
     /// The first line is not the header.
-    #[error("{}:{line}: expected the header t_s,x_m,y_m,contact (any order), found {found:?}", file.display())]
+    #[error("{}:{line}: expected the header t_s,x_m,y_m,contact (any order), found \
+             {found:?}", file.display())]
     Header {
         /// The file.
         file: PathBuf,
@@ -63,11 +64,12 @@ pub enum CsvError {
         legal: String,
     },
     /// Samples too close together or too far apart for a pen.
-    #[error("{}: the median step in time gives a rate of {rate_hz} Hz; legal: 0.001 to 1000000 (is t_s in seconds?)", file.display())]
+    #[error("{}: the median step in time gives a rate of {rate_hz} Hz; legal: 0.001 to 1000000 (is t_s in \
+             seconds?)", file.display())]
     Rate {
         /// The file.
         file: PathBuf,
-        /// One over the median step [Hz].
+        /// One over the median step \[Hz\].
         rate_hz: f64,
     },
     /// Fewer than two samples.
@@ -95,9 +97,12 @@ fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, CsvError> {
     std::str::from_utf8(bytes).map_err(refused)
 }
 
-/// Reads the bytes of a CSV path as a recording: one character without a label, a component per change of contact and per gap.
+/// Reads the bytes of a CSV path as a recording: one character without a label, a component per change of
+/// contact and per gap.
 ///
-/// *Errors*: as [`load_csv`].
+/// # Errors
+///
+/// As [`load_csv`].
 pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording, CsvError> {
     let text = text(bytes, path)?;
     let pen = parse_csv(text, path)?;
@@ -288,7 +293,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_text_makes_the_reader_panic(text in "(t_s,x_m,y_m,contact\n)?[0-9.,eE\\-\nnaif#\u{e9} ]{0,200}") {
+        fn no_text_makes_the_reader_panic(text in "(t_s,x_m,y_m,contact\n)?[0-9.,eE\\-\nnaif#\u{e9} \
+                                        ]{0,200}") {
             let _ = parse(&text);
         }
     }

@@ -1,4 +1,5 @@
-//! The lines of a CSV recording: the header, a sample, and the head of foretrace's own recordings. Loader and recorder share them.
+//! The lines of a CSV recording: the header, a sample, and the head of foretrace's own recordings. Loader and
+//! recorder share them.
 
 use crate::path::PathSample;
 
@@ -23,7 +24,9 @@ pub(super) struct Head {
 
 /// Reads the first line of a recording; `None` where `text` does not begin with one.
 ///
-/// *Errors*: field, value and what is legal.
+/// # Errors
+///
+/// Field, value and what is legal.
 pub(super) fn read_head(text: &str) -> Result<Option<Head>, (&'static str, String, &'static str)> {
     let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
     let Some(fields) = first.strip_prefix(MARK) else { return Ok(None) };

@@ -61,7 +61,8 @@ pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
     parse_recording(&read_limited(path)?, path)
 }
 
-/// Reads a recording from the bytes of a file; `path` stands in messages, and UNIPEN looks for includes around it.
+/// Reads a recording from the bytes of a file; `path` stands in messages, and UNIPEN looks for includes
+/// around it.
 ///
 /// # Errors
 /// As [`load_recording`].
@@ -78,7 +79,8 @@ pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError
 
 impl Format {
     /// For messages.
-    pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV with the columns t_s,x_m,y_m,contact";
+    pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV \
+                                        with the columns t_s,x_m,y_m,contact";
 
     /// The part that a file's name tells in sets that are published without a table.
     pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
@@ -108,7 +110,8 @@ impl Format {
         }
     }
 
-    /// What the beginning of a file says; `None` when it is no recording. Errors where the file cannot be read.
+    /// What the beginning of a file says; `None` when it is no recording. Errors where the file cannot be
+    /// read.
     pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
         let file = open(path)?;
         let mut head = Vec::new();

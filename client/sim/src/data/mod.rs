@@ -1,8 +1,9 @@
 //! Recorded handwriting as it comes from files, and sets of such files with their splits.
 //!
-//! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats included and
-//! finite; whatever is wrong with a file is said with file, line and reason. Scaling into the writing plane is
-//! [`crate::path`]'s business. Modules point upwards in their order here: files and lines, one loader per format, the formats, sets.
+//! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats
+//! included and finite; whatever is wrong with a file is said with file, line and reason. Scaling into the
+//! writing plane is [`crate::path`]'s business. Modules point upwards in their order here: files and lines,
+//! one loader per format, the formats, sets.
 
 mod file;
 mod csv_lines;
@@ -33,7 +34,7 @@ const GAP_PERIODS: f64 = 4.0;
 pub struct Recording {
     /// The file it was read from.
     pub source: PathBuf,
-    /// Sampling rate of the device [Hz].
+    /// Sampling rate of the device \[Hz\].
     pub rate_hz: f64,
     /// The file does not state the rate; the format's usual one was taken.
     pub rate_assumed: bool,
@@ -50,8 +51,8 @@ pub struct Recording {
 pub enum Quantity {
     /// Positions, as measured.
     Position,
-    /// Velocities, summed up here from (0, 0) with unit time step: differences of neighbouring points are the published
-    /// numbers (to rounding), so T velocities make T + 1 points.
+    /// Velocities, summed up here from (0, 0) with unit time step: differences of neighbouring points are the
+    /// published numbers (to rounding), so T velocities make T + 1 points.
     Velocity,
 }
 
@@ -60,7 +61,8 @@ pub enum Quantity {
 pub struct Character {
     /// What was written; may be longer than one `char`; empty where the file has no label.
     pub label: String,
-    /// Who wrote it, unique within a set; empty where nothing says so. A split table's word goes before the file's.
+    /// Who wrote it, unique within a set; empty where nothing says so. A split table's word goes before the
+    /// file's.
     pub writer: String,
     /// The n-th character of its file, from 0.
     pub segment_index: usize,
@@ -75,7 +77,7 @@ pub struct Component {
     pub contact: bool,
     /// Positions in device units, y upwards; repeated points are kept.
     pub points: Vec<[f64; 2]>,
-    /// Recorded time without samples between the previous component and this one [s].
+    /// Recorded time without samples between the previous component and this one \[s\].
     pub dt_before_s: Option<f64>,
 }
 
@@ -104,7 +106,7 @@ impl Character {
     }
 }
 
-/// Median ink height of the characters [device units]; `None` when no character has ink of positive height.
+/// Median ink height of the characters \[device units\]; `None` when no character has ink of positive height.
 #[must_use]
 pub fn median_glyph_height<'a>(characters: impl IntoIterator<Item = &'a Character>) -> Option<f64> {
     let mut heights: Vec<f64> = characters

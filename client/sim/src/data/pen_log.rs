@@ -1,4 +1,5 @@
-//! foretrace's own recordings: the CSV of [`super::csv`] below a line that names version, unit, rate and writer.
+//! foretrace's own recordings: the CSV of [`super::csv`] below a line that names version, unit, rate and
+//! writer.
 //!
 //! ```text
 //! # foretrace-pen version=1 unit=m rate_hz=200.000    writer=anna
@@ -6,8 +7,9 @@
 //! 0.000000,0.1000000,0.0500000,1
 //! ```
 //!
-//! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`, which is
-//! a readable recording itself and stays behind if the recorder is killed. Nothing that exists is written over.
+//! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`,
+//! which is a readable recording itself and stays behind if the recorder is killed. Nothing that exists is
+//! written over.
 
 use super::csv_lines::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
@@ -17,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 /// Steps from which the rate is taken.
 const STEPS_MAX: usize = 1_000_000;
-/// So much may be lost when the machine dies [µs of the recording].
+/// So much may be lost when the machine dies \[µs of the recording\].
 const FLUSH_EVERY_US: i64 = 1_000_000;
 
 /// Writes a recording, sample by sample.
@@ -39,9 +41,9 @@ pub struct PenLog {
 pub struct PenLogSummary {
     /// Samples in it.
     pub samples: u64,
-    /// One over the median step [Hz]; `None` with fewer than two samples, which make no recording.
+    /// One over the median step \[Hz\]; `None` with fewer than two samples, which make no recording.
     pub rate_hz: Option<f64>,
-    /// From the first sample to the last [s].
+    /// From the first sample to the last \[s\].
     pub seconds: f64,
 }
 
@@ -91,8 +93,8 @@ impl PenLog {
         &self.part
     }
 
-    /// Adds a reading of the pen at `stamp_ns`; `false`: left out, because its stamp is not at least a microsecond
-    /// after the last one or a number is not finite.
+    /// Adds a reading of the pen at `stamp_ns`; `false`: left out, because its stamp is not at least a
+    /// microsecond after the last one or a number is not finite.
     ///
     /// # Errors
     /// Whatever the file system says; what was written before stays in [`PenLog::part`].
@@ -119,7 +121,8 @@ impl PenLog {
         Ok(true)
     }
 
-    /// Completes the recording: its rate is filled in and it gets its name. Fewer than two samples leave no file.
+    /// Completes the recording: its rate is filled in and it gets its name. Fewer than two samples leave no
+    /// file.
     ///
     /// # Errors
     /// Whatever the file system says; what was written before stays in [`PenLog::part`].

@@ -1,23 +1,24 @@
 //! Least squares: which delay, and which filter behind it, turn the commanded path into the measured one.
 //!
-//! Contract: residuals over all joints that move, a constant offset per joint taken out (calibration, gravity); gain 1.
-//! Levenberg-Marquardt within bounds, from several starts, because a filter and a delay look alike at first.
+//! Contract: residuals over all joints that move, a constant offset per joint taken out (calibration,
+//! gravity); gain 1. Levenberg-Marquardt within bounds, from several starts, because a filter and a delay
+//! look alike at first.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Sample;
 use super::response::Path;
 
-/// Lags that are looked at [s]; stamps that are off can make the arm seem early.
+/// Lags that are looked at \[s\]; stamps that are off can make the arm seem early.
 pub(super) const SHIFTS_S: (f64, f64) = (-0.05, 0.4);
-/// Spacing of the first search [s].
+/// Spacing of the first search \[s\].
 const SCAN_S: f64 = 0.002;
-/// Bounds of delay, filter and joint loop [s].
+/// Bounds of delay, filter and joint loop \[s\].
 const BOUNDS_S: [(f64, f64); 3] = [SHIFTS_S, (0.0, 0.4), (0.0, 0.1)];
-/// Where the search for a filter begins [s].
+/// Where the search for a filter begins \[s\].
 const FILTER_STARTS_S: [f64; 4] = [0.004, 0.02, 0.06, 0.15];
 const ITERATIONS: usize = 40;
-/// Step of the numeric derivatives [s].
+/// Step of the numeric derivatives \[s\].
 const STEP_S: f64 = 0.25e-3;
 
 /// Commands and the joint states to be explained.
@@ -29,7 +30,7 @@ pub(super) struct LagProblem<'a> {
     pub(super) joints: &'a [usize],
 }
 
-/// [delay, filter, joint loop] in seconds, and the root of the mean squared residual [rad].
+/// \[delay, filter, joint loop\] in seconds, and the root of the mean squared residual \[rad\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fit {
     pub(super) p: [f64; 3],
@@ -37,7 +38,7 @@ pub(super) struct Fit {
 }
 
 impl LagProblem<'_> {
-    /// (shift [s], RMS of what it leaves unexplained [rad]) over the whole range.
+    /// (shift \[s\], RMS of what it leaves unexplained \[rad\]) over the whole range.
     pub(super) fn curve(&self) -> Vec<(f64, f64)> {
         let count = ((SHIFTS_S.1 - SHIFTS_S.0) / SCAN_S).round() as usize;
         let shift = |index: usize| SHIFTS_S.0 + index as f64 * SCAN_S;
@@ -104,7 +105,7 @@ impl LagProblem<'_> {
         Fit { p: at, rms: rms(&residuals) }
     }
 
-    /// Measured minus modelled [rad], joint by joint, without each joint's mean.
+    /// Measured minus modelled \[rad\], joint by joint, without each joint's mean.
     pub(super) fn residuals(&self, path: &Path, delay_s: f64) -> DVector<f64> {
         let count = self.states.len();
         let mut out = DVector::zeros(count * self.joints.len());

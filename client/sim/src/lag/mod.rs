@@ -1,14 +1,16 @@
 //! How late an arm is, found off-line from the commands sent and the joint states received while it moved.
 //!
-//! Contract: pure. The lag is the time by which the measured motion trails the instant that a command is stamped for. Two
-//! models are fitted to all joints that move, by least squares:
+//! Contract: pure. The lag is the time by which the measured motion trails the instant that a command is
+//! stamped for. Two models are fitted to all joints that move, by least squares:
 //!
 //! 1. a pure delay: q(t) = c(t − d) + o, the shift of the commanded path c that leaves least;
-//! 2. a delay and a servo: a critically damped second order of group delay L (servoj's look-ahead) behind the delay d, and
-//!    a first-order joint loop τ where the motion tells it apart. The lag at low frequency is d + L + τ.
+//! 2. a delay and a servo: a critically damped second order of group delay L (servoj's look-ahead) behind the
+//!    delay d, and a first-order joint loop τ where the motion tells it apart. The lag at low frequency is d
+//!    + L + τ.
 //!
-//! A filter delays fast motion less than slow motion, so the shift of model 1 is at most the lag of model 2. Absent:
-//! clock drift between command and state stamps (one clock is assumed), limits, friction, gains other than 1.
+//! A filter delays fast motion less than slow motion, so the shift of model 1 is at most the lag of model 2.
+//! Absent: clock drift between command and state stamps (one clock is assumed), limits, friction, gains other
+//! than 1.
 
 mod response;
 mod fit;
@@ -20,43 +22,43 @@ use response::Path;
 /// Joints that were commanded or measured at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// The command's stamp (the instant it is for), or when the state was measured [s], one clock.
+    /// The command's stamp (the instant it is for), or when the state was measured \[s\], one clock.
     pub t_s: f64,
-    /// [rad]
+    /// \[rad\]
     pub q: [f64; JOINTS],
 }
 
 /// A delay and what it leaves unexplained.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Shift {
-    /// [s]
+    /// \[s\]
     pub delay_s: f64,
-    /// RMS over all moving joints [rad].
+    /// RMS over all moving joints \[rad\].
     pub rms_rad: f64,
 }
 
 /// A delay with a servo behind it, and what they leave unexplained.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Servo {
-    /// Pure delay d [s].
+    /// Pure delay d \[s\].
     pub delay_s: f64,
-    /// Group delay L of the critically damped second order [s].
+    /// Group delay L of the critically damped second order \[s\].
     pub filter_s: f64,
-    /// Time constant τ of the first order [s]; 0 where the motion does not tell it from the others.
+    /// Time constant τ of the first order \[s\]; 0 where the motion does not tell it from the others.
     pub joint_loop_s: f64,
-    /// RMS over all moving joints [rad].
+    /// RMS over all moving joints \[rad\].
     pub rms_rad: f64,
 }
 
 impl Servo {
-    /// From a command's instant to its motion at low frequency [s]: d + L + τ.
+    /// From a command's instant to its motion at low frequency \[s\]: d + L + τ.
     #[must_use]
     pub fn lag_s(&self) -> f64 {
         self.delay_s + self.filter_s + self.joint_loop_s
     }
 }
 
-/// How a figure varies over blocks of the motion [s].
+/// How a figure varies over blocks of the motion \[s\].
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Spread {
     /// One figure per block, in order of time.
@@ -92,11 +94,11 @@ pub struct Identified {
     pub lag_spread: Spread,
     /// Joints that moved enough to count, the one that moved most first.
     pub joints: Vec<usize>,
-    /// How far each joint was commanded, peak to peak [rad].
+    /// How far each joint was commanded, peak to peak \[rad\].
     pub moved_rad: [f64; JOINTS],
-    /// (shift [s], RMS of what it leaves [rad]).
+    /// (shift \[s\], RMS of what it leaves \[rad\]).
     pub curve: Vec<(f64, f64)>,
-    /// From the first to the last instant that counted [s], on the samples' clock.
+    /// From the first to the last instant that counted \[s\], on the samples' clock.
     pub window_s: (f64, f64),
 }
 
@@ -106,7 +108,8 @@ pub struct Identified {
 pub enum LagError {
     /// Too little came.
     #[error(
-        "{commands} commands and {states} joint states during the motion are too few, {MIN_SAMPLES} of each are needed; see that the arm reports its joints and that the loop is armed"
+        "{commands} commands and {states} joint states during the motion are too few, {MIN_SAMPLES} of each \
+         are needed; see that the arm reports its joints and that the loop is armed"
     )]
     TooFew {
         /// Commands.
@@ -116,7 +119,8 @@ pub enum LagError {
     },
     /// The loop stood still.
     #[error(
-        "the commands moved no joint by more than {:.2} mrad, {} mrad are needed; see that the loop follows the pen (armed, no stop latched), or make the motion larger",
+        "the commands moved no joint by more than {:.2} mrad, {} mrad are needed; see that the loop follows \
+         the pen (armed, no stop latched), or make the motion larger",
         largest_rad * 1e3,
         MIN_MOTION_RAD * 1e3
     )]
@@ -126,7 +130,8 @@ pub enum LagError {
     },
     /// The arm stood still.
     #[error(
-        "the arm moved by {:.2} mrad where it was commanded by {:.2} mrad; see that it takes commands (brakes released, not stopped, speed slider up, the right arm)",
+        "the arm moved by {:.2} mrad where it was commanded by {:.2} mrad; see that it takes commands \
+         (brakes released, not stopped, speed slider up, the right arm)",
         measured_rad * 1e3,
         commanded_rad * 1e3
     )]
@@ -138,7 +143,9 @@ pub enum LagError {
     },
     /// No lag makes sense of it.
     #[error(
-        "the arm moves, but not as commanded: at the best shift ({:.1} ms) {:.0} % of the motion remain unexplained; see that its speed is not scaled down and that it is the arm that the settings describe",
+        "the arm moves, but not as commanded: at the best shift ({:.1} ms) {:.0} % of the motion remain \
+         unexplained; see that its speed is not scaled down and that it is the arm that the settings \
+         describe",
         shift_s * 1e3,
         remaining * 1e2
     )]
@@ -149,7 +156,8 @@ pub enum LagError {
         remaining: f64,
     },
     /// A hole in the record.
-    #[error("{what} are missing for {:.0} ms in the middle of the motion; the machine is too busy: try again", gap_s * 1e3)]
+    #[error("{what} are missing for {:.0} ms in the middle of the motion; the machine is too busy: try \
+             again", gap_s * 1e3)]
     Gap {
         /// Commands or joint states.
         what: &'static str,
@@ -160,28 +168,31 @@ pub enum LagError {
 
 /// Samples that are needed at least, of each kind.
 const MIN_SAMPLES: usize = 50;
-/// Travel of a joint that counts as motion [rad].
+/// Travel of a joint that counts as motion \[rad\].
 const MIN_MOTION_RAD: f64 = 1e-3;
 /// Joints that travel less than this share of the largest travel are left out.
 const MIN_SHARE: f64 = 0.1;
-/// Longest hole that is bridged by a straight line [s].
+/// Longest hole that is bridged by a straight line \[s\].
 const MAX_GAP_S: f64 = 0.06;
 /// Share of the motion that may remain unexplained.
 const MAX_REMAINING: f64 = 0.35;
 /// Blocks for the spread.
 const BLOCKS: usize = 10;
-/// A filter counts where it is longer than this [s],
+/// A filter counts where it is longer than this \[s\],
 const MIN_FILTER_S: f64 = 0.003;
 /// explains what a shift leaves so many times better,
 const MIN_BETTER: f64 = 1.02;
-/// and that was more than this share of the motion: interpolation between slow cycles is a filter too, but no matter.
+/// and that was more than this share of the motion: interpolation between slow cycles is a filter too, but no
+/// matter.
 const MIN_MATTER: f64 = 0.005;
 /// So much better must a joint loop explain the rest before it is told apart.
 const MIN_LOOP_BETTER: f64 = 1.25;
 
 /// Finds the lag. Samples whose times do not rise are left out.
 ///
-/// *Errors*: [`LagError`], each with what to do.
+/// # Errors
+///
+/// [`LagError`], each with what to do.
 pub fn identify(commands: &[Sample], states: &[Sample]) -> Result<Identified, LagError> {
     let (commands, states) = (rising(commands), rising(states));
     let too_few = || LagError::TooFew { commands: commands.len(), states: states.len() };
@@ -304,7 +315,8 @@ fn moving(moved_rad: &[f64; JOINTS]) -> Result<Vec<usize>, LagError> {
     Ok(joints)
 }
 
-/// First and last instant at which a joint was commanded to move at a twentieth of the top speed or more [s].
+/// First and last instant at which a joint was commanded to move at a twentieth of the top speed or more
+/// \[s\].
 fn moving_time(commands: &[Sample], joints: &[usize]) -> (f64, f64) {
     let speed = |pair: &[Sample]| {
         let dt = pair[1].t_s - pair[0].t_s;
@@ -326,7 +338,7 @@ fn no_gap<'a>(what: &'static str, samples: impl Iterator<Item = &'a Sample>) -> 
     if gap_s > MAX_GAP_S { Err(LagError::Gap { what, gap_s }) } else { Ok(()) }
 }
 
-/// RMS of the joints about their means [rad].
+/// RMS of the joints about their means \[rad\].
 fn motion_rms(states: &[Sample], joints: &[usize]) -> f64 {
     let count = states.len().max(1) as f64;
     let variance = |joint: &usize| {

@@ -1,15 +1,17 @@
 //! A joint's commanded path on a fine uniform grid, and what a linear arm makes of it.
 //!
-//! Contract: between commands the path is straight, as their consumer evaluates it; before the first one and after the
-//! last one it stands still. The filters are exact for such a path, up to the grid. Absent: limits, friction.
+//! Contract: between commands the path is straight, as their consumer evaluates it; before the first one and
+//! after the last one it stands still. The filters are exact for such a path, up to the grid. Absent: limits,
+//! friction.
 
 use super::Sample;
 use crate::arm::JOINTS;
 
-/// Spacing of the grid [s]: between its points a path that the loop commands is straight to less than a microradian.
+/// Spacing of the grid [s]: between its points a path that the loop commands is straight to less than a
+/// microradian.
 const GRID_S: f64 = 1e-3;
 
-/// Positions on a grid [rad], per joint.
+/// Positions on a grid \[rad\], per joint.
 #[derive(Debug, Clone)]
 pub(super) struct Path {
     begin_s: f64,
@@ -17,7 +19,8 @@ pub(super) struct Path {
 }
 
 impl Path {
-    /// The polyline through `commands` (times rising, at least one), for the given joints; the others are left empty.
+    /// The polyline through `commands` (times rising, at least one), for the given joints; the others are
+    /// left empty.
     pub(super) fn commanded(commands: &[Sample], joints: &[usize]) -> Self {
         let begin_s = commands.first().map_or(0.0, |first| first.t_s);
         let end_s = commands.last().map_or(0.0, |last| last.t_s);
@@ -45,8 +48,8 @@ impl Path {
         Self { begin_s, q }
     }
 
-    /// Behind a critically damped second-order servo of group delay `filter_s` and a first order of `joint_loop_s`, both
-    /// at rest before the path begins; 0: none.
+    /// Behind a critically damped second-order servo of group delay `filter_s` and a first order of
+    /// `joint_loop_s`, both at rest before the path begins; 0: none.
     ///
     /// 1/(1 + L s/2)² · 1/(1 + τ s), for input that is straight between grid points: exact.
     pub(super) fn filtered(&self, filter_s: f64, joint_loop_s: f64) -> Self {
@@ -62,7 +65,7 @@ impl Path {
         out
     }
 
-    /// Where `joint` is at `t_s` [rad].
+    /// Where `joint` is at `t_s` \[rad\].
     pub(super) fn at(&self, joint: usize, t_s: f64) -> f64 {
         let q = &self.q[joint];
         let place = ((t_s - self.begin_s) / GRID_S).max(0.0);

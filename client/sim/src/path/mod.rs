@@ -1,7 +1,7 @@
 //! A stamped pen path in the writing plane: what a player feeds to the loop.
 //!
-//! Times rise strictly and start anywhere; positions in metres, y upwards. Longer steps in time are gaps in which
-//! the device saw nothing. Absent: pressure and tilt.
+//! Times rise strictly and start anywhere; positions in metres, y upwards. Longer steps in time are gaps in
+//! which the device saw nothing. Absent: pressure and tilt.
 
 mod place;
 mod travel;
@@ -15,11 +15,11 @@ use std::ops::Range;
 /// One reading of the pen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathSample {
-    /// [s]
+    /// \[s\]
     pub t_s: f64,
-    /// [m]
+    /// \[m\]
     pub x_m: f64,
-    /// [m]
+    /// \[m\]
     pub y_m: f64,
     /// The pen touches the surface.
     pub contact: bool,
@@ -39,7 +39,7 @@ pub struct LabelSpan {
 pub struct PenPath {
     /// In order of time.
     pub samples: Vec<PathSample>,
-    /// Nominal rate of the device [Hz].
+    /// Nominal rate of the device \[Hz\].
     pub rate_hz: f64,
     /// Characters in order of time; empty for paths that come without labels.
     pub spans: Vec<LabelSpan>,
@@ -63,7 +63,7 @@ impl PenPath {
         Self { samples, rate_hz, spans: Vec::new(), inserted_travels: 0, gaps, leaps: Vec::new() }
     }
 
-    /// Time from the first to the last sample [s].
+    /// Time from the first to the last sample \[s\].
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         match (self.samples.first(), self.samples.last()) {
@@ -72,7 +72,7 @@ impl PenPath {
         }
     }
 
-    /// Lower left and upper right corner of all samples [m]; `None` for an empty path.
+    /// Lower left and upper right corner of all samples \[m\]; `None` for an empty path.
     #[must_use]
     pub fn bounds_m(&self) -> Option<[[f64; 2]; 2]> {
         self.samples.iter().fold(None, |bounds, s| {
@@ -96,7 +96,8 @@ impl PenPath {
         self
     }
 
-    /// The path with a hover travel from its end back to its start, so that it can be repeated without a jump.
+    /// The path with a hover travel from its end back to its start, so that it can be repeated without a
+    /// jump.
     #[must_use]
     pub fn closed(mut self) -> Self {
         if let (Some(&last), Some(&first)) = (self.samples.last(), self.samples.first()) {

@@ -1,18 +1,20 @@
 //! Characters in device units to one stamped path in the writing workspace.
 //!
-//! One constant scale for all of them. Recorded hover paths and gaps stay as they are; where a recording has no
-//! hover path between two strokes, and between characters, a travel is made up. Hover samples more than half a glyph
-//! outside the workspace are left out (the pen was out of reach); characters whose ink does not fit are skipped and named.
+//! One constant scale for all of them. Recorded hover paths and gaps stay as they are; where a recording has
+//! no hover path between two strokes, and between characters, a travel is made up. Hover samples more than
+//! half a glyph outside the workspace are left out (the pen was out of reach); characters whose ink does not
+//! fit are skipped and named.
 
 use super::travel::travel;
 use super::{LabelSpan, PathSample, PenPath};
 use crate::data::{Character, Component};
 
-/// Speeds at which a made-up travel may leave and arrive [m/s]; faster strokes are left more slowly.
+/// Speeds at which a made-up travel may leave and arrive \[m/s\]; faster strokes are left more slowly.
 const JOIN_SPEED_MAX_MPS: f64 = 0.4;
 /// Samples over which those speeds are taken: single steps of a coarse tablet say little.
 const JOIN_SAMPLES: usize = 5;
-/// Longer recorded gaps are shortened to this [s]: no honest gap inside a character is longer, and files hold counter overflows.
+/// Longer recorded gaps are shortened to this [s]: no honest gap inside a character is longer, and files hold
+/// counter overflows.
 const GAP_MAX_S: f64 = 10.0;
 
 /// Where characters go.
@@ -45,11 +47,11 @@ pub enum Lift {
 /// The writing workspace and how characters are laid into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// Centre of the workspace [m].
+    /// Centre of the workspace \[m\].
     pub centre_m: [f64; 2],
-    /// Width and height of the workspace [m].
+    /// Width and height of the workspace \[m\].
     pub size_m: [f64; 2],
-    /// Height that a character of median height gets [m].
+    /// Height that a character of median height gets \[m\].
     pub glyph_height_m: f64,
     /// Where characters go.
     pub layout: Layout,
@@ -77,9 +79,9 @@ impl Default for Placement {
 pub struct Ink<'a> {
     /// In the order of writing.
     pub characters: &'a [Character],
-    /// Rate of the device [Hz].
+    /// Rate of the device \[Hz\].
     pub rate_hz: f64,
-    /// Median glyph height of the set the characters come from [device units]; fixes the one scale.
+    /// Median glyph height of the set the characters come from \[device units\]; fixes the one scale.
     pub median_height: f64,
 }
 
@@ -96,15 +98,16 @@ pub enum PathError {
         value: f64,
     },
     /// Not one character could be placed.
-    #[error("no character could be placed ({skipped} skipped{}); workspace {width_m} x {height_m} m", first_suffix(first.as_ref()))]
+    #[error("no character could be placed ({skipped} skipped{}); workspace {width_m} x {height_m} \
+             m", first_suffix(first.as_ref()))]
     Nothing {
         /// How many were skipped.
         skipped: usize,
         /// Why the first one was.
         first: Option<String>,
-        /// Width of the workspace [m].
+        /// Width of the workspace \[m\].
         width_m: f64,
-        /// Height of the workspace [m].
+        /// Height of the workspace \[m\].
         height_m: f64,
     },
 }
@@ -114,10 +117,12 @@ fn first_suffix(first: Option<&String>) -> String {
 }
 
 impl PenPath {
-    /// Lays characters into the workspace as one path that starts at t = 0; the second value names what was skipped.
+    /// Lays characters into the workspace as one path that starts at t = 0; the second value names what was
+    /// skipped.
     ///
-    /// Time between samples is one over the rate, except across recorded gaps, which keep their duration without
-    /// samples, and made-up travels. A character without components is a blank: on a line it takes room.
+    /// Time between samples is one over the rate, except across recorded gaps, which keep their duration
+    /// without samples, and made-up travels. A character without components is a blank: on a line it takes
+    /// room.
     ///
     /// # Errors
     /// [`PathError`]: a rate, height or size that is not positive, or no character that fits.
@@ -160,9 +165,9 @@ struct Step {
 enum Link {
     /// The next sample of the device.
     Sampled,
-    /// Nothing was seen for this long [s].
+    /// Nothing was seen for this long \[s\].
     Gap(f64),
-    /// A lift that nobody recorded; lasts at least this long [s].
+    /// A lift that nobody recorded; lasts at least this long \[s\].
     Travel(f64),
 }
 
@@ -170,7 +175,7 @@ struct Placer<'a> {
     placement: &'a Placement,
     metres_per_unit: f64,
     period_s: f64,
-    /// Left end of the next character on a line, from the left border [m].
+    /// Left end of the next character on a line, from the left border \[m\].
     pen_x_m: f64,
     path: PenPath,
     skipped: Vec<String>,
@@ -220,7 +225,7 @@ impl<'a> Placer<'a> {
         self.skipped.push(format!("{:?} (segment {}): {why}", character.label, character.segment_index));
     }
 
-    /// What to add to the scaled ink [m]; `None` when it does not fit.
+    /// What to add to the scaled ink \[m\]; `None` when it does not fit.
     fn offset(&mut self, bounds: [[f64; 2]; 2], size: [f64; 2]) -> Option<[f64; 2]> {
         let Placement { centre_m, size_m, glyph_height_m, .. } = *self.placement;
         let [low, high] = bounds.map(|corner| corner.map(|c| c * self.metres_per_unit));
@@ -331,7 +336,7 @@ impl<'a> Placer<'a> {
         }
     }
 
-    /// Velocity with which the last written samples end [m/s].
+    /// Velocity with which the last written samples end \[m/s\].
     fn leaving(&self) -> [f64; 2] {
         let samples = &self.path.samples;
         let recent = samples.get(samples.len().saturating_sub(JOIN_SAMPLES)..).unwrap_or_default();
@@ -345,7 +350,7 @@ impl<'a> Placer<'a> {
         }
     }
 
-    /// Velocity with which the coming samples begin [m/s].
+    /// Velocity with which the coming samples begin \[m/s\].
     fn arriving(&self, coming: &[Step]) -> [f64; 2] {
         let run =
             coming.iter().skip(1).take_while(|s| s.link == Link::Sampled).take(JOIN_SAMPLES - 1).count();

@@ -140,19 +140,22 @@ proptest! {
     #[test]
     fn any_ink_becomes_a_finite_path_with_rising_times(
         strokes in prop::collection::vec(
-            (any::<bool>(), prop::option::of(0.0..5.0f64), prop::collection::vec([-300.0..300.0f64, -300.0..300.0f64], 1..20)),
+            (any::<bool>(), prop::option::of(0.0..5.0f64), prop::collection::vec([-300.0..300.0f64,
+                -300.0..300.0f64], 1..20)),
             0..6,
         ),
         line: bool,
     ) {
         let components: Vec<Component> = strokes.iter().map(|(c, dt, p)| component(*c, *dt, p)).collect();
-        let characters = [character("a", components.clone()), character(" ", vec![]), character("b", components)];
+        let characters = [character("a", components.clone()), character(" ", vec![]), character("b",
+            components)];
         let layout = if line { Layout::Line } else { Layout::Centre };
         let ink = Ink { characters: &characters, rate_hz: RATE_HZ, median_height: 100.0 };
         if let Ok((path, _)) = PenPath::from_ink(ink, &Placement { layout, ..Placement::default() }) {
             prop_assert!(path.samples.windows(2).all(|w| w[1].t_s > w[0].t_s));
             prop_assert!(path.samples.iter().all(|s| s.x_m.abs() < 0.2 && s.y_m.abs() < 0.15));
-            prop_assert!(path.spans.iter().all(|s| s.samples.start < s.samples.end && s.samples.end <= path.samples.len()));
+            prop_assert!(path.spans.iter().all(|s| s.samples.start < s.samples.end
+                && s.samples.end <= path.samples.len()));
         }
     }
 }

@@ -1,28 +1,30 @@
 //! Made-up pen-up motion: a minimum-jerk hover from where one stroke ended to where the next begins.
 //!
-//! The pen leaves the surface with the speed of the stroke, slows down, and arrives with the speed it will write
-//! with: position, velocity and the made-up acceleration are continuous. Absent: the height of the hover; only contact = false says so.
-//! Source: Flash & Hogan, J. Neurosci. 5(7), 1985 (the minimum-jerk quintic).
+//! The pen leaves the surface with the speed of the stroke, slows down, and arrives with the speed it will
+//! write with: position, velocity and the made-up acceleration are continuous. Absent: the height of the
+//! hover; only contact = false says so. Source: Flash & Hogan, J. Neurosci. 5(7), 1985 (the minimum-jerk
+//! quintic).
 
 use super::PathSample;
 
-/// Shortest made-up lift [s].
+/// Shortest made-up lift \[s\].
 const LIFT_MIN_S: f64 = 0.3;
-/// Time in which the speed of a stroke fades after the lift, and builds up before the next [s].
+/// Time in which the speed of a stroke fades after the lift, and builds up before the next \[s\].
 const FADE_S: f64 = 0.08;
 
-/// How long a hand takes to lift and travel `distance_m` [s]: never under 0.3 s, growing with the distance.
+/// How long a hand takes to lift and travel `distance_m` \[s\]: never under 0.3 s, growing with the distance.
 ///
-/// The growth over centimetres is that of the recorded hovers of unipen-tos (medians 0.12 s over 1.5 mm to 0.165 s over 8 mm on the tablet), scaled
-/// with the glyphs to 30 mm; 0.3 s is what nine
-/// out of ten of them stay below. Beyond, the arm moves too, at up to about 0.7 m/s.
+/// The growth over centimetres is that of the recorded hovers of unipen-tos (medians 0.12 s over 1.5 mm to
+/// 0.165 s over 8 mm on the tablet), scaled with the glyphs to 30 mm; 0.3 s is what nine out of ten of them
+/// stay below. Beyond, the arm moves too, at up to about 0.7 m/s.
 #[must_use]
 pub fn travel_duration_s(distance_m: f64) -> f64 {
     let distance_m = distance_m.max(0.0);
     LIFT_MIN_S + 0.4 * distance_m.sqrt() + 0.8 * distance_m
 }
 
-/// Hover samples strictly between `from` and the arrival at `to`, which is one step of the rate after the last.
+/// Hover samples strictly between `from` and the arrival at `to`, which is one step of the rate after the
+/// last.
 ///
 /// Velocities in m/s; `at_least_s` is a recorded duration to fill where it is the longer one.
 pub(super) fn travel(

@@ -98,13 +98,13 @@ fn described(svg: String, title: &str, subtitle: &str) -> String {
     }
 }
 
-/// Height that the title block of a picture of this width takes [px].
+/// Height that the title block of a picture of this width takes \[px\].
 pub(super) fn head_px(subtitle: &str, legend: &[Key<'_>], width: u32) -> i32 {
     let legend_px = legend_places(legend, width).last().map_or(0, |(_, row)| 26 * (row + 1));
     56 + if subtitle.is_empty() { 0 } else { 22 } + legend_px
 }
 
-/// x [px] and row of every legend entry; a row that is full is followed by another.
+/// x \[px\] and row of every legend entry; a row that is full is followed by another.
 fn legend_places(legend: &[Key<'_>], width: u32) -> Vec<(i32, i32)> {
     let (mut x, mut row) = (MARGIN_PX, 0);
     let place = |key: &Key<'_>| {

@@ -1,7 +1,7 @@
 //! Curves over a logarithmic axis, one chart per case: distributions of errors, error against jerk.
 //!
-//! Contract: both axes of a chart come from its own points; values that are not positive cannot be drawn on a logarithmic
-//! axis and are left out.
+//! Contract: both axes of a chart come from its own points; values that are not positive cannot be drawn on a
+//! logarithmic axis and are left out.
 
 use std::path::Path;
 

@@ -1,7 +1,8 @@
 //! Report pictures as SVG: pen and robot path, error with trust, histograms, lines, bars, points.
 //!
-//! Pure functions from data to one file, written whole or not at all (temporary file, then rename). Values that
-//! are not finite are left out. Units of the arguments are SI; the pictures choose mm, ms or µs for reading.
+//! Pure functions from data to one file, written whole or not at all (temporary file, then rename). Values
+//! that are not finite are left out. Units of the arguments are SI; the pictures choose mm, ms or µs for
+//! reading.
 
 mod canvas;
 mod overlay;

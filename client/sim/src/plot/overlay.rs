@@ -1,4 +1,5 @@
-//! Pen and robot path over each other, many small ones beside each other: pen down thick, hover thin, one scale.
+//! Pen and robot path over each other, many small ones beside each other: pen down thick, hover thin, one
+//! scale.
 
 use super::PlotError;
 use super::canvas::{Area, DrawResult, INK, Key, MUTED, PEN, ROBOT, extent, picture, text_at};
@@ -9,7 +10,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
 
 const WIDTH_PX: u32 = 1200;
-/// Points nearer than this to the one drawn before are not drawn [px].
+/// Points nearer than this to the one drawn before are not drawn \[px\].
 const NEAR_PX: f64 = 0.35;
 
 const PEN_DOWN: Key<'_> = Key { label: "pen, down", colour: PEN, width_px: 6, opacity: 0.30 };
@@ -139,7 +140,8 @@ impl Runs {
 
 pub(super) type Polylines = Vec<Vec<(f64, f64)>>;
 
-/// Splits rows (t [s], x [m], y [m], down) into runs of equal contact, broken at gaps; joined at their ends.
+/// Splits rows (t \[s\], x \[m\], y \[m\], down) into runs of equal contact, broken at gaps; joined at their
+/// ends.
 pub(super) fn split_runs(
     rows: impl Iterator<Item = (f64, f64, f64, bool)>,
     gap_s: f64,

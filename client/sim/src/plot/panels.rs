@@ -84,8 +84,8 @@ pub fn panels(
     })
 }
 
-/// Draws charts above each other with a common x axis, and below them `curve` with an x axis of its own; `x_labels` for
-/// both.
+/// Draws charts above each other with a common x axis, and below them `curve` with an x axis of its own;
+/// `x_labels` for both.
 ///
 /// # Errors
 /// [`PlotError`]: no finite point in either, or the file cannot be written.

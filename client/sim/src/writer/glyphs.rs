@@ -1,8 +1,8 @@
 //! What the built-in writer can write: virtual targets of every glyph.
 //!
-//! A component is a list of targets (x, y, bend): hundredths of an em (capital height = 100, base line = 0, x height
-//! about 58) and the angle in degrees by which the arc to this target turns, counter-clockwise positive. The first
-//! target is where the pen comes down.
+//! A component is a list of targets (x, y, bend): hundredths of an em (capital height = 100, base line = 0, x
+//! height about 58) and the angle in degrees by which the arc to this target turns, counter-clockwise
+//! positive. The first target is where the pen comes down.
 
 /// (x, y, bend)
 pub(super) type Target = (i16, i16, i16);

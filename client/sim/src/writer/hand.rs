@@ -7,13 +7,13 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::{PI, TAU};
 
-/// 2 % to 98 % of a stroke of 1 em at tempo 1 [s].
+/// 2 % to 98 % of a stroke of 1 em at tempo 1 \[s\].
 const STROKE_S: f64 = 0.23;
 /// Shortest stroke [s]: the muscles' own limit.
 const STROKE_MIN_S: f64 = 0.08;
 /// Longer strokes are faster: time grows with this power of the length (isochrony would be 0).
 const ISOCHRONY: f64 = 0.4;
-/// Shortest hover between components [s].
+/// Shortest hover between components \[s\].
 const HOVER_MIN_S: f64 = 0.3;
 /// z of the share of a stroke that is done when the next one sets in: on a smooth bend, at a reversal.
 const OVERLAP_Z: [f64; 2] = [0.1, 1.6];
@@ -23,7 +23,7 @@ const OVERLAP_Z: [f64; 2] = [0.1, 1.6];
 pub struct Style {
     /// Drives every random choice of the hand.
     pub seed: u64,
-    /// Forward slant [rad].
+    /// Forward slant \[rad\].
     pub slant_rad: f64,
     /// Width of letters relative to the table's.
     pub width: f64,
@@ -33,15 +33,15 @@ pub struct Style {
     pub tempo: f64,
     /// Log response time σ of the strokes: larger is more skewed.
     pub sigma: f64,
-    /// Standard deviation with which targets are missed [em].
+    /// Standard deviation with which targets are missed \[em\].
     pub aim_em: f64,
-    /// Standard deviation of bends [rad].
+    /// Standard deviation of bends \[rad\].
     pub bend_rad: f64,
     /// Relative standard deviation of stroke timing.
     pub timing: f64,
     /// How much strokes run into each other at corners, 0 (square) to 1 (round).
     pub roundness: f64,
-    /// Amplitude of physiological tremor, 8 to 12 Hz [em].
+    /// Amplitude of physiological tremor, 8 to 12 Hz \[em\].
     pub tremor_em: f64,
 }
 

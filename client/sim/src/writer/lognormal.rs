@@ -1,9 +1,9 @@
 //! One stroke of the sigma-lognormal model: lognormal speed along a circular arc.
 //!
-//! Speed |v(t)| = D Λ(t; t₀, μ, σ²), direction φ(t) = θ_s + (θ_e − θ_s) F(t), with F the distribution function of Λ.
-//! The integral has a closed form, so positions are exact at any time.
-//! Source: O'Reilly & Plamondon, "Development of a Sigma-Lognormal representation for on-line signatures",
-//! Pattern Recognition 42 (2009), equations 1-4.
+//! Speed |v(t)| = D Λ(t; t₀, μ, σ²), direction φ(t) = θ_s + (θ_e − θ_s) F(t), with F the distribution
+//! function of Λ. The integral has a closed form, so positions are exact at any time. Source: O'Reilly &
+//! Plamondon, "Development of a Sigma-Lognormal representation for on-line signatures", Pattern Recognition
+//! 42 (2009), equations 1-4.
 
 /// A stroke; lengths in em, times in seconds, angles in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,12 +37,12 @@ impl Lognormal {
         (seconds / (2.0 * (TAIL * sigma).sinh())).ln()
     }
 
-    /// When the stroke has done Φ(z) of its way [s].
+    /// When the stroke has done Φ(z) of its way \[s\].
     pub(super) fn time_at(&self, z: f64) -> f64 {
         self.onset_s + (self.mu + self.sigma * z).exp()
     }
 
-    /// Direction at the end [rad].
+    /// Direction at the end \[rad\].
     pub(super) fn end_rad(&self) -> f64 {
         self.start_rad + self.bend_rad
     }

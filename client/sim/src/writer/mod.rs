@@ -1,10 +1,12 @@
-//! A built-in writer: text to human-like ink by the kinematic theory of rapid movements (sigma-lognormal model).
+//! A built-in writer: text to human-like ink by the kinematic theory of rapid movements (sigma-lognormal
+//! model).
 //!
-//! A glyph is a list of virtual targets; the hand aims at them with strokes of lognormal speed that overlap in time,
-//! so corners round off and speed dips where the path bends. Hover between components is a stroke like any other,
-//! with contact = false. One seed is one person on one day: the same text and seed give the same ink.
-//! Lengths in em (capital height 1); [`crate::path`] makes metres of them. Absent: joined-up writing, kerning.
-//! Source: Plamondon, "A kinematic theory of rapid human movements", Biol. Cybern. 72 (1995), 295-307.
+//! A glyph is a list of virtual targets; the hand aims at them with strokes of lognormal speed that overlap
+//! in time, so corners round off and speed dips where the path bends. Hover between components is a stroke
+//! like any other, with contact = false. One seed is one person on one day: the same text and seed give the
+//! same ink. Lengths in em (capital height 1); [`crate::path`] makes metres of them. Absent: joined-up
+//! writing, kerning. Source: Plamondon, "A kinematic theory of rapid human movements", Biol. Cybern. 72
+//! (1995), 295-307.
 
 mod glyphs;
 mod hand;
@@ -17,7 +19,8 @@ use crate::path::{Anchor, Ink, PathError, PenPath, Placement};
 use hand::Hand;
 use std::path::PathBuf;
 
-/// Median height of the built-in glyphs [em]: most are capitals or figures. Fixes the scale of every text alike.
+/// Median height of the built-in glyphs \[em\]: most are capitals or figures. Fixes the scale of every text
+/// alike.
 pub const MEDIAN_HEIGHT_EM: f64 = 1.0;
 
 /// Text that the built-in writer cannot turn into ink.
@@ -47,7 +50,8 @@ pub enum WriterError {
         rate_hz: f64,
     },
     /// Some of the ink does not fit the workspace.
-    #[error("{} of the text's characters do not fit; make the workspace larger or the glyphs smaller; first: {}", skipped.len(), skipped.first().map_or("", String::as_str))]
+    #[error("{} of the text's characters do not fit; make the workspace larger or the glyphs smaller; first: \
+             {}", skipped.len(), skipped.first().map_or("", String::as_str))]
     DoesNotFit {
         /// Each with its reason.
         skipped: Vec<String>,
@@ -63,12 +67,13 @@ pub fn glyphs() -> String {
     glyphs::all().collect()
 }
 
-/// Writes `text` with the hand of `seed`: one character per glyph, points in em on the base line y = 0, sampled at `rate_hz`.
+/// Writes `text` with the hand of `seed`: one character per glyph, points in em on the base line y = 0,
+/// sampled at `rate_hz`.
 ///
 /// Blanks become characters without components.
 ///
 /// # Errors
-/// [`WriterError`]: a character without a glyph, nothing but blanks, a rate outside [20, 10000] Hz.
+/// [`WriterError`]: a character without a glyph, nothing but blanks, a rate outside \[20, 10000\] Hz.
 pub fn write_text(text: &str, seed: u64, rate_hz: f64) -> Result<Recording, WriterError> {
     write_with(text, &Style::from_seed(seed), rate_hz)
 }

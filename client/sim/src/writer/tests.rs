@@ -51,8 +51,8 @@ fn writing_at_thirty_millimetres_is_as_quick_as_people_are() {
     for seed in 0..6 {
         let path = text_path(PAPER, seed, 200.0, &placement).unwrap();
         let m = path.motion();
-        // Recorded letters (unipen-ced, unipen-tos) scaled to this height and smoothed reach 0.1 to 0.5 m/s and 2 to
-        // 14 m/s2 per stroke; the fastest stroke and the travel back along the line may be quicker.
+        // Recorded letters (unipen-ced, unipen-tos) scaled to this height and smoothed reach 0.1 to 0.5 m/s
+        // and 2 to 14 m/s2 per stroke; the fastest stroke and the travel back along the line may be quicker.
         assert!((0.2..1.0).contains(&m.peak_speed_mps), "{m:?}");
         assert!((3.0..20.0).contains(&m.peak_acceleration_mps2), "{m:?}");
         assert_eq!(path.gaps, 0);
@@ -66,14 +66,14 @@ fn what_cannot_be_written_is_named() {
     assert!(matches!(write_text(" \t", 0, 200.0), Err(WriterError::Blank { .. })));
     assert!(matches!(write_text("a", 0, f64::NAN), Err(WriterError::Rate { .. })));
     let low = Placement { size_m: [0.3, 0.035], ..Placement::default() };
-    assert!(
-        matches!(text_path("ag", 0, 200.0, &low), Err(WriterError::DoesNotFit { skipped }) if skipped.len() == 1)
-    );
+    assert!(matches!(text_path("ag", 0, 200.0, &low), Err(WriterError::DoesNotFit { skipped })
+            if skipped.len() == 1));
 }
 
 proptest! {
     #[test]
-    fn any_text_seed_and_rate_gives_finite_ink_or_an_error(text in "\\PC{0,6}", seed: u64, rate in 1.0..2000.0f64) {
+    fn any_text_seed_and_rate_gives_finite_ink_or_an_error(text in "\\PC{0,6}", seed: u64,
+        rate in 1.0..2000.0f64) {
         if let Ok(ink) = write_text(&text, seed, rate) {
             for component in ink.segments.iter().flat_map(|c| &c.components) {
                 prop_assert!(component.points.iter().flatten().all(|v| v.abs() < 3.0));

@@ -8,8 +8,10 @@ const BAD_CSV: &str = "t_s,x_m,y_m,contact\n0,0,0,1\n0.01,far,0,1\n";
 const INKML: &str = "<ink><trace>1 2,3 4</trace></ink>";
 const UNIPEN: &str =
     ".COORD X Y\n.POINTS_PER_SECOND 100\n.WRITER_ID own\n.PEN_DOWN\n1 2\n.SEGMENT CHARACTER 0 ? \"a\"\n";
-const DIGITS: &str = ".INCLUDE dene.doc\n.SEGMENT DIGIT 0-1 ? \"4\"\n.COMMENT 4 12 224\n.PEN_DOWN\n 1 2\n 3 4\n.PEN_UP\n.DT 100\n\
-                      .PEN_DOWN\n 5 6\n.PEN_UP\n.DT 100\n.SEGMENT DIGIT 2 ? \"1\"\n.COMMENT 1 7 3\n.PEN_DOWN\n 7 7\n.PEN_UP\n";
+const DIGITS: &str = ".INCLUDE dene.doc\n.SEGMENT DIGIT 0-1 ? \"4\"\n.COMMENT 4 12 224\n.PEN_DOWN\n 1 2\n 3 \
+                      4\n.PEN_UP\n.DT 100\n\
+                      .PEN_DOWN\n 5 6\n.PEN_UP\n.DT 100\n.SEGMENT DIGIT 2 ? \"1\"\n.COMMENT 1 7 \
+                      3\n.PEN_DOWN\n 7 7\n.PEN_UP\n";
 
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -110,7 +112,8 @@ fn one_bad_file_stops_a_set_only_when_strict() {
         format!("{path}/bad.csv:3: x_m is \"far\"; legal: a number in [-100, 100]"),
         format!("{path}/gone.csv: cannot read the file: No such file or directory (os error 2)"),
         format!(
-            "{path}/odd.bin: not a recording in a known format; legal: UNIPEN text, InkML, MATLAB v5 (UCI Character \
+            "{path}/odd.bin: not a recording in a known format; legal: UNIPEN text, InkML, MATLAB v5 (UCI \
+             Character \
              Trajectories), or CSV with the columns t_s,x_m,y_m,contact"
         ),
     ];
@@ -122,25 +125,29 @@ fn one_bad_file_stops_a_set_only_when_strict() {
 #[test]
 fn what_is_no_set_is_refused_with_what_would_be() {
     let table = |text: &'static str| [("split.tsv", text)];
-    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV with the columns t_s,x_m,y_m,contact";
+    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV with the columns \
+                 t_s,x_m,y_m,contact";
     let cases: [(&[(&str, &str)], String); 9] = [
         (&[], format!("SET: no recording in this folder; a set is a folder of {known}")),
         (&[("a.txt", "hello")], format!("SET: no recording in this folder; a set is a folder of {known}")),
         (
             &[("b.dat", UNIPEN), ("a.inkml", INKML)],
-            "SET: more than one format in one folder (UNIPEN: b.dat, InkML: a.inkml); keep one format per folder, \
+            "SET: more than one format in one folder (UNIPEN: b.dat, InkML: a.inkml); keep one format per \
+             folder, \
              or name the files in a split.tsv with the columns set and file"
                 .to_owned(),
         ),
         (
             &[("a.csv", BAD_CSV), ("b.csv", "t,x\n")],
-            "SET: no readable file in this split (2 refused; first: a.csv:3: x_m is \"far\"; legal: a number in \
+            "SET: no readable file in this split (2 refused; first: a.csv:3: x_m is \"far\"; legal: a number \
+             in \
              [-100, 100])"
                 .to_owned(),
         ),
         (
             &[("a.mat", "x"), ("notes.txt", "")],
-            "SET: no readable file in this split (1 refused; first: a.mat: 1 bytes; a MATLAB file begins with 128)"
+            "SET: no readable file in this split (1 refused; first: a.mat: 1 bytes; a MATLAB file begins \
+             with 128)"
                 .to_owned(),
         ),
         (&table("set\tfile\n"), "SET: no readable file in this split (0 refused)".to_owned()),
@@ -160,7 +167,8 @@ fn what_is_no_set_is_refused_with_what_would_be() {
     }
     assert_eq!(
         DataSet::load(Path::new("nowhere"), &Split::All, false).unwrap_err().to_string(),
-        "nowhere: cannot read the folder: No such file or directory (os error 2); a set is a folder of recordings, \
+        "nowhere: cannot read the folder: No such file or directory (os error 2); a set is a folder of \
+         recordings, \
          with or without a split.tsv"
     );
 }

@@ -1,4 +1,5 @@
-//! Every loader against many thousands of mutated files: no panic, no point that is not finite, no memory without bound.
+//! Every loader against many thousands of mutated files: no panic, no point that is not finite, no memory
+//! without bound.
 //!
 //! Deterministic: the same number of cases is the same cases. FORETRACE_FUZZ_CASES=N runs N cases per format.
 
@@ -10,7 +11,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 const CASES: usize = 10_000;
-/// Mutated files never grow beyond this [bytes].
+/// Mutated files never grow beyond this \[bytes\].
 const SIZE_MAX: usize = 8192;
 /// Far above what the test runner needs, far below what an unbounded reader would take.
 const PEAK_MAX_KIB: u64 = 1 << 20;
@@ -178,8 +179,10 @@ fn unipen() {
     let unipen = format!(
         "{head}{ink}.SEGMENT CHARACTER 0-1:0,3 ? \"a\\\"\"\n.INCLUDE a.doc\n.SEGMENT CHARACTER 4 OK \"b\"\n"
     );
-    let digits = ".INCLUDE dene.doc\n.HIERARCHY DIGIT\n.SEGMENT DIGIT 0-1 ? \"4\"\n.COMMENT 4 12 224\n.PEN_DOWN\n 1 2\n 3 4\n\
-                  .PEN_UP\n.DT 100\n.PEN_DOWN\n 5 6\n.PEN_UP\n.SEGMENT DIGIT 2 ? \"1\"\n.PEN_DOWN\n7 7\n.PEN_UP\n";
+    let digits = ".INCLUDE dene.doc\n.HIERARCHY DIGIT\n.SEGMENT DIGIT 0-1 ? \"4\"\n.COMMENT 4 12 \
+                  224\n.PEN_DOWN\n 1 2\n 3 4\n\
+                  .PEN_UP\n.DT 100\n.PEN_DOWN\n 5 6\n.PEN_UP\n.SEGMENT DIGIT 2 ? \"1\"\n.PEN_DOWN\n7 \
+                  7\n.PEN_UP\n";
     fuzz("a.dat", &[unipen.into_bytes(), digits.into()]);
 }
 
@@ -227,7 +230,8 @@ fn csv() {
     let plain =
         "# note\n\nx_m, t_s,contact,y_m\n0.1,0,1,0.2\n0.3,0.005,false,0.4\n0.3,0.01,1,0.4\n0.3,0.5,1,0.4\n";
     let own = "# foretrace-pen version=1 unit=m rate_hz=200.000        writer=anna\nt_s,x_m,y_m,contact\n\
-               0.000000,0.1000000,0.0500000,1\n0.005000,0.1000000,0.0500000,1\n0.010000,0.1000000,0.0500000,0\n";
+               0.000000,0.1000000,0.0500000,1\n0.005000,0.1000000,0.0500000,1\n\
+               0.010000,0.1000000,0.0500000,0\n";
     fuzz("a.csv", &[plain.into(), own.into()]);
 }
 

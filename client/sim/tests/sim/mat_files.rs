@@ -74,7 +74,8 @@ fn every_refusal_names_the_file_and_the_variable() {
         ),
         (
             m.file(&[m.cells("w", &[m.numbers("", [2, 1], &[1.0, 1.0])]), key.clone()]),
-            "a.mat: no cell array of 3 x T matrices (velocity x, velocity y, force) among the variables [w, key]",
+            "a.mat: no cell array of 3 x T matrices (velocity x, velocity y, force) among the variables [w, \
+             key]",
         ),
         (
             m.file(&[xtrain.clone(), m.cells("b", &[letter(1.0)])]),

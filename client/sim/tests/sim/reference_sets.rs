@@ -80,7 +80,8 @@ fn real_recordings_become_paths_inside_the_workspace_without_leaps() {
     }
 }
 
-/// Pooled mean squared error of constant velocity over steps 1.., mean over components, five zero steps appended.
+/// Pooled mean squared error of constant velocity over steps 1.., mean over components, five zero steps
+/// appended.
 fn constant_velocity_mse(set: &DataSet) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for character in set.characters() {

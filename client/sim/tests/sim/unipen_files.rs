@@ -31,7 +31,8 @@ fn refusal(dat: &str, includes: &[(&str, &str)]) -> String {
 
 #[test]
 fn empty_blocks_are_not_counted_and_dummies_are() {
-    let dat = ".INCLUDE s/h.doc\n.INCLUDE s/ink.dat\n.SEGMENT CHARACTER 0,1 ? \"\\\"\"\n.SEGMENT CHARACTER 2-3:0 OK \"\\\\\"\n";
+    let dat = ".INCLUDE s/h.doc\n.INCLUDE s/ink.dat\n.SEGMENT CHARACTER 0,1 ? \"\\\"\"\n.SEGMENT CHARACTER \
+               2-3:0 OK \"\\\\\"\n";
     let (_folder, file) = set(dat.as_bytes(), &[("s/h.doc", HEAD), ("s/ink.dat", INK)]);
     let r = load_unipen(&file).unwrap();
     assert_eq!((r.rate_hz, r.units_per_m), (200.0, Some([1e4, 1e4])));
@@ -161,13 +162,16 @@ proptest! {
     fn no_bytes_make_the_reader_panic(text in prop_oneof![
         mutated(),
         prop::collection::vec(any::<u8>(), 0..300),
-        "(\\.(PEN_DOWN|PEN_UP|DT|COORD X Y|COORD|SEGMENT CHARACTER|POINTS_PER_SECOND|INCLUDE|X_POINTS_PER_MM)[ \n][0-9:,\\-\". \\\\aNn\n]{0,12}\n){0,20}".prop_map(String::into_bytes),
+        "(\\.(PEN_DOWN|PEN_UP|DT|COORD X Y|COORD|SEGMENT \
+         CHARACTER|POINTS_PER_SECOND|INCLUDE|X_POINTS_PER_MM)[ \n][0-9:,\\-\". \\\\aNn\n]{0,12}\n){0,20}".prop_map(String::into_bytes),
     ]) {
         let (_folder, file) = set(&text, &[("a.doc", ".PEN_UP\n4 4\n")]);
         if let Ok(recording) = load_unipen(&file) {
             prop_assert!(recording.rate_hz > 0.0);
             let mut all = recording.segments.iter().flat_map(|c| &c.components);
-            prop_assert!(all.all(|c| !c.points.is_empty() && c.points.iter().flatten().all(|v| v.is_finite())));
+            prop_assert!(
+                all.all(|c| !c.points.is_empty() && c.points.iter().flatten().all(|v| v.is_finite()))
+            );
         }
     }
 }

@@ -1,8 +1,9 @@
 //! From the URDF's collision geometry to capsules. Start-up only: allocates, returns errors.
 //!
-//! Contract: every capsule holds the whole of its shape. A cylinder gets a half-sphere at either end; a box lies along its
-//! longest edge. Links that hang on the chain by fixed joints (a pen holder) count as parts of it, what moves beside the chain
-//! (fingers) does not. Meshes have no size that a description alone tells: their links are named instead.
+//! Contract: every capsule holds the whole of its shape. A cylinder gets a half-sphere at either end; a box
+//! lies along its longest edge. Links that hang on the chain by fixed joints (a pen holder) count as parts of
+//! it, what moves beside the chain (fingers) does not. Meshes have no size that a description alone tells:
+//! their links are named instead.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use urdf_rs::{Geometry, Joint, JointType, Robot};
@@ -17,9 +18,9 @@ pub struct Capsule {
     pub name: String,
     /// Number of moving joints between base and link; its frame is that of the joint before it (0: the base).
     pub link: usize,
-    /// In the link's frame [m].
+    /// In the link's frame \[m\].
     pub segment: Segment,
-    /// [m]
+    /// \[m\]
     pub radius: f64,
 }
 
@@ -101,7 +102,7 @@ fn shapes(robot: &Robot, place: &Place<'_>, found: &mut Bodies) -> Result<(), Ch
     Ok(())
 }
 
-/// Half of the capsule's axis in the shape's frame [m], and its radius [m].
+/// Half of the capsule's axis in the shape's frame \[m\], and its radius \[m\].
 fn capsule(geometry: &Geometry) -> Option<(Vector3<f64>, f64)> {
     match geometry {
         Geometry::Sphere { radius } => Some((Vector3::zeros(), *radius)),

@@ -1,7 +1,8 @@
 //! A serial arm of J turning joints: pose, Jacobian and its rate from joint positions.
 //!
-//! Contract: built once from a URDF; afterwards pure, no allocation. All vectors are in the base link's frame, in metres and
-//! radians. Every joint frame is turned at construction so that its axis is z: then a joint costs one plane rotation.
+//! Contract: built once from a URDF; afterwards pure, no allocation. All vectors are in the base link's
+//! frame, in metres and radians. Every joint frame is turned at construction so that its axis is z: then a
+//! joint costs one plane rotation.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
@@ -36,11 +37,11 @@ struct Link {
 pub struct ChainLimits<const J: usize> {
     /// Joint names, base to tip.
     pub names: [String; J],
-    /// [lower, upper] [rad], infinite for a continuous joint.
+    /// \[lower, upper\] \[rad\], infinite for a continuous joint.
     pub position: [[f64; 2]; J],
-    /// [rad/s]
+    /// \[rad/s\]
     pub velocity: [f64; J],
-    /// [Nm]
+    /// \[Nm\]
     pub effort: [f64; J],
 }
 
@@ -49,31 +50,35 @@ pub struct ChainLimits<const J: usize> {
 pub struct Kinematics<const J: usize> {
     /// Tool frame → base frame (3 x 3, orthonormal).
     pub rotation: Matrix3<f64>,
-    /// Tool origin in the base frame [m].
+    /// Tool origin in the base frame \[m\].
     pub position: Vector3<f64>,
-    /// Geometric Jacobian in the base frame, 6 x J: rows 0-2 tool origin [m/rad], rows 3-5 rotation [rad/rad].
+    /// Geometric Jacobian in the base frame, 6 x J: rows 0-2 tool origin \[m/rad\], rows 3-5 rotation
+    /// \[rad/rad\].
     pub jacobian: SMatrix<f64, 6, J>,
     /// Each joint's frame → base frame, its z the joint's axis.
     pub frames: [Matrix3<f64>; J],
-    /// The frames' origins in the base frame [m], 3 x J: a point on each joint's axis.
+    /// The frames' origins in the base frame \[m\], 3 x J: a point on each joint's axis.
     pub origins: SMatrix<f64, 3, J>,
 }
 
 /// Motion of the tool's origin in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolMotion {
-    /// [m]
+    /// \[m\]
     pub position: Vector3<f64>,
-    /// [m/s]
+    /// \[m/s\]
     pub velocity: Vector3<f64>,
-    /// [m/s²]
+    /// \[m/s²\]
     pub acceleration: Vector3<f64>,
 }
 
 impl<const J: usize> Chain<J> {
-    /// Reads the chain from link `base` (default: the only root) to link `tip` (default: the only leaf) of a URDF text.
+    /// Reads the chain from link `base` (default: the only root) to link `tip` (default: the only leaf) of a
+    /// URDF text.
     ///
-    /// *Errors*: see [`ChainError`]; each names the joint or link at fault.
+    /// # Errors
+    ///
+    /// See [`ChainError`]; each names the joint or link at fault.
     pub fn from_urdf(text: &str, base: Option<&str>, tip: Option<&str>) -> Result<Self, ChainError> {
         let found = urdf::segments(text, base, tip)?;
         let count = found.segments.len();
@@ -119,7 +124,8 @@ impl<const J: usize> Chain<J> {
         })
     }
 
-    /// The same arm with its tip moved by `offset` [m], in the tip link's frame: a pen below the flange. The tip's axes stay.
+    /// The same arm with its tip moved by `offset` \[m\], in the tip link's frame: a pen below the flange.
+    /// The tip's axes stay.
     #[must_use]
     pub fn with_tool(mut self, offset: Vector3<f64>) -> Self {
         self.tip_translation += self.tip_rotation * offset;
@@ -138,8 +144,8 @@ impl<const J: usize> Chain<J> {
         (&self.base, &self.tip)
     }
 
-    /// What the links are made of, base first: each in the frame of its joint, whose z is the joint's axis (see
-    /// [`Kinematics::frames`]).
+    /// What the links are made of, base first: each in the frame of its joint, whose z is the joint's axis
+    /// (see [`Kinematics::frames`]).
     #[must_use]
     pub fn capsules(&self) -> &[Capsule] {
         &self.bodies.capsules
@@ -151,7 +157,8 @@ impl<const J: usize> Chain<J> {
         &self.bodies.meshes
     }
 
-    /// Farthest that a point of a capsule's axis can be from the axis of each joint that moves it [m]; 0 for the others.
+    /// Farthest that a point of a capsule's axis can be from the axis of each joint that moves it \[m\]; 0
+    /// for the others.
     pub(crate) fn levers(&self, capsule: &Capsule) -> [f64; J] {
         let mut levers = [0.0; J];
         let Segment { from, to } = capsule.segment;
@@ -166,12 +173,12 @@ impl<const J: usize> Chain<J> {
         levers
     }
 
-    /// Where the joint after `link` turns, in the frame of `link` [m].
+    /// Where the joint after `link` turns, in the frame of `link` \[m\].
     pub(crate) fn next_origin(&self, link: usize) -> Vector3<f64> {
         self.links.get(link).map_or_else(Vector3::zeros, |next| next.translation)
     }
 
-    /// Pose and Jacobian at joint positions `q` [rad] in one pass.
+    /// Pose and Jacobian at joint positions `q` \[rad\] in one pass.
     #[must_use]
     pub fn forward(&self, q: &[f64; J]) -> Kinematics<J> {
         let (sines, cosines) = sin_cos(q);
@@ -213,16 +220,16 @@ impl<const J: usize> Kinematics<J> {
         })
     }
 
-    /// J(q)·q̇: linear [m/s] (0-2) and angular [rad/s] (3-5) velocity of the tool.
+    /// J(q)·q̇: linear \[m/s\] (0-2) and angular \[rad/s\] (3-5) velocity of the tool.
     #[must_use]
     pub fn twist(&self, qd: &[f64; J]) -> Vector6<f64> {
         self.jacobian * SVector::<f64, J>::from_column_slice(qd)
     }
 
-    /// J̇(q, q̇)·q̇: the tool's linear [m/s²] and angular [rad/s²] acceleration while q̈ = 0. Exact.
+    /// J̇(q, q̇)·q̇: the tool's linear \[m/s²\] and angular \[rad/s²\] acceleration while q̈ = 0. Exact.
     ///
-    /// With z_i the axes, r_i = p − p_i, ω_i the angular velocity of link i and v_i the velocity of p_i, the columns
-    /// z_i × r_i and z_i have the rates (ω_i × z_i) × r_i + z_i × (v − v_i) and ω_i × z_i.
+    /// With z_i the axes, r_i = p − p_i, ω_i the angular velocity of link i and v_i the velocity of p_i, the
+    /// columns z_i × r_i and z_i have the rates (ω_i × z_i) × r_i + z_i × (v − v_i) and ω_i × z_i.
     #[must_use]
     pub fn jacobian_dot_qd(&self, qd: &[f64; J]) -> Vector6<f64> {
         let twist = self.twist(qd);
@@ -246,7 +253,8 @@ impl<const J: usize> Kinematics<J> {
         Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
     }
 
-    /// The tool's motion for joint velocities `qd` [rad/s] and accelerations `qdd` [rad/s²]: (FK, Jq̇, Jq̈ + J̇q̇).
+    /// The tool's motion for joint velocities `qd` \[rad/s\] and accelerations `qdd` [rad/s²]: (FK, Jq̇, Jq̈
+    /// + J̇q̇).
     #[must_use]
     pub fn tool_motion(&self, qd: &[f64; J], qdd: &[f64; J]) -> ToolMotion {
         let acceleration = self.twist(qdd) + self.jacobian_dot_qd(qd);

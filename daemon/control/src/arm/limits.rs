@@ -1,15 +1,17 @@
-//! What a joint may do next: one velocity interval per joint from acceleration, velocity, position and jerk limits.
+//! What a joint may do next: one velocity interval per joint from acceleration, velocity, position and jerk
+//! limits.
 //!
-//! Contract: IK and guard narrow their answers to the same [`VelocityBox`], so what one plans the other lets pass. The box
-//! is never empty, and from every *viable* state it leads to viable states only, whatever the length of the next step.
-//! A state is viable when a consumer that gets no further command (extrapolate for `hold_s`, then brake at `deceleration`)
-//! stops inside the position limits:
+//! Contract: IK and guard narrow their answers to the same [`VelocityBox`], so what one plans the other lets
+//! pass. The box is never empty, and from every *viable* state it leads to viable states only, whatever the
+//! length of the next step. A state is viable when a consumer that gets no further command (extrapolate for
+//! `hold_s`, then brake at `deceleration`) stops inside the position limits:
 //!
 //!   q̇·hold + q̇²/(2·a_b) ≤ q_max − q     for q̇ > 0, mirrored for q̇ < 0.
 //!
-//! Why the box cannot be empty: let q̇ be viable and let the next step last h > 0. Braking by the acceleration limit
-//! a ≥ a_b gives q̇' = max(q̇ − a·h, 0), and q̇'(h + hold) + q̇'²/(2a_b) ≤ q̇·hold + q̇²/(2a_b) holds for every h: for q̇ ≥ a·h
-//! the difference is q̇h(1 − a/a_b) − a·h(h + hold) + a²h²/(2a_b) ≤ −a²h²/(2a_b) − a·h·hold < 0, otherwise q̇' = 0.
+//! Why the box cannot be empty: let q̇ be viable and let the next step last h > 0. Braking by the
+//! acceleration limit a ≥ a_b gives q̇' = max(q̇ − a·h, 0), and q̇'(h + hold) + q̇'²/(2a_b) ≤ q̇·hold +
+//! q̇²/(2a_b) holds for every h: for q̇ ≥ a·h the difference is q̇h(1 − a/a_b) − a·h(h + hold) + a²h²/(2a_b)
+//! ≤ −a²h²/(2a_b) − a·h·hold < 0, otherwise q̇' = 0.
 
 use thiserror::Error;
 
@@ -18,14 +20,15 @@ use thiserror::Error;
 pub enum LimitError {
     /// The position interval is empty or not a number.
     #[error(
-        "joint {joint}: position limits [{lower}, {upper}] rad are not an interval; give lower < upper (infinite for none)"
+        "joint {joint}: position limits [{lower}, {upper}] rad are not an interval; give lower < upper \
+         (infinite for none)"
     )]
     Position {
         /// Joint index from 0, base first.
         joint: usize,
-        /// [rad]
+        /// \[rad\]
         lower: f64,
-        /// [rad]
+        /// \[rad\]
         upper: f64,
     },
     /// A velocity, acceleration, jerk or deceleration limit is not a positive finite number.
@@ -42,20 +45,21 @@ pub enum LimitError {
     },
     /// A consumer would brake harder than the joint may accelerate.
     #[error(
-        "joint {joint}: braking at {deceleration} rad/s² exceeds the acceleration limit {acceleration} rad/s²; lower it"
+        "joint {joint}: braking at {deceleration} rad/s² exceeds the acceleration limit {acceleration} \
+         rad/s²; lower it"
     )]
     Deceleration {
         /// Joint index from 0, base first.
         joint: usize,
-        /// [rad/s²]
+        /// \[rad/s²\]
         deceleration: f64,
-        /// [rad/s²]
+        /// \[rad/s²\]
         acceleration: f64,
     },
     /// The hold time is negative, too long or not a number.
     #[error("hold time {hold_s} s must be between 0 and 1 s")]
     Hold {
-        /// [s]
+        /// \[s\]
         hold_s: f64,
     },
 }
@@ -74,8 +78,12 @@ pub struct JointLimits<const J: usize> {
 impl<const J: usize> JointLimits<J> {
     /// Limits without a jerk limit, for a consumer that brakes at once and at the acceleration limit.
     ///
-    /// `position` [[lower, upper]; J] rad (infinite for a continuous joint), `velocity` rad/s, `acceleration` rad/s².
-    /// *Errors*: an empty interval, or a limit that is not a positive finite number.
+    /// `position` [\[lower, upper\]; J] rad (infinite for a continuous joint), `velocity` rad/s,
+    /// `acceleration` rad/s².
+    ///
+    /// # Errors
+    ///
+    /// An empty interval, or a limit that is not a positive finite number.
     pub fn new(
         position: [[f64; 2]; J],
         velocity: [f64; J],
@@ -91,17 +99,22 @@ impl<const J: usize> JointLimits<J> {
         Ok(Self { position, velocity, acceleration, jerk: None, deceleration: acceleration, hold_s: 0.0 })
     }
 
-    /// Adds jerk limits [rad/s³]. They narrow the box but yield where acceleration, velocity or position need it.
+    /// Adds jerk limits \[rad/s³\]. They narrow the box but yield where acceleration, velocity or position
+    /// need it.
     pub fn with_jerk(mut self, jerk: [f64; J]) -> Result<Self, LimitError> {
         positive(&jerk, "jerk", "rad/s³")?;
         self.jerk = Some(jerk);
         Ok(self)
     }
 
-    /// States how a consumer stops by itself: extrapolation for `hold_s` [s], then `deceleration` [rad/s²].
+    /// States how a consumer stops by itself: extrapolation for `hold_s` \[s\], then `deceleration`
+    /// \[rad/s²\].
     ///
     /// Every command inside the box can then be followed by silence without leaving the position limits.
-    /// *Errors*: a deceleration above the acceleration limit, a hold time outside [0, 1] s.
+    ///
+    /// # Errors
+    ///
+    /// A deceleration above the acceleration limit, a hold time outside \[0, 1\] s.
     pub fn with_stale_braking(mut self, hold_s: f64, deceleration: [f64; J]) -> Result<Self, LimitError> {
         if !(0.0..=1.0).contains(&hold_s) {
             return Err(LimitError::Hold { hold_s });
@@ -118,37 +131,37 @@ impl<const J: usize> JointLimits<J> {
         Ok(self)
     }
 
-    /// [lower, upper] per joint [rad].
+    /// \[lower, upper\] per joint \[rad\].
     #[must_use]
     pub const fn position(&self) -> &[[f64; 2]; J] {
         &self.position
     }
 
-    /// Largest speed per joint [rad/s].
+    /// Largest speed per joint \[rad/s\].
     #[must_use]
     pub const fn velocity(&self) -> &[f64; J] {
         &self.velocity
     }
 
-    /// Largest acceleration per joint [rad/s²].
+    /// Largest acceleration per joint \[rad/s²\].
     #[must_use]
     pub const fn acceleration(&self) -> &[f64; J] {
         &self.acceleration
     }
 
-    /// Largest jerk per joint [rad/s³], where limited.
+    /// Largest jerk per joint \[rad/s³\], where limited.
     #[must_use]
     pub const fn jerk(&self) -> Option<&[f64; J]> {
         self.jerk.as_ref()
     }
 
-    /// Deceleration per joint of a consumer without commands [rad/s²].
+    /// Deceleration per joint of a consumer without commands \[rad/s²\].
     #[must_use]
     pub const fn deceleration(&self) -> &[f64; J] {
         &self.deceleration
     }
 
-    /// How long a consumer extrapolates before it brakes [s].
+    /// How long a consumer extrapolates before it brakes \[s\].
     #[must_use]
     pub const fn hold_s(&self) -> f64 {
         self.hold_s
@@ -174,19 +187,20 @@ fn positive(values: &[f64], quantity: &'static str, unit: &'static str) -> Resul
     }
 }
 
-/// Joint motion of the last command: position [rad], velocity [rad/s] and acceleration [rad/s²] per joint.
+/// Joint motion of the last command: position \[rad\], velocity \[rad/s\] and acceleration \[rad/s²\] per
+/// joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointMotion<const J: usize> {
-    /// [rad]
+    /// \[rad\]
     pub q: [f64; J],
-    /// [rad/s]
+    /// \[rad/s\]
     pub qd: [f64; J],
-    /// [rad/s²], difference of the last two commanded velocities over their distance in time.
+    /// \[rad/s²\], difference of the last two commanded velocities over their distance in time.
     pub qdd: [f64; J],
 }
 
 impl<const J: usize> JointMotion<J> {
-    /// At rest at `q` [rad].
+    /// At rest at `q` \[rad\].
     #[must_use]
     pub const fn at_rest(q: [f64; J]) -> Self {
         Self { q, qd: [0.0; J], qdd: [0.0; J] }
@@ -199,17 +213,17 @@ impl<const J: usize> JointMotion<J> {
     }
 }
 
-/// Velocities [rad/s] a joint may be commanded for the next step; `lower <= upper` for every joint.
+/// Velocities \[rad/s\] a joint may be commanded for the next step; `lower <= upper` for every joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityBox<const J: usize> {
-    /// [rad/s]
+    /// \[rad/s\]
     pub lower: [f64; J],
-    /// [rad/s]
+    /// \[rad/s\]
     pub upper: [f64; J],
 }
 
 impl<const J: usize> VelocityBox<J> {
-    /// The velocities in the box nearest to `qd` [rad/s], joint by joint.
+    /// The velocities in the box nearest to `qd` \[rad/s\], joint by joint.
     #[must_use]
     pub fn nearest(&self, qd: &[f64; J]) -> [f64; J] {
         let mut inside = *qd;
@@ -222,8 +236,9 @@ impl<const J: usize> VelocityBox<J> {
 
 /// The velocity box for a step of `elapsed` seconds from `motion`, which must be finite.
 ///
-/// Acceleration comes first (continuity with the last command), then velocity and viability inside what acceleration
-/// leaves, then jerk inside that. Outside the limits the box still holds one velocity at least, and leads back.
+/// Acceleration comes first (continuity with the last command), then velocity and viability inside what
+/// acceleration leaves, then jerk inside that. Outside the limits the box still holds one velocity at least,
+/// and leads back.
 #[must_use]
 pub fn velocity_box<const J: usize>(
     motion: &JointMotion<J>,
@@ -258,10 +273,11 @@ pub fn velocity_box<const J: usize>(
     out
 }
 
-/// Largest velocity toward a position limit `room` away that is still viable after a step of `h` at that velocity [rad/s].
+/// Largest velocity toward a position limit `room` away that is still viable after a step of `h` at that
+/// velocity \[rad/s\].
 ///
-/// The root of v(h + hold) + v²/(2·decel) = room; beyond the limit (`room` < 0) a velocity that leads back, at a tenth
-/// of the velocity limit or just to the limit.
+/// The root of v(h + hold) + v²/(2·decel) = room; beyond the limit (`room` < 0) a velocity that leads back,
+/// at a tenth of the velocity limit or just to the limit.
 #[must_use]
 pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> f64 {
     if v_max * (h + hold) + v_max * v_max / (2.0 * decel) <= room {
@@ -277,7 +293,8 @@ pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> 
     }
 }
 
-/// `qd` [rad/s] after braking toward zero for `elapsed` seconds at `deceleration` [rad/s²], joint by joint.
+/// `qd` \[rad/s\] after braking toward zero for `elapsed` seconds at `deceleration` \[rad/s²\], joint by
+/// joint.
 #[must_use]
 pub fn braking<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: f64) -> [f64; J] {
     let mut slower = *qd;
@@ -287,8 +304,8 @@ pub fn braking<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: 
     slower
 }
 
-/// `qd` [rad/s] after braking toward zero for `elapsed` seconds, all joints in proportion, the one that needs longest at its
-/// `deceleration` [rad/s²].
+/// `qd` \[rad/s\] after braking toward zero for `elapsed` seconds, all joints in proportion, the one that
+/// needs longest at its `deceleration` \[rad/s²\].
 #[must_use]
 pub fn braking_straight<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: f64) -> [f64; J] {
     let needed = qd.iter().zip(deceleration).map(|(v, a)| v.abs() / a).fold(0.0, f64::max);
@@ -296,7 +313,7 @@ pub fn braking_straight<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], 
     qd.map(|v| v * left)
 }
 
-/// Largest acceleration that can still fade out at `jerk` before the velocity has grown by `room` [rad/s²].
+/// Largest acceleration that can still fade out at `jerk` before the velocity has grown by `room` \[rad/s²\].
 fn easing_rate(room: f64, h: f64, jerk: f64) -> f64 {
     let b = jerk * h;
     if room >= 0.0 { (b * b + 2.0 * jerk * room).sqrt() - b } else { 0.0 }
@@ -307,14 +324,15 @@ fn within(x: f64, lower: f64, upper: f64) -> f64 {
     x.max(lower).min(upper)
 }
 
-/// From full acceleration to full braking where the limits say nothing about jerk [s]: ten ticks at 500 Hz. An arm that speeds up
-/// goes on doing so for two thirds of it; a longer ramp would cost more way than it saves shaking.
+/// From full acceleration to full braking where the limits say nothing about jerk \[s\]: ten ticks at 500 Hz.
+/// An arm that speeds up goes on doing so for two thirds of it; a longer ramp would cost more way than it
+/// saves shaking.
 pub const EASE_S: f64 = 0.02;
 
-/// The longest that a follower's jerk limits may make the same take [s].
+/// The longest that a follower's jerk limits may make the same take \[s\].
 pub const LONGEST_EASE_S: f64 = 0.05;
 
-/// The jerk limits, or where there are none (acceleration + deceleration)/[`EASE_S`], per joint [rad/s³].
+/// The jerk limits, or where there are none (acceleration + deceleration)/[`EASE_S`], per joint \[rad/s³\].
 #[must_use]
 pub fn stop_jerk<const J: usize>(limits: &JointLimits<J>) -> [f64; J] {
     limits.jerk().copied().unwrap_or_else(|| {

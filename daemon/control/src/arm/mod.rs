@@ -1,6 +1,7 @@
 //! What the arm is: its kinematic chain, what its joints may do, and how late it follows.
 //!
-//! Contract: no memory but that of [`lag`], no policy. Everything that plans for the arm, solves for it or judges it starts from here.
+//! Contract: no memory but that of [`lag`], no policy. Everything that plans for the arm, solves for it or
+//! judges it starts from here.
 
 pub(crate) mod bodies;
 pub mod chain;

@@ -1,9 +1,9 @@
 //! Sine and cosine of all joints at once, without calls into the C library.
 //!
-//! Contract: for |x| ≤ 1e5 the error is below 2 units in the last place of 1 (measured in the tests); beyond, and for
-//! non-finite x, the standard library answers. Branch-free per element, so that baseline x86-64 vectorises it, and the same
-//! bits on every machine.
-//! *Source*: Cody-Waite reduction by π/2 in three parts; kernel polynomials of fdlibm `k_sin.c`, `k_cos.c` (minimax, |r| ≤ π/4).
+//! Contract: for |x| ≤ 1e5 the error is below 2 units in the last place of 1 (measured in the tests); beyond,
+//! and for non-finite x, the standard library answers. Branch-free per element, so that baseline x86-64
+//! vectorises it, and the same bits on every machine. *Source*: Cody-Waite reduction by π/2 in three parts;
+//! kernel polynomials of fdlibm `k_sin.c`, `k_cos.c` (minimax, |r| ≤ π/4).
 
 use std::f64::consts::FRAC_2_PI;
 
@@ -15,7 +15,7 @@ const PIO2_3: f64 = 2.022_266_248_795_950_6e-21;
 /// Adding and subtracting 1.5·2^52 rounds to the nearest integer; its lowest bits are that integer modulo 4.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
-/// (sines, cosines) of `x` [rad].
+/// (sines, cosines) of `x` \[rad\].
 #[must_use]
 pub(super) fn sin_cos<const J: usize>(x: &[f64; J]) -> ([f64; J], [f64; J]) {
     let (mut sines, mut cosines) = ([0.0; J], [0.0; J]);

@@ -1,7 +1,7 @@
 //! From a URDF text to the joints of one serial chain, base to tip. Start-up only: allocates, returns errors.
 //!
-//! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses everything that the
-//! control law could not follow, naming the joint or link. Collision geometry becomes capsules
+//! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses everything
+//! that the control law could not follow, naming the joint or link. Collision geometry becomes capsules
 //! ([`crate::clearance`]); inertia, visuals and transmissions are ignored.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -51,7 +51,8 @@ pub enum ChainError {
     },
     /// A link is the child of two joints, or its own ancestor.
     #[error(
-        "link `{link}` is the child of more than one joint, or of itself; a serial chain needs exactly one parent"
+        "link `{link}` is the child of more than one joint, or of itself; a serial chain needs exactly one \
+         parent"
     )]
     Loop {
         /// The link.
@@ -113,7 +114,8 @@ pub enum ChainError {
     },
     /// A shape of the collision geometry has no size or no place.
     #[error(
-        "link `{link}`: a shape of its collision geometry has a size that is not positive, or a number that is not finite"
+        "link `{link}`: a shape of its collision geometry has a size that is not positive, or a number that \
+         is not finite"
     )]
     Shape {
         /// Link name.
@@ -121,7 +123,8 @@ pub enum ChainError {
     },
     /// The limit element is missing, empty or not a number.
     #[error(
-        "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, finite and lower < upper"
+        "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, \
+         finite and lower < upper"
     )]
     Limit {
         /// Joint name.
@@ -141,15 +144,15 @@ pub(super) struct Segment {
     pub(super) name: String,
     /// Previous joint's frame → this joint's frame at q = 0 (3 x 3).
     pub(super) rotation: Matrix3<f64>,
-    /// Origin of this joint in the previous joint's frame [m].
+    /// Origin of this joint in the previous joint's frame \[m\].
     pub(super) translation: Vector3<f64>,
     /// Unit axis in this joint's frame.
     pub(super) axis: Vector3<f64>,
-    /// [lower, upper] [rad], infinite for a continuous joint.
+    /// \[lower, upper\] \[rad\], infinite for a continuous joint.
     pub(super) position: [f64; 2],
-    /// [rad/s]
+    /// \[rad/s\]
     pub(super) velocity: f64,
-    /// [Nm]
+    /// \[Nm\]
     pub(super) effort: f64,
 }
 

@@ -1,28 +1,31 @@
 //! Keeping the arm away from planes, boxes and itself: velocity dampers as rows of the IK's QP.
 //!
-//! For every pair of shapes with distance d and unit normal n between the nearest points, the joint velocities must obey
+//! For every pair of shapes with distance d and unit normal n between the nearest points, the joint
+//! velocities must obey
 //!
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≥ −ξ (d − margin),     ξ = 1 / (max(T_a, T_b/2 + hold) + T_j + h).
 //!
-//! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which the IK itself stops
-//! the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with the jerk of a stop. Joints that slow down in proportion change
-//! every closing speed by the factor 1 − h/T, the gaps by 1 − ξh at most: to first order braking keeps all rows at once,
-//! whatever the pairs, and the QP always has an answer.
+//! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which
+//! the IK itself stops the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with
+//! the jerk of a stop. Joints that slow down in proportion change every closing speed by the factor 1 − h/T,
+//! the gaps by 1 − ξh at most: to first order braking keeps all rows at once, whatever the pairs, and the QP
+//! always has an answer.
 //!
-//! A consumer that hears nothing any more brakes every joint by itself, so joints that kept a gap together may close it. A
-//! second row looks at where that ends, q_s = q + q̇(h + hold) + q̇|q̇|/(2a_b), with distance d_s and gradient nᵀJ_s there:
+//! A consumer that hears nothing any more brakes every joint by itself, so joints that kept a gap together
+//! may close it. A second row looks at where that ends, q_s = q + q̇(h + hold) + q̇|q̇|/(2a_b), with distance
+//! d_s and gradient nᵀJ_s there:
 //!
 //!   nᵀJ_s (h + hold + |q̇|/a_b)(q̇' − q̇) ≥ min(d, margin) − d_s
 //!
-//! Going on as that consumer would keeps q_s, so these rows too leave an answer. What both leave out (the way to q_s, turning
-//! normals within a tick, position limits in the way of braking) is what the margin is for; rows that cannot be kept yield
-//! with the least violation.
+//! Going on as that consumer would keeps q_s, so these rows too leave an answer. What both leave out (the way
+//! to q_s, turning normals within a tick, position limits in the way of braking) is what the margin is for;
+//! rows that cannot be kept yield with the least violation.
 //!
-//! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of its inputs; what
-//! is remembered between ticks (`watch`) only saves measuring distances that cannot matter.
-//! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high number of
-//! degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for non-strictly convex polyhedra",
-//! RSS 2008.
+//! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of
+//! its inputs; what is remembered between ticks (`watch`) only saves measuring distances that cannot matter.
+//! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high
+//! number of degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for
+//! non-strictly convex polyhedra", RSS 2008.
 
 mod motion;
 mod pairs;
@@ -49,13 +52,13 @@ pub use way::{Looked, Obstructed, Way};
 /// Most capsules of one arm.
 pub const MAX_CAPSULES: usize = 24;
 
-/// Fastest way back to the margin [m/s].
+/// Fastest way back to the margin \[m/s\].
 const RETREAT_MPS: f64 = 0.05;
 
 /// What to keep away from, and how far.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClearanceSettings {
-    /// Distance kept between capsules and whatever they must not touch [m].
+    /// Distance kept between capsules and whatever they must not touch \[m\].
     pub margin_m: f64,
     /// The arm keeps away from itself.
     pub itself: bool,
@@ -69,7 +72,7 @@ pub enum ClearanceError {
     /// The margin is out of range.
     #[error("the margin {margin_m} m is outside 0.001 to 0.2 m")]
     Margin {
-        /// [m]
+        /// \[m\]
         margin_m: f64,
     },
     /// Too many planes and boxes.
@@ -86,7 +89,8 @@ pub enum ClearanceError {
     },
     /// There is something to keep away from, but nothing is known of the arm's shape.
     #[error(
-        "no moving link has a sphere, cylinder, capsule or box as collision geometry (only meshes: {meshes}), so nothing can be kept away"
+        "no moving link has a sphere, cylinder, capsule or box as collision geometry (only meshes: \
+         {meshes}), so nothing can be kept away"
     )]
     NoShape {
         /// Links with meshes.
@@ -129,7 +133,9 @@ pub struct Clearance<const J: usize> {
 impl<const J: usize> Clearance<J> {
     /// For the arm `chain` inside `limits`, commanded every `period_s` seconds.
     ///
-    /// *Errors*: see [`ClearanceError`].
+    /// # Errors
+    ///
+    /// See [`ClearanceError`].
     pub fn new(
         chain: &Chain<J>,
         limits: &JointLimits<J>,
@@ -168,7 +174,7 @@ impl<const J: usize> Clearance<J> {
         })
     }
 
-    /// Distance kept [m].
+    /// Distance kept \[m\].
     #[must_use]
     pub const fn margin_m(&self) -> f64 {
         self.margin
@@ -179,13 +185,14 @@ impl<const J: usize> Clearance<J> {
         &self.found
     }
 
-    /// ξ: the share of the gap that may close per second [1/s].
+    /// ξ: the share of the gap that may close per second \[1/s\].
     #[must_use]
     pub const fn rate_hz(&self) -> f64 {
         self.rate
     }
 
-    /// Links of the arm itself that are watched against each other, inner one first, once for each pair of their capsules.
+    /// Links of the arm itself that are watched against each other, inner one first, once for each pair of
+    /// their capsules.
     pub fn links(&self) -> impl Iterator<Item = [usize; 2]> {
         self.pairs.iter().filter_map(|pair| Some([pair.first.link, pair.other_link()?]))
     }
@@ -198,8 +205,8 @@ impl<const J: usize> Clearance<J> {
         nearest.map(|(pair, distance)| pair.nearest(distance))
     }
 
-    /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`; those that no velocity in the box could break
-    /// are left out, and beyond the capacity those that are farthest from being broken.
+    /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`; those that no velocity in the
+    /// box could break are left out, and beyond the capacity those that are farthest from being broken.
     pub fn rows(
         &mut self,
         kinematics: &Kinematics<J>,

@@ -10,7 +10,8 @@ use crate::geometry::Separation;
 /// The links' motion while no joint accelerates.
 pub(super) struct Moving<'a, const J: usize> {
     kinematics: &'a Kinematics<J>,
-    /// Angular velocity [rad/s] and acceleration [rad/s²] of each moving link, and its origin's acceleration [m/s²].
+    /// Angular velocity \[rad/s\] and acceleration \[rad/s²\] of each moving link, and its origin's
+    /// acceleration \[m/s²\].
     links: [[Vector3<f64>; 3]; J],
 }
 
@@ -32,7 +33,7 @@ impl<'a, const J: usize> Moving<'a, J> {
         Self { kinematics, links }
     }
 
-    /// The same for the two sides of a pair against each other: nᵀJ [m/rad], and nᵀJ̇q̇ [m/s²].
+    /// The same for the two sides of a pair against each other: nᵀJ \[m/rad\], and nᵀJ̇q̇ \[m/s²\].
     pub(super) fn apart(&self, pair: &Pair<J>, separation: &Separation) -> ([f64; J], f64) {
         let (mut row, mut bending) = self.toward(pair.first.link, &separation.point, &separation.normal);
         if let Some(link) = pair.other_link() {
@@ -43,7 +44,7 @@ impl<'a, const J: usize> Moving<'a, J> {
         (row, bending)
     }
 
-    /// nᵀJ of a `point` on `link` [m/rad], and nᵀJ̇q̇ [m/s²].
+    /// nᵀJ of a `point` on `link` \[m/rad\], and nᵀJ̇q̇ \[m/s²\].
     pub(super) fn toward(&self, link: usize, point: &Vector3<f64>, normal: &Vector3<f64>) -> ([f64; J], f64) {
         let mut row = [0.0; J];
         for (i, entry) in row.iter_mut().enumerate().take(link) {
@@ -63,7 +64,7 @@ impl<'a, const J: usize> Moving<'a, J> {
 /// Where a consumer comes to rest that hears nothing after the next command, if that goes on as the last.
 pub(super) struct Silence<const J: usize> {
     pub(super) kinematics: Kinematics<J>,
-    /// How much farther it comes per change of the next velocity, per joint [s].
+    /// How much farther it comes per change of the next velocity, per joint \[s\].
     pub(super) gain: [f64; J],
 }
 
@@ -84,7 +85,7 @@ impl<const J: usize> Silence<J> {
         Self { kinematics: chain.forward(&q), gain }
     }
 
-    /// Farthest that each joint can be turned until then, by any next velocity in the box [rad].
+    /// Farthest that each joint can be turned until then, by any next velocity in the box \[rad\].
     pub(super) fn farthest(
         limits: &JointLimits<J>,
         motion: &JointMotion<J>,

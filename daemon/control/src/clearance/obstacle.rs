@@ -35,11 +35,11 @@ pub enum ObstacleError {
     /// The box has no volume.
     #[error("the size [{x}, {y}, {z}] m is not positive along every axis")]
     Size {
-        /// [m]
+        /// \[m\]
         x: f64,
-        /// [m]
+        /// \[m\]
         y: f64,
-        /// [m]
+        /// \[m\]
         z: f64,
     },
     /// Some number is NaN or infinite.
@@ -51,9 +51,11 @@ pub enum ObstacleError {
 const LENGTH_TOLERANCE: f64 = 1e-2;
 
 impl Obstacle {
-    /// Everything behind the plane through `point` [m] with `normal` (length 1 up to 1 %) is forbidden.
+    /// Everything behind the plane through `point` \[m\] with `normal` (length 1 up to 1 %) is forbidden.
     ///
-    /// *Errors*: a number that is not finite, a normal of another length.
+    /// # Errors
+    ///
+    /// A number that is not finite, a normal of another length.
     pub fn plane(point: [f64; 3], normal: [f64; 3]) -> Result<Self, ObstacleError> {
         if !point.iter().chain(&normal).all(|x| x.is_finite()) {
             return Err(ObstacleError::NotFinite);
@@ -67,9 +69,12 @@ impl Obstacle {
         Ok(Self::HalfSpace(HalfSpace { point: point.into(), normal: vector / length }))
     }
 
-    /// A box around `centre` [m] of `size` [m] along its own axes, turned by roll, pitch and yaw [rad] (fixed axes, as in URDF).
+    /// A box around `centre` \[m\] of `size` \[m\] along its own axes, turned by roll, pitch and yaw \[rad\]
+    /// (fixed axes, as in URDF).
     ///
-    /// *Errors*: a number that is not finite, a size that is not positive.
+    /// # Errors
+    ///
+    /// A number that is not finite, a size that is not positive.
     pub fn cuboid(centre: [f64; 3], size: [f64; 3], rpy: [f64; 3]) -> Result<Self, ObstacleError> {
         if !centre.iter().chain(&size).chain(&rpy).all(|x| x.is_finite()) {
             return Err(ObstacleError::NotFinite);

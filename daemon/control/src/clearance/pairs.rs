@@ -17,7 +17,7 @@ pub struct Nearest {
     pub link: String,
     /// The other link; `None` for a plane or box.
     pub other: Option<String>,
-    /// Between their surfaces [m]; negative where they overlap.
+    /// Between their surfaces \[m\]; negative where they overlap.
     pub distance_m: f64,
 }
 
@@ -26,9 +26,11 @@ pub struct Nearest {
 pub(super) struct Pair<const J: usize> {
     pub(super) first: Capsule,
     pub(super) other: Other,
-    /// Fastest that each joint can change their distance [m/rad]: how far from its axis the one that it moves reaches.
+    /// Fastest that each joint can change their distance [m/rad]: how far from its axis the one that it moves
+    /// reaches.
     pub(super) levers: [f64; J],
-    /// Farthest that two of their points can be apart while both turn with the arm [m]; 0 beside what stands still.
+    /// Farthest that two of their points can be apart while both turn with the arm \[m\]; 0 beside what
+    /// stands still.
     pub(super) span: f64,
     /// Which of the planes or of the boxes the other side is, as listed; 0 for a capsule.
     number: usize,
@@ -52,7 +54,7 @@ impl<const J: usize> Pair<J> {
         }
     }
 
-    /// Calls `found` with every separation that a row may be about, and returns the smallest distance [m].
+    /// Calls `found` with every separation that a row may be about, and returns the smallest distance \[m\].
     pub(super) fn separations(&self, kinematics: &Kinematics<J>, mut found: impl FnMut(Separation)) -> f64 {
         let mut nearest = f64::INFINITY;
         let mut tell = |separation: Separation, radius: f64| {
@@ -119,7 +121,8 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
     pairs
         .filter_map(|(capsule, obstacle, number)| {
             let other = match obstacle {
-                // The first link turns in parallel to a table that the arm stands on: no joint changes that gap.
+                // The first link turns in parallel to a table that the arm stands on: no joint changes that
+                // gap.
                 Obstacle::HalfSpace(plane)
                     if capsule.link == 1 && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
                 {
@@ -133,8 +136,8 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
         .collect()
 }
 
-/// Pairs of capsules that may meet: those of links at least two joints apart, except where exactly two joints lie between and
-/// no posture of these (of `TRIED` by `TRIED`) makes them meet.
+/// Pairs of capsules that may meet: those of links at least two joints apart, except where exactly two joints
+/// lie between and no posture of these (of `TRIED` by `TRIED`) makes them meet.
 pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J>) -> Vec<Pair<J>> {
     let capsules = chain.capsules();
     let all = capsules.iter().flat_map(|first| {

@@ -4,30 +4,31 @@
 //!
 //!   d − margin ≤ Σ_j lever_j x_j + span·k,     x_j = v_j (1 + h s)/ξ,   k = h s²/(2ξ),   s = Σ_j |q̇_j|
 //!
-//! with v_j the larger of |q̇_j| and the box's fastest: Σ lever_j v_j bounds the closing speed, and the acceleration of two
-//! witness points along their normal at q̈ = 0 is at most 2s·Σ lever_j |q̇_j| + s²·span, of which a row holds h/2. Since the
-//! distance was measured at q', it has fallen by Σ lever_j |q_j − q'_j| at most. So a pair is measured anew only when
-//! what was seen of it last may be used up, wherever q has been in between; jumps of q are covered like motion.
+//! with v_j the larger of |q̇_j| and the box's fastest: Σ lever_j v_j bounds the closing speed, and the
+//! acceleration of two witness points along their normal at q̈ = 0 is at most 2s·Σ lever_j |q̇_j| + s²·span,
+//! of which a row holds h/2. Since the distance was measured at q', it has fallen by Σ lever_j |q_j − q'_j|
+//! at most. So a pair is measured anew only when what was seen of it last may be used up, wherever q has been
+//! in between; jumps of q are covered like motion.
 //!
-//! Contract: what is skipped has no row, so rows depend on the tick's inputs alone, not on what is remembered. No
-//! allocation after construction.
+//! Contract: what is skipped has no row, so rows depend on the tick's inputs alone, not on what is
+//! remembered. No allocation after construction.
 
 use crate::arm::limits::{JointMotion, VelocityBox};
 use crate::clearance::pairs::Pair;
 
-/// What rounding may take off a distance [m].
+/// What rounding may take off a distance \[m\].
 const ROUNDING_M: f64 = 1e-9;
 
 /// How far one tick reaches.
 pub(super) struct Reach<const J: usize> {
-    /// x, per joint [rad].
+    /// x, per joint \[rad\].
     angle: [f64; J],
-    /// k [1].
+    /// k \[1\].
     turn: f64,
 }
 
 impl<const J: usize> Reach<J> {
-    /// Of a step of `elapsed` [s] inside `allowed`, where gaps may close by `rate` [1/s].
+    /// Of a step of `elapsed` \[s\] inside `allowed`, where gaps may close by `rate` \[1/s\].
     pub(super) fn new(motion: &JointMotion<J>, allowed: &VelocityBox<J>, elapsed: f64, rate: f64) -> Self {
         let sum: f64 = motion.qd.iter().map(|v| v.abs()).sum();
         let factor = (1.0 + elapsed * sum) / rate;
@@ -39,7 +40,7 @@ impl<const J: usize> Reach<J> {
     }
 }
 
-/// The distance of a pair when it was last measured [m], and where the arm was [rad].
+/// The distance of a pair when it was last measured \[m\], and where the arm was \[rad\].
 #[derive(Debug, Clone, Copy)]
 struct Seen<const J: usize> {
     q: [f64; J],
@@ -52,7 +53,7 @@ pub(super) struct Watch<const J: usize> {
     seen: Vec<Seen<J>>,
     /// Pairs that are looked at in every tick, in order.
     near: Vec<usize>,
-    /// All others, at once: max over them of lever_j / (gap at `since`) [1/rad], and of span / gap [1].
+    /// All others, at once: max over them of lever_j / (gap at `since`) \[1/rad\], and of span / gap \[1\].
     levers: [f64; J],
     span: f64,
     since: [f64; J],
@@ -60,7 +61,8 @@ pub(super) struct Watch<const J: usize> {
 }
 
 impl<const J: usize> Watch<J> {
-    /// A pair stays among the far ones while it reaches over no more than this part of its gap: then one look at all holds.
+    /// A pair stays among the far ones while it reaches over no more than this part of its gap: then one look
+    /// at all holds.
     const SHARE: f64 = 1.0 / (J as f64 + 4.0);
 
     /// Nothing seen yet of `count` pairs.
@@ -75,8 +77,8 @@ impl<const J: usize> Watch<J> {
         }
     }
 
-    /// Calls `measure` with every pair, in order, that may have a row at `q`, and with the gap above the margin [m] from which
-    /// on it has none; it returns the pair's distance [m].
+    /// Calls `measure` with every pair, in order, that may have a row at `q`, and with the gap above the
+    /// margin \[m\] from which on it has none; it returns the pair's distance \[m\].
     pub(super) fn look(
         &mut self,
         pairs: &[Pair<J>],
@@ -162,7 +164,7 @@ mod tests {
         (motion, allowed)
     }
 
-    /// The right-hand side of the module's description: what a pair's gap must exceed to have no row [m].
+    /// The right-hand side of the module's description: what a pair's gap must exceed to have no row \[m\].
     fn wanted(pair: &Pair<6>, motion: &JointMotion<6>, allowed: &VelocityBox<6>) -> f64 {
         let s: f64 = motion.qd.iter().map(|v| v.abs()).sum();
         let closing: f64 = (0..6)
@@ -217,7 +219,8 @@ mod tests {
         }
     }
 
-    /// Distances that change as fast as levers let them: no pair is passed over that may have a row, and nearly all others are.
+    /// Distances that change as fast as levers let them: no pair is passed over that may have a row, and
+    /// nearly all others are.
     #[test]
     fn nothing_comes_near_unseen() {
         let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(4));

@@ -1,24 +1,27 @@
 //! Whether a straight way in joint space is clear, looked along piece by piece before anything moves.
 //!
-//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by Σ_j lever_j |Δq_j| per unit of s at most. From a place where
-//! it is (d − least) more than it must be, nothing can touch before s has grown by (d − least) / Σ_j lever_j |Δq_j|: the next
-//! place that has to be looked at is where the first pair's share of that ends. Steps are never shorter than `STEP_M` of way,
-//! or a thousandth of the whole; what may hide in one is less than [`MORE_M`], which is kept on top of the margin.
+//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by Σ_j lever_j |Δq_j| per unit of s at most. From
+//! a place where it is (d − least) more than it must be, nothing can touch before s has grown by (d − least)
+//! / Σ_j lever_j |Δq_j|: the next place that has to be looked at is where the first pair's share of that
+//! ends. Steps are never shorter than `STEP_M` of way, or a thousandth of the whole; what may hide in one is
+//! less than [`MORE_M`], which is kept on top of the margin.
 //!
-//! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per way. A pair that
-//! begins nearer than the margin may not come nearer than it begins, one that ends near it may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
+//! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per
+//! way. A pair that begins nearer than the margin may not come nearer than it begins, one that ends near it
+//! may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
 
 use crate::arm::chain::Chain;
 use crate::clearance::watch::Watch;
 use crate::clearance::{Clearance, Kinematics};
 
-/// Shortest way that any body goes between two looks [m], by the levers, which are more than it really goes.
+/// Shortest way that any body goes between two looks \[m\], by the levers, which are more than it really
+/// goes.
 const STEP_M: f64 = 1e-3;
 /// Most looks along one way.
 const LOOKS: f64 = 1000.0;
-/// Kept on top of the margin, so that rows that damp closing speeds leave some on the whole way [m].
+/// Kept on top of the margin, so that rows that damp closing speeds leave some on the whole way \[m\].
 pub const MORE_M: f64 = 1e-3;
-/// A pair that begins nearer may come nearer by rounding only [m].
+/// A pair that begins nearer may come nearer by rounding only \[m\].
 const ROUNDING_M: f64 = 1e-6;
 
 /// What stands in the way.
@@ -28,7 +31,7 @@ pub struct Obstructed {
     pub pair: u16,
     /// Where on the way, 0 to 1.
     pub share: f64,
-    /// How near they would come there [m]; negative where they overlap.
+    /// How near they would come there \[m\]; negative where they overlap.
     pub distance_m: f64,
 }
 
@@ -49,7 +52,7 @@ pub struct Way<const J: usize> {
     from: [f64; J],
     to: [f64; J],
     share: f64,
-    /// Per pair, how near it may come [m].
+    /// Per pair, how near it may come \[m\].
     least: Vec<f64>,
     /// The end was looked at, which says how near it may come there.
     end_seen: bool,
@@ -69,12 +72,12 @@ impl<const J: usize> Way<J> {
         }
     }
 
-    /// Begins to look along the way from `from` to `to` [rad].
+    /// Begins to look along the way from `from` to `to` \[rad\].
     pub fn begin(&mut self, from: [f64; J], to: [f64; J]) {
         (self.from, self.to, self.share, self.end_seen) = (from, to, 0.0, false);
     }
 
-    /// The joints at `share` of the way [rad]; exactly the end at 1.
+    /// The joints at `share` of the way \[rad\]; exactly the end at 1.
     #[must_use]
     pub fn at(&self, share: f64) -> [f64; J] {
         if share >= 1.0 {
@@ -145,7 +148,7 @@ impl<const J: usize> Clearance<J> {
         self
     }
 
-    /// The part of `qd` [rad/s] that keeps every row found last, 1 where it keeps them all.
+    /// The part of `qd` \[rad/s\] that keeps every row found last, 1 where it keeps them all.
     pub(crate) fn share_kept(&self, qd: &[f64; J]) -> f64 {
         let kept = self.found.rows().iter().map(|(row, bound)| {
             let speed: f64 = row.iter().zip(qd).map(|(c, v)| c * v).sum();
@@ -161,7 +164,8 @@ impl<const J: usize> Clearance<J> {
         all.min_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 
-    /// What each pair is called, for people: "`forearm_link` and box 2", numbered as in the settings. Allocates.
+    /// What each pair is called, for people: "`forearm_link` and box 2", numbered as in the settings.
+    /// Allocates.
     #[must_use]
     pub fn pair_names(&self) -> Vec<String> {
         self.pairs.iter().map(|pair| pair.called()).collect()

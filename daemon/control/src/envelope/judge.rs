@@ -4,7 +4,7 @@ use super::{Envelope, SPEED_MARGIN, TILT_MARGIN_RAD};
 use crate::arm::Kinematics;
 use crate::stop::{StopCause, StopDetail};
 
-/// Rounding: what is outside goes no farther by so much [m, rad].
+/// Rounding: what is outside goes no farther by so much \[m, rad\].
 const ROUNDING: f64 = 1e-6;
 
 /// How far beyond the envelope the tool may be, because it was when it was armed; never grows.
@@ -17,11 +17,11 @@ pub(super) struct Allowed {
 /// Where one command has the tool.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EnvelopeFigures {
-    /// In the plane's frame [m].
+    /// In the plane's frame \[m\].
     pub tool: [f64; 3],
-    /// Angle between tool and normal [rad].
+    /// Angle between tool and normal \[rad\].
     pub tilt: f64,
-    /// [m/s]
+    /// \[m/s\]
     pub speed: f64,
 }
 

@@ -1,16 +1,18 @@
 //! The tool's envelope: workspace, height over the paper, tilt and speed, whatever the plan thinks.
 //!
-//! Two halves. Before the joints move, rows on their velocities (in the IK's QP, and in stops): along the way n to a bound,
+//! Two halves. Before the joints move, rows on their velocities (in the IK's QP, and in stops): along the way
+//! n to a bound,
 //!
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≤ v,     v: the fastest from which the tool is at rest before the bound,
 //!
-//! with the deceleration that the joints' limits give it there, half of Σ_j |nᵀJ_j| a_j (half: several bounds, and a Jacobian
-//! that turns meanwhile). Joint limits are the QP's box and hard, keeping clear of things has the higher price, the envelope
-//! comes next, then the task. From outside of a bound rows only forbid to go farther out. After the command is made, its forward
-//! kinematics are judged: beyond the margin, and farther out than before, the loop latches a stop.
+//! with the deceleration that the joints' limits give it there, half of Σ_j |nᵀJ_j| a_j (half: several
+//! bounds, and a Jacobian that turns meanwhile). Joint limits are the QP's box and hard, keeping clear of
+//! things has the higher price, the envelope comes next, then the task. From outside of a bound rows only
+//! forbid to go farther out. After the command is made, its forward kinematics are judged: beyond the margin,
+//! and farther out than before, the loop latches a stop.
 //!
-//! Contract: no allocation, bounded work, no panic. Nothing is remembered but how far outside the tool was when it was armed.
-//! A tick in which the velocities wanted keep all rows keeps its bits.
+//! Contract: no allocation, bounded work, no panic. Nothing is remembered but how far outside the tool was
+//! when it was armed. A tick in which the velocities wanted keep all rows keeps its bits.
 
 mod judge;
 mod rows;
@@ -36,7 +38,7 @@ const SPEED_MARGIN: f64 = 0.1;
 pub struct Envelope<const J: usize> {
     plane: Plane,
     limits: JointLimits<J>,
-    /// Lowest and highest along the plane's axes that rows lead to, and beyond which a stop latches [m].
+    /// Lowest and highest along the plane's axes that rows lead to, and beyond which a stop latches \[m\].
     inner: [[f64; 2]; 3],
     outer: [[f64; 2]; 3],
     tilt: f64,
@@ -45,7 +47,8 @@ pub struct Envelope<const J: usize> {
 }
 
 impl<const J: usize> Envelope<J> {
-    /// Around `workspace` [m], [lowest, highest] along the axes of `plane`. `fastest`: the speed that the plan may ask for [m/s].
+    /// Around `workspace` \[m\], \[lowest, highest\] along the axes of `plane`. `fastest`: the speed that the
+    /// plan may ask for \[m/s\].
     ///
     /// # Errors
     /// A number outside its range.
@@ -69,7 +72,7 @@ impl<const J: usize> Envelope<J> {
         })
     }
 
-    /// The angle between tool and normal [rad], its sine, and the axis about which a turn tilts it farther.
+    /// The angle between tool and normal \[rad\], its sine, and the axis about which a turn tilts it farther.
     fn tilted(&self, kinematics: &Kinematics<J>) -> (f64, Vector3<f64>) {
         let tool: Vector3<f64> = kinematics.rotation.column(2).into_owned();
         let down = self.plane.tool_axis();

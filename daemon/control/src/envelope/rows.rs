@@ -13,21 +13,22 @@ use crate::units::AxisState;
 const WEIGHT: f64 = 0.1;
 /// Share of the largest deceleration that is counted on.
 const COUNTED_ON: f64 = 0.5;
-/// Halvings of the interval that holds the fastest speed that can still be stopped, where joints have jerk limits.
+/// Halvings of the interval that holds the fastest speed that can still be stopped, where joints have jerk
+/// limits.
 const HALVINGS: u32 = 24;
 
 /// The bounds along one way: a plane's axis, or the tilt.
 struct Way<const J: usize> {
-    /// Velocity along it is row · q̇ [m/rad or 1].
+    /// Velocity along it is row · q̇ \[m/rad or 1\].
     row: [f64; J],
-    /// What is added to it by bending within the step [m/s].
+    /// What is added to it by bending within the step \[m/s\].
     bent: f64,
-    /// Room to the lower and the upper bound [m, rad].
+    /// Room to the lower and the upper bound \[m, rad\].
     room: [f64; 2],
 }
 
 impl<const J: usize> Envelope<J> {
-    /// `wanted` [rad/s] breaks a row of [`Self::offer`]; not exactly: it may say so where none is.
+    /// `wanted` \[rad/s\] breaks a row of [`Self::offer`]; not exactly: it may say so where none is.
     #[must_use]
     pub(crate) fn may_break(
         &self,
@@ -52,7 +53,8 @@ impl<const J: usize> Envelope<J> {
         broken
     }
 
-    /// Offers the rows of a step of `elapsed` [s] inside `allowed`; `wanted` [rad/s] tells in which direction the tool is fast.
+    /// Offers the rows of a step of `elapsed` \[s\] inside `allowed`; `wanted` \[rad/s\] tells in which
+    /// direction the tool is fast.
     pub(crate) fn offer(
         &self,
         kinematics: &Kinematics<J>,
@@ -101,7 +103,8 @@ impl<const J: usize> Envelope<J> {
         see(Way { row, bent, room: [f64::INFINITY, self.tilt - tilt] });
     }
 
-    /// The fastest along `way`, in the direction `sign`, from which `room` is enough to come to rest; 0 where there is none.
+    /// The fastest along `way`, in the direction `sign`, from which `room` is enough to come to rest; 0 where
+    /// there is none.
     fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, room: f64, elapsed: f64, sign: f64) -> f64 {
         if room <= 0.0 {
             return 0.0;
@@ -177,7 +180,8 @@ mod tests {
         Envelope::new(&settings, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()
     }
 
-    /// How far a step at `v` after one at `now` leads [m], with the stop behind it that ends without acceleration, in steps of 10 µs.
+    /// How far a step at `v` after one at `now` leads \[m\], with the stop behind it that ends without
+    /// acceleration, in steps of 10 µs.
     fn farthest_m(v: f64, now: f64, elapsed: f64) -> f64 {
         let step = 1e-5;
         let (mut x, mut speed) = (v * elapsed, v);

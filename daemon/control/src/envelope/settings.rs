@@ -5,11 +5,11 @@ use thiserror::Error;
 /// How far the tool may go, however it is led.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnvelopeSettings {
-    /// Beyond the workspace by more than this a stop latches [m].
+    /// Beyond the workspace by more than this a stop latches \[m\].
     pub margin_m: f64,
-    /// Largest angle between the tool's axis and the plane's normal [rad].
+    /// Largest angle between the tool's axis and the plane's normal \[rad\].
     pub max_tilt_rad: f64,
-    /// Fastest tool [m/s]; `None`: what the plan's limits and the IK's corrections amount to together.
+    /// Fastest tool \[m/s\]; `None`: what the plan's limits and the IK's corrections amount to together.
     pub max_speed_mps: Option<f64>,
 }
 

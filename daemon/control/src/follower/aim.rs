@@ -8,12 +8,13 @@ use crate::reference::resting;
 use crate::units::{Stamp, Trust};
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// The nearest lead that a plan looks at, as far as there are bands [steps].
+    /// The nearest lead that a plan looks at, as far as there are bands \[steps\].
     pub(super) fn nearest_lead(&self) -> usize {
         ((self.ahead_ns() / self.settings.pen.step_ns) as usize + 1).min(BAND_LEADS)
     }
 
-    /// How far ahead references lie: the dead time, without the servo that the plan models, and the plan's response.
+    /// How far ahead references lie: the dead time, without the servo that the plan models, and the plan's
+    /// response.
     pub(super) fn ahead_ns(&self) -> u64 {
         self.dead_time.ns().saturating_sub(self.settings.servo_ns()).saturating_add(self.settings.response_ns)
     }

@@ -1,4 +1,5 @@
-//! The stages that look ahead: what past previews were worth, the preview, what newer samples make of it, and trust in it.
+//! The stages that look ahead: what past previews were worth, the preview, what newer samples make of it, and
+//! trust in it.
 
 use super::Follower;
 use super::io::Health;
@@ -8,11 +9,12 @@ use crate::predict::refine::Look;
 use crate::skill::{Foreseen, Happened, Record, SkillReport};
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
 
-/// Leads whose record decides, from the first that the plan looks at: what comes later weighs little in a plan that is made
-/// anew in every tick.
+/// Leads whose record decides, from the first that the plan looks at: what comes later weighs little in a
+/// plan that is made anew in every tick.
 const LEADS_JUDGED: usize = 2;
 
-/// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of the record.
+/// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of
+/// the record.
 const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
 
 /// What a tick leaves for the next one to learn from.
@@ -83,7 +85,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.skill.report(nearest, nearest + LEADS_JUDGED - 1)
     }
 
-    /// Moves the preview by what the newest sample says, and shortens it to the shares that past previews justify.
+    /// Moves the preview by what the newest sample says, and shortens it to the shares that past previews
+    /// justify.
     pub(super) fn refine(&mut self, skill: &SkillReport, health: &mut Health) {
         if let Some(newest) = self.pen.newest() {
             let per_step =

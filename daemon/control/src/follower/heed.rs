@@ -1,4 +1,5 @@
-//! What came of a tick, for the ticks after it: stops, records of plans and of following, and who has the arm.
+//! What came of a tick, for the ticks after it: stops, records of plans and of following, and who has the
+//! arm.
 
 use super::Follower;
 use super::io::{Health, Refusal};

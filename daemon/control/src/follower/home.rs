@@ -9,8 +9,8 @@ use crate::stop::{StopCause, StopDetail, StopReason};
 use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns whether the way is
-    /// clear, in the tick in which that is known.
+    /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns
+    /// whether the way is clear, in the tick in which that is known.
     pub(super) fn heed_home(&mut self, now: Stamp, news: &HomeNews) -> Option<Result<(), Refusal>> {
         match news {
             HomeNews::None => None,

@@ -19,9 +19,9 @@ pub const MAX_STEPS_PER_TICK: usize = 8;
 pub struct JointReading<const J: usize> {
     /// When it was measured, on the host's monotonic clock.
     pub stamp: Stamp,
-    /// Joint positions [rad].
+    /// Joint positions \[rad\].
     pub q: [f64; J],
-    /// Joint velocities [rad/s].
+    /// Joint velocities \[rad/s\].
     pub qd: [f64; J],
     /// The arm's own safety system allows motion (normal or reduced mode, drives on).
     pub motion_allowed: bool,
@@ -178,8 +178,8 @@ pub struct StepInput<'a, const J: usize> {
     pub enable: Option<EnableReading>,
     /// At most one request a tick.
     pub request: Option<Request>,
-    /// A stop that the shell demands, latched before anything else is looked at: [`StopReason::Requested`] by a way that needs
-    /// no request, [`StopReason::Overruns`] with its evidence.
+    /// A stop that the shell demands, latched before anything else is looked at: [`StopReason::Requested`] by
+    /// a way that needs no request, [`StopReason::Overruns`] with its evidence.
     pub halt: Option<(StopReason, StopDetail)>,
     /// Weights promoted by the learner since the last tick.
     pub weights: Option<&'a OnlineWeights>,
@@ -200,9 +200,9 @@ pub struct JointCommand<const J: usize> {
     pub stamp: Stamp,
     /// Consumers follow q + q̇·(t − stamp) until here, then brake by themselves.
     pub valid_until: Stamp,
-    /// Joint positions [rad].
+    /// Joint positions \[rad\].
     pub q: [f64; J],
-    /// Mean joint velocities over the period that ends at `stamp` [rad/s].
+    /// Mean joint velocities over the period that ends at `stamp` \[rad/s\].
     pub qd: [f64; J],
     /// The arm may move with this command (false once a latched stop has come to rest).
     pub enabled: bool,
@@ -215,7 +215,7 @@ pub struct HomeProgress {
     pub moving: bool,
     /// Share of the way that was gone, 0 to 1.
     pub share: f64,
-    /// How long the rest takes with nothing near [s].
+    /// How long the rest takes with nothing near \[s\].
     pub left_s: f64,
 }
 
@@ -224,7 +224,8 @@ pub struct HomeProgress {
 pub struct StepOutput<const J: usize> {
     /// The command; `None` only while the loop is not in charge of the arm (Idle).
     pub command: Option<JointCommand<J>>,
-    /// The command is the first since arming: it begins where the arm stands, not where the last stream ended.
+    /// The command is the first since arming: it begins where the arm stands, not where the last stream
+    /// ended.
     pub begins: bool,
     /// Mode after the step.
     pub mode: Mode,
@@ -254,7 +255,7 @@ pub struct StepOutput<const J: usize> {
     pub pen_stamp: Option<Stamp>,
     /// Where that sample comes from; with its stamp, its identity.
     pub pen_origin: PenOrigin,
-    /// Newest accepted pen position in the plane frame [m].
+    /// Newest accepted pen position in the plane frame \[m\].
     pub pen_position: [f64; 2],
     /// The newest accepted pen sample touches the paper.
     pub pen_contact: bool,
@@ -262,20 +263,20 @@ pub struct StepOutput<const J: usize> {
     pub pen_counters: PenCounters,
     /// The newest pen sample refused, with the evidence.
     pub pen_refused: Option<PenRefusal>,
-    /// Error of the one-step prediction of the newest closed grid step [m]; `None` when no step closed.
+    /// Error of the one-step prediction of the newest closed grid step \[m\]; `None` when no step closed.
     pub predictor_error: Option<f64>,
-    /// The pen is expected within this distance of where the plan's first reference has it, before any velocity lead, in nine of
-    /// ten cases [m]; `None` while too little has been seen, or too far ahead.
+    /// The pen is expected within this distance of where the plan's first reference has it, before any
+    /// velocity lead, in nine of ten cases \[m\]; `None` while too little has been seen, or too far ahead.
     pub predictor_band: Option<f64>,
-    /// Dead time τ that the references looked ahead by [ns].
+    /// Dead time τ that the references looked ahead by \[ns\].
     pub dead_time_ns: u64,
     /// How late the arm was measured to be; `None` while that is not known.
     pub lag: Option<LagEstimate>,
-    /// First reference of the plan in the plane frame [m].
+    /// First reference of the plan in the plane frame \[m\].
     pub reference: [f64; 3],
     /// Setpoint of this tick in the plane frame.
     pub setpoint: [AxisState; 3],
-    /// Where the published joints put the tool, plane frame [m].
+    /// Where the published joints put the tool, plane frame \[m\].
     pub tool: [f64; 3],
     /// How each axis was solved.
     pub axes: [AxisReport; 3],

@@ -1,12 +1,13 @@
 //! `Follower::step`: one tick of the control law, from pen samples to a legal joint command.
 //!
-//! Contract: pure and total. It knows no clock (`now` is an argument), allocates nothing, never fails: whatever the
-//! inputs, predictor or solver do, it returns a command that is finite, inside all limits and continuous with the last
-//! one, and a health word that says what degraded. The same build and inputs give the same outputs, bit for bit.
+//! Contract: pure and total. It knows no clock (`now` is an argument), allocates nothing, never fails:
+//! whatever the inputs, predictor or solver do, it returns a command that is finite, inside all limits and
+//! continuous with the last one, and a health word that says what degraded. The same build and inputs give
+//! the same outputs, bit for bit.
 //!
-//! Time: at `now` the commanded state is the one published last. The step plans from it and publishes the joints for
-//! `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t − stamp) moves in
-//! straight pieces from command to command.
+//! Time: at `now` the commanded state is the one published last. The step plans from it and publishes the
+//! joints for `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t −
+//! stamp) moves in straight pieces from command to command.
 
 mod aim;
 mod answer;
@@ -67,7 +68,8 @@ pub struct Follower<const N: usize, const J: usize> {
     /// See [`TrustInputs::overtaxed`].
     overtaxed: Option<bool>,
     outcome: Box<Outcome>,
-    /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has judged the set in force.
+    /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has
+    /// judged the set in force.
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
@@ -78,7 +80,9 @@ pub struct Follower<const N: usize, const J: usize> {
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Builds everything that a tick will need; later steps allocate nothing.
     ///
-    /// *Errors*: settings that are illegal or do not fit together, each with value and legal range.
+    /// # Errors
+    ///
+    /// Settings that are illegal or do not fit together, each with value and legal range.
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let steps = settings.preview_steps(N)?;
         let step_ns = settings.pen.step_ns;
@@ -137,9 +141,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         weights
     }
 
-    /// Takes charge of an arm that stands at `q` [rad], whoever had it before: for a loop that runs beside the real one.
+    /// Takes charge of an arm that stands at `q` \[rad\], whoever had it before: for a loop that runs beside
+    /// the real one.
     ///
-    /// *Errors*: the joints or the tool are where no arm may be armed.
+    /// # Errors
+    ///
+    /// The joints or the tool are where no arm may be armed.
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
         self.monitor.begin(now);
@@ -149,8 +156,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
     /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
     ///
-    /// The stages stand in the order in which they run, which is that of the data. What a stage needs of a later one is what that came to
-    /// in the tick before.
+    /// The stages stand in the order in which they run, which is that of the data. What a stage needs of a
+    /// later one is what that came to in the tick before.
     pub fn step(
         &mut self,
         input: &StepInput<'_, J>,
@@ -160,7 +167,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let now = input.now;
         let mut health = Health::default();
 
-        // Watch and monitor: what arrived, whether the arm is where it was told to be, what the operator wants.
+        // Watch and monitor: what arrived, whether the arm is where it was told to be, what the operator
+        // wants.
         let seen = self.see(input, &mut health);
         // Pen: samples onto the grid.
         let pen = self.read_pen(now, input.pen, &mut health);

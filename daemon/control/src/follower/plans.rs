@@ -6,10 +6,11 @@ use super::{Health, Rung};
 
 /// Ticks over which the share of those that had to stop forgets.
 const STOPPED_TICKS: f64 = 50.0;
-/// The same of those whose plan failed: longer than from one lift of the pen to the next, which costs steps of the solver.
+/// The same of those whose plan failed: longer than from one lift of the pen to the next, which costs steps
+/// of the solver.
 const FAILED_TICKS: f64 = 500.0;
 
-/// Shares of the recent ticks, in [0, 1].
+/// Shares of the recent ticks, in \[0, 1\].
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Plans {
     /// Had to stop: no plan, or no joints for it.

@@ -33,9 +33,9 @@ impl WayBlocked {
 pub struct WayBlocked {
     /// Number of the pair, see [`crate::clearance::Clearance::pair_names`], or [`Self::PAPER`].
     pub pair: u16,
-    /// Where on the way [%].
+    /// Where on the way \[%\].
     pub percent: u8,
-    /// How near they would come there [µm]; negative where they overlap.
+    /// How near they would come there \[µm\]; negative where they overlap.
     pub distance_um: i32,
 }
 

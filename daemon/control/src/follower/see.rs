@@ -10,7 +10,7 @@ use crate::units::Stamp;
 
 /// What joints, dead-man switch and operator brought.
 pub(super) struct Seen {
-    /// Time without ticks before this one [ns].
+    /// Time without ticks before this one \[ns\].
     pub(super) lost_ns: u64,
     /// Answer to the request.
     pub(super) answer: Option<Result<(), Refusal>>,
@@ -26,9 +26,9 @@ pub(super) struct PenNews {
     /// Grid steps closed.
     pub(super) count: usize,
     pub(super) jumped: bool,
-    /// Of the one-step prediction of the first of them [m].
+    /// Of the one-step prediction of the first of them \[m\].
     pub(super) error: Option<f64>,
-    /// Of the newest sample [ns].
+    /// Of the newest sample \[ns\].
     pub(super) age_ns: Option<u64>,
 }
 

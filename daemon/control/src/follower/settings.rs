@@ -24,25 +24,26 @@ use crate::trust::{TrustError, TrustRequest, TrustSettings};
 pub struct SafetySettings {
     /// Periods for which a consumer may follow a command after its stamp.
     pub valid_periods: u32,
-    /// A machine that stood still for longer than this latches a stop [ns].
+    /// A machine that stood still for longer than this latches a stop \[ns\].
     pub latch_after_ns: u64,
-    /// Joint states older than this stop the arm [ns].
+    /// Joint states older than this stop the arm \[ns\].
     pub joint_state_timeout_ns: u64,
-    /// A dead-man switch silent for longer than this stops the arm [ns].
+    /// A dead-man switch silent for longer than this stops the arm \[ns\].
     pub enable_timeout_ns: u64,
     /// Arming needs the dead-man switch. Once it was seen while armed, it is honoured in any case.
     pub enable_required: bool,
-    /// A pen silent for longer than this turns Following into Holding [ns].
+    /// A pen silent for longer than this turns Following into Holding \[ns\].
     pub hold_after_ns: u64,
-    /// Fastest joint with which arming is allowed [rad/s].
+    /// Fastest joint with which arming is allowed \[rad/s\].
     pub arm_max_speed: f64,
-    /// Farthest the tool may stand outside the workspace when arming [m].
+    /// Farthest the tool may stand outside the workspace when arming \[m\].
     pub arm_workspace_margin: f64,
-    /// Largest angle between tool axis and plane normal when arming [rad].
+    /// Largest angle between tool axis and plane normal when arming \[rad\].
     pub arm_max_tilt: f64,
-    /// Longest use of an earlier plan before the stop begins [ns].
+    /// Longest use of an earlier plan before the stop begins \[ns\].
     pub previous_plan_max_ns: u64,
-    /// The tool stays lifted after arming until it is this close to the pen [m]; five times as far away, and 50 mm, it lifts again.
+    /// The tool stays lifted after arming until it is this close to the pen \[m\]; five times as far away,
+    /// and 50 mm, it lifts again.
     pub approach_distance: f64,
     /// How far the arm may be from where it was told to be.
     pub tracking: TrackingSettings,
@@ -53,7 +54,7 @@ pub struct SafetySettings {
 /// Everything the follower is built from.
 #[derive(Debug, Clone)]
 pub struct FollowerSettings<const J: usize> {
-    /// Control period dt [ns].
+    /// Control period dt \[ns\].
     pub period_ns: u64,
     /// Pen samples to grid. Its step Δ is the grid of prediction and plan; a multiple of `period_ns`.
     pub pen: PenSettings,
@@ -85,16 +86,17 @@ pub struct FollowerSettings<const J: usize> {
     pub ik_backend: IkBackend,
     /// What the arm keeps away from; `None`: nothing, not even itself.
     pub clearance: Option<ClearanceSettings>,
-    /// Time from command to arm motion, τ, at start [ns]. What of it is the arm's servo (`mpc.servo_s`) the plan models;
-    /// the rest is pure delay.
+    /// Time from command to arm motion, τ, at start \[ns\]. What of it is the arm's servo (`mpc.servo_s`) the
+    /// plan models; the rest is pure delay.
     pub dead_time_ns: u64,
     /// Whether τ follows the measured lag of the arm afterwards.
     pub following: Following,
     /// Bounds of time and motion.
     pub safety: SafetySettings,
-    /// How much farther ahead than the dead time references lie [ns]: what the plan itself needs to answer.
+    /// How much farther ahead than the dead time references lie \[ns\]: what the plan itself needs to answer.
     pub response_ns: u64,
-    /// This much of the predicted velocity is added to the references [ns]: takes out the lag that badly foreseen hands leave.
+    /// This much of the predicted velocity is added to the references \[ns\]: takes out the lag that badly
+    /// foreseen hands leave.
     pub velocity_lead_ns: u64,
 }
 
@@ -103,26 +105,28 @@ pub struct FollowerSettings<const J: usize> {
 pub enum FollowerError {
     /// Δ is not a multiple of dt.
     #[error(
-        "grid step {step_ns} ns is not a multiple of the control period {period_ns} ns; choose a rate whose period divides the step"
+        "grid step {step_ns} ns is not a multiple of the control period {period_ns} ns; choose a rate whose \
+         period divides the step"
     )]
     StepNotMultiple {
-        /// Δ [ns]
+        /// Δ \[ns\]
         step_ns: u64,
-        /// dt [ns]
+        /// dt \[ns\]
         period_ns: u64,
     },
     /// dt out of range.
     #[error("control period {period_ns} ns is outside 500000 to 20000000 ns (2000 to 50 Hz)")]
     Period {
-        /// dt [ns]
+        /// dt \[ns\]
         period_ns: u64,
     },
     /// Dead time plus pen age need a longer preview than there is room for.
     #[error(
-        "dead time {dead_time_ns} ns needs a preview of {needed} steps, but at most {available} are kept; shorten dead time or horizon"
+        "dead time {dead_time_ns} ns needs a preview of {needed} steps, but at most {available} are kept; \
+         shorten dead time or horizon"
     )]
     PreviewTooLong {
-        /// τ [ns]
+        /// τ \[ns\]
         dead_time_ns: u64,
         /// Steps needed.
         needed: usize,
@@ -148,47 +152,52 @@ pub enum FollowerError {
     StepMismatch {
         /// Which part.
         part: &'static str,
-        /// Its step [ns]
+        /// Its step \[ns\]
         got_ns: u64,
-        /// Step of the grid [ns]
+        /// Step of the grid \[ns\]
         grid_ns: u64,
     },
     /// The tool goes past its target and comes back, for ever.
     #[error(
-        "at its limits the tool does not come to rest: along axis {axis} it swings by {swing_m:.4} m about a pen that rests; {would}"
+        "at its limits the tool does not come to rest: along axis {axis} it swings by {swing_m:.4} m about a \
+         pen that rests; {would}"
     )]
     NoRest {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// From turn to turn [m].
+        /// From turn to turn \[m\].
         swing_m: f64,
         /// What would do.
         would: Would,
     },
     /// With so little jerk a joint that brakes hard turns round before it rests.
     #[error(
-        "joint {joint}: with a jerk limit of {jerk} rad/s³ it takes longer than 50 ms to go from full speeding up to full braking, so a stop would turn the joint round and back; {needed} rad/s³ would do, or less acceleration"
+        "joint {joint}: with a jerk limit of {jerk} rad/s³ it takes longer than 50 ms to go from full \
+         speeding up to full braking, so a stop would turn the joint round and back; {needed} rad/s³ would \
+         do, or less acceleration"
     )]
     JointJerk {
         /// Joint index from 0, base first.
         joint: usize,
-        /// As given [rad/s³].
+        /// As given \[rad/s³\].
         jerk: f64,
-        /// The least that would do [rad/s³].
+        /// The least that would do \[rad/s³\].
         needed: f64,
     },
     /// A plan with so little jerk does not see its stops.
     #[error(
-        "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer than the plan looks ahead, so the tool would swing about the pen; {needed_mps3:.0} m/s³ would do, or a longer horizon"
+        "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer \
+         than the plan looks ahead, so the tool would swing about the pen; {needed_mps3:.0} m/s³ would do, \
+         or a longer horizon"
     )]
     LittleJerk {
         /// `the plan's limits` or `the joints' jerk limits`.
         whose: &'static str,
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// What there is [m/s³].
+        /// What there is \[m/s³\].
         jerk_mps3: f64,
-        /// What would do [m/s³].
+        /// What would do \[m/s³\].
         needed_mps3: f64,
     },
     /// The pen grid.
@@ -220,9 +229,9 @@ pub enum FollowerError {
 /// A setting with which an arm comes to rest that does not as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Would {
-    /// The plan's velocity limit along the axis [m/s].
+    /// The plan's velocity limit along the axis \[m/s\].
     Velocity(f64),
-    /// The plan's acceleration limit along the axis [m/s²].
+    /// The plan's acceleration limit along the axis \[m/s²\].
     Acceleration(f64),
     /// The gain on position, of feedback; feedforward in proportion.
     PositionGain(f64),
@@ -245,20 +254,20 @@ impl fmt::Display for Would {
 }
 
 impl<const J: usize> FollowerSettings<J> {
-    /// Validity of a command past its stamp [ns].
+    /// Validity of a command past its stamp \[ns\].
     #[must_use]
     pub fn valid_ns(&self) -> u64 {
         u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
     }
 
-    /// The limits that plans of `N` steps are made with, x, y and z: as set, or less where the joints do not give them or the horizon
-    /// does not see a stop from them.
+    /// The limits that plans of `N` steps are made with, x, y and z: as set, or less where the joints do not
+    /// give them or the horizon does not see a stop from them.
     #[must_use]
     pub fn plan_limits<const N: usize>(&self) -> [AxisLimits; 3] {
         super::motion::paced::<N, J>(self).limits()
     }
 
-    /// The latest that the arm may be without being blamed for it [ns].
+    /// The latest that the arm may be without being blamed for it \[ns\].
     #[must_use]
     pub fn longest_lag_ns(&self) -> u64 {
         match self.following {
@@ -267,7 +276,7 @@ impl<const J: usize> FollowerSettings<J> {
         }
     }
 
-    /// Group delay of the arm's servo, where it is known to be a filter [ns].
+    /// Group delay of the arm's servo, where it is known to be a filter \[ns\].
     #[must_use]
     pub fn servo_ns(&self) -> u64 {
         (self.mpc.servo_s.max(0.0) * 1e9).round() as u64
@@ -275,9 +284,12 @@ impl<const J: usize> FollowerSettings<J> {
 
     /// Steps to roll out for a horizon of `horizon`: N + ⌈(τ + age_max)/Δ⌉ + 1 (control law, section 1).
     ///
-    /// τ is the longest that it may become; age_max is the age at which the pen counts as stale, plus the step that may be
-    /// open.
-    /// *Errors*: settings that do not fit together.
+    /// τ is the longest that it may become; age_max is the age at which the pen counts as stale, plus the
+    /// step that may be open.
+    ///
+    /// # Errors
+    ///
+    /// Settings that do not fit together.
     pub fn preview_steps(&self, horizon: usize) -> Result<usize, FollowerError> {
         self.check()?;
         let dead_time_ns = self.following.longest_ns(self.dead_time_ns);
@@ -346,8 +358,8 @@ impl<const J: usize> FollowerSettings<J> {
         }
     }
 
-    /// Whether every joint's acceleration can fade out before it has turned the joint round: while acceleration a fades with
-    /// jerk j, velocity changes by a²/(2j).
+    /// Whether every joint's acceleration can fade out before it has turned the joint round: while
+    /// acceleration a fades with jerk j, velocity changes by a²/(2j).
     fn joints_ease(&self) -> Result<(), FollowerError> {
         let Some(jerk) = self.limits.jerk() else { return Ok(()) };
         let most = self.limits.acceleration().iter().zip(self.limits.deceleration());

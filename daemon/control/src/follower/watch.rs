@@ -1,17 +1,20 @@
 //! Modes: who is in charge of the arm, and what takes the charge away.
 //!
-//! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy arm at rest.
+//! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy
+//! arm at rest.
 
 use super::io::{EnableReading, Health, JointReading, Mode, Refusal};
 use super::settings::SafetySettings;
 use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
 
-/// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to 20 ms.
+/// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to
+/// 20 ms.
 const MAX_AHEAD_NS: i64 = 50_000_000;
 
-/// An arm is armed at a state that is older than so many of its own intervals [1], and than this [ns], only after the next one: it
-/// may have been the last word of an arm that is gone, and the next arm stands elsewhere.
+/// An arm is armed at a state that is older than so many of its own intervals \[1\], and than this \[ns\],
+/// only after the next one: it may have been the last word of an arm that is gone, and the next arm stands
+/// elsewhere.
 const ARMING_INTERVALS: i64 = 3;
 const ARMING_LEAST_NS: i64 = 20_000_000;
 
@@ -26,7 +29,7 @@ pub(super) struct Watch<const J: usize> {
     /// Goes to Idle once at rest.
     letting_go: bool,
     joints: Option<JointReading<J>>,
-    /// Between the newest two joint states [ns].
+    /// Between the newest two joint states \[ns\].
     interval_ns: i64,
     enable: Option<EnableReading>,
     /// The dead-man switch was held at some time since arming, so its loss counts.
@@ -132,7 +135,8 @@ impl<const J: usize> Watch<J> {
     pub(super) fn heed_pen(&mut self, pen_age_ns: Option<u64>) {
         let younger_than = |most_ns: u64| pen_age_ns.is_some_and(|age| age <= most_ns);
         let hold_after_ns = self.settings.hold_after_ns;
-        // Stamps that fall behind would otherwise hold in every tick before a sample and follow in every one after it.
+        // Stamps that fall behind would otherwise hold in every tick before a sample and follow in every one
+        // after it.
         let again_ns = hold_after_ns / 2;
         self.mode = match self.mode {
             Mode::Armed | Mode::Holding if younger_than(again_ns) => Mode::Following,

@@ -1,26 +1,27 @@
 //! What the real arm makes of its commands, so that the ghost's arm can make the same of its own.
 //!
-//! Contract: an arm whose lag L is known is measured where the commands wanted it L ago, but for what its servo filters.
-//! To second order in time that is
+//! Contract: an arm whose lag L is known is measured where the commands wanted it L ago, but for what its
+//! servo filters. To second order in time that is
 //!
 //! measured(t) ≈ c(t − L) + b ċ(t − L) + a c̈(t − L)
 //!
-//! for any linear arm (Taylor expansion of its frequency response about 0): b is what L misses, a the spread of its impulse
-//! response. Both are fitted to the real commands and measurements by least squares that forget, pulled towards 0 while
-//! little has moved. Without this, an arm that rounds corners would look better than its ghost, because a smaller path at
-//! the same lag is nearer to the pen. Not modelled: limits that the arm runs into. Nothing allocates.
+//! for any linear arm (Taylor expansion of its frequency response about 0): b is what L misses, a the spread
+//! of its impulse response. Both are fitted to the real commands and measurements by least squares that
+//! forget, pulled towards 0 while little has moved. Without this, an arm that rounds corners would look
+//! better than its ghost, because a smaller path at the same lag is nearer to the pen. Not modelled: limits
+//! that the arm runs into. Nothing allocates.
 
 use super::track::Track;
 use crate::units::Stamp;
 
-/// Distance of the commands that derivatives are taken from [ns].
+/// Distance of the commands that derivatives are taken from \[ns\].
 const REACH_NS: u64 = 15_000_000;
-/// Motion that counts as much as the pull towards a mere delay: squared speed [m²/s²] and acceleration [m²/s⁴], summed over
-/// instants. A quarter of a second of ordinary writing has more.
+/// Motion that counts as much as the pull towards a mere delay: squared speed \[m²/s²\] and acceleration
+/// \[m²/s⁴\], summed over instants. A quarter of a second of ordinary writing has more.
 const PULL: [f64; 2] = [0.05, 20.0];
-/// Evidence fades with this much time of motion [ns]; a pause makes it no older.
+/// Evidence fades with this much time of motion \[ns\]; a pause makes it no older.
 const MEMORY_NS: f64 = 3e9;
-/// Instants further apart than this count as this far apart [ns].
+/// Instants further apart than this count as this far apart \[ns\].
 const STEP_NS: i64 = 20_000_000;
 /// Largest b [s]: L may be the configured dead time of quite another arm as long as nothing better is known.
 const LARGEST_S: f64 = 0.06;
@@ -63,12 +64,12 @@ pub struct ArmFit {
     ra: f64,
     /// Newest instant learned from.
     learned: Option<Stamp>,
-    /// b [s] and a [s²].
+    /// b \[s\] and a \[s²\].
     response: [f64; 2],
 }
 
 impl ArmFit {
-    /// Learns that what was commanded `then` became the tool position `measured` [m].
+    /// Learns that what was commanded `then` became the tool position `measured` \[m\].
     pub fn learn(&mut self, commands: &Track, then: Stamp, measured: [f64; 2]) {
         let Some(command) = Command::at(commands, then).filter(|_| measured.iter().all(|x| x.is_finite()))
         else {
@@ -99,7 +100,8 @@ impl ArmFit {
         }
     }
 
-    /// Where an arm like this one is with what `commands` wanted `then` [m]; `None` where they are not known.
+    /// Where an arm like this one is with what `commands` wanted `then` \[m\]; `None` where they are not
+    /// known.
     #[must_use]
     pub fn respond(&self, commands: &Track, then: Stamp) -> Option<[f64; 2]> {
         let Command { position: [x, y], velocity: [vx, vy], acceleration: [ax, ay] } =
@@ -116,7 +118,7 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Commands every 2 ms along `path` [s -> m].
+    /// Commands every 2 ms along `path` \[s -> m\].
     fn commands(path: impl Fn(f64) -> [f64; 2]) -> Track {
         let mut track = Track::new(2000, 50 * MS as i64);
         for k in 0..1500_u64 {
@@ -126,8 +128,8 @@ mod tests {
         track
     }
 
-    /// A sine of frequency `w` [rad/s] behind a pure delay of `delay` [s] and a critically damped servo of look-ahead `T`:
-    /// gain 1/(1 + (wT/2)²), phase −2 atan(wT/2) − w delay.
+    /// A sine of frequency `w` \[rad/s\] behind a pure delay of `delay` \[s\] and a critically damped servo
+    /// of look-ahead `T`: gain 1/(1 + (wT/2)²), phase −2 atan(wT/2) − w delay.
     fn servo(amplitude: f64, w: f64, t: f64, delay: f64, look_ahead: f64) -> f64 {
         let x = w * look_ahead / 2.0;
         amplitude / (1.0 + x * x) * (w * (t - delay) - 2.0 * x.atan()).sin()

@@ -1,14 +1,15 @@
-//! The ghost: what Hold alone (trust 0) would have done with the same pen, arm and limits, beside the loop that really
-//! runs, and how much the prediction saves against it.
+//! The ghost: what Hold alone (trust 0) would have done with the same pen, arm and limits, beside the loop
+//! that really runs, and how much the prediction saves against it.
 //!
-//! Contract: fed with what each tick of the real loop shows. A second [`Follower`] with the same settings and trust 0
-//! takes over the arm whenever the real one does, from the same measured joints, and sees the newest pen reading of every
-//! tick at the same instant. The real arm is where its measured joints put it; the ghost's arm answers its commands as the
-//! real one was measured to answer its own ([`ArmFit`]): late by the lag, and rounded by the servo. Both are judged at the
-//! stamps of the real measurements, once the pen is known around them. Only while the loop follows, and only after both
-//! tools have come near the pen. Where ticks are missing the ghost cannot know what the pen did: it
-//! starts anew from the real command at rest and is judged again after a second. Work per tick is one step of the law;
-//! nothing allocates after construction. Absent: threads, and where the lag comes from.
+//! Contract: fed with what each tick of the real loop shows. A second [`Follower`] with the same settings and
+//! trust 0 takes over the arm whenever the real one does, from the same measured joints, and sees the newest
+//! pen reading of every tick at the same instant. The real arm is where its measured joints put it; the
+//! ghost's arm answers its commands as the real one was measured to answer its own ([`ArmFit`]): late by the
+//! lag, and rounded by the servo. Both are judged at the stamps of the real measurements, once the pen is
+//! known around them. Only while the loop follows, and only after both tools have come near the pen. Where
+//! ticks are missing the ghost cannot know what the pen did: it starts anew from the real command at rest and
+//! is judged again after a second. Work per tick is one step of the law; nothing allocates after
+//! construction. Absent: threads, and where the lag comes from.
 
 mod arm;
 mod score;
@@ -32,17 +33,17 @@ use crate::units::{Stamp, Trust};
 
 /// An instant is judged this much later [ns]: every shift of the lag, and a pen that is 50 ms old.
 const JUDGED_AFTER_NS: u64 = PEN_AHEAD_NS + 50_000_000;
-/// Figures called recent forget within this much writing [ns].
+/// Figures called recent forget within this much writing \[ns\].
 const MEMORY_NS: u64 = 3_000_000_000;
-/// After missing ticks both tools are given this long to move alike again [ns].
+/// After missing ticks both tools are given this long to move alike again \[ns\].
 const SETTLING_NS: u64 = 1_000_000_000;
-/// Gaps in the pen longer than this are not interpolated [ns]; as in the lab's score.
+/// Gaps in the pen longer than this are not interpolated \[ns\]; as in the lab's score.
 const PEN_GAP_NS: i64 = 50_000_000;
-/// Gaps in the ghost's commands longer than this are not interpolated [ns].
+/// Gaps in the ghost's commands longer than this are not interpolated \[ns\].
 const TOOL_GAP_NS: i64 = 50_000_000;
 /// Points kept: half a second at 1 kHz.
 const KEPT: usize = 512;
-/// The jump gate of the real loop has judged already [m/s].
+/// The jump gate of the real loop has judged already \[m/s\].
 const ANY_SPEED_MPS: f64 = 1e9;
 
 /// What one tick of the real loop showed.
@@ -56,9 +57,9 @@ pub struct GhostTick<'a, const J: usize> {
     pub budget: Budget,
     /// What the step answered.
     pub output: &'a StepOutput<J>,
-    /// Newest measured joints [rad] and their stamp.
+    /// Newest measured joints \[rad\] and their stamp.
     pub measured: Option<(Stamp, [f64; J])>,
-    /// How late the arm is, from the stamp of a command to the motion [ns]; negative: ahead of it.
+    /// How late the arm is, from the stamp of a command to the motion \[ns\]; negative: ahead of it.
     pub lag_ns: i64,
 }
 
@@ -81,9 +82,9 @@ pub enum GhostState {
 pub struct Compared {
     /// When.
     pub instant: Stamp,
-    /// Distance of the real tool from the pen [m].
+    /// Distance of the real tool from the pen \[m\].
     pub error_m: f64,
-    /// Distance of the ghost's tool from the pen [m].
+    /// Distance of the ghost's tool from the pen \[m\].
     pub ghost_error_m: f64,
     /// The pen wrote.
     pub contact: bool,
@@ -94,7 +95,7 @@ pub struct Compared {
 pub struct GhostReport {
     /// Whether it can be compared.
     pub state: GhostState,
-    /// Where its command puts the tool, plane frame [m]; `None` while there is no command.
+    /// Where its command puts the tool, plane frame \[m\]; `None` while there is no command.
     pub tool: Option<[f64; 3]>,
     /// The newest instant that was judged in this tick.
     pub compared: Option<Compared>,
@@ -105,7 +106,7 @@ pub struct GhostReport {
 pub struct GhostFigures {
     /// Whether they are being compared.
     pub state: GhostState,
-    /// How long the pen wrote while they were [s].
+    /// How long the pen wrote while they were \[s\].
     pub seconds: f64,
     /// The real loop.
     pub real: Tracking,
@@ -125,7 +126,7 @@ pub struct Ghost<const N: usize, const J: usize> {
     approached: bool,
     settled_at: Stamp,
     state: GhostState,
-    /// Joints that the ghost's last command asked for [rad].
+    /// Joints that the ghost's last command asked for \[rad\].
     commanded: [f64; J],
     pen: Track,
     /// Tool positions that the real loop and the ghost commanded.
@@ -142,7 +143,9 @@ pub struct Ghost<const N: usize, const J: usize> {
 impl<const N: usize, const J: usize> Ghost<N, J> {
     /// The ghost of a loop with these settings.
     ///
-    /// *Errors*: as [`Follower::new`].
+    /// # Errors
+    ///
+    /// As [`Follower::new`].
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let (chain, plane) = (settings.chain.clone(), settings.plane);
         let approach_distance = settings.safety.approach_distance;
@@ -229,7 +232,8 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         self.waiting.clear();
     }
 
-    /// Puts the ghost where the real arm is, where the two begin together or were parted; `false` when it cannot.
+    /// Puts the ghost where the real arm is, where the two begin together or were parted; `false` when it
+    /// cannot.
     fn take_over(&mut self, tick: &GhostTick<'_, J>, begins: bool, whole: bool) -> bool {
         if whole && !begins {
             return true;
@@ -320,7 +324,8 @@ fn earlier(instant: Stamp, lag_ns: i64) -> Stamp {
     Stamp(instant.0.saturating_add_signed(lag_ns.saturating_neg()))
 }
 
-/// The settings of a loop that only holds, fed with readings that were judged and placed in the plane already.
+/// The settings of a loop that only holds, fed with readings that were judged and placed in the plane
+/// already.
 fn of_hold<const J: usize>(mut settings: FollowerSettings<J>) -> FollowerSettings<J> {
     settings.trust_request = TrustRequest::Manual(Trust::NONE);
     settings.preview.kind = PredictorKind::HOLD;

@@ -1,36 +1,36 @@
 //! How far behind the pen two tools are, in millimetres and in milliseconds, lately and over a whole session.
 //!
-//! Contract: both tools are judged at the same instants against the same pen. Lag is the shift s that makes the mean of
-//! |tool(t) − pen(t − s)|² least, on a grid of 5 ms over [−50, 200] ms with a parabola through the neighbours of the
-//! least one: the figure that the lab calls lag. Sums only, nothing is kept; nothing allocates.
+//! Contract: both tools are judged at the same instants against the same pen. Lag is the shift s with the
+//! least mean of |tool(t) − pen(t − s)|², on a grid of 5 ms from −50 to 200 ms with a parabola through the
+//! neighbours of the least: what the lab calls lag. Sums only, nothing is kept; nothing allocates.
 
 use super::track::Track;
 use crate::units::Stamp;
 
-/// Smallest shift tried [ms].
+/// Smallest shift tried \[ms\].
 const FIRST_MS: i64 = -50;
-/// Distance of two shifts [ms].
+/// Distance of two shifts \[ms\].
 const STRIDE_MS: i64 = 5;
 /// Shifts tried: up to 200 ms.
 const SHIFTS: usize = 51;
 /// A lag from fewer instants than this is chance.
 const FEWEST: f64 = 50.0;
 
-/// How much later than an instant the pen must be known for every shift [ns].
+/// How much later than an instant the pen must be known for every shift \[ns\].
 pub const PEN_AHEAD_NS: u64 = FIRST_MS.unsigned_abs() * 1_000_000;
 
 /// How one tool does.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tracking {
-    /// Root mean square of the distance to the pen while it writes, lately [m].
+    /// Root mean square of the distance to the pen while it writes, lately \[m\].
     pub recent_rms: Option<f64>,
-    /// The same over the whole session [m].
+    /// The same over the whole session \[m\].
     pub session_rms: Option<f64>,
-    /// The same over the whole session, hovering included [m].
+    /// The same over the whole session, hovering included \[m\].
     pub hover_rms: Option<f64>,
-    /// How late the tool is, lately [s].
+    /// How late the tool is, lately \[s\].
     pub recent_lag: Option<f64>,
-    /// How late the tool is, over the whole session [s].
+    /// How late the tool is, over the whole session \[s\].
     pub session_lag: Option<f64>,
 }
 
@@ -64,7 +64,7 @@ struct Shifts([Mean; SHIFTS]);
 impl Shifts {
     const EMPTY: Self = Self([Mean { sum: 0.0, weight: 0.0 }; SHIFTS]);
 
-    /// Where the mean is least [s].
+    /// Where the mean is least \[s\].
     fn lag(&self) -> Option<f64> {
         let most = self.0.iter().map(|mean| mean.weight).fold(0.0, f64::max);
         // Shifts that few instants speak for were tried in gaps of the pen only.
@@ -144,7 +144,7 @@ pub struct Score {
 
 /// Instants that count for the lag are at least this far apart [ns]: closer ones say the same again.
 const SHIFT_EVERY_NS: i64 = 5_000_000;
-/// A pause in writing makes nothing older; instants further apart than this count as this far apart [ns].
+/// A pause in writing makes nothing older; instants further apart than this count as this far apart \[ns\].
 const LONGEST_STEP_NS: i64 = 20_000_000;
 
 impl Score {
@@ -160,9 +160,11 @@ impl Score {
         }
     }
 
-    /// Judges both tools where they were at `instant` [m]; returns their distances to the pen [m] and whether it wrote.
+    /// Judges both tools where they were at `instant` \[m\]; returns their distances to the pen \[m\] and
+    /// whether it wrote.
     ///
-    /// `pen` must reach [`PEN_AHEAD_NS`] beyond `instant` for all shifts to count. `None` where the pen is not known.
+    /// `pen` must reach [`PEN_AHEAD_NS`] beyond `instant` for all shifts to count. `None` where the pen is
+    /// not known.
     pub fn judge(&mut self, instant: Stamp, tools: [[f64; 2]; 2], pen: &Track) -> Option<([f64; 2], bool)> {
         self.shift(instant, tools, pen);
         let at = pen.at(instant)?;
@@ -204,14 +206,14 @@ impl Score {
         self.sums.each_ref().map(Sums::tracking)
     }
 
-    /// How long the pen wrote while both were judged [s].
+    /// How long the pen wrote while both were judged \[s\].
     #[must_use]
     pub const fn seconds(&self) -> f64 {
         self.seconds
     }
 }
 
-/// Time that an instant stands for [ns].
+/// Time that an instant stands for \[ns\].
 fn step(last: Option<Stamp>, instant: Stamp) -> f64 {
     last.map_or(0, |last| instant.since(last).clamp(0, LONGEST_STEP_NS)) as f64
 }
@@ -231,7 +233,7 @@ mod tests {
         [0.02 * (9.0 * t_s).sin(), 0.015 * (14.0 * t_s + 0.3).sin()]
     }
 
-    /// Judges tools that are late by these times [ms] for `seconds`, every 2 ms, against a pen of 200 Hz.
+    /// Judges tools that are late by these times \[ms\] for `seconds`, every 2 ms, against a pen of 200 Hz.
     fn score(late_ms: [f64; 2], seconds: u64, contact: impl Fn(u64) -> bool) -> Score {
         let mut pen = Track::new(512, 50 * MS as i64);
         let mut score = Score::new(3_000 * MS);

@@ -1,6 +1,7 @@
 //! Where something was lately: stamped positions in the plane, and the straight lines between them.
 //!
-//! Contract: keeps the newest points only, everything allocated at construction. Stamps rise; what does not is left out.
+//! Contract: keeps the newest points only, everything allocated at construction. Stamps rise; what does not
+//! is left out.
 
 use std::collections::VecDeque;
 
@@ -11,7 +12,7 @@ use crate::units::Stamp;
 pub struct Point {
     /// When.
     pub stamp: Stamp,
-    /// Plane frame [m].
+    /// Plane frame \[m\].
     pub position: [f64; 2],
     /// On the paper.
     pub contact: bool,

@@ -1,14 +1,16 @@
 //! An independent judge of published commands: recomputes every limit from stamps and positions.
 //!
-//! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that a mistake there cannot hide here. Counts,
-//! never alters. Absent: jerk, whose limit yields to the others.
+//! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that a mistake there cannot
+//! hide here. Counts, never alters. Absent: jerk, whose limit yields to the others.
 
 use crate::arm::limits::JointLimits;
 use crate::units::Stamp;
 
-/// Allowed excess relative to each limit: rounding of (q₁ − q₀)/elapsed at 1 kHz is below 1e-12 rad / (1 ms)² = 1e-6 rad/s².
+/// Allowed excess relative to each limit: rounding of (q₁ − q₀)/elapsed at 1 kHz is below 1e-12 rad / (1 ms)²
+/// = 1e-6 rad/s².
 const RELATIVE: f64 = 1e-6;
-/// Allowed excess of positions [rad], for rounding of the sum q + q̇·elapsed. A way to rest may be [`RELATIVE`] too long besides.
+/// Allowed excess of positions \[rad\], for rounding of the sum q + q̇·elapsed. A way to rest may be
+/// [`RELATIVE`] too long besides.
 const POSITION_RAD: f64 = 1e-9;
 
 /// How many commands broke which rule. One command can break several.
@@ -39,11 +41,11 @@ pub struct CommandStatistics {
     pub limit_violations: u64,
     /// By rule.
     pub violations: Violations,
-    /// Largest change of a joint between two commands [rad].
+    /// Largest change of a joint between two commands \[rad\].
     pub max_step_rad: f64,
-    /// Largest velocity, claimed or covered [rad/s].
+    /// Largest velocity, claimed or covered \[rad/s\].
     pub max_velocity_radps: f64,
-    /// Largest change of claimed velocity over elapsed time [rad/s²].
+    /// Largest change of claimed velocity over elapsed time \[rad/s²\].
     pub max_acceleration_radps2: f64,
 }
 
@@ -76,18 +78,21 @@ impl<const J: usize> CommandChecker<J> {
         &self.statistics
     }
 
-    /// Forgets the last command, not the counts: the next one starts a new stream (arming anew, another daemon).
+    /// Forgets the last command, not the counts: the next one starts a new stream (arming anew, another
+    /// daemon).
     pub fn restart(&mut self) {
         self.last = None;
     }
 
-    /// Judges a command: joint positions `q` [rad] at `stamp`, velocities `qd` [rad/s]; true when it is legal.
+    /// Judges a command: joint positions `q` \[rad\] at `stamp`, velocities `qd` \[rad/s\]; true when it is
+    /// legal.
     ///
-    /// Velocity and acceleration are judged over the time between the two stamps. Positions must lie between what the
-    /// old and the new velocity cover in that time; once the old command is past `valid_until` its consumer may have
-    /// braked, and rest counts as a third velocity. Going on at `qd` until `valid_until`, then braking at the limits' deceleration,
-    /// must end inside the position limits; a joint that is outside already is not blamed for this side once more.
-    /// A command that is not finite or not newer does not become the last one.
+    /// Velocity and acceleration are judged over the time between the two stamps. Positions must lie between
+    /// what the old and the new velocity cover in that time; once the old command is past `valid_until` its
+    /// consumer may have braked, and rest counts as a third velocity. Going on at `qd` until `valid_until`,
+    /// then braking at the limits' deceleration, must end inside the position limits; a joint that is outside
+    /// already is not blamed for this side once more. A command that is not finite or not newer does not
+    /// become the last one.
     pub fn observe(&mut self, stamp: Stamp, valid_until: Stamp, q: &[f64; J], qd: &[f64; J]) -> bool {
         self.statistics.count += 1;
         let before = self.statistics.violations;

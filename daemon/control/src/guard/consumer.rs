@@ -1,7 +1,9 @@
-//! What a consumer does with the last command it has: the one rule shared by the arm and by the daemon after a stall.
+//! What a consumer does with the last command it has: the one rule shared by the arm and by the daemon after
+//! a stall.
 //!
-//! Contract: pure and closed-form for any instant, so that both sides agree without talking. Between ticks it is linear
-//! interpolation toward the command; past its stamp extrapolation until `valid_until`, then braking to rest.
+//! Contract: pure and closed-form for any instant, so that both sides agree without talking. Between ticks it
+//! is linear interpolation toward the command; past its stamp extrapolation until `valid_until`, then braking
+//! to rest.
 
 use super::Commanded;
 use crate::arm::limits::JointMotion;
@@ -9,8 +11,9 @@ use crate::units::Stamp;
 
 /// Joint motion at `now` of a consumer whose last command is `command`, valid until `valid_until`.
 ///
-/// t = now − stamp:  q + q̇·t up to `valid_until`; from there every joint brakes at `deceleration` [rad/s²] and stays at rest.
-/// Before the stamp t is bounded by the length of validity: older positions belong to older commands.
+/// t = now − stamp: q + q̇·t up to `valid_until`; from there every joint brakes at `deceleration` \[rad/s²\]
+/// and stays at rest. Before the stamp t is bounded by the length of validity: older positions belong to
+/// older commands.
 #[must_use]
 pub fn consumer_state<const J: usize>(
     command: &Commanded<J>,

@@ -1,17 +1,18 @@
 //! The last stage before a command is published: whatever is proposed, what leaves is legal.
 //!
-//! Contract: independent of everything above it and usable alone. The answer is finite, continuous with the last command,
-//! inside velocity and acceleration limits judged by the stamps of the two commands, inside the position limits, and
-//! leads to a state that a consumer without further commands stops inside them (see [`crate::arm::limits`]). If the
-//! last command was outside its limits, acceleration is kept and the way leads back. Absent: collision, tool-space limits,
-//! and planning: a far goal is approached as fast as the limits allow, and overshot.
+//! Contract: independent of everything above it and usable alone. The answer is finite, continuous with the
+//! last command, inside velocity and acceleration limits judged by the stamps of the two commands, inside the
+//! position limits, and leads to a state that a consumer without further commands stops inside them (see
+//! [`crate::arm::limits`]). If the last command was outside its limits, acceleration is kept and the way
+//! leads back. Absent: collision, tool-space limits, and planning: a far goal is approached as fast as the
+//! limits allow, and overshot.
 //!
 //! # In a loop of your own
 //!
-//! Three rules: send nothing but [`Verdict::command`]; after lost time go on from [`consumer_state`], where the arm is that
-//! extrapolated the last command and then braked; stop with [`StopProfile`]. `hold_s` of the limits must be the time between a
-//! command's stamp and the end of its validity, `deceleration` what the arm brakes with by itself. A whole loop at 500 Hz:
-//! `daemon/control/examples/guard_alone.rs`.
+//! Three rules: send nothing but [`Verdict::command`]; after lost time go on from [`consumer_state`], where
+//! the arm is that extrapolated the last command and then braked; stop with [`StopProfile`]. `hold_s` of the
+//! limits must be the time between a command's stamp and the end of its validity, `deceleration` what the arm
+//! brakes with by itself. A whole loop at 500 Hz: `daemon/control/examples/guard_alone.rs`.
 //!
 //! ```
 //! use foretrace_control::guard::{Commanded, Guard, Reasons, StopProfile};
@@ -49,7 +50,7 @@ pub use stop::StopProfile;
 use crate::arm::{JointLimits, JointMotion, limits};
 use crate::units::Stamp;
 
-/// A velocity this far outside its interval [rad/s] is rounding of (q' − q)/elapsed, not a violation.
+/// A velocity this far outside its interval \[rad/s\] is rounding of (q' − q)/elapsed, not a violation.
 const ROUNDING_RADPS: f64 = 1e-9;
 /// In short steps less: this share of the change that acceleration allows.
 const ROUNDING_SHARE: f64 = 1e-7;
@@ -68,7 +69,7 @@ impl<const J: usize> Commanded<J> {
         motion.is_finite().then_some(Self { stamp, motion })
     }
 
-    /// At rest at `q` [rad]; `None` unless finite.
+    /// At rest at `q` \[rad\]; `None` unless finite.
     #[must_use]
     pub fn at_rest(stamp: Stamp, q: [f64; J]) -> Option<Self> {
         Self::new(stamp, JointMotion::at_rest(q))
@@ -86,7 +87,7 @@ impl<const J: usize> Commanded<J> {
         &self.motion
     }
 
-    /// [rad]
+    /// \[rad\]
     #[must_use]
     pub const fn q(&self) -> &[f64; J] {
         &self.motion.q
@@ -171,7 +172,8 @@ pub struct Guard<const J: usize> {
 }
 
 impl<const J: usize> Guard<J> {
-    /// A guard that keeps `limits`; steps longer than 0.1 s, or than consumers extrapolate, count as that long.
+    /// A guard that keeps `limits`; steps longer than 0.1 s, or than consumers extrapolate, count as that
+    /// long.
     #[must_use]
     pub const fn new(limits: JointLimits<J>) -> Self {
         Self { limits, longest_step_s: limits.hold_s().max(0.1) }
@@ -183,10 +185,11 @@ impl<const J: usize> Guard<J> {
         &self.limits
     }
 
-    /// The legal command for `stamp` nearest to the proposed joint positions `q` [rad], joint by joint.
+    /// The legal command for `stamp` nearest to the proposed joint positions `q` \[rad\], joint by joint.
     ///
-    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it. `last` is what
-    /// whoever obeys follows at `stamp`: where it may have begun to brake by itself, take `last` from [`consumer_state`].
+    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it.
+    /// `last` is what whoever obeys follows at `stamp`: where it may have begun to brake by itself, take
+    /// `last` from [`consumer_state`].
     #[must_use]
     pub fn clamp(&self, last: &Commanded<J>, q: &[f64; J], stamp: Stamp) -> Verdict<J> {
         let elapsed = stamp.seconds_since(last.stamp);
@@ -234,7 +237,8 @@ impl<const J: usize> Guard<J> {
             let v = if inside { wanted } else { wanted.max(lower).min(upper) };
             // A proposal inside the box passes bit for bit.
             *q = if inside && finite { *proposed } else { old_q + v * h };
-            // Rounding must put no joint outside, and none further outside. More than rounding would break the acceleration.
+            // Rounding must put no joint outside, and none further outside. More than rounding would break
+            // the acceleration.
             let kept = q.max(q_min.min(old_q)).min(q_max.max(old_q));
             if ((kept - old_q) / h - old_qd).abs() <= a * h + rounding {
                 *q = kept;
@@ -257,13 +261,13 @@ impl<const J: usize> Guard<J> {
     }
 }
 
-/// How far outside its interval a velocity [rad/s] is still rounding: positions near `q` are only so fine.
+/// How far outside its interval a velocity \[rad/s\] is still rounding: positions near `q` are only so fine.
 fn rounding_radps(q: f64, acceleration: f64, h: f64) -> f64 {
     let grain = 2.0 * f64::EPSILON * q.abs() / h;
     ROUNDING_RADPS.min(grain.max(ROUNDING_SHARE * acceleration * h))
 }
 
-/// Which limits the velocity `wanted` [rad/s] breaks for joint `joint` after `last`.
+/// Which limits the velocity `wanted` \[rad/s\] breaks for joint `joint` after `last`.
 fn why<const J: usize>(
     limits: &JointLimits<J>,
     last: &JointMotion<J>,

@@ -1,7 +1,8 @@
 //! The jerk-limited stop: joint velocities to exactly zero from any motion, one tick at a time.
 //!
-//! Contract: no allocation; finite input gives velocities inside the velocity box of [`crate::arm::limits`]. Position and
-//! acceleration limits win over jerk. Joints stop independently of each other, each as early as its limits allow.
+//! Contract: no allocation; finite input gives velocities inside the velocity box of [`crate::arm::limits`].
+//! Position and acceleration limits win over jerk. Joints stop independently of each other, each as early as
+//! its limits allow.
 
 use super::Commanded;
 use crate::arm::limits::{JointLimits, stop_jerk, velocity_box};
@@ -15,21 +16,23 @@ pub struct StopProfile<const J: usize> {
 }
 
 impl<const J: usize> StopProfile<J> {
-    /// A stop at the consumer's deceleration and inside the jerk limit; where the limits have none, inside [`stop_jerk`].
+    /// A stop at the consumer's deceleration and inside the jerk limit; where the limits have none, inside
+    /// [`stop_jerk`].
     #[must_use]
     pub fn new(limits: JointLimits<J>) -> Self {
         Self { limits, jerk: stop_jerk(&limits) }
     }
 
-    /// Jerk limits of the stop, per joint [rad/s³].
+    /// Jerk limits of the stop, per joint \[rad/s³\].
     #[must_use]
     pub const fn jerk(&self) -> &[f64; J] {
         &self.jerk
     }
 
-    /// Joint velocities [rad/s] from `last` to `stamp`; repeated, they end at exactly zero and stay there.
+    /// Joint velocities \[rad/s\] from `last` to `stamp`; repeated, they end at exactly zero and stay there.
     ///
-    /// The next position is q + q̇·(stamp − last.stamp). A stamp not after the last one asks for no change of velocity.
+    /// The next position is q + q̇·(stamp − last.stamp). A stamp not after the last one asks for no change of
+    /// velocity.
     #[must_use]
     pub fn next(&self, last: &Commanded<J>, stamp: Stamp) -> [f64; J] {
         let h = stamp.seconds_since(last.stamp());
@@ -61,9 +64,9 @@ impl<const J: usize> StopProfile<J> {
 
 /// The next velocity of one joint on its way to rest.
 ///
-/// With braking b > 0 against v > 0, the largest b from which steps of `jerk`·h lead b to zero before v is spent solves
-/// h·b + h·Σ_k max(b − k·jerk·h, 0) = v, piecewise linear in b: b = (v/h + jerk·h·n(n+1)/2) / (n + 1) where n jerk·h ≤ b.
-/// Braking along it is exact in discrete time: v and b reach zero at the same tick.
+/// With braking b > 0 against v > 0, the largest b from which steps of `jerk`·h lead b to zero before v is
+/// spent solves h·b + h·Σ_k max(b − k·jerk·h, 0) = v, piecewise linear in b: b = (v/h + jerk·h·n(n+1)/2) / (n
+/// + 1) where n jerk·h ≤ b. Braking along it is exact in discrete time: v and b reach zero at the same tick.
 fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
     let speed = v.abs();
     // At rest the braking direction is against whatever acceleration is left.

@@ -2,13 +2,14 @@
 //!
 //!   min over q̇ in the box:  ½ ‖J(q) q̇ − v*‖²_W + ½ λ‖q̇‖² + posture        v* = velocity + K·pose error
 //!
-//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added, and where the tool comes near the bounds of
-//! its [`crate::envelope`], rows of that; a tick whose answer keeps them all is
+//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added, and where the
+//! tool comes near the bounds of its [`crate::envelope`], rows of that; a tick whose answer keeps them all is
 //! solved as if there were none.
 //!
-//! Contract: no allocation, no panic; the answer is finite and inside [`crate::arm::velocity_box`] whatever the input. All
-//! kinematics belong to the joint positions last *commanded*, never to measured ones. Singularities are met by damping that
-//! grows smoothly; there is no stop and no jump. Absent: planning, ways around obstacles, several solution branches.
+//! Contract: no allocation, no panic; the answer is finite and inside [`crate::arm::velocity_box`] whatever
+//! the input. All kinematics belong to the joint positions last *commanded*, never to measured ones.
+//! Singularities are met by damping that grows smoothly; there is no stop and no jump. Absent: planning, ways
+//! around obstacles, several solution branches.
 
 pub mod task;
 pub mod reach;
@@ -33,7 +34,7 @@ use crate::qp::row_qp::{self, ROW_TOLERANCE};
 /// One IK step: joint velocities and how they came about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IkStep<const J: usize> {
-    /// [rad/s], inside the velocity box.
+    /// \[rad/s\], inside the velocity box.
     pub qd: [f64; J],
     /// How they were found.
     pub report: IkReport,
@@ -52,13 +53,14 @@ pub struct IkReport {
     pub active: ActiveBounds,
     /// KKT residual of the QP; NaN where nothing was solved.
     pub kkt_residual: f64,
-    /// Wanted minus achieved velocity of the tool origin, base frame [m/s]: what limits and damping took away.
+    /// Wanted minus achieved velocity of the tool origin, base frame [m/s]: what limits and damping took
+    /// away.
     pub velocity_error: Vector3<f64>,
-    /// Size of the tilt rate that was wanted and not achieved [rad/s]; spin does not count.
+    /// Size of the tilt rate that was wanted and not achieved \[rad/s\]; spin does not count.
     pub tilt_error: f64,
-    /// λ used [m²].
+    /// λ used \[m²\].
     pub damping: f64,
-    /// Distance to the nearest singularity [m], see [`task::singularity`].
+    /// Distance to the nearest singularity \[m\], see [`task::singularity`].
     pub singularity: f64,
     /// What keeping clear of planes, boxes and itself did.
     pub clearance: ClearanceReport,
@@ -126,7 +128,9 @@ impl<const J: usize> Ik<J> {
 
     /// The same IK with another solver.
     ///
-    /// *Errors*: clarabel refuses its settings.
+    /// # Errors
+    ///
+    /// Clarabel refuses its settings.
     pub fn with_backend(mut self, backend: IkBackend) -> Result<Self, BackendError> {
         self.clarabel = match backend {
             IkBackend::Exact => None,
@@ -181,7 +185,8 @@ impl<const J: usize> Ik<J> {
 
     /// Joint velocities for the next `elapsed` seconds.
     ///
-    /// `motion`: last command; `kinematics`: [`Chain::forward`] at `motion.q`. The next joint position is q + q̇·elapsed.
+    /// `motion`: last command; `kinematics`: `Chain::forward` at `motion.q`. The next joint position is q +
+    /// q̇·elapsed.
     #[must_use]
     pub fn step(
         &mut self,
@@ -245,10 +250,12 @@ impl<const J: usize> Ik<J> {
         IkStep { qd, report }
     }
 
-    /// The velocities nearest to `wanted` [rad/s], a step of a stop, that come no nearer to anything than the rows allow.
+    /// The velocities nearest to `wanted` \[rad/s\], a step of a stop, that come no nearer to anything than
+    /// the rows allow.
     ///
-    /// Joints that brake independently can close a gap that they kept together. Rows of a stop ask for no retreat, so rest
-    /// keeps them all: min ‖q̇ − wanted‖² over box and rows is never farther from rest than `wanted`, where rest is in the box.
+    /// Joints that brake independently can close a gap that they kept together. Rows of a stop ask for no
+    /// retreat, so rest keeps them all: min ‖q̇ − wanted‖² over box and rows is never farther from rest than
+    /// `wanted`, where rest is in the box.
     #[must_use]
     pub fn stopping(
         &mut self,
@@ -275,7 +282,8 @@ impl<const J: usize> Ik<J> {
         StopStep { qd, clearance, envelope }
     }
 
-    /// Finds out whether `wanted` [rad/s] breaks a row that keeps clear or the envelope; if so, `offered` has all of them.
+    /// Finds out whether `wanted` \[rad/s\] breaks a row that keeps clear or the envelope; if so, `offered`
+    /// has all of them.
     fn held_back(
         &mut self,
         kinematics: &Kinematics<J>,
@@ -331,7 +339,7 @@ impl HeldBack {
 /// Joint velocities of a stop, and what keeping clear did to them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopStep<const J: usize> {
-    /// [rad/s], inside the velocity box if what was asked for is.
+    /// \[rad/s\], inside the velocity box if what was asked for is.
     pub qd: [f64; J],
     /// `held` and `yielded` are 0 where nothing was changed.
     pub clearance: ClearanceReport,

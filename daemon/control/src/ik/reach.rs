@@ -1,6 +1,7 @@
 //! Joint positions for a tool pose, found by repeating the IK step. For start-up checks, not for the loop.
 //!
-//! Contract: only position limits count, time does not. Local: the answer belongs to the solution branch of the seed.
+//! Contract: only position limits count, time does not. Local: the answer belongs to the solution branch of
+//! the seed.
 
 use nalgebra::{SVector, Vector3};
 
@@ -13,10 +14,12 @@ const TOLERANCE_M: f64 = 1e-9;
 const MAX_STEPS: usize = 300;
 const MAX_TURN: f64 = 0.3;
 
-/// Joint positions [rad] inside the URDF's limits at which the tool is at `target` (its velocity is ignored).
+/// Joint positions \[rad\] inside the URDF's limits at which the tool is at `target` (its velocity is
+/// ignored).
 ///
-/// `seed` [rad] chooses the solution branch. `None` when 300 steps do not get within 1 nm and 10 nrad: unreachable, behind
-/// a limit, or too far from the seed. Without `target.spin` any rotation about the tool axis will do.
+/// `seed` \[rad\] chooses the solution branch. `None` when 300 steps do not get within 1 nm and 10 nrad:
+/// unreachable, behind a limit, or too far from the seed. Without `target.spin` any rotation about the tool
+/// axis will do.
 #[must_use]
 pub fn solve_pose<const J: usize>(
     chain: &Chain<J>,

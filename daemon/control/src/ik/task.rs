@@ -1,20 +1,22 @@
 //! What the tool should do next, as a least-squares cost over joint velocities.
 //!
-//! Contract: pure, no allocation. Linear rows in the base frame [m/s]; angular rows in the tool frame, multiplied by a
-//! length so that they are metres per second too. The rotation about the tool axis is a task of its own with a weak
-//! weight: an arm of 6 joints then has as many rows as joints, so the weak row bends nothing while no limit is active.
+//! Contract: pure, no allocation. Linear rows in the base frame \[m/s\]; angular rows in the tool frame,
+//! multiplied by a length so that they are metres per second too. The rotation about the tool axis is a task
+//! of its own with a weak weight: an arm of 6 joints then has as many rows as joints, so the weak row bends
+//! nothing while no limit is active.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 use crate::arm::chain::Kinematics;
 
-/// Tilt of the tool from which turns weigh fully [rad]: letters tilt a pen of 15 cm by half of it in one tick of a hundred.
+/// Tilt of the tool from which turns weigh fully \[rad\]: letters tilt a pen of 15 cm by half of it in one
+/// tick of a hundred.
 pub const FULL_TILT_RAD: f64 = 0.15;
 
 /// What the tool is asked for during one step, in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolTarget {
-    /// Wanted tool origin at the instant of the last command [m].
+    /// Wanted tool origin at the instant of the last command \[m\].
     pub position: Vector3<f64>,
     /// Wanted mean velocity of the tool origin over the step [m/s]: (next − now) / dt.
     pub velocity: Vector3<f64>,
@@ -35,38 +37,39 @@ impl ToolTarget {
 /// Weights and gains of one IK step. All finite, lengths and gains positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IkSettings<const J: usize> {
-    /// K: share of the pose error removed per second [1/s], at most 1/dt.
+    /// K: share of the pose error removed per second \[1/s\], at most 1/dt.
     pub gain_hz: f64,
-    /// Length that makes a rotation comparable with a displacement [m].
+    /// Length that makes a rotation comparable with a displacement \[m\].
     pub orientation_m: f64,
-    /// Weight of position errors along the wanted tool axis relative to those across it, 1 or more: where joints cannot do
-    /// both, the tip leaves the line rather than the paper.
+    /// Weight of position errors along the wanted tool axis relative to those across it, 1 or more: where
+    /// joints cannot do both, the tip leaves the line rather than the paper.
     pub normal_weight: f64,
-    /// Weight of rotations relative to displacements of a point `orientation_m` away, up to 1: where joints cannot do both, the
-    /// tool tilts a little and the tip stays on the line. Of an upright tool; it grows to 1 at [`FULL_TILT_RAD`].
+    /// Weight of rotations relative to displacements of a point `orientation_m` away, up to 1: where joints
+    /// cannot do both, the tool tilts a little and the tip stays on the line. Of an upright tool; it grows to
+    /// 1 at [`FULL_TILT_RAD`].
     pub tilt_weight: f64,
     /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
     pub spin_weight: f64,
-    /// Damping far from singularities [m²]; relative velocity error about damping/σ².
+    /// Damping far from singularities \[m²\]; relative velocity error about damping/σ².
     pub damping_floor_m2: f64,
-    /// Damping at a singularity [m²].
+    /// Damping at a singularity \[m²\].
     pub damping_peak_m2: f64,
-    /// Distance to singularities (see [`singularity`]) below which damping grows [m].
+    /// Distance to singularities (see [`singularity`]) below which damping grows \[m\].
     pub singular_m: f64,
-    /// Fastest correction of a position error [m/s].
+    /// Fastest correction of a position error \[m/s\].
     pub correction_mps: f64,
-    /// Corrections are slowed so that they can end with this deceleration [m/s²].
+    /// Corrections are slowed so that they can end with this deceleration \[m/s²\].
     pub correction_mps2: f64,
-    /// Pull toward `home` [m²], for arms with more joints than the task; 0 for none.
+    /// Pull toward `home` \[m²\], for arms with more joints than the task; 0 for none.
     pub posture_weight_m2: f64,
-    /// Rate of that pull [1/s].
+    /// Rate of that pull \[1/s\].
     pub posture_hz: f64,
-    /// Joint positions the pull leads to [rad].
+    /// Joint positions the pull leads to \[rad\].
     pub home: [f64; J],
 }
 
 impl<const J: usize> IkSettings<J> {
-    /// Settings for a control period of `period_s` [s] around the joint positions `home` [rad].
+    /// Settings for a control period of `period_s` \[s\] around the joint positions `home` \[rad\].
     #[must_use]
     pub fn for_period(period_s: f64, home: [f64; J]) -> Self {
         Self {
@@ -90,28 +93,28 @@ impl<const J: usize> IkSettings<J> {
 /// Half the cost's Hessian and gradient, with what it was made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task<const J: usize> {
-    /// H = AᵀA + (λ + μ)·1, J x J [m²].
+    /// H = AᵀA + (λ + μ)·1, J x J \[m²\].
     pub h: SMatrix<f64, J, J>,
     /// g = −Aᵀb − μ·q̇_home, J.
     pub g: SVector<f64, J>,
-    /// A: weighted Jacobian, 6 x J [m/rad]. Rows: linear x, y, z (base), stretched along the wanted tool axis; angular x, y, z
-    /// (tool) times lengths and weights.
+    /// A: weighted Jacobian, 6 x J \[m/rad\]. Rows: linear x, y, z (base), stretched along the wanted tool
+    /// axis; angular x, y, z (tool) times lengths and weights.
     pub rows: SMatrix<f64, 6, J>,
-    /// b: weighted velocities wanted, 6 [m/s].
+    /// b: weighted velocities wanted, 6 \[m/s\].
     pub wanted: Vector6<f64>,
     /// Weight that rotations have in `rows` and `wanted`.
     pub tilt_weight: f64,
-    /// λ [m²].
+    /// λ \[m²\].
     pub damping: f64,
-    /// Distance to the nearest singularity [m].
+    /// Distance to the nearest singularity \[m\].
     pub singularity: f64,
 }
 
 /// Assembles min ‖A q̇ − b‖² + λ‖q̇‖² + μ‖q̇ − q̇_home‖² for a step of `elapsed` seconds.
 ///
-/// `kinematics` belongs to `q` [rad], the position last commanded with velocity `qd` [rad/s].
-/// b = velocity + correction of the pose error − ½·elapsed·J̇q̇: the last term removes the bending of the path within the
-/// step, which a linear model leaves behind.
+/// `kinematics` belongs to `q` \[rad\], the position last commanded with velocity `qd` \[rad/s\]. b =
+/// velocity + correction of the pose error − ½·elapsed·J̇q̇: the last term removes the bending of the path
+/// within the step, which a linear model leaves behind.
 #[must_use]
 pub fn assemble<const J: usize>(
     kinematics: &Kinematics<J>,
@@ -175,16 +178,17 @@ fn tilt_weight(upright: f64, tool: &Matrix3<f64>, axis: &Vector3<f64>) -> f64 {
     upright + (1.0 - upright) * (ratio2 * ratio2).min(1.0)
 }
 
-/// Stretches by `factor` along the unit vector `axis`, and leaves what is across it: 1 + (factor − 1) axis axisᵀ.
+/// Stretches by `factor` along the unit vector `axis`, and leaves what is across it: 1 + (factor − 1) axis
+/// axisᵀ.
 #[must_use]
 pub fn stretch(axis: &Vector3<f64>, factor: f64) -> Matrix3<f64> {
     Matrix3::identity() + axis * axis.transpose() * (factor - 1.0)
 }
 
-/// A distance to singularities that is smooth in q and cheap: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) [m].
+/// A distance to singularities that is smooth in q and cheap: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) \[m\].
 ///
-/// A₅ are the rows of position and tool axis. With σ_min the smallest singular value of A₅ it lies between σ_min/√5
-/// and σ_min (up to the floor).
+/// A₅ are the rows of position and tool axis. With σ_min the smallest singular value of A₅ it lies between
+/// σ_min/√5 and σ_min (up to the floor).
 #[must_use]
 #[expect(
     clippy::indexing_slicing,
@@ -231,14 +235,16 @@ fn damping<const J: usize>(singularity: f64, settings: &IkSettings<J>) -> f64 {
     settings.damping_floor_m2 + settings.damping_peak_m2 * inside * inside
 }
 
-/// Velocity that removes `error`: K·e when small, the braking profile √(2·a·|e|) when larger, at most `v_max`.
+/// Velocity that removes `error`: K·e when small, the braking profile √(2·a·|e|) when larger, at most
+/// `v_max`.
 fn corrected(error: &Vector3<f64>, gain: f64, v_max: f64, a_max: f64) -> Vector3<f64> {
     let distance = error.norm();
     let limit = v_max.min((2.0 * a_max * distance).sqrt());
     if gain * distance <= limit { error * gain } else { error * (limit / distance) }
 }
 
-/// Rotation [rad] still to do, in the base frame: tilt of the tool's z onto `axis`, then spin of its x toward `spin`.
+/// Rotation \[rad\] still to do, in the base frame: tilt of the tool's z onto `axis`, then spin of its x
+/// toward `spin`.
 fn orientation_error(tool: &Matrix3<f64>, axis: &Vector3<f64>, spin: Option<&Vector3<f64>>) -> Vector3<f64> {
     let (x, z): (Vector3<f64>, Vector3<f64>) = (tool.column(0).into_owned(), tool.column(2).into_owned());
     let tilt = turn_between(&z, axis, &x);
@@ -253,8 +259,8 @@ fn orientation_error(tool: &Matrix3<f64>, axis: &Vector3<f64>, spin: Option<&Vec
     }
 }
 
-/// The turn from unit vector `from` onto `to`: length sin θ up to a right angle, 2 − sin θ beyond (times the length of
-/// `to`, so that both meet); `spare` is the axis at θ = π, where every axis would do.
+/// The turn from unit vector `from` onto `to`: length sin θ up to a right angle, 2 − sin θ beyond (times the
+/// length of `to`, so that both meet); `spare` is the axis at θ = π, where every axis would do.
 fn turn_between(from: &Vector3<f64>, to: &Vector3<f64>, spare: &Vector3<f64>) -> Vector3<f64> {
     let turn = from.cross(to);
     if from.dot(to) >= 0.0 {
@@ -286,7 +292,8 @@ mod tests {
         }
     }
 
-    /// Half a turn of the spin is as far as can be, the fraction of it that shows along the tool axis nothing.
+    /// Half a turn of the spin is as far as can be, the fraction of it that shows along the tool axis
+    /// nothing.
     #[test]
     fn tilt_and_spin_are_mended_together() {
         let tool = Matrix3::identity();

@@ -1,11 +1,11 @@
 //! `Calibration`: the error bands of every predictor, from what came after its previews.
 //!
-//! Adaptive conformal prediction per predictor and lead h. With the score s = |predicted − real| / (level · metres per
-//! unit) of a preview h steps ago and c the factor in force: ln c ← ln c + η·(\[s > c\] − (1 − coverage)). Whatever the pen
-//! does, the share of misses after T updates then differs from 1 − coverage by no more than (|ln c_T − ln c_0|)/(ηT):
-//! no model of the errors is assumed. η starts large and settles.
-//! Source: Gibbs & Candès 2021, Adaptive Conformal Inference Under Distribution Shift, in logarithms so that c stays
-//! positive; the level makes one factor fit slow and fast hands.
+//! Adaptive conformal prediction per predictor and lead h. With the score s = |predicted − real| / (level ·
+//! metres per unit) of a preview h steps ago and c the factor in force: ln c ← ln c + η·(\[s > c\] − (1 −
+//! coverage)). Whatever the pen does, the share of misses after T updates then differs from 1 − coverage by
+//! no more than (|ln c_T − ln c_0|)/(ηT): no model of the errors is assumed. η starts large and settles.
+//! Source: Gibbs & Candès 2021, Adaptive Conformal Inference Under Distribution Shift, in logarithms so that
+//! c stays positive; the level makes one factor fit slow and fast hands.
 //!
 //! Cases in which the pen rests before and after say nothing and are left out; so is what a jump interrupted.
 
@@ -32,15 +32,15 @@ const LN_BOUND: f64 = 7.0;
 /// What one step's previews said.
 #[derive(Debug, Clone, Copy)]
 struct Shot {
-    /// Recent step when it was made [m].
+    /// Recent step when it was made \[m\].
     unit_m: f64,
     /// The pen rested.
     resting: bool,
     /// Steps since.
     age: usize,
-    /// Way of the pen since [m].
+    /// Way of the pen since \[m\].
     way: [f64; 2],
-    /// Predicted ways [m]; KINDS x BAND_LEADS.
+    /// Predicted ways \[m\]; KINDS x BAND_LEADS.
     paths: [[[f64; 2]; BAND_LEADS]; KINDS],
 }
 
@@ -91,7 +91,9 @@ pub struct Calibration {
 impl Calibration {
     /// Starts with the bands of `weights`, or with wide ones that are not offered yet.
     ///
-    /// *Errors*: settings or weights that a panel refuses.
+    /// # Errors
+    ///
+    /// Settings or weights that a panel refuses.
     pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
         let paths = [[[0.0; 2]; BAND_LEADS]; KINDS];
         let shot = Shot { unit_m: 0.0, resting: true, age: 0, way: [0.0; 2], paths };
@@ -117,12 +119,15 @@ impl Calibration {
 
     /// Other weights predict from here on.
     ///
-    /// *Errors*: weights that a panel refuses.
+    /// # Errors
+    ///
+    /// Weights that a panel refuses.
     pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
         self.panel.set_weights(weights)
     }
 
-    /// Judges the previews that this step of ordinary motion follows; every few steps lets every predictor preview.
+    /// Judges the previews that this step of ordinary motion follows; every few steps lets every predictor
+    /// preview.
     pub fn observe(&mut self, step: &LearnStep) {
         let moved = step.x.map(|x| x * step.scale_m);
         self.judge(moved);

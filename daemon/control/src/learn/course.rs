@@ -1,8 +1,10 @@
-//! `Course`: one online model on its way into the loop; the only place where weights are promoted or taken back.
+//! `Course`: one online model on its way into the loop; the only place where weights are promoted or taken
+//! back.
 //!
-//! Contract: the candidate learns, the live weights are frozen, the previous ones are kept to return to. Whatever the
-//! model, what becomes live is finite, was not worse than the live weights on recent motion, and carries a version never
-//! used before. A candidate that leaves its bounds starts again from the live weights.
+//! Contract: the candidate learns, the live weights are frozen, the previous ones are kept to return to.
+//! Whatever the model, what becomes live is finite, was not worse than the live weights on recent motion, and
+//! carries a version never used before. A candidate that leaves its bounds starts again from the live
+//! weights.
 
 use std::fmt::Debug;
 use std::iter::Sum;
@@ -23,8 +25,8 @@ pub struct Rule {
     pub min_evidence: u32,
     /// A settled candidate is promoted when its error is below this part of the live error, at most 1.
     pub promote_ratio: f64,
-    /// The live weights are rolled back when their error is above this many times their predecessor's, at least 1; for
-    /// weights that follow their candidate at least 1.5 counts.
+    /// The live weights are rolled back when their error is above this many times their predecessor's, at
+    /// least 1; for weights that follow their candidate at least 1.5 counts.
     pub rollback_ratio: f64,
     /// Moving steps between two hand-overs of a candidate that the live weights follow.
     pub follow_steps: u32,
@@ -32,8 +34,8 @@ pub struct Rule {
 
 /// A following candidate may be this much worse: two runs of luck differ by as much.
 const FOLLOW_RATIO: f64 = 1.02;
-/// Live weights that follow are taken back only when this much worse than their anchor: what they follow changes with the
-/// writing, and a little worse on the last letter is no fault.
+/// Live weights that follow are taken back only when this much worse than their anchor: what they follow
+/// changes with the writing, and a little worse on the last letter is no fault.
 const ASTRAY_RATIO: f64 = 1.5;
 /// Candidate error above this many times the live error: start the candidate again from the live weights.
 const ABANDON_RATIO: f64 = 2.0;
@@ -81,8 +83,8 @@ pub(super) trait AnyCourse: Debug + Send + Sync {
     /// The pen was interrupted: memory is emptied.
     fn interrupt(&mut self);
 
-    /// One step of ordinary motion, learned from if `learnable`; changes its part of `live` when the evidence asks for it,
-    /// giving it `version`.
+    /// One step of ordinary motion, learned from if `learnable`; changes its part of `live` when the evidence
+    /// asks for it, giving it `version`.
     fn learn(
         &mut self,
         step: &LearnStep,
@@ -93,12 +95,16 @@ pub(super) trait AnyCourse: Debug + Send + Sync {
 
     /// Checks what `propose` would refuse.
     ///
-    /// *Errors*: weights that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit.
     fn judge(&self, weights: &OnlineWeights) -> Result<(), WeightsError>;
 
     /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
     ///
-    /// *Errors*: as `judge`; nothing changes then.
+    /// # Errors
+    ///
+    /// As `judge`; nothing changes then.
     fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError>;
 
     /// Writes the candidate into its part of `weights`.
@@ -120,7 +126,8 @@ impl Clone for Box<dyn AnyCourse> {
     }
 }
 
-/// One model: candidate, previous weights, their comparison. The live weights stand in the set that is handed over.
+/// One model: candidate, previous weights, their comparison. The live weights stand in the set that is handed
+/// over.
 #[derive(Debug, Clone)]
 pub(super) struct Course<P: Handed> {
     rule: Rule,
@@ -211,7 +218,9 @@ impl<P: Handed> AnyCourse for Course<P> {
 impl<P: Handed> Course<P> {
     /// The candidate starts with the weights of `live`.
     ///
-    /// *Errors*: settings outside their bounds, or weights that do not fit.
+    /// # Errors
+    ///
+    /// Settings outside their bounds, or weights that do not fit.
     pub(super) fn new(
         models: &Models,
         live: &OnlineWeights,
@@ -225,7 +234,8 @@ impl<P: Handed> Course<P> {
         Ok(Self { rule, candidate, previous, shadow, since: 0, counters })
     }
 
-    /// Exchanges the live weights if the evidence asks for it; why, and the errors of what leaves and what comes.
+    /// Exchanges the live weights if the evidence asks for it; why, and the errors of what leaves and what
+    /// comes.
     fn decide(&mut self, live: &mut Parameters<P>) -> Option<(PromotionCause, f64, f64)> {
         let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
         let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;

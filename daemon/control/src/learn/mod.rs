@@ -1,9 +1,10 @@
 //! Online learning: candidates learn from the pen, the live weights are frozen, evidence decides.
 //!
-//! Contract: one call per grid step, no clock and no allocation after construction, so that the learner thread, the lab and
-//! replay make the same weights. What reaches the loop is whole, finite and was not worse than the live weights on recent
-//! motion; what then turns out worse than its predecessor is rolled back. Parameters carry over from stroke to stroke,
-//! memory does not. One course per model, the same rules for all.
+//! Contract: one call per grid step, no clock and no allocation after construction, so that the learner
+//! thread, the lab and replay make the same weights. What reaches the loop is whole, finite and was not worse
+//! than the live weights on recent motion; what then turns out worse than its predecessor is rolled back.
+//! Parameters carry over from stroke to stroke, memory does not. One course per model, the same rules for
+//! all.
 
 mod shadow;
 mod course;
@@ -28,19 +29,21 @@ pub struct LearnerSettings {
     pub leads: Leads,
     /// When live weights may change.
     pub rule: Rule,
-    /// Displacements longer than this are remembered but not learned from [in the plane; an ordinary step is 14].
+    /// Displacements longer than this are remembered but not learned from \[in the plane; an ordinary step is
+    /// 14\].
     pub max_learned: f64,
 }
 
 impl LearnerSettings {
     /// The learner of the preset loop behind a dead time of `dead_time_ns`, with a plan of 10 steps.
     ///
-    /// Chosen on UNIPEN train writers (20 of TOS with hover path, 18 of CED with lift-and-travel) and on made-up smooth
-    /// strokes, all at 10 ms, one fresh learner per writer: delays 2-16, one to three decay rates, AdaGrad 1e-3 to 1,
-    /// RMSProp, Adam. Delay 9 and AdaGrad 0.01 win; the paper's 0.1 learns fast and then wanders. Evidence, memory and
-    /// ratios hardly matter within a factor of two. So for the read-out of DyBM+ESN (rates 0.003 to 0.3, on the 47 train
-    /// writers of CED and TOS); AR-RLS gains up to a tenth there from a gate of 100 and Huber 12 instead of 40 and 6.
-    /// Note: learning *change* on top of `Persistent` is an addition to the paper; `Zero` is its own start.
+    /// Chosen on UNIPEN train writers (20 of TOS with hover path, 18 of CED with lift-and-travel) and on
+    /// made-up smooth strokes, all at 10 ms, one fresh learner per writer: delays 2-16, one to three decay
+    /// rates, AdaGrad 1e-3 to 1, RMSProp, Adam. Delay 9 and AdaGrad 0.01 win; the paper's 0.1 learns fast and
+    /// then wanders. Evidence, memory and ratios hardly matter within a factor of two. So for the read-out of
+    /// DyBM+ESN (rates 0.003 to 0.3, on the 47 train writers of CED and TOS); AR-RLS gains up to a tenth
+    /// there from a gate of 100 and Huber 12 instead of 40 and 6. Note: learning *change* on top of
+    /// `Persistent` is an addition to the paper; `Zero` is its own start.
     #[must_use]
     pub fn preset(step_ns: u64, dead_time_ns: u64) -> Self {
         Self {
@@ -99,14 +102,15 @@ pub struct Promotion {
     pub cause: PromotionCause,
     /// Grid index of the step that decided.
     pub index: u64,
-    /// Recent roll-out error of the weights that leave (mean squared) [in the plane, per step, squared].
+    /// Recent roll-out error of the weights that leave (mean squared) \[in the plane, per step, squared\].
     pub error_leaving: f64,
     /// Recent roll-out error of the weights that come.
     pub error_coming: f64,
 }
 
 macro_rules! courses {
-    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident, $weights:ident}),+ $(,)?) => {
+    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident,
+        $weights:ident}),+ $(,)?) => {
         /// Models that learn online.
         const MODELS: usize = [$($(#[cfg($when)])? stringify!($part)),+].len();
 
@@ -117,7 +121,8 @@ macro_rules! courses {
             rule: Rule,
             leads: Leads,
         ) -> Result<[Box<dyn AnyCourse>; MODELS], WeightsError> {
-            Ok([$($(#[cfg($when)])? Box::new(Course::<models::$room::$model>::new(models, live, rule, leads)?)),+])
+            Ok([$($(#[cfg($when)])? Box::new(Course::<models::$room::$model>::new(models, live, rule,
+                leads)?)),+])
         }
     };
 }
@@ -176,14 +181,18 @@ pub struct Learner {
 impl Learner {
     /// Starts with the initial weights of the models as candidates and live.
     ///
-    /// *Errors*: the first setting outside its bounds.
+    /// # Errors
+    ///
+    /// The first setting outside its bounds.
     pub fn new(settings: LearnerSettings, models: &Models) -> Result<Self, LearnError> {
         Self::from_weights(settings, models, models.initial_weights())
     }
 
     /// As `new`, from stored weights.
     ///
-    /// *Errors*: the first setting outside its bounds, or weights that are invalid or made for another loop.
+    /// # Errors
+    ///
+    /// The first setting outside its bounds, or weights that are invalid or made for another loop.
     pub fn from_weights(
         settings: LearnerSettings,
         models: &Models,
@@ -253,7 +262,9 @@ impl Learner {
 
     /// Replaces the candidates by weights from elsewhere; they must still earn their promotion.
     ///
-    /// *Errors*: invalid weights or weights that do not fit; all candidates stay.
+    /// # Errors
+    ///
+    /// Invalid weights or weights that do not fit; all candidates stay.
     pub fn propose(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
         weights.validate()?;
         weights.fits(self.models.settings().step_ns)?;

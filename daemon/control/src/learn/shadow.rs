@@ -1,22 +1,23 @@
 //! Shadow comparison: what would each set of weights have predicted, and how wrong was it?
 //!
-//! At every step each contender rolls out to the last lead that counts from the same memory; when that many steps have
-//! passed the error is known: e = mean over the leads i that count of |P_i − S_i|²/i², with P_i and S_i the predicted and
-//! the real displacement summed over i steps, i.e. the mean squared error of the mean velocity over every lead that the
-//! plan looks at. The candidate is judged on predictions made before it learned from what they predict. Pauses say nothing
-//! and are left out; one wild step counts no more than a bounded error.
+//! At every step each contender rolls out to the last lead that counts from the same memory; when that many
+//! steps have passed the error is known: e = mean over the leads i that count of |P_i − S_i|²/i², with P_i
+//! and S_i the predicted and the real displacement summed over i steps, i.e. the mean squared error of the
+//! mean velocity over every lead that the plan looks at. The candidate is judged on predictions made before
+//! it learned from what they predict. Pauses say nothing and are left out; one wild step counts no more than
+//! a bounded error.
 
 use thiserror::Error;
 
 use crate::pen::{REST, TARGET_RMS};
 
-/// Farthest lead of the comparison [steps].
+/// Farthest lead of the comparison \[steps\].
 pub const MAX_LEAD: usize = 32;
 
 /// Errors count no more than this [in the plane, squared]: three typical displacements.
 const ERROR_CAP: f64 = 18.0 * TARGET_RMS * TARGET_RMS;
 
-/// The leads that count, both included [steps after the newest closed one].
+/// The leads that count, both included \[steps after the newest closed one\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Leads {
     first: usize,
@@ -36,7 +37,9 @@ pub struct LeadsError {
 impl Leads {
     /// From `first` to `last`.
     ///
-    /// *Errors*: zero, descending, or beyond [`MAX_LEAD`].
+    /// # Errors
+    ///
+    /// Zero, descending, or beyond [`MAX_LEAD`].
     pub const fn new(first: usize, last: usize) -> Result<Self, LeadsError> {
         if first == 0 || first > last || last > MAX_LEAD {
             return Err(LeadsError { first, last });
@@ -44,8 +47,9 @@ impl Leads {
         Ok(Self { first, last })
     }
 
-    /// What a plan of `horizon` steps looks at behind a dead time of `dead_time_ns`: reference i lies i steps and the dead
-    /// time ahead of a grid point that is up to one step old. What lies beyond [`MAX_LEAD`] is left out.
+    /// What a plan of `horizon` steps looks at behind a dead time of `dead_time_ns`: reference i lies i steps
+    /// and the dead time ahead of a grid point that is up to one step old. What lies beyond [`MAX_LEAD`] is
+    /// left out.
     #[must_use]
     pub fn of_loop(step_ns: u64, dead_time_ns: u64, horizon: usize) -> Self {
         let step_ns = step_ns.max(1);
@@ -68,7 +72,8 @@ impl Leads {
     }
 }
 
-/// Recent errors (mean squared) [in the plane, per step, squared] of two sets of weights over the same steps.
+/// Recent errors (mean squared) \[in the plane, per step, squared\] of two sets of weights over the same
+/// steps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Versus {
     /// Moving steps compared since one of the two changed, other than by learning.

@@ -1,11 +1,13 @@
-//! Joints that are held at one speed again and again while their commands ask for more: the ceiling of a slow arm.
+//! Joints that are held at one speed again and again while their commands ask for more: the ceiling of a slow
+//! arm.
 //!
-//! Contract: a slow arm that is asked for short strokes makes up for them between the strokes, and then looks like one that is
-//! late. But a filter rounds speeds, and a ceiling cuts them off: of the time in which it moves, a joint that is cut off spends most
-//! at its fastest; speeds of a sine are within 5 % of their peak for a fifth of it.
+//! Contract: a slow arm that is asked for short strokes makes up for them between the strokes, and then looks
+//! like one that is late. But a filter rounds speeds, and a ceiling cuts them off: of the time in which it
+//! moves, a joint that is cut off spends most at its fastest; speeds of a sine are within 5 % of their peak
+//! for a fifth of it.
 
-/// The fastest that a joint moved is forgotten within this time [s], what commands asked for lately within that one, and the
-/// shares of the time within the last.
+/// The fastest that a joint moved is forgotten within this time \[s\], what commands asked for lately within
+/// that one, and the shares of the time within the last.
 const TOP_S: f64 = 6.0;
 const ASKED_S: f64 = 0.4;
 const SHARE_S: f64 = 1.0;
@@ -14,13 +16,14 @@ const MOVES: f64 = 0.2;
 const AT_TOP: f64 = 0.95;
 /// Faster than ever by this factor: what was at its fastest is not any more.
 const FASTER: f64 = 1.05;
-/// It is cut off when it is at its fastest for this share of so much motion [s],
+/// It is cut off when it is at its fastest for this share of so much motion \[s\],
 const CUT_OFF: f64 = 0.45;
 const LEAST_MOTION_S: f64 = 0.5;
-/// in so many strokes: a single one behind a filter may have any shape. It is well below from this share down,
+/// in so many strokes: a single one behind a filter may have any shape. It is well below from this share
+/// down,
 const LEAST_VISITS: u32 = 3;
 const BELOW: f64 = 0.7;
-/// and that fastest is no creeping [rad/s].
+/// and that fastest is no creeping \[rad/s\].
 const LEAST_RADPS: f64 = 0.05;
 
 /// One joint.
@@ -57,14 +60,14 @@ impl<const J: usize> Ceiling<J> {
         Self { joints: [still; J] }
     }
 
-    /// Joint `index` was commanded to move at `speed` [rad/s].
+    /// Joint `index` was commanded to move at `speed` \[rad/s\].
     pub(super) fn commanded(&mut self, index: usize, speed: f64) {
         if let Some(joint) = self.joints.get_mut(index) {
             joint.asked = joint.asked.max(speed.abs());
         }
     }
 
-    /// The joints moved at `speeds` [rad/s] for `elapsed_s`.
+    /// The joints moved at `speeds` \[rad/s\] for `elapsed_s`.
     pub(super) fn measured(&mut self, elapsed_s: f64, speeds: &[f64; J]) {
         let keep = |memory_s: f64| (1.0 - elapsed_s / memory_s).max(0.0);
         for (joint, speed) in self.joints.iter_mut().zip(speeds) {
@@ -90,7 +93,8 @@ impl<const J: usize> Ceiling<J> {
         }
     }
 
-    /// The least share of what was asked for that a joint is cut off at, if it is below `least`; the evidence is used up by that.
+    /// The least share of what was asked for that a joint is cut off at, if it is below `least`; the evidence
+    /// is used up by that.
     pub(super) fn share(&mut self, least: f64) -> Option<f64> {
         let mut found: Option<f64> = None;
         for joint in &mut self.joints {
@@ -111,7 +115,8 @@ impl<const J: usize> Ceiling<J> {
 mod tests {
     use super::*;
 
-    /// What is found of a joint asked for strokes of up to 2 rad/s, whose speed is `speed` of what is asked, within 6 s.
+    /// What is found of a joint asked for strokes of up to 2 rad/s, whose speed is `speed` of what is asked,
+    /// within 6 s.
     fn found(mut speed: impl FnMut(f64, f64) -> f64) -> Option<f64> {
         let mut ceiling = Ceiling::<1>::new();
         (0..3000_u32).find_map(|tick| {

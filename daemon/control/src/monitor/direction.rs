@@ -1,8 +1,9 @@
 //! A joint that moves against its commands while the others show how late the arm is.
 //!
-//! Contract: small letters turned about stay inside the span of their commands, and motion to and fro turned about looks like
-//! motion half a period late. But all joints of an arm are equally late: at the lag that explains the others best, a turned joint
-//! is anticorrelated. All sums forget within [`KEEP`]; a change of the lag passes through them within the time that blame takes.
+//! Contract: small letters turned about stay inside the span of their commands, and motion to and fro turned
+//! about looks like motion half a period late. But all joints of an arm are equally late: at the lag that
+//! explains the others best, a turned joint is anticorrelated. All sums forget within [`KEEP`]; a change of
+//! the lag passes through them within the time that blame takes.
 
 use super::path::Path;
 
@@ -41,8 +42,8 @@ impl<const J: usize> Directions<J> {
         }
     }
 
-    /// Block `block` of the measured joints is complete. Returns a joint that moves against its commands by more than `limit`
-    /// [rad], as travel within the memory, and by how much.
+    /// Block `block` of the measured joints is complete. Returns a joint that moves against its commands by
+    /// more than `limit` \[rad\], as travel within the memory, and by how much.
     pub(super) fn see(
         &mut self,
         block: u64,
@@ -107,7 +108,8 @@ mod tests {
     use super::*;
     use crate::units::Stamp;
 
-    /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 turned about or not. Block after which it is blamed.
+    /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 turned about or not. Block after
+    /// which it is blamed.
     fn blamed(sign: f64, hz: f64, lag_change: bool) -> Option<u64> {
         let (mut commands, mut measured) = (Path::<3>::new(), Path::<3>::new());
         let mut directions = Directions::new();

@@ -1,16 +1,17 @@
-//! Whether the arm is where it was told to be: measured joints against all commands that they may be answering.
+//! Whether the arm is where it was told to be: measured joints against all commands that they may be
+//! answering.
 //!
-//! Contract: pure, total, no allocation, bounded work per joint state; everything by stamps. An arm that is as late as the
-//! settings allow, by a delay, a servo filter or both, jittering or changing its lag at any moment, is never blamed: its joints
-//! are weighted means of commands within [stamp − (longest lag + spread of the filter), stamp], so they lie inside the span
-//! of those. Blamed is, joint by joint:
+//! Contract: pure, total, no allocation, bounded work per joint state; everything by stamps. An arm that is
+//! as late as the settings allow, by a delay, a servo filter or both, jittering or changing its lag at any
+//! moment, is never blamed: its joints are weighted means of commands within \[stamp − (longest lag + spread
+//! of the filter), stamp\], so they lie inside the span of those. Blamed is, joint by joint:
 //! - *deviation*: outside the span by more than the tolerance, the tool as well;
 //! - *runaway* and *wrong direction*: outside by half of the tolerance and moving away;
 //! - *oscillation*: outside on alternating sides, farther with each swing;
 //! - *no motion*: commands moved the joint, at every lag that is possible, and it stood.
 //!
-//! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than it is held,
-//! until an operator disarms. Absent: what the arm was when nobody commanded it; force.
+//! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than
+//! it is held, until an operator disarms. Absent: what the arm was when nobody commanded it; force.
 
 mod ceiling;
 mod direction;
@@ -32,21 +33,24 @@ use crate::arm::lag::LagEstimate;
 use crate::stop::{StopCause, StopDetail};
 use crate::units::Stamp;
 
-/// Where nothing says how late the arm may be, it may be this late [ns].
+/// Where nothing says how late the arm may be, it may be this late \[ns\].
 pub const LONGEST_LAG_NS: u64 = 200_000_000;
-/// Commands may hold up to a period after the stamp of the joint state that answers them, and stamps are only so good [ns].
+/// Commands may hold up to a period after the stamp of the joint state that answers them, and stamps are only
+/// so good \[ns\].
 const AHEAD_NS: u64 = 10_000_000;
-/// A critically damped filter with the group delay T has answered all but 1.7 % of a command after 3 T: T, and this much more.
+/// A critically damped filter with the group delay T has answered all but 1.7 % of a command after 3 T: T,
+/// and this much more.
 const SPREAD: f64 = 2.0;
-/// An estimate of the lag says something about the spread when its standard deviation is at most this [s],
+/// An estimate of the lag says something about the spread when its standard deviation is at most this \[s\],
 const GOOD_S: f64 = 3e-3;
-/// and the arm has moved for so many blocks of 10 ms since it was armed: what another arm left behind is forgotten by then,
+/// and the arm has moved for so many blocks of 10 ms since it was armed: what another arm left behind is
+/// forgotten by then,
 const LEARNED_BLOCKS: u32 = 200;
-/// a block in which a joint was commanded to move by this much [rad].
+/// a block in which a joint was commanded to move by this much \[rad\].
 const MOVING_RAD: f64 = 5e-4;
-/// Jitter and doubt on top of it [ns].
+/// Jitter and doubt on top of it \[ns\].
 const JITTER_NS: u64 = 20_000_000;
-/// Commands must have moved a joint within this time [ns], which ended the longest lag ago.
+/// Commands must have moved a joint within this time \[ns\], which ended the longest lag ago.
 const MOTION_NS: u64 = 250_000_000;
 /// A joint that does less than this share of its commands stands still.
 const STILL_SHARE: f64 = 0.05;
@@ -61,7 +65,7 @@ const AGAINST: f64 = 2.0;
 const BEHIND: f64 = 0.1;
 /// A slow arm that is being slowed down for may be so many times as far away.
 const PATIENT: f64 = 3.0;
-/// Speeds are measured over this time at least [ns].
+/// Speeds are measured over this time at least \[ns\].
 const SPEED_NS: u64 = 16_000_000;
 
 /// The monitor of an arm of `J` joints.
@@ -78,7 +82,7 @@ pub struct Monitor<const J: usize> {
     pace: Pace<J>,
     /// The newest joint state was outside the commands, if not far.
     behind: bool,
-    /// How late the arm is taken to be [s].
+    /// How late the arm is taken to be \[s\].
     lag_s: f64,
     /// Joint states from before belong to another life.
     begun: Stamp,
@@ -145,7 +149,7 @@ impl<const J: usize> Monitor<J> {
         self.suspect = false;
     }
 
-    /// The joints `q` [rad] were commanded for `stamp`, which put the tool at `tool` [m], plane frame.
+    /// The joints `q` \[rad\] were commanded for `stamp`, which put the tool at `tool` \[m\], plane frame.
     pub fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3]) {
         self.commands.push(stamp, q);
         self.tools.push(stamp, tool);
@@ -158,14 +162,15 @@ impl<const J: usize> Monitor<J> {
         self.pace.share()
     }
 
-    /// How fast the tool may be asked to go in front of a slow arm [m/s]; `None`: as fast as its limits allow.
+    /// How fast the tool may be asked to go in front of a slow arm \[m/s\]; `None`: as fast as its limits
+    /// allow.
     #[must_use]
     pub fn allowed_mps(&self) -> Option<f64> {
         self.pace.allowed_mps().filter(|_| self.settings.slow_arm == SlowArm::SlowDown)
     }
 
-    /// A joint state of an arm in charge: joints `q` [rad], by which the tool is at `tool` [m], plane frame, measured at
-    /// `stamp`. Returns what is wrong with it, once that has lasted.
+    /// A joint state of an arm in charge: joints `q` \[rad\], by which the tool is at `tool` \[m\], plane
+    /// frame, measured at `stamp`. Returns what is wrong with it, once that has lasted.
     pub fn measured(
         &mut self,
         stamp: Stamp,
@@ -206,8 +211,8 @@ impl<const J: usize> Monitor<J> {
         self.suspect = false;
     }
 
-    /// Whether what stopped the arm here is still there, as far as can be seen: it moves by itself at more than
-    /// `speed_radps`, or stands elsewhere than where it is held.
+    /// Whether what stopped the arm here is still there, as far as can be seen: it moves by itself at more
+    /// than `speed_radps`, or stands elsewhere than where it is held.
     #[must_use]
     pub fn unsettled(&self, speed_radps: f64) -> bool {
         if !self.suspect {
@@ -222,7 +227,7 @@ impl<const J: usize> Monitor<J> {
         moves || away
     }
 
-    /// How old the oldest command is that a joint state may still be answering [ns].
+    /// How old the oldest command is that a joint state may still be answering \[ns\].
     fn reach_ns(&mut self, lag: Option<&LagEstimate>) -> u64 {
         let longest_s = self.longest_ns as f64 * 1e-9;
         let known = lag.filter(|lag| self.moved >= LEARNED_BLOCKS && lag.std_s <= GOOD_S);
@@ -288,7 +293,8 @@ impl<const J: usize> Monitor<J> {
         worst
     }
 
-    /// What is wrong, once that has lasted. What it was first stays its cause: who runs away ends up far outside.
+    /// What is wrong, once that has lasted. What it was first stays its cause: who runs away ends up far
+    /// outside.
     fn lasting(&mut self, stamp: Stamp, found: Option<Wrong>) -> Option<StopDetail> {
         let detail = found?.detail;
         let (since, first) = self.since.get_or_insert((stamp, detail));
@@ -307,7 +313,8 @@ impl<const J: usize> Monitor<J> {
         (self.settings.slow_arm == SlowArm::Stop).then_some(detail)
     }
 
-    /// A joint that stood while its commands moved it, whatever the lag, or moved against them; looked for once in a block.
+    /// A joint that stood while its commands moved it, whatever the lag, or moved against them; looked for
+    /// once in a block.
     fn standing(&mut self, stamp: Stamp) -> Option<StopDetail> {
         if self.measured.newest() == self.looked {
             return None;

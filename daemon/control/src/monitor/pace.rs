@@ -1,49 +1,53 @@
-//! Arms that move at a part of the speed that is asked for, as behind a speed slider: noticed, and how fast they may be asked to go.
+//! Arms that move at a part of the speed that is asked for, as behind a speed slider: noticed, and how fast
+//! they may be asked to go.
 //!
-//! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is compared with
-//! that of a model which is as late as the arm and damps as much as such an arm can: a critically damped filter with the whole lag
-//! as its group delay. An honest arm is at least as fast. What is too slow twice in a row counts, once there was some motion; the tool is then asked for no more
-//! than what the arm has shown, and for a little more with every window in which the arm keeps up.
+//! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is
+//! compared with that of a model which is as late as the arm and damps as much as such an arm can: a
+//! critically damped filter with the whole lag as its group delay. An honest arm is at least as fast. What is
+//! too slow twice in a row counts, once there was some motion; the tool is then asked for no more than what
+//! the arm has shown, and for a little more with every window in which the arm keeps up.
 
 use super::ceiling::Ceiling;
 use crate::units::Stamp;
 
-/// Length of a window [ns].
+/// Length of a window \[ns\].
 const WINDOW_NS: i64 = 100_000_000;
-/// Windows in which the arm may have been as fast as its model is now: a model of an arm of unknown lag is slow itself.
+/// Windows in which the arm may have been as fast as its model is now: a model of an arm of unknown lag is
+/// slow itself.
 const REMEMBERED: usize = 6;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
-/// if that shows in so many windows in a row, after so many that could be judged: the first strokes after arming say little. One
-/// that reaches less than this share stands,
+/// if that shows in so many windows in a row, after so many that could be judged: the first strokes after
+/// arming say little. One that reaches less than this share stands,
 const SLOW_WINDOWS: u32 = 2;
 const LEAST_WINDOWS: u32 = 8;
 const STANDS: f64 = 0.05;
-/// where the model reaches this speed [rad/s].
+/// where the model reaches this speed \[rad/s\].
 const JUDGED_RADPS: f64 = 0.25;
 /// What is kept from window to window of the fastest that the tool was asked to go.
 const TOOL_KEPT: f64 = 0.9;
-/// A slow arm has so long to come back to its commands [ns].
+/// A slow arm has so long to come back to its commands \[ns\].
 const PATIENCE_NS: u64 = 1_000_000_000;
 /// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
 const KEEPS_UP: f64 = 0.95;
 const MORE: f64 = 1.01;
-/// Let go at so many times what was asked for when the arm was found slow: that may have been the beginning of more.
+/// Let go at so many times what was asked for when the arm was found slow: that may have been the beginning
+/// of more.
 const RELEASED: f64 = 3.0;
-/// Never asked for less than this part of what it was asked for last, nor slower than this [m/s].
+/// Never asked for less than this part of what it was asked for last, nor slower than this \[m/s\].
 const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
 /// Nor for more than this part of it, while the arm is behind.
 const BEHIND_STEP: f64 = 0.95;
-/// The model is late by this much at least [s],
+/// The model is late by this much at least \[s\],
 const LEAST_LAG_S: f64 = 0.016;
-/// and its speed is smoothed over this time [s]: the arm's are means over two or three joint states, which short strokes lose more
-/// by than long ones.
+/// and its speed is smoothed over this time [s]: the arm's are means over two or three joint states, which
+/// short strokes lose more by than long ones.
 const SMOOTH_S: f64 = 0.012;
-/// Longer steps of the model count as this [s].
+/// Longer steps of the model count as this \[s\].
 const LONGEST_STEP_S: f64 = 0.02;
 
-/// Fastest in a window: the model and the arm, joint by joint [rad/s], and the commanded tool [m/s].
+/// Fastest in a window: the model and the arm, joint by joint \[rad/s\], and the commanded tool \[m/s\].
 #[derive(Debug, Clone, Copy)]
 struct Peaks<const J: usize> {
     model: [f64; J],
@@ -61,7 +65,7 @@ pub(super) struct Pace<const J: usize> {
     /// Position, speed and smoothed speed of each joint.
     model: Option<(Stamp, [[f64; 3]; J])>,
     lag_s: f64,
-    /// Fastest that the tool was commanded to move in the last windows [m/s].
+    /// Fastest that the tool was commanded to move in the last windows \[m/s\].
     tool_mps: f64,
     tool: Option<(Stamp, [f64; 3])>,
     before: Peaks<J>,
@@ -69,7 +73,7 @@ pub(super) struct Pace<const J: usize> {
     /// Fastest of the arm in each of the last windows: it may be ahead of its model.
     arms: [[f64; J]; REMEMBERED],
     ceiling: Ceiling<J>,
-    /// When joints were measured last, and where they were commanded to be [rad].
+    /// When joints were measured last, and where they were commanded to be \[rad\].
     seen: Option<Stamp>,
     sent: Option<(Stamp, [f64; J])>,
     window: Option<Stamp>,
@@ -81,7 +85,8 @@ pub(super) struct Pace<const J: usize> {
     /// A slow arm is given until then to come back to its commands.
     patient_until: Option<Stamp>,
     judged: bool,
-    /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go [m/s].
+    /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go
+    /// \[m/s\].
     slowed: Option<[f64; 2]>,
 }
 
@@ -119,12 +124,12 @@ impl<const J: usize> Pace<J> {
         self.slowed.is_some() || self.patient_until.is_some_and(|until| stamp < until)
     }
 
-    /// How fast the tool may be asked to go [m/s]; `None`: as fast as its limits allow.
+    /// How fast the tool may be asked to go \[m/s\]; `None`: as fast as its limits allow.
     pub(super) fn allowed_mps(&self) -> Option<f64> {
         self.slowed.map(|[_, allowed]| allowed)
     }
 
-    /// Joints `q` [rad] and tool [m] commanded for `stamp`, to an arm that is `lag_s` late.
+    /// Joints `q` \[rad\] and tool \[m\] commanded for `stamp`, to an arm that is `lag_s` late.
     pub(super) fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3], lag_s: f64) {
         if let Some((before, from)) = self.tool.replace((stamp, *tool)) {
             let elapsed_s = stamp.seconds_since(before).max(1e-4);
@@ -159,7 +164,8 @@ impl<const J: usize> Pace<J> {
         }
     }
 
-    /// The joints were measured to move at `speeds` [rad/s], `behind` their commands or not. Returns the share of an arm that was just found to be slow.
+    /// The joints were measured to move at `speeds` \[rad/s\], `behind` their commands or not. Returns the
+    /// share of an arm that was just found to be slow.
     pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J], behind: bool) -> Option<f64> {
         self.behind |= behind;
         let elapsed_s = self.seen.replace(stamp).map_or(0.0, |before| stamp.seconds_since(before));

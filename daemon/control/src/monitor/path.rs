@@ -1,15 +1,15 @@
 //! Where K numbers have been lately: the least and the largest of each in blocks of 10 ms.
 //!
-//! Contract: between two samples the line counts, over a gap in time as well, for half of a second and more. What happened
-//! before the first sample is not known. Bounded work per sample, no allocation.
+//! Contract: between two samples the line counts, over a gap in time as well, for half of a second and more.
+//! What happened before the first sample is not known. Bounded work per sample, no allocation.
 
 use crate::units::Stamp;
 
-/// Length of a block [ns].
+/// Length of a block \[ns\].
 const BLOCK_NS: u64 = 10_000_000;
 /// Blocks kept: the longest lag, what a filter with that lag spreads, and a window beside it.
 const KEPT: usize = 128;
-/// The longest time that can be asked about [ns].
+/// The longest time that can be asked about \[ns\].
 pub(super) const KEPT_NS: u64 = (KEPT as u64 - 2) * BLOCK_NS;
 
 /// The least and the largest of each number.
@@ -130,7 +130,8 @@ impl<const K: usize> Path<K> {
         }
     }
 
-    /// How far the numbers went in a block that is complete, from the end of the block before; `None` where that is not known.
+    /// How far the numbers went in a block that is complete, from the end of the block before; `None` where
+    /// that is not known.
     pub(super) fn step(&self, block: u64) -> Option<[f64; K]> {
         self.last.as_ref()?;
         let before = block.checked_sub(1).filter(|before| *before >= self.begin)?;
@@ -144,8 +145,8 @@ impl<const K: usize> Path<K> {
         Some(step)
     }
 
-    /// The span of everything from `from` to `to`, as far as it is known; the nearest block, where that is empty. `None` before
-    /// the first sample.
+    /// The span of everything from `from` to `to`, as far as it is known; the nearest block, where that is
+    /// empty. `None` before the first sample.
     pub(super) fn span(&mut self, from: Stamp, to: Stamp) -> Option<Span<K>> {
         self.last.as_ref()?;
         let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));

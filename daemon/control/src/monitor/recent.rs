@@ -1,4 +1,5 @@
-//! The newest joint states, for the speed at which joints really move: an arm's own word on that may be wrong.
+//! The newest joint states, for the speed at which joints really move: an arm's own word on that may be
+//! wrong.
 
 use crate::units::Stamp;
 
@@ -32,7 +33,7 @@ impl<const J: usize> Recent<J> {
         self.back(0).map(|(_, q)| q)
     }
 
-    /// Mean speeds up to now, over the shortest time of at least `over_ns` that is known [rad/s].
+    /// Mean speeds up to now, over the shortest time of at least `over_ns` that is known \[rad/s\].
     pub(super) fn speed(&self, over_ns: u64) -> Option<[f64; J]> {
         let (now, here) = self.back(0)?;
         let before = |(stamp, _): &&(Stamp, [f64; J])| now.0.saturating_sub(stamp.0) >= over_ns;

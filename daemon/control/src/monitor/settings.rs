@@ -13,15 +13,16 @@ pub enum SlowArm {
 /// Limits on how an arm may differ from its commands. There is no value that turns the monitor off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackingSettings {
-    /// Farthest that a measured joint may be from every command that it may be answering [rad], 0.002 to 0.5.
+    /// Farthest that a measured joint may be from every command that it may be answering \[rad\], 0.002 to
+    /// 0.5.
     pub joint_rad: f64,
-    /// The same for the tool, along each axis of the plane [m], 0.001 to 0.2.
+    /// The same for the tool, along each axis of the plane \[m\], 0.001 to 0.2.
     pub tool_m: f64,
-    /// Commands that move a joint by this much are expected to show [rad], 0.002 to 0.5.
+    /// Commands that move a joint by this much are expected to show \[rad\], 0.002 to 0.5.
     pub still_rad: f64,
-    /// A joint that leaves its commands faster than this runs away [rad/s], 0.02 to 3.
+    /// A joint that leaves its commands faster than this runs away \[rad/s\], 0.02 to 3.
     pub runaway_radps: f64,
-    /// What is wrong for this long, and in two joint states, latches [ns], at most 200 ms.
+    /// What is wrong for this long, and in two joint states, latches \[ns\], at most 200 ms.
     pub hold_ns: u64,
     /// What becomes of the tool in front of a slow arm.
     pub slow_arm: SlowArm,

@@ -1,16 +1,17 @@
-//! Joints that swing about their commands, farther with every swing: a loop somewhere that is about to be unstable.
+//! Joints that swing about their commands, farther with every swing: a loop somewhere that is about to be
+//! unstable.
 
 use crate::units::Stamp;
 
 /// A swing is farther than the one before by this factor,
 const GROWTH: f64 = 1.05;
-/// and follows it within this time [ns].
+/// and follows it within this time \[ns\].
 const LONGEST_NS: i64 = 1_000_000_000;
 
 /// One joint.
 #[derive(Debug, Clone, Copy, Default)]
 struct Swing {
-    /// Farthest of the swing that goes on, signed, and of the two before [rad].
+    /// Farthest of the swing that goes on, signed, and of the two before \[rad\].
     peaks: [f64; 3],
     /// When it was outside last.
     at: Stamp,
@@ -28,8 +29,9 @@ impl<const J: usize> Swings<J> {
         Self { joints: [still; J] }
     }
 
-    /// How far each joint is outside its commands [rad], signed; distances up to `least` count as none. Returns the swing of each
-    /// joint whose third in a row is farther than the second, and that farther than the first.
+    /// How far each joint is outside its commands \[rad\], signed; distances up to `least` count as none.
+    /// Returns the swing of each joint whose third in a row is farther than the second, and that farther than
+    /// the first.
     pub(super) fn see(&mut self, stamp: Stamp, outside: &[f64; J], least: f64) -> [Option<f64>; J] {
         let mut grown = [None; J];
         for (grown, (swing, outside)) in grown.iter_mut().zip(self.joints.iter_mut().zip(outside)) {

@@ -11,7 +11,7 @@ use super::plan::{ActiveLimits, AxisReport, SolvePath};
 use crate::qp::dual::{Bounds, DualActiveSet, Termination};
 use crate::qp::{KKT_TOLERANCE, QpStatus};
 
-/// Distance beyond a row's limit [normalised units] that the active set leaves standing.
+/// Distance beyond a row's limit \[normalised units\] that the active set leaves standing.
 const FEASIBILITY: f64 = 1e-11;
 
 /// Above this residual an iterative refinement is tried; it costs about as much as one more active row.
@@ -25,7 +25,8 @@ pub(super) struct AxisProblem<'a, const N: usize> {
     pub cost: &'a Cost<N>,
     pub bounds: &'a Bounds<4, N>,
     pub start: State,
-    /// The arm, positions counted from the same origin; read where the cost is that of the arm behind a servo.
+    /// The arm, positions counted from the same origin; read where the cost is that of the arm behind a
+    /// servo.
     pub arm: Arm<f64>,
     /// (1−α)G_c² x_c + αG_f² g.
     pub pull: Weights<N>,
@@ -156,7 +157,8 @@ impl<const N: usize> AxisProblem<'_, N> {
     }
 
     /// The full KKT residual at a point: stationarity relative to `scale` plus the largest multiplier; row
-    /// values against what their multipliers claim, relative to 1 + their size; multipliers against [−ρ, ρ].
+    /// values against what their multipliers claim, relative to 1 + their size; multipliers against \[−ρ,
+    /// ρ\].
     #[inline]
     pub(super) fn residual(
         &self,

@@ -1,7 +1,9 @@
-//! What the arm makes of a plan, where its servo is a filter: the cost looks at the arm, the limits at the command.
+//! What the arm makes of a plan, where its servo is a filter: the cost looks at the arm, the limits at the
+//! command.
 //!
-//! Contract: the servo of `crate::arm::servo` sampled on the plan's grid, exact for commands of constant jerk per step; normalised units
-//! (mm, steps). The arm's state is [position, velocity]. Absent: what limits in the arm's own controller do to a command.
+//! Contract: the servo of `crate::arm::servo` sampled on the plan's grid, exact for commands of constant jerk
+//! per step; normalised units (mm, steps). The arm's state is \[position, velocity\]. Absent: what limits in
+//! the arm's own controller do to a command.
 
 use std::ops::{Add, Mul};
 
@@ -23,15 +25,16 @@ pub(super) type Arm<T> = [T; 2];
 pub struct Behind {
     /// Next arm state for each entry of this one.
     arm: [Arm<f64>; 2],
-    /// Next arm state for each of position, velocity and acceleration of the command at the step's beginning, and its jerk.
+    /// Next arm state for each of position, velocity and acceleration of the command at the step's beginning,
+    /// and its jerk.
     command: [Arm<f64>; 4],
-    /// ω² and 2ω [1/step², 1/step].
+    /// ω² and 2ω \[1/step², 1/step\].
     spring: f64,
     damping: f64,
 }
 
 impl Behind {
-    /// Critically damped second order with group delay 2/ω = `group_delay_s` > 0, in steps of `step_s` [s].
+    /// Critically damped second order with group delay 2/ω = `group_delay_s` > 0, in steps of `step_s` \[s\].
     #[must_use]
     #[expect(clippy::indexing_slicing, reason = "indices are constants within the matrix")]
     pub fn new(group_delay_s: f64, step_s: f64) -> Self {
@@ -61,7 +64,8 @@ impl Behind {
         ]
     }
 
-    /// Forces on (arm, command, jerk) before a step from a force on the arm after it: the transpose of [`Self::ahead`].
+    /// Forces on (arm, command, jerk) before a step from a force on the arm after it: the transpose of
+    /// [`Self::ahead`].
     #[inline(always)]
     pub(super) fn ahead_transposed<T: Quantity>(&self, [fy, fw]: Arm<T>) -> (Arm<T>, [T; 3], T) {
         let of = |[y, w]: Arm<f64>| fy * y + fw * w;
@@ -75,7 +79,8 @@ impl Behind {
         [(p * self.spring + y * -self.spring) + w * -self.damping, w, y]
     }
 
-    /// Forces on the arm and on the command's position from forces on what is seen: the transpose of [`Self::seen`].
+    /// Forces on the arm and on the command's position from forces on what is seen: the transpose of
+    /// [`Self::seen`].
     #[inline(always)]
     pub(super) fn seen_transposed<T: Quantity>(&self, [fa, fw, fy]: [T; 3]) -> (Arm<T>, T) {
         ([fy + fa * -self.spring, fw + fa * -self.damping], fa * self.spring)
@@ -101,7 +106,8 @@ impl Behind {
         rows
     }
 
-    /// Adds to `force` on a motion what `seen`, a force on the arm along it, comes to: the transpose of [`Self::along`].
+    /// Adds to `force` on a motion what `seen`, a force on the arm along it, comes to: the transpose of
+    /// [`Self::along`].
     pub(super) fn along_transposed<const N: usize>(&self, seen: &Rows<3, N>, force: &mut MotionRows<N>) {
         let [seen_a, seen_w, seen_y] = seen;
         let [jerks, accelerations, velocities, positions] = force;
@@ -121,7 +127,8 @@ impl Behind {
         }
     }
 
-    /// How the arm answers jerks, per quantity (position, velocity, acceleration): N x N, row i−1 is step i, column j is u_j.
+    /// How the arm answers jerks, per quantity (position, velocity, acceleration): N x N, row i−1 is step i,
+    /// column j is u_j.
     #[must_use]
     pub fn responses<const N: usize>(&self) -> [Square<N>; 3] {
         let mut responses = [[[0.0; N]; N]; 3];

@@ -1,11 +1,12 @@
-//! The stop that is always possible: along each axis a plan may only lead to states from which the tool comes to rest inside
-//! its bounds.
+//! The stop that is always possible: along each axis a plan may only lead to states from which the tool comes
+//! to rest inside its bounds.
 //!
-//! The horizon of a plan may be shorter than a stop, and its bounds are soft, so its cost alone cannot know. A stop here ends at
-//! rest, velocity and acceleration both zero: one that only turns the velocity round comes back as fast as it came.
+//! The horizon of a plan may be shorter than a stop, and its bounds are soft, so its cost alone cannot know.
+//! A stop here ends at rest, velocity and acceleration both zero: one that only turns the velocity round
+//! comes back as fast as it came.
 //!
-//! Contract: pure, no allocation, bounded work. Where bounds cannot be kept any more, the stop itself is what is left; from
-//! outside of them every way is open that leads no farther out.
+//! Contract: pure, no allocation, bounded work. Where bounds cannot be kept any more, the stop itself is what
+//! is left; from outside of them every way is open that leads no farther out.
 
 use super::limits::AxisLimits;
 use crate::units::AxisState;
@@ -15,20 +16,21 @@ const HALVINGS: u32 = 20;
 /// Rounding [m]: a stop that is repeated must not be found outside of itself.
 const ROUNDING_M: f64 = 1e-9;
 
-/// A stop in two pieces of constant jerk and one of constant acceleration between them, seen so that the velocity is shed.
+/// A stop in two pieces of constant jerk and one of constant acceleration between them, seen so that the
+/// velocity is shed.
 #[derive(Debug, Clone, Copy)]
 struct Stop {
     /// +1 or −1: the direction of the velocity that is shed.
     sign: f64,
     jerk: f64,
-    /// Durations: acceleration falls to −braking, stays there, comes back to zero [s].
+    /// Durations: acceleration falls to −braking, stays there, comes back to zero \[s\].
     falls_s: f64,
     stays_s: f64,
     returns_s: f64,
 }
 
 impl Stop {
-    /// The soonest from `state` inside `jerk` [m/s³] and `most` [m/s²].
+    /// The soonest from `state` inside `jerk` \[m/s³\] and `most` \[m/s²\].
     fn of(state: &AxisState, jerk: f64, most: f64) -> Self {
         let unwound = state.velocity + 0.5 * state.acceleration * state.acceleration.abs() / jerk;
         let sign = if unwound < 0.0 { -1.0 } else { 1.0 };
@@ -60,7 +62,7 @@ impl Stop {
 }
 
 impl AxisLimits {
-    /// Lowest and highest place on the way of `state` to rest, as hard as jerk and acceleration allow [m].
+    /// Lowest and highest place on the way of `state` to rest, as hard as jerk and acceleration allow \[m\].
     #[must_use]
     pub fn stopping_m(&self, state: &AxisState) -> [f64; 2] {
         let here = state.position;
@@ -80,14 +82,14 @@ impl AxisLimits {
         [here.min(end).min(turns), here.max(end).max(turns)]
     }
 
-    /// How long `speed` [m/s] takes to rest [s].
+    /// How long `speed` \[m/s\] takes to rest \[s\].
     #[must_use]
     pub fn stopping_s(&self, speed: f64) -> f64 {
         let [jerk, most] = [self.jerk_mps3, self.acceleration_mps2];
         if speed * jerk <= most * most { 2.0 * (speed / jerk).sqrt() } else { speed / most + most / jerk }
     }
 
-    /// The highest speed that is at rest after `seconds` [m/s], at most [`Self::velocity_mps`].
+    /// The highest speed that is at rest after `seconds` \[m/s\], at most [`Self::velocity_mps`].
     #[must_use]
     pub fn stoppable_mps(&self, seconds: f64) -> f64 {
         let [jerk, most] = [self.jerk_mps3, self.acceleration_mps2];
@@ -98,8 +100,8 @@ impl AxisLimits {
         speed.min(self.velocity_mps)
     }
 
-    /// The state nearest to `planned` on the way to a stop from which the tool still comes to rest inside its bounds;
-    /// `planned` itself, bit for bit, where it does. `seconds`: from `state` to `planned`.
+    /// The state nearest to `planned` on the way to a stop from which the tool still comes to rest inside its
+    /// bounds; `planned` itself, bit for bit, where it does. `seconds`: from `state` to `planned`.
     #[must_use]
     pub fn kept_stoppable(&self, state: &AxisState, planned: &AxisState, seconds: f64) -> AxisState {
         if self.jerk_mps3 == f64::INFINITY {

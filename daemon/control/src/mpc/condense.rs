@@ -11,7 +11,8 @@ use crate::qp::cholesky::Square;
 pub struct Condensed<const N: usize> {
     /// Ã: block i−1 is Aⁱ (3 x 3), quantity by quantity.
     pub free: [[State; 3]; N],
-    /// B̃ per quantity (position, velocity, acceleration): N x N, row i−1 is x_i, column j is u_j; zero for j ≥ i.
+    /// B̃ per quantity (position, velocity, acceleration): N x N, row i−1 is x_i, column j is u_j; zero for j
+    /// ≥ i.
     pub forced: [Square<N>; 3],
 }
 

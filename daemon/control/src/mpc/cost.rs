@@ -1,8 +1,8 @@
 //! The objective of one axis: weights per quantity and step, its Hessian, its gradient.
 //!
 //! ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖². H depends on α only, and not even on that when
-//! G_c = G_f; it is factored anew only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…) is
-//! one backward sweep, cheaper than a dense N x 3N product.
+//! G_c = G_f; it is factored anew only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…)
+//! is one backward sweep, cheaper than a dense N x 3N product.
 
 use super::behind::{Arm, Behind};
 use super::condense::Condensed;
@@ -16,31 +16,32 @@ use crate::units::Trust;
 /// 1 mm of position error at gain 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gains {
-    /// [1/mm], ≥ 0
+    /// \[1/mm\], ≥ 0
     pub position: f64,
-    /// [1/(mm/Δ)], ≥ 0
+    /// \[1/(mm/Δ)\], ≥ 0
     pub velocity: f64,
-    /// [1/(mm/Δ²)], ≥ 0
+    /// \[1/(mm/Δ²)\], ≥ 0
     pub acceleration: f64,
     /// Factor from one step to the next, in (0, 1]: later predictions weigh less.
     pub decay: f64,
 }
 
 impl Gains {
-    /// G_c for plans in steps of 10 ms. Velocity as dear as position damps the approach to a held pen: a 1 mm step
-    /// overshoots by 2 %, a 10 mm step by 0.5 % and settles within 70 ms. Without it 5 to 10 %; with twice as
-    /// much the arm lags 20 % more behind a moving pen. Acceleration is left to the effort weight.
+    /// G_c for plans in steps of 10 ms. Velocity as dear as position damps the approach to a held pen: a 1 mm
+    /// step overshoots by 2 %, a 10 mm step by 0.5 % and settles within 70 ms. Without it 5 to 10 %; with
+    /// twice as much the arm lags 20 % more behind a moving pen. Acceleration is left to the effort weight.
     pub const FEEDBACK: Self = Self { position: 1.0, velocity: 1.0, acceleration: 0.0, decay: 1.0 };
 
-    /// G_f for plans in steps of 10 ms. Position leads, since it is what a reader of the letter sees; some velocity keeps
-    /// steps in the preview from being answered by jerk. A previewed acceleration is mostly noise and is not
-    /// followed. The decay halves a weight within about four steps: the error of real predictions doubles with
-    /// every doubling of the lead.
+    /// G_f for plans in steps of 10 ms. Position leads, since it is what a reader of the letter sees; some
+    /// velocity keeps steps in the preview from being answered by jerk. A previewed acceleration is mostly
+    /// noise and is not followed. The decay halves a weight within about four steps: the error of real
+    /// predictions doubles with every doubling of the lead.
     pub const FEEDFORWARD: Self = Self { position: 1.0, velocity: 0.3, acceleration: 0.0, decay: 0.85 };
 
-    /// β for plans in steps of 10 ms. 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³ RMS, the
-    /// letters' own jerk; white noise of 0.05 mm in the preview adds 20 m/s³. A fifth of it adds 40 m/s³ for
-    /// no visible gain; twenty times as much lets the error with a constant-velocity preview grow by half.
+    /// β for plans in steps of 10 ms. 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³
+    /// RMS, the letters' own jerk; white noise of 0.05 mm in the preview adds 20 m/s³. A fifth of it adds 40
+    /// m/s³ for no visible gain; twenty times as much lets the error with a constant-velocity preview grow by
+    /// half.
     pub const EFFORT: f64 = 0.05;
 }
 
@@ -72,8 +73,8 @@ pub struct Cost<const N: usize> {
 pub type Weights<const N: usize> = [[f64; N]; 3];
 
 impl<const N: usize> Cost<N> {
-    /// Build the cost at α = 0, of the arm behind a servo or of the command itself. `effort` is β > 0 [1/(mm/Δ³)²].
-    /// `None` when H is not positive definite to working precision at some α.
+    /// Build the cost at α = 0, of the arm behind a servo or of the command itself. `effort` is β > 0
+    /// \[1/(mm/Δ³)²\]. `None` when H is not positive definite to working precision at some α.
     #[must_use]
     pub fn new(
         condensed: &Condensed<N>,
@@ -247,8 +248,8 @@ impl<const N: usize> Cost<N> {
         self.behind.as_ref()
     }
 
-    /// ∇½J at `motion` from `start` with the arm at `arm`, given `pull` = (1−α)G_c² x_c + αG_f² g per quantity and step,
-    /// plus C̃ᵀ `multipliers`.
+    /// ∇½J at `motion` from `start` with the arm at `arm`, given `pull` = (1−α)G_c² x_c + αG_f² g per
+    /// quantity and step, plus C̃ᵀ `multipliers`.
     #[must_use]
     #[inline]
     pub(super) fn gradient(

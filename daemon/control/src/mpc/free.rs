@@ -68,7 +68,7 @@ pub(super) struct Blended<C, const N: usize> {
     weights: [[C; 3]; N],
     inverse: [[C; N]; N],
     effort: C,
-    /// Largest jerk, acceleration and velocity; lowest and highest position [mm].
+    /// Largest jerk, acceleration and velocity; lowest and highest position \[mm\].
     largest: [Lanes; 3],
     workspace: [Lanes; 2],
     reads_preview: bool,
@@ -181,7 +181,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         FreeOptimum { jerks, start: [Lanes::ZERO, velocity, acceleration], scale: size, residual, inside }
     }
 
-    /// (1−α)G_c² x_c + αG_f² g, positions counted from `origin` [m].
+    /// (1−α)G_c² x_c + αG_f² g, positions counted from `origin` \[m\].
     #[inline(always)]
     fn pull(
         &self,

@@ -93,7 +93,8 @@ impl Mul<f64> for Lanes {
 
 /// What lanes are multiplied with: one number for all axes, or one per axis.
 ///
-/// Axes with equal gains share their coefficients: a quarter of the memory, which a tick finds cold every time.
+/// Axes with equal gains share their coefficients: a quarter of the memory, which a tick finds cold every
+/// time.
 pub(super) trait Coefficient: Copy + std::fmt::Debug {
     const ZERO: Self;
     fn of(axes: [f64; 3]) -> Self;

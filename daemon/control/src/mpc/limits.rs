@@ -11,18 +11,19 @@ use crate::units::AxisState;
 /// What one axis of the writing plane's frame may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisLimits {
-    /// Largest |jerk| [m/s³]; never exceeded.
+    /// Largest |jerk| \[m/s³\]; never exceeded.
     pub jerk_mps3: f64,
-    /// Largest |acceleration| [m/s²].
+    /// Largest |acceleration| \[m/s²\].
     pub acceleration_mps2: f64,
-    /// Largest |velocity| [m/s].
+    /// Largest |velocity| \[m/s\].
     pub velocity_mps: f64,
-    /// Lowest and highest position [m].
+    /// Lowest and highest position \[m\].
     pub position_m: [f64; 2],
 }
 
 impl AxisLimits {
-    /// How far `state` still goes in the direction `sign` (±1) when it brakes as hard as jerk and acceleration allow [m].
+    /// How far `state` still goes in the direction `sign` (±1) when it brakes as hard as jerk and
+    /// acceleration allow \[m\].
     ///
     /// A state that already brakes harder than its limit is taken to go on like that.
     #[must_use]
@@ -39,7 +40,8 @@ impl AxisLimits {
         if left > 0.0 {
             return (after(turned) + left * left / (2.0 * braking)).max(0.0);
         }
-        // It stands before its acceleration has turned, or goes the other way all the time and has no such instant.
+        // It stands before its acceleration has turned, or goes the other way all the time and has no such
+        // instant.
         let stands = (acceleration + (acceleration * acceleration + 2.0 * jerk * velocity).sqrt()) / jerk;
         after(stands.max(0.0)).max(0.0)
     }
@@ -47,16 +49,16 @@ impl AxisLimits {
 
 /// ρ of the exact penalty: what one unit of violation adds to ½J, per step; normalised units.
 ///
-/// A hard optimum is kept as long as its multipliers stay below. The pull of an error e [mm] on the
+/// A hard optimum is kept as long as its multipliers stay below. The pull of an error e \[mm\] on the
 /// acceleration at the start of the horizon is about G² e N³/6 in ½J, so ρ decides up to which error a limit
 /// holds; beyond, the optimum trades violation for error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SoftPenalty {
-    /// [1/(mm/Δ²)]
+    /// \[1/(mm/Δ²)\]
     pub acceleration: f64,
-    /// [1/(mm/Δ)]
+    /// \[1/(mm/Δ)\]
     pub velocity: f64,
-    /// [1/mm]
+    /// \[1/mm\]
     pub position: f64,
 }
 

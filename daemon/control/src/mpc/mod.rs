@@ -1,11 +1,12 @@
 //! Jerk MPC of the writing plane: from the commanded state, the held target and the preview to a [`Plan`].
 //!
-//! Per axis, ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖² over the condensed triple integrator, jerk
-//! hard, acceleration, velocity and position softened by an exact penalty. Behind a servo that is a filter, x̃ in the errors is
-//! the arm's motion, and only the limits and the effort are the command's. The axes are independent. The
-//! unconstrained optimum comes from constant gains and *is* the answer if it keeps every limit; else the
-//! exact dual active set; else a status, and the caller falls back. Every answer carries its KKT residual:
-//! stationarity relative to 1 + max|q| + max|z|, rows relative to 1 + |r|, in units of mm and steps.
+//! Per axis, ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖² over the condensed triple integrator,
+//! jerk hard, acceleration, velocity and position softened by an exact penalty. Behind a servo that is a
+//! filter, x̃ in the errors is the arm's motion, and only the limits and the effort are the command's. The
+//! axes are independent. The unconstrained optimum comes from constant gains and *is* the answer if it keeps
+//! every limit; else the exact dual active set; else a status, and the caller falls back. Every answer
+//! carries its KKT residual: stationarity relative to 1 + max|q| + max|z|, rows relative to 1 + |r|, in units
+//! of mm and steps.
 //!
 //! Contract: no allocation after [`Mpc::new`] with [`Backend::Exact`], bounded work, no panic for any input.
 //! Source: Agravante et al. 2018, section 2.
@@ -52,7 +53,7 @@ pub struct Start {
 /// The planner of three axes over `N` steps.
 pub struct Mpc<const N: usize> {
     step_s: f64,
-    /// Group delay of the servo behind which errors count [s]; 0: none.
+    /// Group delay of the servo behind which errors count \[s\]; 0: none.
     servo_s: f64,
     scale: Scale,
     max_iterations: u32,
@@ -71,7 +72,7 @@ impl<const N: usize> std::fmt::Debug for Mpc<N> {
 
 struct Axis<const N: usize> {
     cost: Cost<N>,
-    /// Positions absolute [mm]; the working copy's count from the start.
+    /// Positions absolute \[mm\]; the working copy's count from the start.
     rows: Bounds<4, N>,
     shifted: Bounds<4, N>,
     clarabel: Option<SoftRowQp>,
@@ -81,7 +82,8 @@ impl<const N: usize> Mpc<N> {
     /// Check the settings and compute everything constant.
     ///
     /// # Errors
-    /// The first setting outside its range, a cost that double precision cannot invert, or Clarabel's refusal.
+    /// The first setting outside its range, a cost that double precision cannot invert, or Clarabel's
+    /// refusal.
     pub fn new(settings: &MpcSettings) -> Result<Self, MpcError> {
         const { assert!(N > 0 && N <= 60, "horizon of 1 to 60 steps") };
         settings.validate()?;
@@ -210,7 +212,7 @@ impl<const N: usize> Mpc<N> {
         sound
     }
 
-    /// Δ [s].
+    /// Δ \[s\].
     #[must_use]
     pub const fn step_s(&self) -> f64 {
         self.step_s
@@ -252,7 +254,7 @@ impl<const N: usize> Axis<N> {
         }
     }
 
-    /// Count the position rows from `origin` [mm].
+    /// Count the position rows from `origin` \[mm\].
     #[inline]
     fn shift(&mut self, origin: f64) {
         let ([.., from_lower], [.., from_upper]) = (&self.rows.lower, &self.rows.upper);

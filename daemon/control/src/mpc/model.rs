@@ -22,20 +22,20 @@ pub const B: State = [1.0 / 6.0, 0.5, 1.0];
 /// Factors from SI to normalised units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// [mm/m]
+    /// \[mm/m\]
     pub position: f64,
-    /// [mm/step per m/s]
+    /// \[mm/step per m/s\]
     pub velocity: f64,
-    /// [mm/step² per m/s²]
+    /// \[mm/step² per m/s²\]
     pub acceleration: f64,
-    /// [mm/step³ per m/s³]
+    /// \[mm/step³ per m/s³\]
     pub jerk: f64,
-    /// [m/s³ per mm/step³]
+    /// \[m/s³ per mm/step³\]
     pub jerk_inverse: f64,
 }
 
 impl Scale {
-    /// For grid step Δ = `step_s` [s] > 0.
+    /// For grid step Δ = `step_s` \[s\] > 0.
     #[must_use]
     pub fn new(step_s: f64) -> Self {
         let velocity = 1e3 * step_s;

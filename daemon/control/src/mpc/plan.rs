@@ -6,11 +6,11 @@ use crate::units::AxisState;
 /// N jerks per axis and the states they lead to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plan<const N: usize> {
-    /// Δ [s].
+    /// Δ \[s\].
     pub step_s: f64,
     /// State at the plan's beginning, per axis.
     pub start: [AxisState; 3],
-    /// Jerk over step j = 0..N−1 [m/s³], per axis (3 x N).
+    /// Jerk over step j = 0..N−1 \[m/s³\], per axis (3 x N).
     pub jerks: [[f64; N]; 3],
 }
 
@@ -21,13 +21,14 @@ impl<const N: usize> Plan<N> {
         Self { step_s, start: [AxisState::at_rest(0.0); 3], jerks: [[0.0; N]; 3] }
     }
 
-    /// Time the plan covers [s].
+    /// Time the plan covers \[s\].
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.step_s * N as f64
     }
 
-    /// The planned state `elapsed_s` after the plan's start. `None` before it, beyond the horizon, or for NaN.
+    /// The planned state `elapsed_s` after the plan's start. `None` before it, beyond the horizon, or for
+    /// NaN.
     #[must_use]
     pub fn state_at(&self, elapsed_s: f64) -> Option<[AxisState; 3]> {
         if !(elapsed_s >= 0.0 && elapsed_s <= self.duration_s()) {

@@ -20,20 +20,21 @@ pub use crate::qp::clarabel::ClarabelProfile;
 /// Everything the MPC needs to know before the first tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MpcSettings {
-    /// Grid step Δ [s].
+    /// Grid step Δ \[s\].
     pub step_s: f64,
-    /// Group delay of the arm's servo, a critically damped filter of second order, behind which errors count [s]; 0: the arm
-    /// is where the command is.
+    /// Group delay of the arm's servo, a critically damped filter of second order, behind which errors count
+    /// \[s\]; 0: the arm is where the command is.
     pub servo_s: f64,
     /// G_c per axis.
     pub gains_feedback: [Gains; 3],
     /// G_f per axis.
     pub gains_feedforward: [Gains; 3],
-    /// β [1/(mm/Δ³)²].
+    /// β \[1/(mm/Δ³)²\].
     pub effort: f64,
     /// Limits per axis of the writing plane's frame.
     pub axes: [AxisLimits; 3],
-    /// The limits on jerk, acceleration and velocity are off, the workspace is not: for experiments with arms that have none.
+    /// The limits on jerk, acceleration and velocity are off, the workspace is not: for experiments with arms
+    /// that have none.
     pub unlimited: bool,
     /// Price of leaving the soft limits.
     pub soft_penalty: SoftPenalty,
@@ -49,13 +50,13 @@ pub enum MpcError {
     /// Δ out of range.
     #[error("MPC step is {value_s} s, must be within [0.001, 0.1] s")]
     Step {
-        /// As given [s].
+        /// As given \[s\].
         value_s: f64,
     },
     /// The servo's group delay out of range.
     #[error("MPC servo delay is {value_s} s, must be 0 or within [0.001, 1] s")]
     Servo {
-        /// As given [s].
+        /// As given \[s\].
         value_s: f64,
     },
     /// β out of range.
@@ -106,14 +107,15 @@ pub enum MpcError {
     },
     /// The workspace is empty or too far away.
     #[error(
-        "MPC workspace of axis {axis} is [{lower_m}, {upper_m}] m, must lie within [-10, 10] m and be at least 0.001 m wide"
+        "MPC workspace of axis {axis} is [{lower_m}, {upper_m}] m, must lie within [-10, 10] m and be at \
+         least 0.001 m wide"
     )]
     Workspace {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// As given [m].
+        /// As given \[m\].
         lower_m: f64,
-        /// As given [m].
+        /// As given \[m\].
         upper_m: f64,
     },
     /// A penalty out of range.
@@ -140,7 +142,9 @@ pub enum MpcError {
     },
     /// The plan looks too little ahead for its gains.
     #[error(
-        "MPC does not settle: at trust {alpha} a small deviation of axis {axis} becomes {per_s:.1e} times as large every second; raise the gains on velocity, or look farther ahead: more steps, longer ones, decay nearer to 1, less effort"
+        "MPC does not settle: at trust {alpha} a small deviation of axis {axis} becomes {per_s:.1e} times as \
+         large every second; raise the gains on velocity, or look farther ahead: more steps, longer ones, \
+         decay nearer to 1, less effort"
     )]
     Swings {
         /// Axis 0 = x, 1 = y, 2 = z.
@@ -173,7 +177,7 @@ impl MpcSettings {
         self.axes.map(held)
     }
 
-    /// The point of the workspace nearest to `[x, y]` [m].
+    /// The point of the workspace nearest to `[x, y]` \[m\].
     #[must_use]
     pub fn inside(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let nearest = |value: f64, [low, high]: [f64; 2]| value.max(low).min(high);

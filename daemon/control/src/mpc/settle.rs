@@ -1,7 +1,8 @@
 //! The plan as linear feedback: what it makes of a small deviation, far from every limit. For start-up.
 //!
-//! Contract: no limit counts here, whatever the settings; both answers come from the gains that the usual tick uses.
-//! Source of the criterion: a linear map x ↦ Mx dies away exactly if all eigenvalues of M lie inside the unit circle.
+//! Contract: no limit counts here, whatever the settings; both answers come from the gains that the usual
+//! tick uses. Source of the criterion: a linear map x ↦ Mx dies away exactly if all eigenvalues of M lie
+//! inside the unit circle.
 
 use nalgebra::{SMatrix, SVector, Schur};
 
@@ -18,8 +19,9 @@ const TRUSTS: [f64; 10] = [0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0];
 type Map = SMatrix<f64, STATES, STATES>;
 
 impl<const N: usize> Mpc<N> {
-    /// By how much feedback alone, planned anew every `period_s` [s], has the arm behind a target that moves steadily [s]: in the
-    /// state that comes back to itself while the target goes on. NaN where there is none.
+    /// By how much feedback alone, planned anew every `period_s` \[s\], has the arm behind a target that
+    /// moves steadily \[s\]: in the state that comes back to itself while the target goes on. NaN where there
+    /// is none.
     #[must_use]
     pub fn feedback_lag_s(&mut self, period_s: f64) -> f64 {
         let Some([map, ..]) = self.maps(Trust::NONE, period_s) else { return f64::NAN };
@@ -30,8 +32,9 @@ impl<const N: usize> Mpc<N> {
         steady.and_then(|state| state.get(behind).copied()).map_or(f64::NAN, |offset| -offset * period_s)
     }
 
-    /// The plan settles: a deviation from a target at rest dies away where every tick of `period_s` [s] plans anew, on every
-    /// axis, at each of ten trusts. Looking too little ahead it does not: the plan never sees that it will swing back.
+    /// The plan settles: a deviation from a target at rest dies away where every tick of `period_s` \[s\]
+    /// plans anew, on every axis, at each of ten trusts. Looking too little ahead it does not: the plan never
+    /// sees that it will swing back.
     ///
     /// # Errors
     /// [`MpcError::Swings`] where a deviation stays or grows; a cost that cannot be inverted.
@@ -99,7 +102,8 @@ impl<const N: usize> Mpc<N> {
     }
 }
 
-/// By what a deviation is multiplied in each period in the long run: the largest eigenvalue's magnitude. NaN where there is none.
+/// By what a deviation is multiplied in each period in the long run: the largest eigenvalue's magnitude. NaN
+/// where there is none.
 fn growth(map: Map) -> f64 {
     let finite = map.iter().all(|value| value.is_finite());
     let schur = finite.then(|| Schur::try_new(map, f64::EPSILON, 10_000)).flatten();

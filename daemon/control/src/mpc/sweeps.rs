@@ -26,7 +26,8 @@ pub(super) fn roll<const N: usize>(jerks: &[Lanes; N], begin: &Begin, motion: &m
 
 /// A loop bound that the compiler must not know.
 ///
-/// Unrolled, the sweeps are kilobytes of code, and a tick finds code cold: fetching it takes longer than running it.
+/// Unrolled, the sweeps are kilobytes of code, and a tick finds code cold: fetching it takes longer than
+/// running it.
 #[inline(always)]
 pub(super) fn rolled(steps: usize) -> usize {
     std::hint::black_box(steps)

@@ -1,9 +1,10 @@
 //! The pen: irregular stamped samples in, closed steps of a uniform absolute grid out.
 //!
-//! Contract: grid point k is the instant k·Δ of the monotonic clock. It is closed by the first sample stamped at or
-//! after it, by linear interpolation between the two samples around it, so nothing newer than the newest sample is
-//! ever used and a regular sample is never delayed. Work per call is bounded by the queue; nothing allocates.
-//! Absent on purpose: prediction, contact height, calibration (positions are already in plane metres).
+//! Contract: grid point k is the instant k·Δ of the monotonic clock. It is closed by the first sample stamped
+//! at or after it, by linear interpolation between the two samples around it, so nothing newer than the
+//! newest sample is ever used and a regular sample is never delayed. Work per call is bounded by the queue;
+//! nothing allocates. Absent on purpose: prediction, contact height, calibration (positions are already in
+//! plane metres).
 
 mod queue;
 mod silence;
@@ -19,8 +20,8 @@ use thiserror::Error;
 
 use crate::units::Stamp;
 
-/// Where a reading comes from. Carried along and never looked at: the number and the reading's stamp are the identity
-/// under which a sample is followed from the device to the joint command and back.
+/// Where a reading comes from. Carried along and never looked at: the number and the reading's stamp are the
+/// identity under which a sample is followed from the device to the joint command and back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PenOrigin {
     /// Number in its sender's sequence, from 1; 0: not known.
@@ -36,7 +37,7 @@ pub struct PenOrigin {
 pub struct PenReading {
     /// When the pen was there, on the host's monotonic clock.
     pub stamp: Stamp,
-    /// Position in the writing plane [m].
+    /// Position in the writing plane \[m\].
     pub position: [f64; 2],
     /// The pen touches the paper.
     pub contact: bool,
@@ -70,9 +71,9 @@ pub enum Motion {
 pub struct GridStep {
     /// k: this grid point is the instant k·Δ of the monotonic clock.
     pub index: u64,
-    /// Position at k·Δ in the writing plane [m].
+    /// Position at k·Δ in the writing plane \[m\].
     pub position: [f64; 2],
-    /// Position now minus position at k−1 [m]; zero for `Start`, to be ignored as motion for `Jump`.
+    /// Position now minus position at k−1 \[m\]; zero for `Start`, to be ignored as motion for `Jump`.
     pub displacement: [f64; 2],
     /// Whether the displacement is motion.
     pub motion: Motion,
@@ -104,7 +105,7 @@ pub struct PenRefusal {
     pub why: PenRejection,
     /// Coordinate 0 or 1, where one is to blame.
     pub axis: Option<u8>,
-    /// The coordinate [m], or how far the stamp lies from where it should [s].
+    /// The coordinate \[m\], or how far the stamp lies from where it should \[s\].
     pub value: f64,
     /// The bound that was broken, in the same unit.
     pub bound: f64,
@@ -117,27 +118,29 @@ pub struct PenRefusal {
 pub enum Receipt {
     /// Taken into the grid.
     Accepted,
-    /// Refused and counted; the tracker is as if it had not been sent (an `Outlier` is remembered as a suspect).
+    /// Refused and counted; the tracker is as if it had not been sent (an `Outlier` is remembered as a
+    /// suspect).
     Rejected(PenRejection),
 }
 
 /// What a pen may do. The defaults suit handwriting enlarged to a few centimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PenSettings {
-    /// Grid step Δ [ns].
+    /// Grid step Δ \[ns\].
     pub step_ns: u64,
-    /// Samples further apart than this restart the grid [ns]; at most half the step queue.
+    /// Samples further apart than this restart the grid \[ns\]; at most half the step queue.
     pub max_gap_ns: u64,
-    /// A sample may be stamped this far ahead of now [ns]. It also bounds how long a wrong stamp can lock the pen out.
+    /// A sample may be stamped this far ahead of now \[ns\]. It also bounds how long a wrong stamp can lock
+    /// the pen out.
     pub max_future_ns: u64,
-    /// Jump gate: a sample further from the last one than this speed allows is a jump or a glitch [m/s].
+    /// Jump gate: a sample further from the last one than this speed allows is a jump or a glitch \[m/s\].
     pub max_speed_mps: f64,
-    /// Samples closer in time than this are judged by the gate as if this far apart [ns]: stamps jitter, and one count
-    /// of the digitiser over a microsecond is not a speed.
+    /// Samples closer in time than this are judged by the gate as if this far apart \[ns\]: stamps jitter,
+    /// and one count of the digitiser over a microsecond is not a speed.
     pub min_interval_ns: u64,
-    /// Smallest legal position [m].
+    /// Smallest legal position \[m\].
     pub position_min_m: [f64; 2],
-    /// Largest legal position [m].
+    /// Largest legal position \[m\].
     pub position_max_m: [f64; 2],
 }
 
@@ -161,17 +164,17 @@ pub enum PenError {
     /// Δ outside its bounds.
     #[error("grid step is {got_ns} ns, legal are 1_000_000 to 1_000_000_000 ns: use 10_000_000")]
     Step {
-        /// As given [ns].
+        /// As given \[ns\].
         got_ns: u64,
     },
     /// The gap would overflow the step queue, or is shorter than two steps.
     #[error("largest pen gap is {got_ns} ns, legal are {min_ns} to {max_ns} ns (2 to {steps} grid steps)")]
     Gap {
-        /// As given [ns].
+        /// As given \[ns\].
         got_ns: u64,
-        /// Smallest legal value [ns].
+        /// Smallest legal value \[ns\].
         min_ns: u64,
-        /// Largest legal value [ns].
+        /// Largest legal value \[ns\].
         max_ns: u64,
         /// Largest legal number of steps.
         steps: u64,
@@ -179,13 +182,13 @@ pub enum PenError {
     /// Clock disagreement of more than a second hides a wrong clock.
     #[error("largest lead of a pen stamp is {got_ns} ns, legal are 0 to 1_000_000_000 ns: use 20_000_000")]
     Future {
-        /// As given [ns].
+        /// As given \[ns\].
         got_ns: u64,
     },
     /// The jump gate is not a speed.
     #[error("jump gate is {got_mps} m/s, it must be above 0 and finite: use 4.0 for enlarged handwriting")]
     Speed {
-        /// As given [m/s].
+        /// As given \[m/s\].
         got_mps: f64,
     },
     /// Smallest interval longer than a step would blunt the gate.
@@ -193,9 +196,9 @@ pub enum PenError {
         "smallest pen interval is {got_ns} ns, legal are 1 to the grid step ({step_ns} ns): use 2_000_000"
     )]
     Interval {
-        /// As given [ns].
+        /// As given \[ns\].
         got_ns: u64,
-        /// Δ [ns].
+        /// Δ \[ns\].
         step_ns: u64,
     },
     /// Empty or endless position range.
@@ -203,24 +206,25 @@ pub enum PenError {
     Bounds {
         /// 0 = x, 1 = y.
         axis: usize,
-        /// As given [m].
+        /// As given \[m\].
         min_m: f64,
-        /// As given [m].
+        /// As given \[m\].
         max_m: f64,
     },
     /// The speed scale's numbers do not fit together.
     #[error(
-        "speed scale initial {initial_m}, smallest {min_m}, largest {max_m} m per unit, memory {memory_steps} steps: \
+        "speed scale initial {initial_m}, smallest {min_m}, largest {max_m} m per unit, memory \
+         {memory_steps} steps: \
          needs 0 < smallest <= initial <= largest, memory of at least 10"
     )]
     Scale {
-        /// Initial scale [m per unit].
+        /// Initial scale \[m per unit\].
         initial_m: f64,
-        /// Smallest [m per unit].
+        /// Smallest \[m per unit\].
         min_m: f64,
-        /// Largest [m per unit].
+        /// Largest \[m per unit\].
         max_m: f64,
-        /// Memory [steps].
+        /// Memory \[steps\].
         memory_steps: f64,
     },
 }
@@ -228,7 +232,9 @@ pub enum PenError {
 impl PenSettings {
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken, with its value, limits and remedy.
+    /// # Errors
+    ///
+    /// The first bound that is broken, with its value, limits and remedy.
     pub fn validate(&self) -> Result<(), PenError> {
         if !(1_000_000..=1_000_000_000).contains(&self.step_ns) {
             return Err(PenError::Step { got_ns: self.step_ns });

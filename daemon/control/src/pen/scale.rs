@@ -1,18 +1,19 @@
 //! `SpeedScale`: the running normaliser between metres and the units predictors see.
 //!
-//! Normalised displacement = displacement / scale, with the scale chosen so that the RMS per component of moving steps
-//! is about [`TARGET_RMS`]. Pauses do not shrink it, jumps do not touch it, one fast step moves it little.
+//! Normalised displacement = displacement / scale, with the scale chosen so that the RMS per component of
+//! moving steps is about [`TARGET_RMS`]. Pauses do not shrink it, jumps do not touch it, one fast step moves
+//! it little.
 
 use super::{GridStep, Motion, PenError};
 
 /// RMS per component of a normalised displacement while the pen moves: the order of the reference recordings.
 pub const TARGET_RMS: f64 = 10.0;
 
-/// A pen that goes less far than this in a step rests [normalised, length in the plane]: a fourteenth of an ordinary step. Everything that
-/// learns from motion, or judges it, takes this for rest.
+/// A pen that goes less far than this in a step rests [normalised, length in the plane]: a fourteenth of an
+/// ordinary step. Everything that learns from motion, or judges it, takes this for rest.
 pub const REST: f64 = 0.1 * TARGET_RMS;
 
-/// A way `x` in one step [normalised] is rest. What is not a number is motion, so that it stays visible.
+/// A way `x` in one step \[normalised\] is rest. What is not a number is motion, so that it stays visible.
 #[must_use]
 #[inline]
 pub fn rests([x, y]: [f64; 2]) -> bool {
@@ -23,7 +24,8 @@ pub fn rests([x, y]: [f64; 2]) -> bool {
 const SLOW: f64 = 0.2;
 /// How little, so that a pause in which the pen trembles hardly matters.
 const SLOW_WEIGHT: f64 = 0.05;
-/// After this many slow steps without a fast one it is not a pause: the scale is too large, and slow steps count fully.
+/// After this many slow steps without a fast one it is not a pause: the scale is too large, and slow steps
+/// count fully.
 const SLOW_PATIENCE: u32 = 200;
 /// A step longer than this many typical ones counts as that many.
 const FAST: f64 = 3.0;
@@ -33,15 +35,15 @@ const PRIOR_STEPS: f64 = 20.0;
 /// How the scale starts and how fast it may follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedScaleSettings {
-    /// Scale before any motion [m per unit]; 1e-4 is 0.14 m/s at a step of 10 ms, letters of 3 cm.
+    /// Scale before any motion \[m per unit\]; 1e-4 is 0.14 m/s at a step of 10 ms, letters of 3 cm.
     pub initial_m: f64,
-    /// Smallest scale [m per unit].
+    /// Smallest scale \[m per unit\].
     pub min_m: f64,
-    /// Largest scale [m per unit].
+    /// Largest scale \[m per unit\].
     pub max_m: f64,
     /// Moving steps over which the scale forgets.
     pub memory_steps: f64,
-    /// Displacements below this are standing still [m].
+    /// Displacements below this are standing still \[m\].
     pub still_m: f64,
     /// Largest relative change of the scale per step.
     pub max_change: f64,
@@ -60,11 +62,11 @@ impl Default for SpeedScaleSettings {
     }
 }
 
-/// The running scale [m per normalised unit].
+/// The running scale \[m per normalised unit\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedScale {
     settings: SpeedScaleSettings,
-    /// Mean squared displacement per component of moving steps [m²].
+    /// Mean squared displacement per component of moving steps \[m²\].
     mean_square: f64,
     /// Steps behind that mean, up to the memory.
     weight: f64,
@@ -76,7 +78,9 @@ pub struct SpeedScale {
 impl SpeedScale {
     /// A scale at its initial value.
     ///
-    /// *Errors*: [`PenError::Scale`] if the bounds do not enclose the initial value.
+    /// # Errors
+    ///
+    /// [`PenError::Scale`] if the bounds do not enclose the initial value.
     pub fn new(settings: SpeedScaleSettings) -> Result<Self, PenError> {
         let SpeedScaleSettings { initial_m, min_m, max_m, memory_steps, still_m, max_change } = settings;
         let ordered = 0.0 < min_m && min_m <= initial_m && initial_m <= max_m && max_m.is_finite();
@@ -94,7 +98,7 @@ impl SpeedScale {
         self.scale_m
     }
 
-    /// Displacement [m] in normalised units at the present scale.
+    /// Displacement \[m\] in normalised units at the present scale.
     #[must_use]
     pub fn normalise(&self, displacement: [f64; 2]) -> [f64; 2] {
         displacement.map(|d| d / self.scale_m)

@@ -3,9 +3,9 @@
 use super::PenReading;
 use crate::units::Stamp;
 
-/// Longest time between samples that a device may be used to [ns]; longer ones are pauses.
+/// Longest time between samples that a device may be used to \[ns\]; longer ones are pauses.
 const LONGEST_INTERVAL_NS: u64 = 40_000_000;
-/// No device is taken to be silent sooner [ns].
+/// No device is taken to be silent sooner \[ns\].
 const LEAST_PATIENCE_NS: u64 = 20_000_000;
 
 /// The newest sample and the usual time between samples.
@@ -16,7 +16,7 @@ pub(crate) struct Silence {
 }
 
 impl Silence {
-    /// Nothing heard yet; a device that is taken to sample once in `interval_ns` [ns].
+    /// Nothing heard yet; a device that is taken to sample once in `interval_ns` \[ns\].
     pub(crate) const fn new(interval_ns: u64) -> Self {
         Self { heard: None, interval_ns }
     }
@@ -30,7 +30,8 @@ impl Silence {
         self.heard = Some((newest.stamp, newest.position));
     }
 
-    /// Where the pen is taken to have come to rest [m], if the device has been silent for longer than it usually is.
+    /// Where the pen is taken to have come to rest \[m\], if the device has been silent for longer than it
+    /// usually is.
     pub(crate) fn resting_at(&self, now: Stamp) -> Option<[f64; 2]> {
         let patience_ns = (self.interval_ns * 5 / 2).max(LEAST_PATIENCE_NS);
         let (_, position) = self.heard.filter(|(heard, _)| now.0.saturating_sub(heard.0) > patience_ns)?;

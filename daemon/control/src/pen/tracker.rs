@@ -1,9 +1,10 @@
 //! `PenTracker`: judges readings and closes grid steps.
 //!
-//! Jumps and glitches: a reading that is too far for the jump gate is refused as `Outlier` and remembered as a suspect.
-//! If the next reading is back where the pen was, the suspect was a glitch and nothing else happens. If the next one is
-//! nearer to the suspect, the pen really is there: it is accepted and the steps it closes are `Jump`. So one wild sample
-//! costs nothing, a real jump is followed one sample late, and an ordinary sample is never held back.
+//! Jumps and glitches: a reading that is too far for the jump gate is refused as `Outlier` and remembered as
+//! a suspect. If the next reading is back where the pen was, the suspect was a glitch and nothing else
+//! happens. If the next one is nearer to the suspect, the pen really is there: it is accepted and the steps
+//! it closes are `Jump`. So one wild sample costs nothing, a real jump is followed one sample late, and an
+//! ordinary sample is never held back.
 
 use super::queue::StepQueue;
 use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt};
@@ -81,7 +82,9 @@ pub struct PenTracker {
 impl PenTracker {
     /// A tracker that has seen nothing.
     ///
-    /// *Errors*: see [`PenSettings::validate`].
+    /// # Errors
+    ///
+    /// See [`PenSettings::validate`].
     pub fn new(settings: PenSettings) -> Result<Self, PenError> {
         settings.validate()?;
         Ok(Self {
@@ -159,7 +162,8 @@ impl PenTracker {
         self.newest
     }
 
-    /// Age of the newest accepted reading [ns], 0 if it is stamped after `now`; `None` before the first one.
+    /// Age of the newest accepted reading \[ns\], 0 if it is stamped after `now`; `None` before the first
+    /// one.
     #[must_use]
     pub fn age_ns(&self, now: Stamp) -> Option<u64> {
         self.newest.map(|newest| now.0.saturating_sub(newest.stamp.0))
@@ -211,8 +215,8 @@ impl PenTracker {
             self.suspect = Some(*reading);
             return Receipt::Rejected(Outlier);
         }
-        // With every refused reading a jump looks slower from where the pen was: by now it may pass for motion. A suspect that is
-        // one by its stamp alone lies on the way, and leaves half of it.
+        // With every refused reading a jump looks slower from where the pen was: by now it may pass for
+        // motion. A suspect that is one by its stamp alone lies on the way, and leaves half of it.
         let jumped = speed > fastest || 2.0 * suspected < speed;
         let motion = if jumped { Motion::Jump } else { Motion::Continues };
         self.counters.jumps += u64::from(jumped);
@@ -240,7 +244,8 @@ impl PenTracker {
             // index <= to.stamp / step_ns, so the product cannot overflow.
             let into_ns = index * step_ns - from.stamp.0;
             let position = match motion {
-                // Where a jumping pen was in between is unknown: it stays until the sample that shows it elsewhere.
+                // Where a jumping pen was in between is unknown: it stays until the sample that shows it
+                // elsewhere.
                 Motion::Jump if index * step_ns < to.stamp.0 => from.position,
                 Motion::Jump => to.position,
                 _ => interpolate(from.position, to.position, into_ns as f64 / span_ns),

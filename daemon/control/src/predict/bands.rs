@@ -1,14 +1,15 @@
 //! Error bands: how far from its prediction the pen has lately been, per predictor and lead.
 //!
 //! Contract: a band is a radius r such that the pen came to lie within r of the predicted position in
-//! [`COVERAGE`] of the recent cases. The table holds factors without a unit; r = factor x (level · metres per unit), so that
-//! a band follows the speed of the hand and costs the loop one multiplication. Made by [`crate::learn::Calibration`].
+//! [`COVERAGE`] of the recent cases. The table holds factors without a unit; r = factor x (level · metres per
+//! unit), so that a band follows the speed of the hand and costs the loop one multiplication. Made by
+//! [`crate::learn::Calibration`].
 
 use super::PredictorKind;
 use super::online::WeightsError;
 use crate::pen::REST;
 
-/// Leads with a band of their own [steps]; farther ahead there is none.
+/// Leads with a band of their own \[steps\]; farther ahead there is none.
 pub const BAND_LEADS: usize = 24;
 
 /// Share of the cases in which the pen shall lie within the band.
@@ -30,7 +31,9 @@ pub struct BandTable {
 impl BandTable {
     /// Checks every factor.
     ///
-    /// *Errors*: the first that is negative, too large or not a number.
+    /// # Errors
+    ///
+    /// The first that is negative, too large or not a number.
     pub fn validate(&self) -> Result<(), WeightsError> {
         match self.factors.iter().flatten().find(|factor| !(0.0 <= **factor && **factor <= MAX_FACTOR)) {
             Some(got) => Err(WeightsError::Setting {
@@ -60,14 +63,14 @@ pub struct PreviewBands {
 }
 
 impl PreviewBands {
-    /// `unit_m`: the recent step [m], see [`level`].
+    /// `unit_m`: the recent step \[m\], see [`level`].
     #[must_use]
     pub const fn new(factors: BandFactors, unit_m: f64) -> Self {
         Self { factors, unit_m }
     }
 
-    /// Radius [m] at `lead` steps after the newest closed one, between whole leads on the straight line; 0 at lead 0.
-    /// `None` beyond [`BAND_LEADS`] or while too little has been seen.
+    /// Radius \[m\] at `lead` steps after the newest closed one, between whole leads on the straight line; 0
+    /// at lead 0. `None` beyond [`BAND_LEADS`] or while too little has been seen.
     #[must_use]
     pub fn at(&self, lead: f64) -> Option<f64> {
         if !(0.0 <= lead && lead <= BAND_LEADS as f64) {
@@ -90,14 +93,14 @@ impl PreviewBands {
 /// Steps over which the level forgets.
 const LEVEL_STEPS: f64 = 8.0;
 
-/// Mean squared step after `x` [in the plane, squared].
+/// Mean squared step after `x` \[in the plane, squared\].
 #[must_use]
 pub fn level_square(before: f64, x: [f64; 2]) -> f64 {
     let [dx, dy] = x;
     before + (dx * dx + dy * dy - before) / LEVEL_STEPS
 }
 
-/// The recent step [in the plane], never below [`REST`], that of a resting pen.
+/// The recent step \[in the plane\], never below [`REST`], that of a resting pen.
 #[must_use]
 pub fn level(square: f64) -> f64 {
     if square > REST * REST { square.sqrt() } else { REST }

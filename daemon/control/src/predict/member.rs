@@ -1,4 +1,5 @@
-//! `Member`: a predictor as the panel holds it, whatever its type: it observes, previews, and takes new weights if it learns.
+//! `Member`: a predictor as the panel holds it, whatever its type: it observes, previews, and takes new
+//! weights if it learns.
 
 use std::fmt::Debug;
 
@@ -18,14 +19,18 @@ pub(super) trait Member: AnyPredictor {
 
     /// What `take_over` would say.
     ///
-    /// *Errors*: weights that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit.
     fn judge(&self, _weights: &OnlineWeights) -> Result<(), WeightsError> {
         Ok(())
     }
 
     /// Takes its part of `weights` over, unless that is in use already; memory stays.
     ///
-    /// *Errors*: weights that are invalid or do not fit; the old ones stay.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit; the old ones stay.
     fn take_over(&mut self, _weights: &OnlineWeights) -> Result<(), WeightsError> {
         Ok(())
     }

@@ -1,13 +1,14 @@
 //! Predictors: one step ahead of the pen, rolled out by feeding predictions back.
 //!
-//! Contract: `observe` takes a real displacement and changes memory; `preview` takes `&self`, so a rollout cannot
-//! change what the predictor remembers (paper, section 3: the state after it is the state after the last real input).
-//! Every displacement is per grid step Δ and normalised (see [`crate::pen::SpeedScale`]), never SI.
-//! [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
+//! Contract: `observe` takes a real displacement and changes memory; `preview` takes `&self`, so a rollout
+//! cannot change what the predictor remembers (paper, section 3: the state after it is the state after the
+//! last real input). Every displacement is per grid step Δ and normalised (see [`crate::pen::SpeedScale`]),
+//! never SI. [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
 //!
-//! *The unit of length* here, in [`crate::learn`] and in [`crate::skill`]: the running scale makes the RMS of a moving pen's steps 10 per
-//! axis ([`crate::pen::TARGET_RMS`]), whatever hand and size of the writing, so a step of ordinary motion is about 14 long (√2 · 10).
-//! What bounds or measures a length says which it is: *per axis*, of each component by itself, or *in the plane*, of the vector.
+//! *The unit of length* here, in [`crate::learn`] and in [`crate::skill`]: the running scale makes the RMS of
+//! a moving pen's steps 10 per axis ([`crate::pen::TARGET_RMS`]), whatever hand and size of the writing, so a
+//! step of ordinary motion is about 14 long (√2 · 10). What bounds or measures a length says which it is:
+//! *per axis*, of each component by itself, or *in the plane*, of the vector.
 
 pub mod models;
 pub mod bands;
@@ -44,23 +45,27 @@ pub trait Predictor {
     /// Remembers one real normalised displacement.
     fn observe(&mut self, x: [f64; 2]);
 
-    /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed one.
+    /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed
+    /// one.
     fn preview(&self, out: &mut [[f64; 2]]) {
         self.preview_within(f64::INFINITY, out);
     }
 
-    /// As `preview`, with no predicted displacement longer than `limit` (normalised, in the plane): where predictions are fed back,
-    /// the limited one is, so that a model that diverges on its own output saturates instead.
+    /// As `preview`, with no predicted displacement longer than `limit` (normalised, in the plane): where
+    /// predictions are fed back, the limited one is, so that a model that diverges on its own output
+    /// saturates instead.
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]);
 
     /// Forgets the history; parameters stay.
     fn reset(&mut self);
 
-    /// Hears where the loop is: newest closed grid index and present scale [m per unit]. For what replays a recording.
+    /// Hears where the loop is: newest closed grid index and present scale \[m per unit\]. For what replays a
+    /// recording.
     fn place(&mut self, _index: u64, _scale_m: f64) {}
 }
 
-/// `x` shortened to `limit` if it is longer in the plane; what is not finite becomes NaN, so that it stays visible.
+/// `x` shortened to `limit` if it is longer in the plane; what is not finite becomes NaN, so that it stays
+/// visible.
 #[must_use]
 #[inline]
 pub(crate) fn shortened(x: [f64; 2], limit: f64) -> [f64; 2] {

@@ -1,8 +1,10 @@
-//! `OnlineModel`: what every model that learns from the pen offers, so that the learner, the lab and replay treat all alike.
+//! `OnlineModel`: what every model that learns from the pen offers, so that the learner, the lab and replay
+//! treat all alike.
 //!
-//! Contract: parameters (θ), memory of the pen, and the learner's own accumulators are three things. Parameters are plain
-//! copies that may cross threads; memory empties when the pen is interrupted; accumulators never leave the learner.
-//! `learn` is one function for training offline and online. No allocation, no clock.
+//! Contract: parameters (θ), memory of the pen, and the learner's own accumulators are three things.
+//! Parameters are plain copies that may cross threads; memory empties when the pen is interrupted;
+//! accumulators never leave the learner. `learn` is one function for training offline and online. No
+//! allocation, no clock.
 
 use std::fmt::Debug;
 
@@ -10,8 +12,8 @@ use thiserror::Error;
 
 use crate::pen::TARGET_RMS;
 
-/// A displacement with a component beyond this [per axis] is no motion in any unit: its squares would drown or overflow whatever a
-/// learner adds up.
+/// A displacement with a component beyond this \[per axis\] is no motion in any unit: its squares would drown
+/// or overflow whatever a learner adds up.
 pub const LARGEST_DISPLACEMENT: f64 = 1e6;
 
 /// `x` can be remembered and learned from; NaN cannot.
@@ -32,7 +34,7 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
     #[must_use]
     fn with_version(self, version: u64) -> Self;
 
-    /// Δ they were learned at [ns].
+    /// Δ they were learned at \[ns\].
     fn step_ns(&self) -> u64;
 
     /// RMS per component of the displacements they were learned on.
@@ -40,17 +42,24 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
 
     /// Checks that every number is usable.
     ///
-    /// *Errors*: the first bound that is broken; NaN and infinity break all of them.
+    /// # Errors
+    ///
+    /// The first bound that is broken; NaN and infinity break all of them.
     fn validate(&self) -> Result<(), WeightsError>;
 
-    /// Checks that `other` may replace these in a running loop; says nothing about its numbers (see `validate`).
+    /// Checks that `other` may replace these in a running loop; says nothing about its numbers (see
+    /// `validate`).
     ///
-    /// *Errors*: another grid step, input scale or shape.
+    /// # Errors
+    ///
+    /// Another grid step, input scale or shape.
     fn accepts(&self, other: &Self) -> Result<(), WeightsError>;
 
-    /// Checks that these were made for a loop with grid step `loop_ns` [ns].
+    /// Checks that these were made for a loop with grid step `loop_ns` \[ns\].
     ///
-    /// *Errors*: another grid step or input scale.
+    /// # Errors
+    ///
+    /// Another grid step or input scale.
     fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
         let (model, got_ns, got) = (Self::MODEL, self.step_ns(), self.input_scale());
         if got_ns != loop_ns {
@@ -66,8 +75,8 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
 
 /// A model of the pen that learns one step at a time.
 ///
-/// What is not motion (NaN, beyond [`LARGEST_DISPLACEMENT`], or beyond a model's own gate) empties the memory and is not
-/// learned from, so that finite or not, no input poisons parameters or accumulators.
+/// What is not motion (NaN, beyond [`LARGEST_DISPLACEMENT`], or beyond a model's own gate) empties the memory
+/// and is not learned from, so that finite or not, no input poisons parameters or accumulators.
 pub trait OnlineModel {
     /// θ; whole sets of it are exchanged between threads.
     type Parameters: ModelParameters;
@@ -89,18 +98,23 @@ pub trait OnlineModel {
     /// Present memory.
     fn memory(&self) -> &Self::Memory;
 
-    /// Replaces the parameters; accumulators and memory stay, so that learning goes on at the pace it had reached.
+    /// Replaces the parameters; accumulators and memory stay, so that learning goes on at the pace it had
+    /// reached.
     ///
-    /// *Errors*: parameters that are invalid or do not fit; the old ones stay.
+    /// # Errors
+    ///
+    /// Parameters that are invalid or do not fit; the old ones stay.
     fn continue_from(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
 
     /// Replaces the parameters and forgets the accumulators; memory stays.
     ///
-    /// *Errors*: as `continue_from`; nothing changes then.
+    /// # Errors
+    ///
+    /// As `continue_from`; nothing changes then.
     fn restart_from(&mut self, parameters: &Self::Parameters) -> Result<(), WeightsError>;
 
-    /// Predicts `out.len()` steps with any `parameters` from a *copy* of `memory`, each prediction (no longer than `limit`)
-    /// fed back.
+    /// Predicts `out.len()` steps with any `parameters` from a *copy* of `memory`, each prediction (no longer
+    /// than `limit`) fed back.
     fn preview_from(
         &self,
         parameters: &Self::Parameters,
@@ -166,14 +180,15 @@ pub enum WeightsError {
     },
     /// Learned at another grid step.
     #[error(
-        "{model} weights are for a step of {got_ns} ns, the loop runs at {loop_ns} ns: retrain, or change the step"
+        "{model} weights are for a step of {got_ns} ns, the loop runs at {loop_ns} ns: retrain, or change \
+         the step"
     )]
     Step {
         /// Whose.
         model: &'static str,
-        /// Of the weights [ns].
+        /// Of the weights \[ns\].
         got_ns: u64,
-        /// Of the loop [ns].
+        /// Of the loop \[ns\].
         loop_ns: u64,
     },
     /// Learned on displacements normalised otherwise.
@@ -188,7 +203,8 @@ pub enum WeightsError {
     },
     /// Another delay or other decay rates: the memory would not fit.
     #[error(
-        "DyBM weights have another shape than the loop's (delay {got_delay}, loop {loop_delay}, or decay rates)"
+        "DyBM weights have another shape than the loop's (delay {got_delay}, loop {loop_delay}, or decay \
+         rates)"
     )]
     Shape {
         /// Delay of the weights.
@@ -198,7 +214,8 @@ pub enum WeightsError {
     },
     /// A read-out learned on another reservoir means nothing here.
     #[error(
-        "DyBM+ESN weights belong to reservoir {got:#018x}, the loop has {wanted:#018x}: use the same seed, leak and radius"
+        "DyBM+ESN weights belong to reservoir {got:#018x}, the loop has {wanted:#018x}: use the same seed, \
+         leak and radius"
     )]
     Reservoir {
         /// Digest of the weights' reservoir.
@@ -217,7 +234,9 @@ pub enum WeightsError {
 impl WeightsError {
     /// `got` lies within `min` … `max`.
     ///
-    /// *Errors*: [`WeightsError::Setting`] otherwise, and for NaN.
+    /// # Errors
+    ///
+    /// [`WeightsError::Setting`] otherwise, and for NaN.
     pub(crate) fn bounded(
         model: &'static str,
         name: &'static str,
@@ -230,7 +249,9 @@ impl WeightsError {
 
     /// Every number lies within ±`limit`.
     ///
-    /// *Errors*: [`WeightsError::Magnitude`] with the first that does not, NaN included.
+    /// # Errors
+    ///
+    /// [`WeightsError::Magnitude`] with the first that does not, NaN included.
     pub(crate) fn all_within(
         model: &'static str,
         limit: f64,

@@ -1,8 +1,8 @@
 //! `OnlineWeights`: everything that crosses from the learner to the loop, as one plain copy.
 //!
-//! Contract: whole sets only. Every part carries its own version, so that a part which has not changed costs nothing to
-//! take over; the set's version counts hand-overs. What is not finite, too large or made for another loop is refused
-//! together with the set that carries it. One part per line of [`for_each_taught`].
+//! Contract: whole sets only. Every part carries its own version, so that a part which has not changed costs
+//! nothing to take over; the set's version counts hand-overs. What is not finite, too large or made for
+//! another loop is refused together with the set that carries it. One part per line of [`for_each_taught`].
 
 use super::bands::BandTable;
 use super::models::{self, Models, for_each_taught};
@@ -10,7 +10,8 @@ use super::online::{ModelParameters, WeightsError};
 use super::taught::{Handed, Parameters, Taught};
 
 macro_rules! online_weights {
-    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident, $weights:ident}),+ $(,)?) => {
+    ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident,
+        $weights:ident}),+ $(,)?) => {
         /// Parameters of all models that learn online, and how wrong every predictor has lately been.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct OnlineWeights {
@@ -34,15 +35,19 @@ macro_rules! online_weights {
 
             /// Checks every number.
             ///
-            /// *Errors*: the first bound that is broken.
+            /// # Errors
+            ///
+            /// The first bound that is broken.
             pub fn validate(&self) -> Result<(), WeightsError> {
                 $($(#[cfg($when)])? self.$part.validate()?;)+
                 self.bands.validate()
             }
 
-            /// Checks that this set was made for a loop with grid step `loop_ns` [ns].
+            /// Checks that this set was made for a loop with grid step `loop_ns` \[ns\].
             ///
-            /// *Errors*: another grid step or input scale.
+            /// # Errors
+            ///
+            /// Another grid step or input scale.
             pub fn fits(&self, loop_ns: u64) -> Result<(), WeightsError> {
                 $($(#[cfg($when)])? self.$part.fits(loop_ns)?;)+
                 Ok(())
@@ -50,7 +55,9 @@ macro_rules! online_weights {
 
             /// Checks that every model can learn from here.
             ///
-            /// *Errors*: settings outside their bounds, or weights that do not fit.
+            /// # Errors
+            ///
+            /// Settings outside their bounds, or weights that do not fit.
             pub(super) fn can_be_taught(&self, models: &Models) -> Result<(), WeightsError> {
                 $($(#[cfg($when)])? models::$room::$model::learner(models, &self.$part)?;)+
                 Ok(())

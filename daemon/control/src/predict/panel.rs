@@ -1,8 +1,8 @@
 //! `Panel`: every predictor behind one memory of the pen, in normalised units.
 //!
-//! Contract: all observe every step, so a switch needs no new history. The loop previews from its panel, the learner
-//! calibrates error bands on one of its own: the same code, fed with the same steps, so the bands are those of the loop.
-//! Whoever stands in the registry is a member.
+//! Contract: all observe every step, so a switch needs no new history. The loop previews from its panel, the
+//! learner calibrates error bands on one of its own: the same code, fed with the same steps, so the bands are
+//! those of the loop. Whoever stands in the registry is a member.
 
 use super::member::{Member, Plain};
 use super::models::REGISTRY;
@@ -33,7 +33,9 @@ pub struct Panel {
 impl Panel {
     /// Starts with empty memories.
     ///
-    /// *Errors*: weights that are invalid or made for another loop.
+    /// # Errors
+    ///
+    /// Weights that are invalid or made for another loop.
     pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
         weights.validate()?;
         weights.fits(models.settings().step_ns)?;
@@ -68,7 +70,9 @@ impl Panel {
 
     /// Takes over what changed, all or nothing; memories stay.
     ///
-    /// *Errors*: weights that are invalid or do not fit; the old ones stay.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit; the old ones stay.
     pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
         for member in self.members.iter().flatten() {
             member.judge(weights)?;
@@ -79,8 +83,9 @@ impl Panel {
         Ok(())
     }
 
-    /// Positions [m] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no displacement longer
-    /// than `limit` (normalised, in the plane); beyond [`MAX_PREVIEW`] the last is repeated.
+    /// Positions \[m\] from `from` on, one per entry of `out`, with `scale_m` metres per unit and no
+    /// displacement longer than `limit` (normalised, in the plane); beyond [`MAX_PREVIEW`] the last is
+    /// repeated.
     pub fn roll_out(
         &self,
         kind: PredictorKind,
@@ -140,7 +145,8 @@ impl Panel {
         self.members.get(kind.index())?.as_deref()
     }
 
-    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet; a recording knows.
+    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet; a
+    /// recording knows.
     fn predictor(&self, kind: PredictorKind) -> &dyn Member {
         match self.member(kind) {
             Some(member) if self.knows || kind.needs() == Needs::Recording => member,

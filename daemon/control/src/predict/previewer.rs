@@ -1,12 +1,12 @@
 //! `Previewer`: what the follower uses. Grid steps in metres go in, predicted positions in metres come out.
 //!
-//! Contract: every predictor observes every step, so switching needs no new history. A start, a jump or lost steps
-//! empty all memories. A preview that is not finite is replaced by Hold and says so.
+//! Contract: every predictor observes every step, so switching needs no new history. A start, a jump or lost
+//! steps empty all memories. A preview that is not finite is replaced by Hold and says so.
 //!
-//! Bound on the rollout: a linear model fed with its own output may diverge within 16 steps (learned matrices with an
-//! eigenvalue above 1 are common while it learns). A hand does not suddenly move much faster than it recently did, so no
-//! predicted displacement may exceed `limit_factor` times the recent peak; the bounded value is what is fed back.
-//! The models themselves stay exact, the bound exists only here.
+//! Bound on the rollout: a linear model fed with its own output may diverge within 16 steps (learned matrices
+//! with an eigenvalue above 1 are common while it learns). A hand does not suddenly move much faster than it
+//! recently did, so no predicted displacement may exceed `limit_factor` times the recent peak; the bounded
+//! value is what is fed back. The models themselves stay exact, the bound exists only here.
 
 use thiserror::Error;
 
@@ -19,13 +19,14 @@ use crate::predict::LearnStep;
 /// What a previewer needs to start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PreviewSettings {
-    /// Δ [ns].
+    /// Δ \[ns\].
     pub step_ns: u64,
     /// The predictor that answers first.
     pub kind: PredictorKind,
     /// Longest predicted displacement in units of the recent peak, at least 1.
     pub limit_factor: f64,
-    /// Factor per step by which the recent peak fades, in (0, 1); 0.98 is half in a third of a second at 10 ms.
+    /// Factor per step by which the recent peak fades, in (0, 1); 0.98 is half in a third of a second at 10
+    /// ms.
     pub peak_fade: f64,
     /// Normaliser.
     pub scale: SpeedScaleSettings,
@@ -54,7 +55,8 @@ pub enum PreviewError {
     Weights(#[from] WeightsError),
     /// The bound on the rollout.
     #[error(
-        "preview limit factor is {limit_factor}, legal are 1 to 10; peak fade is {peak_fade}, legal are 0.5 to 0.999"
+        "preview limit factor is {limit_factor}, legal are 1 to 10; peak fade is {peak_fade}, legal are 0.5 \
+         to 0.999"
     )]
     Limit {
         /// As given.
@@ -81,7 +83,7 @@ pub enum PreviewError {
 pub struct PreviewReport {
     /// Grid index of the newest closed step; entry i of the preview is the instant (base_index + i + 1)·Δ.
     pub base_index: u64,
-    /// Position at `base_index` [m].
+    /// Position at `base_index` \[m\].
     pub base_position: [f64; 2],
     /// The predictor's numbers were finite; if not, the preview is Hold.
     pub finite: bool,
@@ -105,16 +107,18 @@ pub struct Previewer {
     bands: BandTable,
     newest: Option<GridStep>,
     history: u32,
-    /// Recent peak of |x| [in the plane].
+    /// Recent peak of |x| \[in the plane\].
     peak: f64,
-    /// Recent mean of |x|² [in the plane, squared].
+    /// Recent mean of |x|² \[in the plane, squared\].
     level_square: f64,
 }
 
 impl Previewer {
     /// Starts with empty memories.
     ///
-    /// *Errors*: settings outside their bounds, or weights that are invalid or made for another loop.
+    /// # Errors
+    ///
+    /// Settings outside their bounds, or weights that are invalid or made for another loop.
     pub fn new(
         settings: PreviewSettings,
         models: &Models,
@@ -177,9 +181,9 @@ impl Previewer {
         }
     }
 
-    /// Predicts positions [m] at the grid points after the newest closed step with the active predictor;
-    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`](super::MAX_PREVIEW) entries are filled
-    /// with predictions, the rest repeats the last.
+    /// Predicts positions \[m\] at the grid points after the newest closed step with the active predictor;
+    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`](super::MAX_PREVIEW)
+    /// entries are filled with predictions, the rest repeats the last.
     pub fn preview(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         self.preview_of(self.active, out)
     }
@@ -202,7 +206,9 @@ impl Previewer {
 
     /// Makes another predictor answer from the next preview on.
     ///
-    /// *Errors*: a predictor that is not there; the old one stays.
+    /// # Errors
+    ///
+    /// A predictor that is not there; the old one stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
         offered(&self.panel, kind)?;
         self.active = kind;
@@ -223,7 +229,9 @@ impl Previewer {
 
     /// Takes over what changed in the weights between two steps, all or nothing; memories stay.
     ///
-    /// *Errors*: weights that are invalid or do not fit; the old ones stay.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit; the old ones stay.
     pub fn set_weights(&mut self, weights: &OnlineWeights) -> Result<(), WeightsError> {
         weights.bands.validate()?;
         self.panel.set_weights(weights)?;
@@ -275,7 +283,8 @@ impl Previewer {
         self.panel.forget();
     }
 
-    /// Longest predicted displacement [in the plane]; the peak counts as no less than 10, that a resting hand may set off.
+    /// Longest predicted displacement \[in the plane\]; the peak counts as no less than 10, that a resting
+    /// hand may set off.
     fn limit(&self) -> f64 {
         self.settings.limit_factor * self.peak.max(TARGET_RMS)
     }

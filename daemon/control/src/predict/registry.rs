@@ -1,8 +1,9 @@
 //! `PredictorKind`: which of the predictors, and what the registry says about it.
 //!
-//! Contract: [`REGISTRY`] is the only list of predictors. Panel, settings, requests, reports, lab, benches and tests go through
-//! [`PredictorKind::ALL`] or [`PredictorKind::LIVE`], so that a line in the registry is all that a further predictor takes.
-//! Its name is its identity outside of this process: it never changes its meaning. Its place is good for this build only.
+//! Contract: [`REGISTRY`] is the only list of predictors. Panel, settings, requests, reports, lab, benches
+//! and tests go through [`PredictorKind::ALL`] or [`PredictorKind::LIVE`], so that a line in the registry is
+//! all that a further predictor takes. Its name is its identity outside of this process: it never changes its
+//! meaning. Its place is good for this build only.
 
 use std::fmt;
 
@@ -51,8 +52,8 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// A predictor that needs the pen only. `name`: lower-case letters, digits and hyphens, at most [`LONGEST_NAME`] bytes;
-    /// `about`: half a sentence for the settings' documentation.
+    /// A predictor that needs the pen only. `name`: lower-case letters, digits and hyphens, at most
+    /// [`LONGEST_NAME`] bytes; `about`: half a sentence for the settings' documentation.
     #[must_use]
     pub const fn plain<P>(name: &'static str, about: &'static str) -> Self
     where
@@ -92,7 +93,9 @@ impl Entry {
 
     /// As a member of a panel.
     ///
-    /// *Errors*: weights that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit.
     pub(super) fn build(
         &self,
         models: &Models,
@@ -213,7 +216,9 @@ impl PredictorKind {
 
     /// The predictor by itself, with empty memory; `None` where what it needs is not there.
     ///
-    /// *Errors*: weights that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Weights that are invalid or do not fit.
     pub fn predictor(
         self,
         models: &Models,
@@ -225,7 +230,9 @@ impl PredictorKind {
 
     /// The same, learning from whatever it observes; `None` where it does not learn.
     ///
-    /// *Errors*: settings outside their bounds, or weights that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Settings outside their bounds, or weights that are invalid or do not fit.
     pub fn learner(
         self,
         models: &Models,
@@ -240,7 +247,8 @@ impl PredictorKind {
         (self.entry().has)(models)
     }
 
-    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other names.
+    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other
+    /// names.
     #[must_use]
     pub fn renamed(name: &str) -> &'static str {
         if name == "ours" || name.starts_with("ours-") {

@@ -15,9 +15,10 @@ pub struct LearnStep {
     pub contact: bool,
     /// Metres per normalised unit.
     pub scale_m: f64,
-    /// Longest displacement that the loop lets a predictor predict after this step, normalised [in the plane].
+    /// Longest displacement that the loop lets a predictor predict after this step, normalised \[in the
+    /// plane\].
     pub limit: f64,
-    /// The recent step, normalised [in the plane].
+    /// The recent step, normalised \[in the plane\].
     pub level: f64,
 }
 

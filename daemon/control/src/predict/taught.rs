@@ -1,7 +1,9 @@
-//! `Taught`: what a predictor that learns online is to the panel, the learner and the set of weights between them.
+//! `Taught`: what a predictor that learns online is to the panel, the learner and the set of weights between
+//! them.
 //!
-//! Contract: a model says here how it starts, how it predicts and how it learns, all from [`Models`] and its own parameters.
-//! Whatever goes through all models that learn goes through the list [`for_each_taught`](super::models::for_each_taught).
+//! Contract: a model says here how it starts, how it predicts and how it learns, all from [`Models`] and its
+//! own parameters. Whatever goes through all models that learn goes through the list
+//! [`for_each_taught`](super::models::for_each_taught).
 
 use std::fmt::Debug;
 
@@ -13,8 +15,8 @@ use super::{Models, OnlineWeights, Predictor};
 pub enum Pace {
     /// Promoted when clearly better; the weights before are what one returns to, and evidence begins anew.
     Settled,
-    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an anchor, which is
-    /// renewed when the live weights have done no worse for long enough.
+    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an
+    /// anchor, which is renewed when the live weights have done no worse for long enough.
     Following,
 }
 
@@ -32,12 +34,16 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 
     /// The predictor with empty memory.
     ///
-    /// *Errors*: parameters that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Parameters that are invalid or do not fit.
     fn predictor(models: &Models, parameters: &Parameters<Self>) -> Result<Self, WeightsError>;
 
     /// The learner with empty memory.
     ///
-    /// *Errors*: settings outside their bounds; parameters that are invalid or do not fit.
+    /// # Errors
+    ///
+    /// Settings outside their bounds; parameters that are invalid or do not fit.
     fn learner(models: &Models, parameters: &Parameters<Self>) -> Result<Self::Learner, WeightsError>;
 
     /// Parameters in use.
@@ -45,12 +51,16 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 
     /// Exchanges the parameters and keeps the memory.
     ///
-    /// *Errors*: parameters that are invalid or do not fit (see [`ModelParameters::accepts`]); the old ones stay.
+    /// # Errors
+    ///
+    /// Parameters that are invalid or do not fit (see [`ModelParameters::accepts`]); the old ones stay.
     fn set_weights(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError>;
 
     /// What `set_weights` would say; the version in use is not judged again.
     ///
-    /// *Errors*: as `set_weights`.
+    /// # Errors
+    ///
+    /// As `set_weights`.
     fn judge(&self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
         if parameters.version() == self.weights().version() {
             return Ok(());
@@ -61,7 +71,9 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 
     /// Exchanges the parameters, unless they are the version in use.
     ///
-    /// *Errors*: as `set_weights`.
+    /// # Errors
+    ///
+    /// As `set_weights`.
     fn take_over(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
         if parameters.version() == self.weights().version() {
             return Ok(());
@@ -73,7 +85,8 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 /// θ of a predictor.
 pub type Parameters<P> = <<P as Taught>::Learner as OnlineModel>::Parameters;
 
-/// A predictor whose parameters are part of what the learner hands over; made by the list of those that learn.
+/// A predictor whose parameters are part of what the learner hands over; made by the list of those that
+/// learn.
 pub trait Handed: Taught {
     /// Its part of the set.
     fn part(weights: &OnlineWeights) -> &Parameters<Self>;
@@ -82,7 +95,8 @@ pub trait Handed: Taught {
     fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self>;
 }
 
-/// A learner that predicts for itself: it learns from whatever it observes, and nobody judges what it learned.
+/// A learner that predicts for itself: it learns from whatever it observes, and nobody judges what it
+/// learned.
 #[derive(Debug, Clone)]
 pub struct Learning<M>(pub M);
 

@@ -9,7 +9,7 @@ use super::cholesky::{Cholesky, Square};
 use super::dual::{Bounds, DualActiveSet, Gram, Rows, Termination};
 use super::{KKT_TOLERANCE, QpStatus};
 
-/// Distance outside the box [units of x] that counts as rounding and is clamped away.
+/// Distance outside the box \[units of x\] that counts as rounding and is clamped away.
 const FEASIBILITY: f64 = 1e-12;
 
 /// Which bounds hold the solution, bit `i` for coordinate `i`.
@@ -47,7 +47,8 @@ pub struct BoxSolution<const J: usize> {
 
 /// Minimise ½ xᵀH x + gᵀx over the box.
 ///
-/// `h`: J x J, symmetric positive definite; `g`, `lower`, `upper`: J. A bound may be infinite, none may be NaN.
+/// `h`: J x J, symmetric positive definite; `g`, `lower`, `upper`: J. A bound may be infinite, none may be
+/// NaN.
 ///
 /// *Status*: `NotFinite` for a non-finite H or g or a NaN bound, `Infeasible` for an empty box, `NotConvex`,
 /// `IterationCap` (after 16 J steps), `Uncertified`.
@@ -118,8 +119,8 @@ pub fn solve<const J: usize>(
     BoxSolution { x: SVector::from(x), status, iterations, active, kkt_residual }
 }
 
-/// Another solver's answer `x` in the same form: active coordinates on their bounds, the rest inside, judged by
-/// the same residual.
+/// Another solver's answer `x` in the same form: active coordinates on their bounds, the rest inside, judged
+/// by the same residual.
 #[expect(clippy::too_many_arguments, reason = "the problem, the answer, and what the solver said of it")]
 pub(super) fn judged<const J: usize>(
     h: &SMatrix<f64, J, J>,
@@ -160,7 +161,9 @@ impl<const J: usize> Gram<1, J> for Inverse<'_, J> {
 
 /// The factor of `h`, if the problem over the box has a minimiser that can be found.
 ///
-/// *Errors*: `NotFinite`, `Infeasible`, `NotConvex`.
+/// # Errors
+///
+/// `NotFinite`, `Infeasible`, `NotConvex`.
 pub(super) fn factored<const J: usize>(
     h: &Square<J>,
     g: &[f64; J],

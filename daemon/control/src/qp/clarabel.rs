@@ -38,7 +38,7 @@ pub struct Solved {
     pub iterations: u32,
 }
 
-/// min ½ uᵀH u + qᵀu + Σ ρ_i · dist(c_iᵀu, [lower_i, upper_i]) with constant rows C and penalties ρ.
+/// min ½ uᵀH u + qᵀu + Σ ρ_i · dist(c_iᵀu, \[lower_i, upper_i\]) with constant rows C and penalties ρ.
 pub struct SoftRowQp {
     solver: DefaultSolver<f64>,
     variables: usize,
@@ -116,8 +116,8 @@ impl SoftRowQp {
         Some(Self { solver, variables: N, penalties: penalties.to_vec(), hessian, linear, right })
     }
 
-    /// Solve for H (N·N, symmetric), `linear` q (N) and the rows' bounds (M each), into `solution` (N) and the
-    /// signed `multipliers` (M, positive at the upper bound, exactly ±ρ where saturated, 0 where idle).
+    /// Solve for H (N·N, symmetric), `linear` q (N) and the rows' bounds (M each), into `solution` (N) and
+    /// the signed `multipliers` (M, positive at the upper bound, exactly ±ρ where saturated, 0 where idle).
     ///
     /// *Status*: `Inexact` is success; `NotFinite`, `Infeasible`, `IterationCap`, `Uncertified` are not.
     pub fn solve(

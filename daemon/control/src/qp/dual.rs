@@ -1,12 +1,12 @@
 //! Exact dual active set (after Goldfarb and Idnani) for two-sided rows, hard or soft, in Gram form.
 //!
-//! min ½ uᵀH u + qᵀu + Σ ρ_i · dist(c_iᵀu, [lower_i, upper_i]), ρ_i = ∞ for a hard row. The solver sees only
-//! the rows' values r = C u, which obey r = r⁰ − G z with r⁰ the values at the unconstrained optimum and
-//! G = C H⁻¹ Cᵀ. The signed multipliers −ρ ≤ z ≤ ρ are what it looks for: z > 0 holds a row down at its
-//! upper bound, z < 0 holds it up at its lower one, |z| = ρ is a saturated soft row, violated with constant
-//! force. Every step of positive length raises the dual objective, hence no cycling; rounding could still
-//! cycle, hence the iteration cap. A row dependent on the active ones moves the multipliers only, until one
-//! leaves or saturates.
+//! min ½ uᵀH u + qᵀu + Σ ρ_i · dist(c_iᵀu, \[lower_i, upper_i\]), ρ_i = ∞ for a hard row. The solver sees
+//! only the rows' values r = C u, which obey r = r⁰ − G z with r⁰ the values at the unconstrained optimum and
+//! G = C H⁻¹ Cᵀ. The signed multipliers −ρ ≤ z ≤ ρ are what it looks for: z > 0 holds a row down at its upper
+//! bound, z < 0 holds it up at its lower one, |z| = ρ is a saturated soft row, violated with constant force.
+//! Every step of positive length raises the dual objective, hence no cycling; rounding could still cycle,
+//! hence the iteration cap. A row dependent on the active ones moves the multipliers only, until one leaves
+//! or saturates.
 //!
 //! Source: Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic
 //! programs", Math. Prog. 27 (1983), algorithm section 3; the upper bound on the multipliers is ours.
@@ -147,8 +147,8 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         self.count
     }
 
-    /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the others
-    /// being still: one step of iterative refinement. Returns Σ G_·j Δz_j, by which all rows drop.
+    /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the
+    /// others being still: one step of iterative refinement. Returns Σ G_·j Δz_j, by which all rows drop.
     ///
     /// A multiplier that rounding had put on the wrong side of 0 or ρ ends exactly there, its row inactive.
     #[inline]

@@ -27,7 +27,8 @@ impl<const J: usize> Offered<J> {
         self.rows.clear();
     }
 
-    /// Takes in a row that some velocity in the box breaks; where there is no room, the one with most room gives way.
+    /// Takes in a row that some velocity in the box breaks; where there is no room, the one with most room
+    /// gives way.
     pub(crate) fn offer(&mut self, row: &[f64; J], bound: f64, allowed: &VelocityBox<J>) {
         let ends = allowed.lower.iter().zip(&allowed.upper).zip(row);
         let worst: f64 = ends.map(|((low, high), c)| (c * low).min(c * high)).sum();

@@ -1,9 +1,10 @@
-//! Exact minimiser of a small strictly convex quadratic over a box with further rows: velocities that keep distances.
+//! Exact minimiser of a small strictly convex quadratic over a box with further rows: velocities that keep
+//! distances.
 //!
-//! min ½ xᵀH x + gᵀx + ρ Σ_k max(b_k − c_kᵀx, 0),   lower ≤ x ≤ upper. The box is hard and the rows yield to it and to
-//! each other, with the least sum of violations: no set of rows is infeasible. With ρ above every multiplier a row holds
-//! exactly wherever it can. Contract: no allocation, no panic; an `Optimal` answer lies in the box exactly and its KKT
-//! residual was computed from H, g and the rows themselves.
+//! min ½ xᵀH x + gᵀx + ρ Σ_k max(b_k − c_kᵀx, 0), lower ≤ x ≤ upper. The box is hard and the rows yield to it
+//! and to each other, with the least sum of violations: no set of rows is infeasible. With ρ above every
+//! multiplier a row holds exactly wherever it can. Contract: no allocation, no panic; an `Optimal` answer
+//! lies in the box exactly and its KKT residual was computed from H, g and the rows themselves.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -15,13 +16,13 @@ use super::{KKT_TOLERANCE, QpStatus};
 /// Rows come in this many blocks of J.
 const BLOCKS: usize = 3;
 
-/// Price ρ of one unit of violation [units of g per unit of c].
+/// Price ρ of one unit of violation \[units of g per unit of c\].
 pub const PENALTY: f64 = 1e3;
 
-/// A bound or row violated by less counts as kept, until the answer is refined [units of x, units of b].
+/// A bound or row violated by less counts as kept, until the answer is refined \[units of x, units of b\].
 const FEASIBILITY: f64 = 1e-9;
 
-/// Largest violation of a row that the answer does not pay for [units of b].
+/// Largest violation of a row that the answer does not pay for \[units of b\].
 pub const ROW_TOLERANCE: f64 = 1e-8;
 
 /// Up to 3·J rows c_kᵀx ≥ b_k.
@@ -48,7 +49,8 @@ impl<const J: usize> RowSet<J> {
     /// Most rows that there is room for.
     pub const CAPACITY: usize = BLOCKS * J;
 
-    /// Puts a row at `slot`, which is at most [`Self::len`] and below [`Self::CAPACITY`]; anything else changes nothing.
+    /// Puts a row at `slot`, which is at most [`Self::len`] and below [`Self::CAPACITY`]; anything else
+    /// changes nothing.
     pub fn put(&mut self, slot: usize, coefficients: &[f64; J], lower: f64) {
         if slot > self.count {
             return;
@@ -109,17 +111,18 @@ pub struct RowSolution<const J: usize> {
     pub held: u32,
     /// The rows that yielded, bit k for row k.
     pub yielded: u32,
-    /// Largest gradient component that no bound or row explains, relative to the largest sum of absolute terms that make
-    /// up a component; NaN where nothing was solved.
+    /// Largest gradient component that no bound or row explains, relative to the largest sum of absolute
+    /// terms that make up a component; NaN where nothing was solved.
     pub kkt_residual: f64,
 }
 
 /// Minimise ½ xᵀH x + gᵀx + ρ·(violations of `rows`) over the box.
 ///
-/// `h`: J x J, symmetric positive definite; `g`, `lower`, `upper`: J. A bound may be infinite, none may be NaN.
+/// `h`: J x J, symmetric positive definite; `g`, `lower`, `upper`: J. A bound may be infinite, none may be
+/// NaN.
 ///
-/// *Status*: `NotFinite` for a non-finite H, g or row or a NaN bound, `Infeasible` for an empty box, `NotConvex`,
-/// `IterationCap` (after 64 J steps), `Uncertified`.
+/// *Status*: `NotFinite` for a non-finite H, g or row or a NaN bound, `Infeasible` for an empty box,
+/// `NotConvex`, `IterationCap` (after 64 J steps), `Uncertified`.
 #[must_use]
 pub fn solve<const J: usize>(
     h: &SMatrix<f64, J, J>,
@@ -200,7 +203,7 @@ pub fn solve<const J: usize>(
     }
 }
 
-/// C = [1; c_0ᵀ; c_1ᵀ; ...], hence the Gram matrix C H⁻¹ Cᵀ.
+/// C = \[1; c_0ᵀ; c_1ᵀ; ...\], hence the Gram matrix C H⁻¹ Cᵀ.
 struct BoxAndRows<'a, const J: usize> {
     factor: &'a Cholesky<J>,
     rows: &'a RowSet<J>,
@@ -243,8 +246,8 @@ struct RowProblem<'a, const J: usize> {
 }
 
 impl<const J: usize> RowProblem<'_, J> {
-    /// Solution and row multipliers solved anew for what holds them, from H itself instead of updated quantities:
-    /// x = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
+    /// Solution and row multipliers solved anew for what holds them, from H itself instead of updated
+    /// quantities: x = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
     #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]
     fn refined(&self, found: &[f64; J], state: &State) -> Option<([f64; J], Rows<BLOCKS, J>)> {
         let free = |i: usize| (state.active.lower | state.active.upper) >> i & 1 == 0;

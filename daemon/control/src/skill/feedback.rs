@@ -1,14 +1,14 @@
 //! Where the tool would be if it were led by feedback alone: where the pen was a while ago.
 
-/// Longest lag of feedback that is modelled [steps].
+/// Longest lag of feedback that is modelled \[steps\].
 const LONGEST_LAG: usize = 8;
 
 /// See the module's description.
 #[derive(Debug, Clone)]
 pub(super) struct Feedback {
-    /// By how much feedback lags behind the samples [steps].
+    /// By how much feedback lags behind the samples \[steps\].
     lag: f64,
-    /// Grid points, newest first [m], and how many of them are known.
+    /// Grid points, newest first \[m\], and how many of them are known.
     grid: [[f64; 2]; LONGEST_LAG + 2],
     seen: usize,
 }
@@ -25,7 +25,7 @@ impl Feedback {
         self.seen = 0;
     }
 
-    /// A grid point at `position` [m].
+    /// A grid point at `position` \[m\].
     pub(super) fn close(&mut self, position: [f64; 2]) {
         self.grid.rotate_right(1);
         let [newest, ..] = &mut self.grid;
@@ -33,7 +33,8 @@ impl Feedback {
         self.seen = (self.seen + 1).min(self.grid.len());
     }
 
-    /// Where feedback has the tool [m] when the newest sample lies at `newest` [m], `phase` of a step after the newest grid point.
+    /// Where feedback has the tool \[m\] when the newest sample lies at `newest` \[m\], `phase` of a step
+    /// after the newest grid point.
     pub(super) fn tool(&self, newest: [f64; 2], phase: f64) -> [f64; 2] {
         let point = |index: usize| {
             let known = index.min(self.seen.saturating_sub(1));

@@ -6,7 +6,7 @@ use crate::pen::TARGET_RMS;
 /// What is known about one lead; sums forget.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Lead {
-    /// Squared errors [in the plane, squared].
+    /// Squared errors \[in the plane, squared\].
     pub(super) preview: f64,
     pub(super) hold: f64,
     pub(super) steady: f64,
@@ -18,7 +18,8 @@ pub(super) struct Lead {
 }
 
 impl Lead {
-    /// Before the first case: a few of ordinary motion, `ahead` steps long, in which the preview was better than Hold.
+    /// Before the first case: a few of ordinary motion, `ahead` steps long, in which the preview was better
+    /// than Hold.
     pub(super) fn untried(ahead: f64, parameters: &SkillParameters) -> Self {
         let way = TARGET_RMS * ahead;
         let hold = parameters.head_start_cases * way * way;
@@ -47,7 +48,7 @@ impl Lead {
     }
 }
 
-/// Squared errors over the leads that a plan looks at [in the plane, squared], and from how many cases.
+/// Squared errors over the leads that a plan looks at \[in the plane, squared\], and from how many cases.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Record {
     /// Of the preview, as it would be used.
@@ -56,8 +57,10 @@ pub struct Record {
     pub hold: f64,
     /// Of constant velocity.
     pub steady: f64,
-    /// Cases of motion of the lead that has most: right before a grid point closes there is hardly any way left to judge.
+    /// Cases of motion of the lead that has most: right before a grid point closes there is hardly any way
+    /// left to judge.
     pub cases: f64,
-    /// Share of the recent previews whose predictor claimed a band that the pen then left, [0, 1]; 0.1 is what bands promise.
+    /// Share of the recent previews whose predictor claimed a band that the pen then left, \[0, 1\]; 0.1 is
+    /// what bands promise.
     pub surprise: f64,
 }

@@ -1,16 +1,18 @@
-//! Skill: what past previews of the active predictor were worth, per lead, and how far the newest is believed because of it.
+//! Skill: what past previews of the active predictor were worth, per lead, and how far the newest is believed
+//! because of it.
 //!
-//! Contract: fixed size, no allocation, total. One call per tick learns ([`Skill::learn`]), one reports ([`Skill::report`]). Once per
-//! closed grid step every waiting preview is compared with where the pen really is. From that follow, per lead j (steps after the newest
-//! grid point of the preview):
+//! Contract: fixed size, no allocation, total. One call per tick learns ([`Skill::learn`]), one reports
+//! ([`Skill::report`]). Once per closed grid step every waiting preview is compared with where the pen really
+//! is. From that follow, per lead j (steps after the newest grid point of the preview):
 //!
-//! - *share* w in [0, 1]: trust per step. The regression of the pen's real way since its newest sample on the predicted way:
-//!   a predictor that overshoots at lead 12 is believed there only as far as it pays, and fully at lead 2. The scalar α of
-//!   the paper stays above it.
-//! - *mean squared errors* of the preview as it would be used, of Hold, and of constant velocity: the evidence for α.
+//! - *share* w in [0, 1]: trust per step. The regression of the pen's real way since its newest sample on the
+//!   predicted way: a predictor that overshoots at lead 12 is believed there only as far as it pays, and
+//!   fully at lead 2. The scalar α of the paper stays above it.
+//! - *mean squared errors* of the preview as it would be used, of Hold, and of constant velocity: the
+//!   evidence for α.
 //!
-//! Lengths are divided by the running scale (RMS 10 per axis in ordinary motion), so one bad stretch counts as much as it lasted,
-//! whatever the size of the writing.
+//! Lengths are divided by the running scale (RMS 10 per axis in ordinary motion), so one bad stretch counts
+//! as much as it lasted, whatever the size of the writing.
 
 mod feedback;
 mod lead;
@@ -29,19 +31,20 @@ use shot::{Shot, Sight};
 use crate::pen::{Motion, rests};
 use crate::predict::refine::{Look, PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
 
-/// Leads with evidence of their own [steps]; farther ahead the last one counts.
+/// Leads with evidence of their own \[steps\]; farther ahead the last one counts.
 pub const SKILL_LEADS: usize = REFINED_LEADS;
 
 /// A preview as it was made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foreseen<'a> {
-    /// The newest grid point [m].
+    /// The newest grid point \[m\].
     pub base: [f64; 2],
     /// The displacement that led to it [m per step]: what constant velocity goes on with.
     pub velocity: [f64; 2],
-    /// Predicted positions [m], the first one step after the base.
+    /// Predicted positions \[m\], the first one step after the base.
     pub path: &'a [[f64; 2]],
-    /// The predictor says that so many steps ≥ 1 after the base the pen will be within so much [m] of the path in nine of ten cases.
+    /// The predictor says that so many steps ≥ 1 after the base the pen will be within so much \[m\] of the
+    /// path in nine of ten cases.
     pub claim: Option<(usize, f64)>,
 }
 
@@ -50,7 +53,7 @@ pub struct Foreseen<'a> {
 pub struct Closed {
     /// Previews that wait foresaw nothing of a start or a jump.
     pub motion: Motion,
-    /// Where the pen was [m].
+    /// Where the pen was \[m\].
     pub position: [f64; 2],
     /// Metres per normalised unit.
     pub unit_m: f64,
@@ -63,9 +66,10 @@ pub struct Happened<'a> {
     pub preview: Option<Foreseen<'a>>,
     /// What the newest sample said about the preview in force.
     pub look: Option<Look>,
-    /// The arm followed a fresh plan in motion, at its limits (joints, acceleration or speed) or not; `None`: it did not.
+    /// The arm followed a fresh plan in motion, at its limits (joints, acceleration or speed) or not; `None`:
+    /// it did not.
     pub at_limit: Option<bool>,
-    /// For so long [ns].
+    /// For so long \[ns\].
     pub driven_ns: u64,
     /// Grid steps that closed.
     pub closed: &'a [Closed],
@@ -74,16 +78,16 @@ pub struct Happened<'a> {
 /// How far previews are believed, and why.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkillReport {
-    /// w per lead from 1 [1]; 1 where previews are taken as they are.
+    /// w per lead from 1 \[1\]; 1 where previews are taken as they are.
     pub shares: [f64; SKILL_LEADS],
-    /// Part of it that is left now, because the pen has hardly begun to move [1].
+    /// Part of it that is left now, because the pen has hardly begun to move \[1\].
     pub begun: f64,
     /// Sums over the leads asked for.
     pub record: Record,
 }
 
 impl SkillReport {
-    /// How far each step of the preview is believed now [1].
+    /// How far each step of the preview is believed now \[1\].
     #[must_use]
     pub fn believed(&self) -> [f64; SKILL_LEADS] {
         self.shares.map(|share| share * self.begun)
@@ -115,8 +119,8 @@ pub struct Skill {
 }
 
 impl Skill {
-    /// Nothing seen yet; grid step `step_s` [s]. `per_step`: previews are used, and therefore judged, with corrections and
-    /// shares.
+    /// Nothing seen yet; grid step `step_s` \[s\]. `per_step`: previews are used, and therefore judged, with
+    /// corrections and shares.
     #[must_use]
     pub fn new(step_s: f64, per_step: bool) -> Self {
         Self::tuned(step_s, per_step, SkillParameters::SHIPPED)
@@ -144,8 +148,8 @@ impl Skill {
         skill
     }
 
-    /// Hold, in the record, is what standing back from the prediction really means: feedback that lags `lag_s` [s] behind the
-    /// samples. Without, it is at the sample at once, as no arm is.
+    /// Hold, in the record, is what standing back from the prediction really means: feedback that lags
+    /// `lag_s` \[s\] behind the samples. Without, it is at the sample at once, as no arm is.
     #[must_use]
     pub fn beside_feedback(mut self, lag_s: f64) -> Self {
         self.feedback = Feedback::new(lag_s / self.step_s);
@@ -189,7 +193,7 @@ impl Skill {
         }
     }
 
-    /// How far previews are believed, with the record of the leads `first` to `last` [steps].
+    /// How far previews are believed, with the record of the leads `first` to `last` \[steps\].
     #[must_use]
     pub fn report(&self, first: usize, last: usize) -> SkillReport {
         // Previews are judged without `begun`: what is kept back at first says nothing about them.
@@ -230,8 +234,8 @@ impl Skill {
         self.share_out();
     }
 
-    /// Learns from what the preview of `shot` had `predicted` [m] for the point `position` [m], refined at `sight`. `None`:
-    /// a leap, or rest.
+    /// Learns from what the preview of `shot` had `predicted` \[m\] for the point `position` \[m\], refined
+    /// at `sight`. `None`: a leap, or rest.
     fn judge(
         &mut self,
         refiner: &mut Refiner,
@@ -303,7 +307,8 @@ impl Skill {
 
     /// A newer sample looked at the newest preview.
     fn sight(&mut self, look: &Look) {
-        // Previews that are taken as they are know of nothing newer than their base, and neither may their yardsticks.
+        // Previews that are taken as they are know of nothing newer than their base, and neither may their
+        // yardsticks.
         let held = self.feedback.tool(look.newest, look.phase);
         let usable = self.waiting > 0 && look.phase.is_finite() && self.per_step;
         let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) else { return };

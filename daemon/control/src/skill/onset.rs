@@ -1,8 +1,9 @@
 //! Where the pen begins to move: how far its previews are believed there.
 //!
-//! Contract: fixed size, total. The first steps of a stroke say least about the next ones, and an arm that has set off at its limits the
-//! wrong way takes longest to come back: what is lost by waiting a moment is less. How much of that there is in the hand, past
-//! beginnings tell: where they were foreseen well there is nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
+//! Contract: fixed size, total. The first steps of a stroke say least about the next ones, and an arm that
+//! has set off at its limits the wrong way takes longest to come back: what is lost by waiting a moment is
+//! less. How much of that there is in the hand, past beginnings tell: where they were foreseen well there is
+//! nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
 
 use super::OnsetParameters;
 use crate::pen::{REST, rests};
@@ -11,12 +12,13 @@ use crate::pen::{REST, rests};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Onset {
     parameters: OnsetParameters,
-    /// Newest grid point [m].
+    /// Newest grid point \[m\].
     at: [f64; 2],
     /// Steps of rest since the last motion, and of motion since the last rest.
     still: u32,
     moved: u32,
-    /// Squares of how far previews of beginnings went too far, and of real ways, both per step ahead [normalised²].
+    /// Squares of how far previews of beginnings went too far, and of real ways, both per step ahead
+    /// \[normalised²\].
     beyond: f64,
     way: f64,
     /// Part of the arm's recent motion in which it was at its limits.
@@ -43,7 +45,7 @@ impl Onset {
         (self.beyond, self.way) = (beyond, way);
     }
 
-    /// A grid point at `position` [m]; `unit_m`: metres per normalised unit.
+    /// A grid point at `position` \[m\]; `unit_m`: metres per normalised unit.
     pub(super) fn close(&mut self, position: [f64; 2], unit_m: f64) {
         let ([x, y], [before_x, before_y]) = (position, self.at);
         self.at = position;
@@ -76,7 +78,8 @@ impl Onset {
         1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / self.parameters.limited).min(1.0)
     }
 
-    /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real` [normalised], `ahead` steps later.
+    /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real`
+    /// \[normalised\], `ahead` steps later.
     pub(super) fn judged(&mut self, moved: u32, predicted: [f64; 2], real: [f64; 2], ahead: f64) {
         if self.parameters.first + self.parameters.more * f64::from(moved) >= 1.0
             || ahead > self.parameters.farthest

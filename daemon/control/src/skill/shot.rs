@@ -8,7 +8,7 @@ use crate::predict::refine::Look;
 pub(super) struct Sight {
     /// What the preview was refined by.
     pub(super) look: Look,
-    /// Where the tool would be then [m] if it had been led by feedback alone.
+    /// Where the tool would be then \[m\] if it had been led by feedback alone.
     pub(super) held: [f64; 2],
     /// Steps since the pen began to move.
     pub(super) moved: u32,
@@ -25,9 +25,9 @@ pub(super) struct Shot {
     pub(super) earlier: Option<Sight>,
     /// Displacement before the preview [m]: what constant velocity goes on with.
     pub(super) velocity: [f64; 2],
-    /// Predicted positions [m].
+    /// Predicted positions \[m\].
     pub(super) path: [[f64; 2]; SKILL_LEADS],
-    /// Index of the position for which the predictor named a band, and its radius [m].
+    /// Index of the position for which the predictor named a band, and its radius \[m\].
     pub(super) claim: Option<(usize, f64)>,
 }
 

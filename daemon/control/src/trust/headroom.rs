@@ -1,8 +1,9 @@
 //! What the arm has strength for: how far trust has to come down because the arm is at its limits.
 //!
-//! An arm at its limits in nearly every tick does not follow what is foreseen, it runs behind it: it comes late, goes too far, and may
-//! be worse than one led by feedback alone. Where it is hardly better (`outcome`), what is asked for is taken back until the arm is at
-//! its limits as often as it should be, and no more. Where it is much better, limits do no harm.
+//! An arm at its limits in nearly every tick does not follow what is foreseen, it runs behind it: it comes
+//! late, goes too far, and may be worse than one led by feedback alone. Where it is hardly better
+//! (`outcome`), what is asked for is taken back until the arm is at its limits as often as it should be, and
+//! no more. Where it is much better, limits do no harm.
 
 use super::TrustParameters;
 

@@ -1,10 +1,11 @@
-//! Trust: how much of the preview the follower may use, α in [0, 1].
+//! Trust: how much of the preview the follower may use, α in \[0, 1\].
 //!
-//! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is asked for, so no evidence, request or fault
-//! can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not worth anything, and the
-//! reason is always given. In automatic mode past previews have to have been better than standing still, over the leads
-//! that the plan looks at, by a margin that is wider on the way up than on the way down ([`crate::skill::Skill`] keeps their record).
-//! What the evidence speaks for is believed as far as the arm has strength to follow it (`headroom`).
+//! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is asked for, so no evidence, request
+//! or fault can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not
+//! worth anything, and the reason is always given. In automatic mode past previews have to have been better
+//! than standing still, over the leads that the plan looks at, by a margin that is wider on the way up than
+//! on the way down ([`crate::skill::Skill`] keeps their record). What the evidence speaks for is believed as
+//! far as the arm has strength to follow it (`headroom`).
 
 mod headroom;
 mod outcome;
@@ -22,20 +23,21 @@ use headroom::Headroom;
 /// How trust may move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrustSettings {
-    /// Grid step Δ [ns].
+    /// Grid step Δ \[ns\].
     pub step_ns: u64,
     /// Grid steps a full change takes, at least 1.
     pub ramp_steps: f64,
     /// Steps of motion a predictor must have seen before its preview counts.
     pub warmup_steps: u32,
-    /// Pen samples older than this are stale [ns].
+    /// Pen samples older than this are stale \[ns\].
     pub stale_after_ns: u64,
     /// α that a healthy preview is given in automatic mode.
     pub auto_ceiling: Trust,
     /// Cases of motion per lead that have to be judged before a preview is believed in automatic mode.
     pub proof_cases: u32,
-    /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than the grid's
-    /// ([`crate::skill::Skill`]). Off: the paper's scalar α over a preview as the predictor gave it.
+    /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than
+    /// the grid's ([`crate::skill::Skill`]). Off: the paper's scalar α over a preview as the predictor gave
+    /// it.
     pub per_step: bool,
     /// The numbers behind α.
     pub parameters: TrustParameters,
@@ -73,9 +75,9 @@ pub enum TrustError {
         "pen samples are stale after {got_ns} ns, legal are {step_ns} (one grid step) to 10_000_000_000 ns"
     )]
     Stale {
-        /// As given [ns].
+        /// As given \[ns\].
         got_ns: u64,
-        /// Δ [ns].
+        /// Δ \[ns\].
         step_ns: u64,
     },
 }
@@ -101,7 +103,7 @@ pub struct TrustInputs {
     pub armed: bool,
     /// Steps of motion since the predictor's memory was emptied.
     pub history: u32,
-    /// Age of the newest pen sample [ns]; `None` before the first.
+    /// Age of the newest pen sample \[ns\]; `None` before the first.
     pub pen_age_ns: Option<u64>,
     /// A jump was among the steps since the last update.
     pub jumped: bool,
@@ -109,16 +111,18 @@ pub struct TrustInputs {
     pub preview_finite: bool,
     /// Another predictor waits for α = 0 to take over.
     pub switching: bool,
-    /// Share of the recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no joints for it.
+    /// Share of the recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no
+    /// joints for it.
     pub unplanned: f64,
     /// Share of the recent ticks whose plan failed, [0, 1]: the solver had too few steps, or found nothing.
     pub failed: f64,
     /// Parameters of the learner were refused lately, and none were accepted since.
     pub weights_refused: bool,
-    /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than feedback alone ([`Outcome`]);
-    /// `None` if nothing moved by a plan.
+    /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than
+    /// feedback alone ([`Outcome`]); `None` if nothing moved by a plan.
     pub overtaxed: Option<bool>,
-    /// What a change of trust takes to show in how well the arm follows: dead time and the lag of feedback [ns].
+    /// What a change of trust takes to show in how well the arm follows: dead time and the lag of feedback
+    /// \[ns\].
     pub reaction_ns: u64,
     /// What past previews were worth.
     pub record: Record,
@@ -144,9 +148,11 @@ pub enum TrustReason {
     Manual,
     /// The value that an operator froze.
     Frozen,
-    /// Too many recent ticks had nothing to follow, no plan or no joints for it: what begins again begins gently.
+    /// Too many recent ticks had nothing to follow, no plan or no joints for it: what begins again begins
+    /// gently.
     SolverUnhealthy,
-    /// The learner handed over parameters that were none: it may have learned from the same steps what the predictor remembers.
+    /// The learner handed over parameters that were none: it may have learned from the same steps what the
+    /// predictor remembers.
     LearnerUnhealthy,
     /// Too few previews were judged.
     Unproven,
@@ -158,7 +164,8 @@ pub enum TrustReason {
     WorseThanSteady,
     /// Past previews are a little better than Hold, but not yet enough to be believed again.
     Hysteresis,
-    /// The evidence speaks for the preview, but the arm is too often at its limits, and then hardly better than feedback alone.
+    /// The evidence speaks for the preview, but the arm is too often at its limits, and then hardly better
+    /// than feedback alone.
     ArmLimited,
     /// The evidence speaks for the preview.
     Auto,
@@ -229,8 +236,8 @@ pub struct TrustControl {
     alpha: f64,
     /// The present warm-up follows a jump.
     after_jump: bool,
-    /// The evidence has not spoken against the predictor, or has spoken for it since: one that is shipped has its proof from
-    /// other hands.
+    /// The evidence has not spoken against the predictor, or has spoken for it since: one that is shipped has
+    /// its proof from other hands.
     believed: bool,
     surprised: bool,
     unplanned: bool,
@@ -240,7 +247,9 @@ pub struct TrustControl {
 impl TrustControl {
     /// Starts at α = 0.
     ///
-    /// *Errors*: the first setting that is outside its bounds.
+    /// # Errors
+    ///
+    /// The first setting that is outside its bounds.
     pub fn new(settings: TrustSettings) -> Result<Self, TrustError> {
         if settings.step_ns == 0 {
             return Err(TrustError::Step);
@@ -262,7 +271,7 @@ impl TrustControl {
         })
     }
 
-    /// Moves α towards what `inputs` justify; `dt_ns` since the last update [ns].
+    /// Moves α towards what `inputs` justify; `dt_ns` since the last update \[ns\].
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
         self.after_jump = inputs.jumped || (self.after_jump && inputs.history < self.settings.warmup_steps);
         let parameters = self.settings.parameters;

@@ -1,8 +1,8 @@
 //! What following was worth: how far the tool is from the pen, beside how far feedback alone would have been.
 //!
-//! Contract: fixed size, no allocation, total. Of the tool the command is looked at, the dead time before the sample: where the arm is by
-//! then, also where a plan models its servo (commands then lead by what the servo takes back). Feedback alone has the tool where
-//! the pen was that time and its own lag before.
+//! Contract: fixed size, no allocation, total. Of the tool the command is looked at, the dead time before the
+//! sample: where the arm is by then, also where a plan models its servo (commands then lead by what the servo
+//! takes back). Feedback alone has the tool where the pen was that time and its own lag before.
 
 use super::TrustParameters;
 use crate::units::Stamp;
@@ -13,7 +13,7 @@ const TICKS: usize = 512;
 /// See the module's description.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// Tool and pen per tick [m], a ring; `last` is the newest, `known` how many there are.
+    /// Tool and pen per tick \[m\], a ring; `last` is the newest, `known` how many there are.
     tool: [[f64; 2]; TICKS],
     pen: [[f64; 2]; TICKS],
     last: usize,
@@ -23,13 +23,13 @@ pub struct Outcome {
     /// See [`TrustParameters::outcome_s`] and [`TrustParameters::outcome_poor`].
     time_s: f64,
     poor: f64,
-    /// Mean squared errors [m²].
+    /// Mean squared errors \[m²\].
     followed: f64,
     held: f64,
 }
 
 impl Outcome {
-    /// Nothing seen yet, in ticks of `period_ns` [ns]; feedback lags `lag_s` [s] behind the samples.
+    /// Nothing seen yet, in ticks of `period_ns` \[ns\]; feedback lags `lag_s` \[s\] behind the samples.
     #[must_use]
     pub fn new(period_ns: u64, lag_s: f64, parameters: &TrustParameters) -> Self {
         Self {
@@ -56,7 +56,8 @@ impl Outcome {
         self.known = 0;
     }
 
-    /// A tick at `now` put the tool to `tool` [m] for the end of its period; the newest sample lay at `pen` [m] at `stamp`.
+    /// A tick at `now` put the tool to `tool` \[m\] for the end of its period; the newest sample lay at `pen`
+    /// \[m\] at `stamp`.
     pub fn see(&mut self, now: Stamp, tool: [f64; 2], (stamp, pen): (Stamp, [f64; 2]), dead_time_ns: u64) {
         self.last = (self.last + 1) % TICKS;
         self.known = (self.known + 1).min(TICKS);
@@ -86,7 +87,8 @@ impl Outcome {
         }
     }
 
-    /// What a change in what is asked of the arm takes to show here: dead time and the lag of feedback [ns].
+    /// What a change in what is asked of the arm takes to show here: dead time and the lag of feedback
+    /// \[ns\].
     #[must_use]
     pub const fn reaction_ns(&self, dead_time_ns: u64) -> u64 {
         dead_time_ns.saturating_add(self.lag_ns)
@@ -111,7 +113,8 @@ mod tests {
         [0.02 * (9.0 * t).sin(), 0.01 * (14.0 * t).cos()]
     }
 
-    /// Two seconds of an arm whose tool is, when a command has become motion, where the pen was `late_s` before.
+    /// Two seconds of an arm whose tool is, when a command has become motion, where the pen was `late_s`
+    /// before.
     fn follow(outcome: &mut Outcome, late_s: f64) {
         for tick in 0..1000_u64 {
             let now = Stamp(1_000_000_000 + tick * PERIOD_NS);

@@ -1,4 +1,5 @@
-//! AR-RLS: it finds the process that made its input, lets no jump near its coefficients, and stays sound in silence.
+//! AR-RLS: it finds the process that made its input, lets no jump near its coefficients, and stays sound in
+//! silence.
 
 use foretrace_control::predict::models::ar_rls::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ORDER, REGRESSORS,
@@ -14,7 +15,8 @@ fn learner(settings: ArRlsSettings) -> ArRlsLearner {
     ArRlsLearner::new(settings, ArRlsWeights::constant_velocity(STEP_NS)).unwrap()
 }
 
-/// x[t] = x[t−1] A_1 + x[t−2] A_2 + noise, uniform within ±`noise`; a damped oscillation that couples the axes.
+/// x[t] = x[t−1] A_1 + x[t−2] A_2 + noise, uniform within ±`noise`; a damped oscillation that couples the
+/// axes.
 fn process(steps: usize, noise: f64) -> Vec<[f64; 2]> {
     let mut dice = Pcg64::seed_from_u64(11);
     let (mut one, mut two) = ([0.0; 2], [0.0; 2]);
@@ -39,7 +41,8 @@ const PROCESS: [[[f64; 2]; 2]; 2] = [[[1.5, 0.1], [-0.2, 1.2]], [[-0.7, 0.0], [0
 
 #[test]
 fn recovers_a_known_process() {
-    // λ = 1 and no clipping is plain least squares: coefficients to a few standard errors, σ/√(n var x) < 0.01.
+    // λ = 1 and no clipping is plain least squares: coefficients to a few standard errors, σ/√(n var x) <
+    // 0.01.
     let settings = ArRlsSettings { forgetting: 1.0, huber: 100.0, gate: 1e3, ..ArRlsSettings::default() };
     let mut learner = learner(settings);
     for x in process(40_000, 2.0) {
@@ -228,7 +231,8 @@ proptest! {
 
     #[test]
     fn units_do_not_matter(seed in any::<u64>(), rms in 1e-3..1e3f64) {
-        // The same motion in other units, with settings for that RMS, gives the same prediction in those units.
+        // The same motion in other units, with settings for that RMS, gives the same prediction in those
+        // units.
         let mut dice = Pcg64::seed_from_u64(seed);
         let factor = rms / 10.0;
         let mut one = learner(ArRlsSettings::for_rms(10.0));

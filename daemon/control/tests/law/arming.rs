@@ -14,7 +14,7 @@ fn narrow() -> FollowerSettings<6> {
     settings
 }
 
-/// The joints that hold the tool at `tool` [m], plane frame, tilted by `tilt` [rad].
+/// The joints that hold the tool at `tool` \[m\], plane frame, tilted by `tilt` \[rad\].
 fn posed(settings: &FollowerSettings<6>, tool: Vector3<f64>, tilt: f64) -> [f64; 6] {
     let plane = settings.plane;
     let axis = plane.rotation * (Rotation3::from_axis_angle(&Vector3::x_axis(), tilt) * -Vector3::z());

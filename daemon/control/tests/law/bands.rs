@@ -1,4 +1,5 @@
-//! Error bands: the share of the cases inside is what it claims to be, for every predictor and lead, as the loop sees it.
+//! Error bands: the share of the cases inside is what it claims to be, for every predictor and lead, as the
+//! loop sees it.
 
 use crate::support::learner;
 use crate::support::strokes::handwriting;

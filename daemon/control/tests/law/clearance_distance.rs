@@ -102,7 +102,8 @@ fn a_segment_is_as_far_from_a_box_as_its_nearest_point() {
     assert!(apart > 5_000 && inside > 1_000, "{apart} {inside}");
 }
 
-/// Depth by depth: from far outside to the middle and on, distances of nearby positions differ by no more than the way.
+/// Depth by depth: from far outside to the middle and on, distances of nearby positions differ by no more
+/// than the way.
 #[test]
 fn distance_to_a_box_has_no_jumps() {
     let mut rng = Pcg64::seed_from_u64(3);

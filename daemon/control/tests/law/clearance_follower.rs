@@ -1,5 +1,6 @@
-//! Keep-outs through the whole step: hostile pens, spent budgets, stops and lost time never bring the commanded arm nearer
-//! than stated, and an arm that begins inside comes out. `support::Bench` judges every command's legality and continuity.
+//! Keep-outs through the whole step: hostile pens, spent budgets, stops and lost time never bring the
+//! commanded arm nearer than stated, and an arm that begins inside comes out. `support::Bench` judges every
+//! command's legality and continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::arm::{Chain, JointMotion};
@@ -30,7 +31,7 @@ fn judge(settings: &FollowerSettings<6>, keep: &ClearanceSettings) -> Clearance<
     Clearance::new(&settings.chain, &settings.limits, period_s, keep).unwrap()
 }
 
-/// A plane with `normal` whose distance from the arm at home is `distance` [m].
+/// A plane with `normal` whose distance from the arm at home is `distance` \[m\].
 fn plane_at(settings: &FollowerSettings<6>, normal: [f64; 3], distance: f64) -> Obstacle {
     let far = (Vector3::from(normal) * -5.0).into();
     let judge = judge(settings, &keeping(false, vec![Obstacle::plane(far, normal).unwrap()]));
@@ -38,7 +39,7 @@ fn plane_at(settings: &FollowerSettings<6>, normal: [f64; 3], distance: f64) -> 
     Obstacle::plane((Vector3::from(far) + Vector3::from(normal) * (here - distance)).into(), normal).unwrap()
 }
 
-/// A box of `size` beyond the tool at home in `direction`, whose distance from the arm is `distance` [m].
+/// A box of `size` beyond the tool at home in `direction`, whose distance from the arm is `distance` \[m\].
 fn box_at(settings: &FollowerSettings<6>, direction: [f64; 3], size: [f64; 3], distance: f64) -> Obstacle {
     let home = settings.chain.forward(&HOME);
     let put = |far: f64| {
@@ -91,11 +92,12 @@ fn on_its_own(judge: &Clearance<6>, settings: &FollowerSettings<6>, output: &Ste
 /// What a life among obstacles came to.
 #[derive(Debug)]
 struct Life {
-    /// Nearest that a command came to anything [m], but for the way out of where a consumer got to in lost time.
+    /// Nearest that a command came to anything \[m\], but for the way out of where a consumer got to in lost
+    /// time.
     smallest: f64,
-    /// Nearest that a consumer came or would have come by itself after a command [m].
+    /// Nearest that a consumer came or would have come by itself after a command \[m\].
     alone: f64,
-    /// Farthest outside the workspace [m].
+    /// Farthest outside the workspace \[m\].
     outside: f64,
     /// Ticks by rung.
     rungs: [u32; 4],
@@ -110,7 +112,8 @@ struct Life {
     led_home: u32,
 }
 
-/// Strokes and jumps all over the workspace and beyond it, spent and shed budgets, stops, releases, and time lost.
+/// Strokes and jumps all over the workspace and beyond it, spent and shed budgets, stops, releases, and time
+/// lost.
 fn hostile_life(seed: u64, ticks: u32) -> Life {
     let (settings, keep) = crowded();
     let judge = judge(&settings, &keep);
@@ -200,7 +203,8 @@ fn no_hostile_life_brings_commands_nearer_than_stated() {
         assert!(life.smallest > MARGIN_M - STATED_M, "{seed}: {life:?}");
         assert!(life.alone > MARGIN_M - CONSUMER_M, "{seed}: {life:?}");
         assert_eq!(life.altered, 0, "the guard found nothing to alter");
-        // Sliding along what is in the way neither ends the motion nor, unlike joints that stop each by itself, leads far out.
+        // Sliding along what is in the way neither ends the motion nor, unlike joints that stop each by
+        // itself, leads far out.
         assert!(life.outside < 0.12, "{seed}: {life:?}");
         let [fresh, .., resting] = life.rungs;
         assert!(fresh > 60_000 && resting < 20_000, "{seed}: {life:?}");
@@ -208,7 +212,8 @@ fn no_hostile_life_brings_commands_nearer_than_stated() {
     }
 }
 
-/// Armed inside a table, a wall or a box, and told to go deeper: it comes out, never goes deeper, and says why it moves.
+/// Armed inside a table, a wall or a box, and told to go deeper: it comes out, never goes deeper, and says
+/// why it moves.
 #[test]
 fn an_arm_that_begins_inside_comes_out() {
     for depth in [0.0, 0.004, 0.03] {

@@ -1,4 +1,5 @@
-//! Arms driven hard into table, wall, box and themselves: nothing is touched, nothing is illegal, and they slide.
+//! Arms driven hard into table, wall, box and themselves: nothing is touched, nothing is illegal, and they
+//! slide.
 
 use crate::support::reaching;
 

@@ -117,7 +117,8 @@ fn rows_are_the_gradients_of_distances() {
             };
             (at(h) - at(-h)) / (2.0 * h)
         });
-        // A wide box, so that every row that there is could matter; some are crowded out by rows that are nearer to breaking.
+        // A wide box, so that every row that there is could matter; some are crowded out by rows that are
+        // nearer to breaking.
         let allowed = VelocityBox { lower: [-100.0; 6], upper: [100.0; 6] };
         let bound = -kept.rate_hz() * (here.distance_m - 0.01);
         let rows = kept.rows(&chain.forward(&q), &JointMotion::at_rest(q), &allowed, TICK_S, Inside::Retreat);
@@ -131,8 +132,8 @@ fn rows_are_the_gradients_of_distances() {
     assert!(checked.iter().all(|count| *count > 30), "{checked:?}");
 }
 
-/// What a tick does not measure because nothing can have come near makes no difference: slow and fast motion, sudden stops,
-/// and jumps of the joint positions such as a re-synchronisation makes.
+/// What a tick does not measure because nothing can have come near makes no difference: slow and fast motion,
+/// sudden stops, and jumps of the joint positions such as a re-synchronisation makes.
 #[test]
 fn what_is_remembered_changes_no_row() {
     let chain = chain(UR5);

@@ -1,4 +1,5 @@
-//! What is promised of distances where something else than the IK decided the motion: stops, and commands that were altered.
+//! What is promised of distances where something else than the IK decided the motion: stops, and commands
+//! that were altered.
 
 use crate::support::reaching;
 
@@ -88,8 +89,9 @@ fn stops_end_and_keep_the_distance() {
     assert!(longest < 100, "{longest}");
 }
 
-/// Whatever alters commands behind the IK (a clamp per joint, another source) may lead inside: what is promised then is that
-/// the IK takes the arm out again from wherever it was left, going deeper only while it brakes.
+/// Whatever alters commands behind the IK (a clamp per joint, another source) may lead inside: what is
+/// promised then is that the IK takes the arm out again from wherever it was left, going deeper only while it
+/// brakes.
 #[test]
 fn after_altered_commands_the_arm_comes_out_again() {
     let chain = chain(UR5);

@@ -1,5 +1,5 @@
-//! The DyBM against IBM's reference implementation: stored numbers of whole learning runs.
-//! Sequence, hyper-parameters and semantics: `fixtures/dybm/*.json`, dumped from the reference used as a black box.
+//! The DyBM against IBM's reference implementation: stored numbers of whole learning runs. Sequence,
+//! hyper-parameters and semantics: `fixtures/dybm/*.json`, dumped from the reference used as a black box.
 
 use crate::support::dybm as reference;
 
@@ -87,8 +87,8 @@ fn rollout_reproduces_the_reference_and_leaves_memory_untouched() {
 
 #[test]
 fn one_step_of_learning_agrees_with_a_hand_worked_number() {
-    // Delay 2, one trace 0.5, AdaGrad 0.1. First input (3, 0): μ = 0, g_b = (3, 0), G_b = (9, 0),
-    // b = 0.1·3/(3 + 1e-6). Second input (5, 0): μ = b, d = 5 − b, g_W = 3·d, so W moves by almost exactly 0.1.
+    // Delay 2, one trace 0.5, AdaGrad 0.1. First input (3, 0): μ = 0, g_b = (3, 0), G_b = (9, 0), b =
+    // 0.1·3/(3 + 1e-6). Second input (5, 0): μ = b, d = 5 − b, g_W = 3·d, so W moves by almost exactly 0.1.
     let shape = DybmShape::new(2, &[0.5], TraceInput::Newest);
     let settings = DybmSettings { shape, optimiser: Optimiser::ada_grad(0.1), l1: 0.0, l2: 0.0 };
     let mut learner = DybmLearner::new(settings, DybmWeights::zero(STEP_NS, shape)).unwrap();

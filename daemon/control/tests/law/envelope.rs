@@ -1,5 +1,5 @@
-//! The tool's envelope through the whole step: inside it whatever the pen does, from outside only inward, and a latched stop
-//! that says why where it cannot be kept.
+//! The tool's envelope through the whole step: inside it whatever the pen does, from outside only inward, and
+//! a latched stop that says why where it cannot be kept.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
@@ -199,7 +199,8 @@ fn every_bound_names_itself() {
     }
 }
 
-/// A servo does not overshoot: a measured tool may be a millimetre and 0.05 rad beyond what commands must keep, and no more.
+/// A servo does not overshoot: a measured tool may be a millimetre and 0.05 rad beyond what commands must
+/// keep, and no more.
 #[test]
 fn a_judge_of_the_measured_tool_allows_a_little_more_than_the_envelope() {
     let bounds = ExtentBounds::of(&within(usual()));

@@ -17,7 +17,8 @@ fn curve(t: f64) -> [f64; 2] {
     [0.015 * (10.7 * t).sin(), 0.012 * (18.2 * t + 0.4).sin()]
 }
 
-/// Runs `seconds` of the curve at 200 Hz; returns the RMS distance of tool and pen at the same instant, after 1 s.
+/// Runs `seconds` of the curve at 200 Hz; returns the RMS distance of tool and pen at the same instant, after
+/// 1 s.
 fn follow(bench: &mut Bench, seconds: f64) -> f64 {
     let start = bench.now;
     let (mut sum, mut count) = (0.0, 0);
@@ -251,8 +252,8 @@ fn arming_refuses_what_could_jump() {
     assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::JointStateStale)));
 }
 
-/// What an arm said that is gone must not be believed of the next one, which may stand elsewhere, however patient the loop is with an
-/// arm in charge.
+/// What an arm said that is gone must not be believed of the next one, which may stand elsewhere, however
+/// patient the loop is with an arm in charge.
 #[test]
 fn the_last_word_of_an_arm_that_is_gone_arms_nothing() {
     let mut patient = settings(PredictorKind::HOLD);
@@ -303,8 +304,8 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
     }
 }
 
-/// Where joints cannot do what is planned, the next plan must begin with the velocity that they have by then, which is half a
-/// step's acceleration from the mean velocity that their positions tell.
+/// Where joints cannot do what is planned, the next plan must begin with the velocity that they have by then,
+/// which is half a step's acceleration from the mean velocity that their positions tell.
 #[test]
 fn a_plan_begins_with_the_velocity_that_limited_joints_have() {
     let mut slow = settings(PredictorKind::HOLD);

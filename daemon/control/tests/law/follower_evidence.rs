@@ -1,4 +1,5 @@
-//! Evidence, trust per step, the yardstick of feedback and the plan behind a servo, seen from outside the whole step.
+//! Evidence, trust per step, the yardstick of feedback and the plan behind a servo, seen from outside the
+//! whole step.
 
 use crate::support::lagging::{Arm, Kind};
 use crate::support::writing::{curve, oracle, write};
@@ -14,7 +15,7 @@ fn slow(t: f64) -> [f64; 2] {
     [0.02 * (9.0 * t).sin(), 0.02 * (9.0 * t).cos() - 0.02]
 }
 
-/// RMS distance [m] of the tool of a perfect arm from where the pen is the dead time later, after 2 s.
+/// RMS distance \[m\] of the tool of a perfect arm from where the pen is the dead time later, after 2 s.
 fn rms(mut wanted: FollowerSettings<6>, per_step: bool, exact: bool) -> f64 {
     wanted.trust.per_step = per_step;
     let dead_s = wanted.dead_time_ns as f64 * 1e-9;
@@ -90,7 +91,8 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     assert_eq!(auto.answer, Some(Ok(())));
 }
 
-/// The reasons for trust, each once in a row, while the pen writes for 4 s and the learner claims bands of `factor` for every lead.
+/// The reasons for trust, each once in a row, while the pen writes for 4 s and the learner claims bands of
+/// `factor` for every lead.
 fn reasons_with_bands(factor: f32) -> Vec<TrustReason> {
     let kind = PredictorKind::CONSTANT_VELOCITY;
     let mut bench = Bench::armed(settings(kind));
@@ -176,7 +178,8 @@ fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away(
     assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
 }
 
-/// RMS distance [m] of a critically damped arm from the pen at the same instant, with a group delay of 30 ms.
+/// RMS distance \[m\] of a critically damped arm from the pen at the same instant, with a group delay of 30
+/// ms.
 fn behind_a_servo(servo_ns: u64) -> f64 {
     let mut wanted =
         FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::CONSTANT_VELOCITY) };
@@ -208,7 +211,8 @@ fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
     assert!(made_up < 0.4 * shifted, "{made_up} m made up for, {shifted} m shifted");
 }
 
-/// What the predicted velocity takes the pen to in 20 ms, 3.6 mm on this circle, is 0.3 mm off where it is then.
+/// What the predicted velocity takes the pen to in 20 ms, 3.6 mm on this circle, is 0.3 mm off where it is
+/// then.
 #[test]
 fn a_velocity_lead_takes_the_arm_ahead_of_the_pen() {
     let led = FollowerSettings { velocity_lead_ns: 20_000_000, ..settings(PredictorKind::DYBM) };

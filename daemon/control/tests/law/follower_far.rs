@@ -37,7 +37,8 @@ fn a_tool_that_is_where_the_pen_is_foreseen_writes_there_however_far_that_is_fro
     assert!(farthest > 0.06 && ticks > 900, "{farthest} m, {ticks} ticks");
 }
 
-/// A solver that may take few steps finds no plan for what is far away: it is asked for less, until it finds one.
+/// A solver that may take few steps finds no plan for what is far away: it is asked for less, until it finds
+/// one.
 #[test]
 fn a_starved_solver_is_asked_for_what_it_can_plan() {
     for max_iterations in [3, 6] {

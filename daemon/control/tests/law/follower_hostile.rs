@@ -86,7 +86,8 @@ fn request(rng: &mut Pcg64) -> Request {
     }
 }
 
-/// One life of a follower in front of a servo that its plan models, if that is not 0; returns how many commands moved.
+/// One life of a follower in front of a servo that its plan models, if that is not 0; returns how many
+/// commands moved.
 fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
     let mut rng = Pcg64::seed_from_u64(seed);
     let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
@@ -203,6 +204,7 @@ fn a_step_of_the_pen_across_the_workspace_stays_inside_the_workspace() {
         beyond = beyond.max(output.tool[0].abs() - 0.12).max(output.tool[1].abs() - 0.12);
     }
     println!("farthest beyond the workspace: {beyond} m");
-    // The box is soft (the plan must never be infeasible) and the horizon shorter than the way to stop from full speed.
+    // The box is soft (the plan must never be infeasible) and the horizon shorter than the way to stop from
+    // full speed.
     assert!(beyond < 2e-3, "left the workspace by {beyond} m");
 }

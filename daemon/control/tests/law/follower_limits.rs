@@ -8,12 +8,12 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::{TrustReason, TrustRequest};
 use foretrace_control::units::Trust;
 
-/// Dead time of the arm [s].
+/// Dead time of the arm \[s\].
 const DEAD_S: f64 = 0.03;
 
 /// How an arm did in the time that was looked at, after the way to the pen.
 struct Hurried {
-    /// RMS distance [m] of a perfect arm from where the pen is the dead time later.
+    /// RMS distance \[m\] of a perfect arm from where the pen is the dead time later.
     rms: f64,
     /// Trust at the end, and whether it was lowered because of the arm.
     alpha: f64,
@@ -52,7 +52,8 @@ fn hurried(
     Hurried { rms: (seen.rms / count).sqrt(), at_limit: seen.at_limit / count, ..seen }
 }
 
-/// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by so much.
+/// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by
+/// so much.
 fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
     let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.dead_time_ns = (DEAD_S * 1e9) as u64;
@@ -62,7 +63,7 @@ fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
     wanted
 }
 
-/// Automatic trust, and RMS [m] of the same believed fully and not at all.
+/// Automatic trust, and RMS \[m\] of the same believed fully and not at all.
 fn beside_manual(
     wanted: &FollowerSettings<6>,
     path: fn(f64) -> [f64; 2],
@@ -141,7 +142,8 @@ fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
     }
 }
 
-/// Little trust makes following hardly better than feedback, which is what takes trust away from an arm at its limits.
+/// Little trust makes following hardly better than feedback, which is what takes trust away from an arm at
+/// its limits.
 #[test]
 fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
     /// First far too fast for the arm, then something that a believed preview follows within millimetres.

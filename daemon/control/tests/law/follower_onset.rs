@@ -1,4 +1,5 @@
-//! Where the pen begins to move, seen from outside the whole step: how an arm with strength and one without set off.
+//! Where the pen begins to move, seen from outside the whole step: how an arm with strength and one without
+//! set off.
 
 use crate::support::writing::write;
 use crate::support::{Bench, PERIOD_NS, settings};
@@ -7,9 +8,9 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
-/// Dead time of the arm [s].
+/// Dead time of the arm \[s\].
 const DEAD_S: f64 = 0.03;
-/// A stroke begins so often [s].
+/// A stroke begins so often \[s\].
 const EVERY_S: f64 = 0.4;
 
 /// Every fourth is a serif, which turns back.
@@ -30,7 +31,7 @@ fn strokes_and_serifs(t: f64) -> [f64; 2] {
     }
 }
 
-/// RMS distance [m] from where the pen is the dead time later, after the first 4 s of 12.
+/// RMS distance \[m\] from where the pen is the dead time later, after the first 4 s of 12.
 fn rms(serif: bool, acceleration_mps2: f64, trust_request: TrustRequest) -> f64 {
     let mut wanted = FollowerSettings {
         trust_request,

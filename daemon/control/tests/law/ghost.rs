@@ -1,5 +1,5 @@
-//! The ghost beside a loop: the same motion where the loop only holds, what a loop at trust 0 does where it predicts, and
-//! no figures where ticks are missing.
+//! The ghost beside a loop: the same motion where the loop only holds, what a loop at trust 0 does where it
+//! predicts, and no figures where ticks are missing.
 
 use std::collections::VecDeque;
 
@@ -228,7 +228,8 @@ fn a_ghost_that_comes_late_or_hears_nonsense_says_that_it_cannot_tell() {
     rig.write(500);
     rig.deaf = false;
     assert!(rig.write(400).iter().all(|(_, report)| report.state == GhostState::Settling));
-    // The same tick again, time that stands still, runs back or leaps: never a panic, never a non-finite number.
+    // The same tick again, time that stands still, runs back or leaps: never a panic, never a non-finite
+    // number.
     for (k, leap_ms) in [0_i64, -3000, 40, 5000, 0, 1_000_000].into_iter().enumerate() {
         rig.now = Stamp(rig.now.0.saturating_add_signed(leap_ms * 1_000_000));
         rig.tick -= u64::from(k % 2 == 0);

@@ -1,4 +1,5 @@
-//! The guard from states that it would never have led to: outside the limits, too fast to stop inside them, or absurd.
+//! The guard from states that it would never have led to: outside the limits, too fast to stop inside them,
+//! or absurd.
 
 use crate::support::limited;
 
@@ -23,7 +24,8 @@ fn anywhere(rng: &mut Pcg64, limits: &JointLimits<6>) -> JointMotion<6> {
     motion
 }
 
-/// Acceleration is kept whatever the state, and under proposals that lead further out every joint comes back and can stop.
+/// Acceleration is kept whatever the state, and under proposals that lead further out every joint comes back
+/// and can stop.
 #[test]
 fn acceleration_is_kept_and_the_way_leads_back_from_anywhere() {
     let mut rng = Pcg64::seed_from_u64(11);

@@ -11,7 +11,8 @@ use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// By hand: q = 1, q̇ = 2 at stamp 1 s, valid for 10 ms, braking at 4: glides 0.02, brakes 0.5 s over 0.5 rad.
+/// By hand: q = 1, q̇ = 2 at stamp 1 s, valid for 10 ms, braking at 4: glides 0.02, brakes 0.5 s over 0.5
+/// rad.
 #[test]
 fn consumer_follows_the_rule_worked_by_hand() {
     let motion = JointMotion { q: [1.0, 1.0], qd: [2.0, -2.0], qdd: [7.0, 7.0] };
@@ -138,7 +139,8 @@ fn stop_keeps_the_jerk_limit_away_from_position_limits() {
     }
 }
 
-/// Speed 1.2 at 10 rad/s², jerk 1000: ramps of 10 ms. v/a + a/j = 0.12 + 0.01 s = 65 ticks, and a tick or two of grid.
+/// Speed 1.2 at 10 rad/s², jerk 1000: ramps of 10 ms. v/a + a/j = 0.12 + 0.01 s = 65 ticks, and a tick or two
+/// of grid.
 #[test]
 fn stop_takes_as_long_as_worked_by_hand() {
     let limits =
@@ -171,7 +173,8 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert_eq!(second(TICK_NS, 0.0, 0.0).stamp, 1);
     assert_eq!(second(tick, 1.5, 0.0).position, 1);
     assert_eq!(second(100 * TICK_NS, 0.1, 2.1).velocity, 1);
-    // 2 rad/s glides 0.02 rad and brakes at 100 rad/s² over another 0.02: 0.04 rad are enough and a bit less is not.
+    // 2 rad/s glides 0.02 rad and brakes at 100 rad/s² over another 0.02: 0.04 rad are enough and a bit less
+    // is not.
     let ends_at = |q: f64, qd: f64| {
         let mut checker = CommandChecker::new(limits);
         checker.observe(Stamp(TICK_NS), Stamp(6 * TICK_NS), &[q], &[qd]);
@@ -183,7 +186,8 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert_eq!(ends_at(-0.96001, -2.0), Violations { viability: 1, ..Default::default() });
     assert_eq!(ends_at(1.0, 1e-9), Default::default());
     assert_eq!(ends_at(1.0, 1e-6), Violations { viability: 1, ..Default::default() });
-    // A joint outside: what its position says is not said twice, whether it comes back or not; only the other side is news.
+    // A joint outside: what its position says is not said twice, whether it comes back or not; only the other
+    // side is news.
     for (q, qd) in [(1.1, -1.0), (1.1, 1.0), (1.1, 0.0), (-1.1, 1.0), (-1.1, -1.0)] {
         assert_eq!(ends_at(q, qd), Violations { position: 1, ..Default::default() }, "{q} {qd}");
     }
@@ -202,7 +206,8 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert!((checker.statistics().max_acceleration_radps2 - 100.0).abs() < 1e-6);
 }
 
-/// The tool keeps its way while all joints slow down in proportion; the one that needs longest brakes as hard as it may.
+/// The tool keeps its way while all joints slow down in proportion; the one that needs longest brakes as hard
+/// as it may.
 #[test]
 fn braking_straight_keeps_the_direction_and_every_deceleration() {
     // 0.5 s and 1 s are needed: after 0.25 s three quarters are left.

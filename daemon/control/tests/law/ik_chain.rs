@@ -1,4 +1,5 @@
-//! Kinematics of the shipped robots against Denavit-Hartenberg matrices multiplied here, and against finite differences.
+//! Kinematics of the shipped robots against Denavit-Hartenberg matrices multiplied here, and against finite
+//! differences.
 
 use foretrace_control::arm::{Chain, ChainError, Kinematics};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector6};
@@ -9,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 const UR5: &str = include_str!("../../../../config/robots/ur5.urdf");
 const UR5E: &str = include_str!("../../../../config/robots/ur5e.urdf");
 
-/// a2, a3, d1, d4, d5, d6 [m] (../shared/research/ur-interface.md section 6).
+/// a2, a3, d1, d4, d5, d6 \[m\] (../shared/research/ur-interface.md section 6).
 const UR5_DH: [f64; 6] = [-0.425, -0.39225, 0.089159, 0.10915, 0.09465, 0.0823];
 const UR5E_DH: [f64; 6] = [-0.425, -0.3922, 0.1625, 0.1333, 0.0997, 0.0996];
 
@@ -58,8 +59,8 @@ fn moved(q: &[f64; 6], qd: &[f64; 6], t: f64) -> [f64; 6] {
     std::array::from_fn(|i| q[i] + qd[i] * t)
 }
 
-/// By hand, all joints zero: the links lie along x, α₁ = π/2 turns y up and z to −y, and d4, d6 point along −y, d5 down.
-/// p = (a2 + a3, −(d4 + d6), d1 − d5); the tool's x stays x, its y is up, its z is −y.
+/// By hand, all joints zero: the links lie along x, α₁ = π/2 turns y up and z to −y, and d4, d6 point along
+/// −y, d5 down. p = (a2 + a3, −(d4 + d6), d1 − d5); the tool's x stays x, its y is up, its z is −y.
 #[test]
 fn zero_pose_is_the_one_worked_by_hand() {
     let expected = [Vector3::new(-0.81725, -0.19145, -0.005491), Vector3::new(-0.8172, -0.2329, 0.0628)];
@@ -93,8 +94,8 @@ fn limits_and_names_are_those_of_the_description() {
     }
 }
 
-/// A tool given as an offset is the same arm as a description with a fixed joint to the pen's tip, on a tip link that is
-/// turned as well: pose, Jacobian and its rate.
+/// A tool given as an offset is the same arm as a description with a fixed joint to the pen's tip, on a tip
+/// link that is turned as well: pose, Jacobian and its rate.
 #[test]
 fn a_tool_is_a_fixed_joint_below_the_tip() {
     let joint = r#"<link name="tool0"/><link name="holder"/>
@@ -145,7 +146,8 @@ proptest! {
             let linear = (ahead.position - behind.position) / (2.0 * t);
             // Ṙ Rᵀ is the cross-product matrix of ω.
             let spin = (ahead.rotation - behind.rotation) / (2.0 * t) * k.rotation.transpose();
-            let expected = Vector6::new(linear.x, linear.y, linear.z, spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
+            let [x, y, z] = [spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]];
+            let expected = Vector6::new(linear.x, linear.y, linear.z, x, y, z);
             prop_assert!((k.twist(&qd) - expected).norm() < 1e-7, "{} {}", k.twist(&qd), expected);
         }
     }
@@ -257,7 +259,9 @@ proptest! {
     #![proptest_config(cases(500))]
 
     #[test]
-    fn any_axes_and_seven_joints_work(q in prop::array::uniform7(-3.0..3.0f64), qd in prop::array::uniform7(-2.0..2.0f64)) {
+    fn any_axes_and_seven_joints_work(
+        q in prop::array::uniform7(-3.0..3.0f64),
+        qd in prop::array::uniform7(-2.0..2.0f64)) {
         let chain = Chain::<7>::from_urdf(SKEW, Some("b"), Some("t")).unwrap();
         let k = chain.forward(&q);
         let pose = skew_pose(&q);

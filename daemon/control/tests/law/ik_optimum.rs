@@ -192,7 +192,8 @@ fn seven_joints_follow_too() {
     }
 }
 
-/// IK and guard share the box: whatever the target does, the guard finds nothing to alter, close to limits too.
+/// IK and guard share the box: whatever the target does, the guard finds nothing to alter, close to limits
+/// too.
 #[test]
 fn the_guard_never_alters_the_ik() {
     let chain = chain(UR5);

@@ -1,5 +1,5 @@
-//! Through and into the singularities of a UR: every command legal and continuous (`Arm::tick` asks the guard), slow where
-//! the arm cannot, never a halt, and exact again once it is out.
+//! Through and into the singularities of a UR: every command legal and continuous (`Arm::tick` asks the
+//! guard), slow where the arm cannot, never a halt, and exact again once it is out.
 
 use crate::support::reaching;
 
@@ -17,7 +17,8 @@ struct Passage {
     left: f64,
 }
 
-/// Out along `direction` and back in `period` seconds, then 2 s of rest: the tool's axis leans by `lean` meanwhile.
+/// Out along `direction` and back in `period` seconds, then 2 s of rest: the tool's axis leans by `lean`
+/// meanwhile.
 fn passage(q: [f64; 6], direction: Vector3<f64>, lean: Vector3<f64>, period: f64, keep: bool) -> Passage {
     let chain = chain(UR5);
     let mut arm = Arm::new(&chain, q, 40.0);

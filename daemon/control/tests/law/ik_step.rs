@@ -164,7 +164,8 @@ fn a_jump_of_the_target_is_approached_without_overshoot() {
     assert!(altered > 0, "the acceleration limit must have shown in the report");
 }
 
-/// Straight through the wrist singularity (q5 = 0), and into full stretch: finite, continuous, inside the box.
+/// Straight through the wrist singularity (q5 = 0), and into full stretch: finite, continuous, inside the
+/// box.
 #[test]
 fn singularities_are_passed_without_stop_jump_or_nan() {
     let chain = chain(UR5);

@@ -1,5 +1,5 @@
-//! The degradation ladder: fresh plan, previous plan, jerk-limited stop, hold. Each rung, each way down and up, and no other.
-//! Every command on the way is judged by `CommandChecker` (inside `support::Bench`).
+//! The degradation ladder: fresh plan, previous plan, jerk-limited stop, hold. Each rung, each way down and
+//! up, and no other. Every command on the way is judged by `CommandChecker` (inside `support::Bench`).
 
 use std::collections::BTreeSet;
 
@@ -41,7 +41,7 @@ impl Writer {
         self.bench.tick_with(&pen, request, budget)
     }
 
-    /// Fastest joint of the last command [rad/s].
+    /// Fastest joint of the last command \[rad/s\].
     fn speed(&self) -> f64 {
         self.bench.last.map_or(0.0, |last| last.qd.iter().fold(0.0, |most: f64, v| most.max(v.abs())))
     }
@@ -56,7 +56,7 @@ impl Writer {
         panic!("never {wanted:?}");
     }
 
-    /// Distance of the commanded tool from the curve [m], the lag of feedback aside.
+    /// Distance of the commanded tool from the curve \[m\], the lag of feedback aside.
     fn rms(&mut self, ticks: u64) -> f64 {
         let mut sum = 0.0;
         for _ in 0..ticks {

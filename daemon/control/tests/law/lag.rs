@@ -20,11 +20,11 @@ const TICK_NS: u64 = 2_000_000;
 struct Receipt {
     /// Every so many ticks.
     every: u64,
-    /// Noise [rad], standard deviation of about.
+    /// Noise \[rad\], standard deviation of about.
     noise: f64,
-    /// Constant distance between commanded and measured joints [rad].
+    /// Constant distance between commanded and measured joints \[rad\].
     offset: f64,
-    /// Stamps are late by 0 to this [s].
+    /// Stamps are late by 0 to this \[s\].
     jitter: f64,
 }
 
@@ -256,7 +256,8 @@ fn the_same_inputs_give_the_same_estimate_bit_for_bit() {
     );
 }
 
-/// Writes for `seconds` with an arm that is `late` ticks behind; calls `see` with τ [ns] and the estimate of every tick.
+/// Writes for `seconds` with an arm that is `late` ticks behind; calls `see` with τ \[ns\] and the estimate
+/// of every tick.
 fn follow(
     settings: FollowerSettings<6>,
     late: usize,

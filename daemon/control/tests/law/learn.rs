@@ -1,5 +1,6 @@
-//! The learner on made-up handwriting: it beats its start, promotes only what is better, rolls back what is worse.
-//! The preset was chosen on real recordings (UNIPEN train writers); the numbers stand in `LearnerSettings::preset`.
+//! The learner on made-up handwriting: it beats its start, promotes only what is better, rolls back what is
+//! worse. The preset was chosen on real recordings (UNIPEN train writers); the numbers stand in
+//! `LearnerSettings::preset`.
 
 use crate::support;
 
@@ -22,7 +23,8 @@ fn errors_of(learner: &Learner) -> Versus {
     learner.errors(PredictorKind::DYBM).candidate
 }
 
-/// RMS position error [m] per predictor (hold, constant velocity, dybm) at `lead` steps, from step `from` on.
+/// RMS position error \[m\] per predictor (hold, constant velocity, dybm) at `lead` steps, from step `from`
+/// on.
 fn errors(steps: &[GridStep], models: &Models, lead: usize, from: usize) -> ([f64; 3], Learner) {
     let mut learner = Learner::new(preset(), models).unwrap();
     let mut previewer = previewer(&learner);

@@ -1,4 +1,5 @@
-//! The learner against poison: nothing that is not finite, too large or made for another loop ever becomes live.
+//! The learner against poison: nothing that is not finite, too large or made for another loop ever becomes
+//! live.
 
 use crate::support;
 
@@ -128,7 +129,8 @@ proptest! {
     #[test]
     fn hostile_steps_never_make_bad_weights(
         steps in proptest::collection::vec(
-            (0..3_u64, prop_oneof![8 => -100.0..100.0_f64, 1 => any::<f64>()], any::<f64>(), 0..10_u8), 1..500)
+            (0..3_u64, prop_oneof![8 => -100.0..100.0_f64, 1 => any::<f64>()], any::<f64>(), 0..10_u8),
+                1..500)
     ) {
         let mut learner = learner();
         let mut index = 0;

@@ -53,7 +53,8 @@ fn worst(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn fast_cells_agree_with_the_plain_equations() {
-    // Single precision has 24 bits and forgets its errors; the roll-out feeds them back ten times (units of RMS 10).
+    // Single precision has 24 bits and forgets its errors; the roll-out feeds them back ten times (units of
+    // RMS 10).
     for (precision, state_tolerance, path_tolerance) in
         [(Precision::Double, 1e-13, 1e-11), (Precision::Single, 2e-6, 2e-4)]
     {
@@ -253,7 +254,8 @@ fn loop_of_another_step_or_scale_is_refused() {
     assert_eq!(made.fits(STEP_NS), Ok(()));
     assert_eq!(
         made.fits(10_000_000).unwrap_err().to_string(),
-        "the LSTM was trained at a step of 5000000 ns, the loop runs at 10000000 ns: take a model for this step, or train one"
+        "the LSTM was trained at a step of 5000000 ns, the loop runs at 10000000 ns: take a model for this \
+         step, or train one"
     );
     let raw = weights(LstmSpec { input_scale: 2.3, ..spec(10) }, 1);
     assert_eq!(raw.fits(STEP_NS), Err(LstmError::LoopScale { got: 2.3, wanted: 10.0 }));

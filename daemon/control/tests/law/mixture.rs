@@ -103,7 +103,8 @@ fn weights_of_the_mixture_follow_what_was_right_and_sum_to_one() {
     let [constant, _, plain, untrained, full] = model.parameters().shares()[NODE_COUNT - 1];
     assert!(constant < 0.05 && untrained < 0.05, "{constant} {untrained}");
     assert!(plain + full > 0.5, "{plain} {full}");
-    // Where the pen rests, all are right, and fixed share evens the weights out a little; nobody is lost for good.
+    // Where the pen rests, all are right, and fixed share evens the weights out a little; nobody is lost for
+    // good.
     assert!(model.parameters().shares().iter().flatten().all(|share| *share >= 1e-4));
     assert_eq!(model.parameters().shares()[0].len(), EXPERTS);
 }

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 const TICK_NS: u64 = 2_000_000;
 const TICK_S: f64 = 2e-3;
-/// The tool goes this far per turn of joint 0 [m/rad].
+/// The tool goes this far per turn of joint 0 \[m/rad\].
 const LEVER_M: f64 = 0.2;
 
 /// Three joints, of which the first moves the tool.
@@ -38,7 +38,8 @@ impl Rig {
         Stamp(self.tick * TICK_NS)
     }
 
-    /// One tick: joint states as `measured`, with the tool `off` [m] where they put it, then the next command.
+    /// One tick: joint states as `measured`, with the tool `off` \[m\] where they put it, then the next
+    /// command.
     fn tick_off(&mut self, measured: [f64; 3], off: [f64; 3], command: [f64; 3]) -> Option<StopDetail> {
         let tool = [off[0] + LEVER_M * measured[0], off[1], off[2]];
         let wrong = self.monitor.measured(self.now(), &measured, &tool, self.lag.as_ref());
@@ -60,8 +61,8 @@ impl Rig {
     }
 }
 
-/// What an arm is blamed for within 3 s whose joints do the shares `does` of what they are asked: up and down by 12 mrad
-/// times `asked`, once a second.
+/// What an arm is blamed for within 3 s whose joints do the shares `does` of what they are asked: up and down
+/// by 12 mrad times `asked`, once a second.
 fn partly(asked: [f64; 3], does: [f64; 3]) -> Option<StopDetail> {
     let mut rig = Rig::usual().rested();
     (0..1500).find_map(|tick| {
@@ -156,7 +157,8 @@ fn what_creeps_away_is_blamed_where_the_tolerance_ends() {
     rig.rested();
 }
 
-/// About commands that stand: swings of `size` [rad] at 1.5 Hz, each `growth` times as far as the one before.
+/// About commands that stand: swings of `size` \[rad\] at 1.5 Hz, each `growth` times as far as the one
+/// before.
 fn swinging(size: f64, growth: f64) -> Option<StopDetail> {
     let mut rig = Rig::usual().rested();
     (0..1500).find_map(|tick| {
@@ -202,8 +204,9 @@ fn after_a_stop_an_arm_is_suspect_while_it_moves_or_stands_elsewhere() {
     assert!(!rig.monitor.unsettled(0.05), "an operator says that it is right");
 }
 
-/// Joint 0 swings by `size` [rad] at `hz`; the arm goes after its commands at `cap` [rad/s] at most. What it is blamed for, what
-/// share of the speed it is found to have, and what it may be asked for when that is first below all.
+/// Joint 0 swings by `size` \[rad\] at `hz`; the arm goes after its commands at `cap` \[rad/s\] at most. What
+/// it is blamed for, what share of the speed it is found to have, and what it may be asked for when that is
+/// first below all.
 fn swung(settings: TrackingSettings, cap: f64) -> (Option<StopDetail>, Option<f64>, Option<f64>) {
     let (size, hz) = (0.02, 3.0);
     let mut rig = Rig::new(settings, 40_000_000);
@@ -299,7 +302,8 @@ fn a_joint_that_moves_against_the_others_inside_its_commands_is_blamed_for_its_t
     assert_eq!(mirrored(0.002), None);
 }
 
-/// How long [s] after commands went 0.2 rad away a joint is blamed that hardly follows. Before, it moved for `moved_s`.
+/// How long \[s\] after commands went 0.2 rad away a joint is blamed that hardly follows. Before, it moved
+/// for `moved_s`.
 fn blamed_after(moved_s: f64, std_s: f64) -> f64 {
     let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000);
     rig.lag = Some(LagEstimate { lag_s: 0.02, std_s, shift_s: 0.02 });
@@ -318,7 +322,8 @@ fn blamed_after(moved_s: f64, std_s: f64) -> f64 {
     f64::from(after.expect("it does not follow")) * TICK_S
 }
 
-/// The longest lag, what a servo of that lag or of the known one spreads, and jitter: 0.2 + 2 · 0.2 + 0.02 s, or 2 · 0.02 s.
+/// The longest lag, what a servo of that lag or of the known one spreads, and jitter: 0.2 + 2 · 0.2 + 0.02 s,
+/// or 2 · 0.02 s.
 #[test]
 fn a_lag_counts_when_it_is_known_well_and_the_arm_has_moved_for_two_seconds() {
     for (moved_s, std_s, reach_s) in

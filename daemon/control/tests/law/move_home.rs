@@ -1,5 +1,6 @@
-//! The way home through the whole step: refused where it is not clear, gentle and straight where it is, and ended by a smooth
-//! stop from anywhere on it. `support::Bench` judges every command's legality and continuity.
+//! The way home through the whole step: refused where it is not clear, gentle and straight where it is, and
+//! ended by a smooth stop from anywhere on it. `support::Bench` judges every command's legality and
+//! continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::arm::JointLimits;
@@ -73,8 +74,8 @@ fn farthest(q: &[f64; 6], from: &[f64; 6]) -> f64 {
     q.iter().zip(from).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
 }
 
-/// Follows the whole way; every command on the straight line, no faster than gentle. How long it took [s], and whether things
-/// nearby slowed it.
+/// Follows the whole way; every command on the straight line, no faster than gentle. How long it took \[s\],
+/// and whether things nearby slowed it.
 fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> (f64, bool) {
     let h = PERIOD_NS as f64 * 1e-9;
     let (_, joint) =
@@ -186,7 +187,8 @@ fn a_way_through_itself_is_refused_with_both_links() {
     assert_eq!(name, "`upper_arm` and `wrist_1`", "{by:?}");
 }
 
-/// A wall that the arm, turned about its base, is nearest to one radian before home: it stands [m] from it there.
+/// A wall that the arm, turned about its base, is nearest to one radian before home: it stands \[m\] from it
+/// there.
 fn passing_a_wall(settings: &mut FollowerSettings<6>, distance_m: f64) -> f64 {
     let turned = |q0: f64| [q0, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
     let wall = |angle: f64, far: f64| {
@@ -389,7 +391,8 @@ fn limits_of_weak_joints_bound_the_way_too() {
         .unwrap();
     let start = [HOME[0] - 0.2, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
     let Some((_, turn, seconds)) = settings.way_home(&start) else { panic!("finite") };
-    // A quarter of 0.4 rad/s and of 0.9 rad/s²: 0.2 rad at 0.1 rad/s, 0.1/0.225 s to get there, 0.225/2 s to ease.
+    // A quarter of 0.4 rad/s and of 0.9 rad/s²: 0.2 rad at 0.1 rad/s, 0.1/0.225 s to get there, 0.225/2 s to
+    // ease.
     assert!((turn - 0.2).abs() < 1e-12 && (seconds - (2.0 + 0.1 / 0.225 + 0.225 / 2.0)).abs() < 1e-9);
     let (mut bench, first) = asked(settings, start);
     looked_along(&mut bench, first).unwrap();

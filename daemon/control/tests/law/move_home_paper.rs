@@ -14,12 +14,13 @@ fn flat() -> FollowerSettings<6> {
     settings
 }
 
-/// The lowest of the workspace [m].
+/// The lowest of the workspace \[m\].
 fn floor(settings: &FollowerSettings<6>) -> f64 {
     settings.mpc.limits()[2].position_m[0]
 }
 
-/// Height of the tip over the paper on the way from `q`, where it is over the workspace: at the start, and the lowest [m].
+/// Height of the tip over the paper on the way from `q`, where it is over the workspace: at the start, and
+/// the lowest \[m\].
 fn heights(settings: &FollowerSettings<6>, q: &[f64; 6]) -> (f64, f64) {
     let at = |share: f64| {
         let q = std::array::from_fn(|j| q[j] + share * (HOME[j] - q[j]));

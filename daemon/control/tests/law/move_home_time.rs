@@ -12,7 +12,7 @@ fn start() -> [f64; 6] {
     [first + 0.4, b, c, d, e, f]
 }
 
-/// The loop on its way, in the tick in which it begins to move, and how long the whole way takes [s].
+/// The loop on its way, in the tick in which it begins to move, and how long the whole way takes \[s\].
 fn underway(settings: FollowerSettings<6>) -> (Bench, HomeProgress, f64) {
     let (_, _, seconds) = settings.way_home(&start()).unwrap();
     let mut bench = Bench::new(settings);
@@ -49,7 +49,8 @@ fn what_is_left_of_the_way_is_told_to_the_tick() {
     assert_eq!(last.home.map(|home| (home.share, home.left_s)), Some((1.0, 0.0)));
 }
 
-/// Seconds by the stamps until it is there, and whether it stood on the way, if `lost` periods are lost in the middle.
+/// Seconds by the stamps until it is there, and whether it stood on the way, if `lost` periods are lost in
+/// the middle.
 fn arrives(lost: u64) -> (f64, bool) {
     let (mut bench, ..) = underway(settings(PredictorKind::HOLD));
     let begin = bench.now;

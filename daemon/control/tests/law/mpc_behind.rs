@@ -1,5 +1,5 @@
-//! Plans behind a servo that is a filter: optimal by an objective that is written out here independently, inside the
-//! command's limits, and better for the arm than plans that know nothing of the servo.
+//! Plans behind a servo that is a filter: optimal by an objective that is written out here independently,
+//! inside the command's limits, and better for the arm than plans that know nothing of the servo.
 
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, SoftPenalty, Start,

@@ -111,8 +111,8 @@ fn random_problem<const N: usize>(rng: &mut Pcg64Mcg, settings: &MpcSettings) ->
     Problem { start, held, preview, trust }
 }
 
-/// ½J + ρ · violations of one axis, from SI quantities and the paper's sums; violations within `slack` [mm and
-/// steps] are rounding.
+/// ½J + ρ · violations of one axis, from SI quantities and the paper's sums; violations within `slack` [mm
+/// and steps] are rounding.
 fn objective<const N: usize>(
     settings: &MpcSettings,
     problem: &Problem<N>,

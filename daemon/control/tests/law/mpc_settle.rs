@@ -8,7 +8,7 @@ use foretrace_control::units::{AxisState, Trust};
 
 const N: usize = 10;
 
-/// Gains of feedback [position, velocity] and effort; those of the preview with a third of the damping.
+/// Gains of feedback \[position, velocity\] and effort; those of the preview with a third of the damping.
 fn law(position: f64, velocity: f64, effort: f64) -> MpcSettings {
     let mut law = settings(PredictorKind::HOLD).mpc;
     law.effort = effort;
@@ -93,8 +93,8 @@ fn behind_servo(arm: &AxisState, from: f64, to: f64, servo_s: f64, period_s: f64
     arm
 }
 
-/// By what a small deviation of `axis` is multiplied per second at `trust`, planned anew every `period_s`; the mean over 40 s,
-/// after 40 s in which what dies away sooner does.
+/// By what a small deviation of `axis` is multiplied per second at `trust`, planned anew every `period_s`;
+/// the mean over 40 s, after 40 s in which what dies away sooner does.
 fn followed(law: &MpcSettings, axis: usize, trust: Trust, period_s: f64) -> f64 {
     let held = middle(law).map(AxisState::at_rest);
     let preview = held.map(|state| [state; N]);

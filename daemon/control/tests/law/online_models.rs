@@ -81,7 +81,8 @@ fn survives<M: OnlineModel>(mut model: M, inputs: &[[f64; 2]]) {
     }
     let healthy = model.parameters().validate().is_ok();
     assert!(!healthy || format!("{:?}", model.parameters()).find("NaN").is_none(), "NaN validates");
-    // Whatever happened, with an empty memory the next thousand ordinary steps are predicted with finite numbers.
+    // Whatever happened, with an empty memory the next thousand ordinary steps are predicted with finite
+    // numbers.
     model.reset_state();
     for t in 0..1000 {
         let predicted = model.learn(motion(t));

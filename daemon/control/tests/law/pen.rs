@@ -116,7 +116,8 @@ fn a_single_glitch_costs_nothing_but_its_own_sample() {
     assert_eq!((with.counters().outliers, with.counters().jumps), (1, 0));
 }
 
-/// The first sample of a jump is refused, so that the second one is twice as long after the last that was not.
+/// The first sample of a jump is refused, so that the second one is twice as long after the last that was
+/// not.
 #[test]
 fn a_jump_that_could_be_motion_by_its_second_sample_is_a_jump() {
     let gate_mps = PenSettings::default().max_speed_mps;
@@ -169,7 +170,8 @@ fn a_real_jump_is_followed_after_one_sample_and_is_not_motion() {
         assert_eq!(feed(&mut pen, elsewhere(i)), Receipt::Accepted);
     }
     let steps = drain(&mut pen);
-    // The jump spans 1045 to 1055 ms: the point at 1050 and, for its part after 1050, the one at 1060 are no motion.
+    // The jump spans 1045 to 1055 ms: the point at 1050 and, for its part after 1050, the one at 1060 are no
+    // motion.
     let motions: Vec<_> = steps.iter().map(|s| (s.index, s.motion)).collect();
     assert_eq!(motions[..3], [(105, Motion::Jump), (106, Motion::Jump), (107, Motion::Continues)]);
     assert!(steps.iter().filter(|s| s.motion == Motion::Continues).all(|s| s.displacement[0].abs() < 1e-12));
@@ -255,11 +257,12 @@ fn hostile_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         6 => -0.2..0.2_f64,
         1 => any::<f64>(),
-        1 => prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-f64::INFINITY), Just(f64::MAX), Just(-0.0)],
+        1 => prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-f64::INFINITY), Just(f64::MAX),
+            Just(-0.0)],
     ]
 }
 
-/// (advance of the clock, offset of the stamp against it) [ns].
+/// (advance of the clock, offset of the stamp against it) \[ns\].
 fn hostile_times() -> impl Strategy<Value = (u64, i64)> {
     (
         prop_oneof![8 => 0..8 * MS, 1 => 0..500 * MS, 1 => any::<u64>()],
@@ -271,7 +274,8 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn hostile_streams_leave_a_sound_grid_and_counters_that_add_up(
-        stream in proptest::collection::vec((hostile_times(), hostile_number(), hostile_number(), any::<bool>(), any::<bool>()), 1..400)
+        stream in proptest::collection::vec((hostile_times(), hostile_number(), hostile_number(),
+            any::<bool>(), any::<bool>()), 1..400)
     ) {
         let mut pen = tracker();
         let mut now = 1000 * MS;
@@ -287,7 +291,8 @@ proptest! {
                 while let Some(step) = pen.next_step() {
                     prop_assert!(step.position.iter().all(|p| p.abs() <= 1.0));
                     prop_assert!(step.displacement.iter().all(|d| d.is_finite()));
-                    // Indices rise; ordinary motion means the very next one, and no more than the gate allows.
+                    // Indices rise; ordinary motion means the very next one, and no more than the gate
+                    // allows.
                     prop_assert!(newest_index.is_none_or(|newest| step.index > newest));
                     if step.motion == Motion::Continues {
                         prop_assert_eq!(Some(step.index), newest_index.map(|newest: u64| newest + 1));
@@ -316,7 +321,8 @@ proptest! {
         for (index, (x, y)) in path.into_iter().enumerate() {
             let displacement = [x * 1e-3, y * 1e-3];
             let step = GridStep {
-                index: index as u64, position: [0.0; 2], displacement, motion: Motion::Continues, contact: true,
+                index: index as u64, position: [0.0; 2], displacement, motion: Motion::Continues,
+                    contact: true,
             };
             let in_other = displacement.map(|d| d * unit);
             one.observe(&step);

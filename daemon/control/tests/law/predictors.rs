@@ -92,7 +92,8 @@ fn with_every_predictor_the_same_inputs_give_the_same_bits() {
 
 #[test]
 fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_error() {
-    // With the trust set by hand the preview is followed as it is: the band's own claim. Corrections by newer samples only narrow it.
+    // With the trust set by hand the preview is followed as it is: the band's own claim. Corrections by newer
+    // samples only narrow it.
     for (request, kind) in [Request::SetTrust(1.0), Request::TrustAuto]
         .into_iter()
         .flat_map(|request| PredictorKind::LIVE.map(|kind| (request, kind)))

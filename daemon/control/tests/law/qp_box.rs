@@ -277,7 +277,8 @@ fn clarabel_names_the_bounds_that_hold() {
     assert!(seen.iter().flatten().all(|count| *count > 20), "{seen:?}");
 }
 
-/// Near a singularity the updated quantities of the active set lose their digits; what is solved anew from H has them.
+/// Near a singularity the updated quantities of the active set lose their digits; what is solved anew from H
+/// has them.
 #[test]
 fn nearly_singular_problems_are_certified_with_bounds_that_hold() {
     let mut rng = Pcg64Mcg::seed_from_u64(6);

@@ -109,7 +109,8 @@ fn without_rows_the_answer_is_that_of_the_box() {
     }
 }
 
-/// Two walls that face each other with no room between: the answer stands still between them instead of failing.
+/// Two walls that face each other with no room between: the answer stands still between them instead of
+/// failing.
 #[test]
 fn contradicting_rows_share_the_violation_and_the_box_holds() {
     let mut rows = RowSet::<6>::default();

@@ -17,17 +17,17 @@ fn tuned(change: impl FnOnce(&mut RefineParameters)) -> Judge {
     Judge::refining(STEP_S, parameters)
 }
 
-/// Noise of a coarse tablet and of a clean one [m].
+/// Noise of a coarse tablet and of a clean one \[m\].
 const NOISE_M: [f64; 2] = [2e-5, 1e-8];
 
-/// A pen on a circle, 1.4 mm a step, whose samples have that much noise [m]; `t` in steps.
+/// A pen on a circle, 1.4 mm a step, whose samples have that much noise \[m\]; `t` in steps.
 fn pen(t: f64, noise_m: f64) -> [f64; 2] {
     let noise = noise_m * (t * 7919.0).sin();
     [0.014 * (0.1 * t).sin() + noise, 0.014 * (0.1 * t).cos() - noise]
 }
 
-/// Writes for so many steps, each previewed as constant velocity, with a sample a quarter and a half step after its grid point; what is
-/// then believed 1 to 12 steps ahead.
+/// Writes for so many steps, each previewed as constant velocity, with a sample a quarter and a half step
+/// after its grid point; what is then believed 1 to 12 steps ahead.
 fn write(skill: &mut Judge, steps: u32, noise_m: f64) -> Vec<[f64; 2]> {
     let at = |steps: f64| Stamp((1e9 + steps * STEP_S * 1e9) as u64);
     let mut preview = [[0.0; 2]; SKILL_LEADS];
@@ -88,7 +88,8 @@ fn a_new_hand_is_refined_by_the_prior_and_a_leap_by_nothing() {
     let mut none = tuned(|p| {
         p.prior.coarse = Curves { left: flat, innovation: flat, velocity: flat, acceleration: flat };
     });
-    // One step: nothing was judged yet. Without weights the way to the preview is shortened at most, never bent.
+    // One step: nothing was judged yet. Without weights the way to the preview is shortened at most, never
+    // bent.
     let [[nx, ny], [x, y], [px, py]] = [1.5, 1.0, 0.0].map(|t| pen(t, NOISE_M[0]));
     let bend = |skill: &mut Judge| {
         let believed = write(skill, 1, NOISE_M[0]);

@@ -1,4 +1,5 @@
-//! Skill: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go wrong.
+//! Skill: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go
+//! wrong.
 
 use foretrace_control::skill::{Record, SKILL_LEADS};
 use foretrace_control::trust::{TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings};
@@ -12,7 +13,7 @@ use crate::support::judging::Judge;
 const UNIT_M: f64 = 1e-4;
 const STEP_S: f64 = 0.01;
 
-/// Pen positions of a hand whose velocity wanders, a grid step apart [m].
+/// Pen positions of a hand whose velocity wanders, a grid step apart \[m\].
 fn wandering(seed: u64, steps: usize) -> Vec<[f64; 2]> {
     let mut rng = Pcg64::seed_from_u64(seed);
     let (mut position, mut velocity) = ([0.0; 2], [1e-3, 0.5e-3]);
@@ -67,8 +68,8 @@ fn at(steps: f64) -> Stamp {
     Stamp(1_000_000_000 + (steps * STEP_S * 1e9) as u64)
 }
 
-/// Grid steps of `path`, `batch` of them closing at once, each batch followed by a preview and, if `phase` is given, by a
-/// sample that far on the straight line to the next grid point.
+/// Grid steps of `path`, `batch` of them closing at once, each batch followed by a preview and, if `phase` is
+/// given, by a sample that far on the straight line to the next grid point.
 fn live(judge: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option<f64>, batch: usize) {
     for k in 1..path.len() - 1 {
         judge.realise(path[k], UNIT_M);
@@ -296,7 +297,8 @@ fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen
 
 #[test]
 fn steps_that_close_together_are_told_apart() {
-    // A preview that is right is right at every lead only if each step is compared with the lead that meant it.
+    // A preview that is right is right at every lead only if each step is compared with the lead that meant
+    // it.
     for batch in [2, 3, 7] {
         let mut judge = Judge::new(STEP_S, true);
         live(&mut judge, &smooth(1200), Preview::Truth(1.0), None, batch);

@@ -9,7 +9,8 @@ use rand_pcg::Pcg64;
 
 const UNIT_M: f64 = 1e-4;
 
-/// One judged case: the pen's real way, the way that was predicted, and that of constant velocity [normalised].
+/// One judged case: the pen's real way, the way that was predicted, and that of constant velocity
+/// \[normalised\].
 struct Case {
     real: [f64; 2],
     predicted: [f64; 2],
@@ -27,8 +28,8 @@ fn missed(case: &Case, by: [f64; 2], share: f64) -> f64 {
     dot(left, left)
 }
 
-/// w of the module's description, the newest case last: the slope of the regression, and three standard deviations more;
-/// errors `lead` steps ahead repeat themselves so often.
+/// w of the module's description, the newest case last: the slope of the regression, and three standard
+/// deviations more; errors `lead` steps ahead repeat themselves so often.
 fn share(cases: &[Case], lead: usize, parameters: &SkillParameters) -> f64 {
     let age = |i: usize| parameters.forgetting.powi((cases.len() - 1 - i) as i32);
     let sum = |of: &dyn Fn(&Case) -> f64| cases.iter().enumerate().map(|(i, c)| age(i) * of(c)).sum::<f64>();
@@ -109,7 +110,8 @@ fn shares_and_records_are_those_of_all_cases() {
     assert!(partly > 200, "{partly} shares between nothing and all");
 }
 
-/// The share of surprises after `cases` claims of `radius_m`, `lead` steps ahead, about a pen that is 0.5 mm beside every preview.
+/// The share of surprises after `cases` claims of `radius_m`, `lead` steps ahead, about a pen that is 0.5 mm
+/// beside every preview.
 fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
     let (mut skill, mut refiner) = (Skill::new(0.01, false), Refiner::new(0.01));
     for k in 0..cases + lead {

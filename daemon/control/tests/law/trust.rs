@@ -190,7 +190,8 @@ fn health_of_solver_and_learner_counts_unless_an_operator_decides() {
     assert_eq!(trusted().update(&refused, TICK_NS).reason, TrustReason::Manual);
 }
 
-/// α after `seconds` on an arm that is at a limit in the share `used` of its ticks at a trust, why, and the share of the ticks in which it was.
+/// α after `seconds` on an arm that is at a limit in the share `used` of its ticks at a trust, why, and the
+/// share of the ticks in which it was.
 fn limited(
     trust: &mut TrustControl,
     seconds: f64,
@@ -340,20 +341,23 @@ proptest! {
     #[test]
     fn alpha_stays_in_its_range_and_never_moves_faster_than_the_ramp(
         ticks in proptest::collection::vec(
-            (any::<[bool; 4]>(), any::<(Option<f64>, Option<bool>)>(), any::<[f64; 6]>(), 0..20_u32, any::<Option<u64>>(),
+            (any::<[bool; 4]>(), any::<(Option<f64>, Option<bool>)>(), any::<[f64; 6]>(), 0..20_u32,
+                any::<Option<u64>>(),
              0..60_000_000_u64), 1..300)
     ) {
         let settings = TrustSettings::default();
         let mut trust = TrustControl::new(settings).unwrap();
         let mut before = trust.alpha().alpha();
-        for ([armed, jumped, preview_finite, switching], (manual, overtaxed), sums, history, age, dt_ns) in ticks {
+        for ([armed, jumped, preview_finite, switching], (manual, overtaxed), sums, history, age,
+            dt_ns) in ticks {
             let [preview, hold, steady, cases, surprise, unplanned] = sums;
             let record = Record { preview, hold, steady, cases, surprise };
             let request = manual.map_or(TrustRequest::Auto, |alpha| TrustRequest::Manual(Trust::new(alpha)));
             let pen_age_ns = age.map(|age| age % 120_000_000);
             let weights_refused = history == 7;
             let inputs = TrustInputs {
-                request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned, overtaxed, weights_refused, record,
+                request, armed, history, pen_age_ns, jumped, preview_finite, switching, unplanned,
+                    overtaxed, weights_refused, record,
                 reaction_ns: dt_ns * 3,
                 failed: unplanned,
             };

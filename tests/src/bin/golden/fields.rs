@@ -1,4 +1,5 @@
-//! The fields that are compared, in the order in which they are written. Times of the machine and names are none of them.
+//! The fields that are compared, in the order in which they are written. Times of the machine and names are
+//! none of them.
 
 use foretrace_control::follower::{Refusal, StepOutput};
 use foretrace_control::units::AxisState;

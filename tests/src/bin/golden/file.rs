@@ -68,8 +68,10 @@ impl Golden {
         let wrong = |error: std::io::Error| format!("{}: {error}", path.display());
         let head = json!({
             "fields": NAMES,
-            "scenes": self.scenes.iter().map(|scene| json!([scene.name, scene.values.len()])).collect::<Vec<_>>(),
-            "figures": self.figures.iter().map(|figure| json!([figure.place, figure.bits])).collect::<Vec<_>>(),
+            "scenes": self.scenes.iter().map(|scene| json!([scene.name, scene.values.len()]))
+                .collect::<Vec<_>>(),
+            "figures": self.figures.iter().map(|figure| json!([figure.place, figure.bits]))
+                .collect::<Vec<_>>(),
         });
         let mut out = BufWriter::new(std::fs::File::create(path).map_err(wrong)?);
         writeln!(out, "{head}").map_err(wrong)?;

@@ -1,8 +1,10 @@
-//! The net under changes that must not change anything: what the law decides over a fixed corpus, bit for bit.
+//! The net under changes that must not change anything: what the law decides over a fixed corpus, bit for
+//! bit.
 //!
-//! `golden record OUT [--shared DIR]` writes every field of [`fields::NAMES`] of every tick of every scene ([`scenes`]), and the figures
-//! of the lab's experiments where the shared data are. `golden compare A B` names the first difference with both values. Recordings
-//! are compared on the machine that made them: other processors and libraries round differently.
+//! `golden record OUT [--shared DIR]` writes every field of [`fields::NAMES`] of every tick of every scene
+//! ([`scenes`]), and the figures of the lab's experiments where the shared data are. `golden compare A B`
+//! names the first difference with both values. Recordings are compared on the machine that made them: other
+//! processors and libraries round differently.
 
 mod fields;
 mod figures;

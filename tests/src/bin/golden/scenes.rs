@@ -1,4 +1,5 @@
-//! The corpus: texts of the built-in writer, hostile lives, arming and stops, switches, leaps and losses, every predictor, both presets.
+//! The corpus: texts of the built-in writer, hostile lives, arming and stops, switches, leaps and losses,
+//! every predictor, both presets.
 //!
 //! The learner runs in step with the law, so that a scene is a pure function of its name.
 
@@ -303,7 +304,8 @@ impl<'a> World<'a> {
         (self.life.events == Events::Overruns && tick == 500).then_some((StopReason::Overruns, detail))
     }
 
-    /// Moves the pen by 30 mm for 0.2 s every half a second, or to and fro by 4 mm, 20 times a second, with noise of 0.2 mm.
+    /// Moves the pen by 30 mm for 0.2 s every half a second, or to and fro by 4 mm, 20 times a second, with
+    /// noise of 0.2 mm.
     fn displace(&mut self, tick: u64, pen: &mut [PenReading]) {
         let leapt = f64::from(u8::from(tick % 250 >= 150));
         for reading in pen {

@@ -1,4 +1,5 @@
-//! Settings that are garbage: at start, under a running daemon, and at a reload. And the limits that the recorder judges by.
+//! Settings that are garbage: at start, under a running daemon, and at a reload. And the limits that the
+//! recorder judges by.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, assert_refused, judge, told, until};

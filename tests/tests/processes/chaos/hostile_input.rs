@@ -1,4 +1,5 @@
-//! Messages that make no sense, too many of them, or too few readers. What is refused is counted, and the loop goes on.
+//! Messages that make no sense, too many of them, or too few readers. What is refused is counted, and the
+//! loop goes on.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, until};
@@ -69,7 +70,8 @@ fn pen_flood_of_20_000_samples_per_second() {
     let mut scene = armed();
     let told = scene.forge("flood", "3");
     let good = sent(&told, "good");
-    // On a machine that sleeps it may be fewer; then it is less of a flood, and still every sample is accounted for.
+    // On a machine that sleeps it may be fewer; then it is less of a flood, and still every sample is
+    // accounted for.
     assert!(good > 10_000, "{told}");
     let (received, dropped) = (grown(&told, "/pen/received"), grown(&told, "/pen/dropped"));
     assert_eq!(received + dropped + grown(&told, "/pen/rejected"), good, "{told}");

@@ -1,4 +1,5 @@
-//! SIGKILL at random moments. Recovery: from the start of the next process to the first command that follows a newer pen sample.
+//! SIGKILL at random moments. Recovery: from the start of the next process to the first command that follows
+//! a newer pen sample.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{Process, until};
@@ -8,7 +9,8 @@ use super::scene::{Moments, PLAY, Scene, rounds, say, say_times};
 /// Of all rounds, every test here takes a fifth.
 const SHARE: u32 = 5;
 
-/// Starts `words` until it stays: the place of a dead peer is free once somebody has cleaned up after it. `done` says when it stayed.
+/// Starts `words` until it stays: the place of a dead peer is free once somebody has cleaned up after it.
+/// `done` says when it stayed.
 fn started<T>(
     scene: &mut Scene,
     words: &[&str],

@@ -1,4 +1,5 @@
-//! Poison for the learner: what makes no sense never reaches it, and nothing learnt from nonsense reaches the loop.
+//! Poison for the learner: what makes no sense never reaches it, and nothing learnt from nonsense reaches the
+//! loop.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, until};

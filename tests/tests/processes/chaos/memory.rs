@@ -1,5 +1,6 @@
-//! Shared memory that is too small, full at start, or fills up under a running loop: in a mount namespace of its own, so that only
-//! these processes see it. Making one needs root; elsewhere each test says that it was skipped.
+//! Shared memory that is too small, full at start, or fills up under a running loop: in a mount namespace of
+//! its own, so that only these processes see it. Making one needs root; elsewhere each test says that it was
+//! skipped.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};

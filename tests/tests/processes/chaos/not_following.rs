@@ -1,5 +1,5 @@
-//! Arms that fail, over processes: the loop stops with the reason, is not armed again as if nothing had been, and goes on with the
-//! next arm.
+//! Arms that fail, over processes: the loop stops with the reason, is not armed again as if nothing had been,
+//! and goes on with the next arm.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,8 @@ use serde_json::Value;
 
 use super::scene::{PLAY, Scene, say};
 
-/// The arm fails so long after it began to cycle [s]: it is armed and follows by then, also on a busy machine.
+/// The arm fails so long after it began to cycle [s]: it is armed and follows by then, also on a busy
+/// machine.
 const AT_S: u32 = 6;
 
 /// An arm with `fault`, followed by a loop until that stops by itself. Returns the scene and the status then.
@@ -86,7 +87,8 @@ fn arm_that_runs_away_or_swings() {
 
 #[test]
 fn slow_arm_is_told_and_followed_on() {
-    // At 125 Hz the simulated slider leaves so little of each way that the arm is a filter of 45 ms, slow in nothing but its lag.
+    // At 125 Hz the simulated slider leaves so little of each way that the arm is a filter of 45 ms, slow in
+    // nothing but its lag.
     let mut scene = Scene::armed_with(&["--speed-scaling", "0.15", "--rate", "500"]);
     let since = monotonic_now_ns();
     scene.player = Some(scene.world.start(0, &["play", "glyphs:ab", "--loop", "--speed", "1.5"]));

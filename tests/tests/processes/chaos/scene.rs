@@ -1,4 +1,5 @@
-//! A whole loop that follows a pen, under the eyes of the recorder; and the end of it, with everything accounted for.
+//! A whole loop that follows a pen, under the eyes of the recorder; and the end of it, with everything
+//! accounted for.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
@@ -97,16 +98,18 @@ impl Drop for Scene {
     }
 }
 
-/// A busy machine starves the simulated arm, which has no rights, for longer than the preset's 50 ms. The stop that this rightly
-/// latches is not what the tests are about.
+/// A busy machine starves the simulated arm, which has no rights, for longer than the preset's 50 ms. The
+/// stop that this rightly latches is not what the tests are about.
 pub(crate) const PATIENT: [&str; 2] = ["--set", "safety.joint_state_timeout_ms=500"];
 
-/// Joint states older than this arm nothing, whatever the patience with an arm in charge: three cycles of 8 ms, and room [ms].
+/// Joint states older than this arm nothing, whatever the patience with an arm in charge: three cycles of 8
+/// ms, and room \[ms\].
 const FORGOTTEN_MS: f64 = 40.0;
 
-/// How deep the tip may be pressed into the paper by an arm that loses its daemon while it lowers the pen [m]. It follows the last
-/// command for up to 10 ms of validity and a cycle of 8 ms, at the 0.1875 m/s that the preset's plan allows: 3.4 mm. Then its
-/// joints brake at 20 rad/s², each by itself: 0.4 rad/s take 20 ms, 1.9 mm. On top of the workspace's 0.5 mm and the envelope's 1 mm.
+/// How deep the tip may be pressed into the paper by an arm that loses its daemon while it lowers the pen
+/// \[m\]. It follows the last command for up to 10 ms of validity and a cycle of 8 ms, at the 0.1875 m/s that
+/// the preset's plan allows: 3.4 mm. Then its joints brake at 20 rad/s², each by itself: 0.4 rad/s take 20
+/// ms, 1.9 mm. On top of the workspace's 0.5 mm and the envelope's 1 mm.
 const DEEPEST_M: f64 = 0.0068;
 
 /// The options of the hand that writes, over and over.
@@ -182,8 +185,8 @@ impl Scene {
     fn start_arm_with(&mut self, options: &[&str]) {
         self.arm_fails |= options.contains(&"--fault");
         if self.arms > 0 {
-            // The next arm stands elsewhere: the last word of the one before must be too old to be armed at. Who has no daemon
-            // has nothing to forget.
+            // The next arm stands elsewhere: the last word of the one before must be too old to be armed at.
+            // Who has no daemon has nothing to forget.
             until("the old arm is forgotten", || {
                 let asked = self.world.run(0, &["status", "--json", "-"]);
                 let status: Value = serde_json::from_slice(&asked.stdout).unwrap_or_default();
@@ -204,7 +207,8 @@ impl Scene {
         self.arm = Some(arm);
     }
 
-    /// Waits for a command that follows a pen sample younger than `since_ns`; returns the milliseconds from there to it.
+    /// Waits for a command that follows a pen sample younger than `since_ns`; returns the milliseconds from
+    /// there to it.
     pub(crate) fn follows_again(&self, since_ns: u64) -> f64 {
         until("commands follow the pen again", || self.follows_now(since_ns))
     }
@@ -217,7 +221,7 @@ impl Scene {
         Some((beat.published_ns - since_ns) as f64 * 1e-6)
     }
 
-    /// How long after `since_ns` the first command of a stop left, if one has [ms].
+    /// How long after `since_ns` the first command of a stop left, if one has \[ms\].
     pub(crate) fn stopped_at(&self, since_ns: u64) -> Option<f64> {
         let stopped = u64::from(u32::from(Mode::Stopped));
         let recorder = self.recorder.as_ref()?;
@@ -252,8 +256,8 @@ impl Scene {
         }
     }
 
-    /// Ends everything in order and judges: no command broke a rule, none is unaccounted for, nothing is left behind.
-    /// Returns the recorder's report.
+    /// Ends everything in order and judges: no command broke a rule, none is unaccounted for, nothing is left
+    /// behind. Returns the recorder's report.
     pub(crate) fn end(self) -> Value {
         self.end_and_listen().0
     }
@@ -331,7 +335,7 @@ pub(crate) fn say(fault: &str, what: &str) {
     let _ = writeln!(std::io::stderr(), "chaos: {fault}: {what}");
 }
 
-/// Says median and largest of recovery times [ms].
+/// Says median and largest of recovery times \[ms\].
 pub(crate) fn say_times(fault: &str, mut times: Vec<f64>) {
     times.sort_by(f64::total_cmp);
     let mut text = String::new();

@@ -1,5 +1,6 @@
-//! The arm can be stopped whatever else is broken: `foretrace_client::stop`, from its call to the first braking command as the recorder
-//! sees it, under each fault. FORETRACE_STOP_ROUNDS (default 3) is how often each. Only hangs are asserted, never speed.
+//! The arm can be stopped whatever else is broken: `foretrace_client::stop`, from its call to the first
+//! braking command as the recorder sees it, under each fault. FORETRACE_STOP_ROUNDS (default 3) is how often
+//! each. Only hangs are asserted, never speed.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
@@ -189,7 +190,8 @@ const TOO_SLOW: [&str; 8] = [
     "mpc.horizon=30",
 ];
 
-/// As many late ticks allowed as there are ticks: the overruns go on. Nobody waits for such a loop to follow again.
+/// As many late ticks allowed as there are ticks: the overruns go on. Nobody waits for such a loop to follow
+/// again.
 #[test]
 fn stop_under_persistent_overruns() {
     let lasting = [&TOO_SLOW[..], &["--set", "safety.late_ticks_max=1.0"]].concat();

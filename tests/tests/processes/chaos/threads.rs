@@ -1,7 +1,8 @@
-//! A thread of the daemon that stands still, held by the kernel from outside as a hang would be. Recovery: from its release to the
-//! first command that follows a newer pen sample.
+//! A thread of the daemon that stands still, held by the kernel from outside as a hang would be. Recovery:
+//! from its release to the first command that follows a newer pen sample.
 //!
-//! A thread that panics cannot be made from outside: see the tests in `daemon/src/learner.rs` and `daemon/src/supervisor/tests.rs`.
+//! A thread that panics cannot be made from outside: see the tests in `daemon/src/learner.rs` and
+//! `daemon/src/supervisor/tests.rs`.
 
 use std::time::Duration;
 

@@ -102,7 +102,8 @@ fn a_device_without_room_is_named_by_every_command_that_prints() {
     let world = World::new(PROGRAM);
     let mesh = world.write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n");
     let urdf = format!(
-        "<robot name=\"a\"><link name=\"l\"><collision><geometry><mesh filename=\"{mesh}\"/></geometry></collision></link></robot>"
+        "<robot name=\"a\"><link name=\"l\"><collision><geometry><mesh \
+         filename=\"{mesh}\"/></geometry></collision></link></robot>"
     );
     let urdf = world.write("a.urdf", &urdf);
     let settings = world.write("a.toml", "preset = \"ur5\"\n");

@@ -28,7 +28,8 @@ pub(super) const FILES: [(&str, &str); 16] = [
     ("empty.urdf", "<robot name=\"a\"></robot>"),
     (
         "mesh.urdf",
-        "<robot name=\"a\"><link name=\"upper\u{202e}\"><collision><geometry><mesh filename=\"package://none/a.stl\"/>\
+        "<robot name=\"a\"><link name=\"upper\u{202e}\"><collision><geometry><mesh \
+         filename=\"package://none/a.stl\"/>\
          </geometry></collision></link></robot>",
     ),
     ("broken.dat", ".VERSION 1.0\n.PEN_DOWN\n12 what\n.PEN_UP\n"),

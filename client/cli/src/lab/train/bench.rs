@@ -1,4 +1,5 @@
-//! `foretrace lab train --bench`: time per step on one thread, and the exchange file for another implementation.
+//! `foretrace lab train --bench`: time per step on one thread, and the exchange file for another
+//! implementation.
 
 use foretrace_lab::train::Strokes;
 use foretrace_lab::train::bench::{bench, made_up};
@@ -10,7 +11,8 @@ use super::TrainArgs;
 use crate::failure::Failure;
 use crate::output::{note, say};
 
-/// Made-up sequences: about as many steps as a data set of thousands of characters has in a third of an epoch.
+/// Made-up sequences: about as many steps as a data set of thousands of characters has in a third of an
+/// epoch.
 const SEQUENCES: usize = 1000;
 const EPOCHS: u32 = 5;
 

@@ -1,7 +1,8 @@
 //! `foretrace lab train`: an LSTM from recorded handwriting, as a file that the tables and the loop load.
 //!
-//! Contract: the model appears at `--out` whole and only when it is finished. After every epoch a checkpoint beside it
-//! (`OUT.checkpoint`) holds all that `--resume` needs to continue bit for bit; the finished model removes it.
+//! Contract: the model appears at `--out` whole and only when it is finished. After every epoch a checkpoint
+//! beside it (`OUT.checkpoint`) holds all that `--resume` needs to continue bit for bit; the finished model
+//! removes it.
 
 mod bench;
 mod options;
@@ -138,7 +139,8 @@ impl Data {
         let [train, held_out] = self.writers;
         let [sequences, held] = [self.train.len(), self.held_out.len()];
         format!(
-            "{}: {sequences} sequences ({} steps of {} ms) of {train} writers, {held} of {held_out} writers held out",
+            "{}: {sequences} sequences ({} steps of {} ms) of {train} writers, {held} of {held_out} writers \
+             held out",
             self.names.join(", "),
             self.steps(),
             self.step_ms
@@ -276,10 +278,16 @@ fn finish(
         say!("training {us:.3} us per step, scoring and checkpoints included");
     }
     say!("model    {}\npicture  {}", out.display(), picture.display());
-    let scores_json = |s: foretrace_lab::train::Scores| json!({ "loss": s.loss, "mse": s.mse, "within": s.within, "position": s.position });
+    let scores_json = |s: foretrace_lab::train::Scores| {
+        json!({ "loss": s.loss, "mse": s.mse,
+        "within": s.within, "position": s.position })
+    };
     let epochs: Vec<_> = history
         .iter()
-        .map(|e| json!({ "rate": e.rate, "train_loss": e.train_loss, "held_out": e.held_out.map(scores_json) }))
+        .map(|e| {
+            json!({ "rate": e.rate, "train_loss": e.train_loss,
+            "held_out": e.held_out.map(scores_json) })
+        })
         .collect();
     args.json.write(&json!({
         "model": format!("lstm{}", args.model),

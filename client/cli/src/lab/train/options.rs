@@ -32,9 +32,9 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "bench")]
     pub(super) out: Option<PathBuf>,
 
-    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual output, Huber
-    /// loss, one-cycle Adam) or mixture (what the predictor `mixture` reads: 24 leads, normalised, changed copies; for lstm64)
-    /// [default: paper for lstm10, else robust]
+    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual
+    /// output, Huber loss, one-cycle Adam) or mixture (what the predictor `mixture` reads: 24 leads,
+    /// normalised, changed copies; for lstm64) [default: paper for lstm10, else robust]
     #[arg(long, value_name = "NAME", value_parser = recipe)]
     pub(super) recipe: Option<Recipe>,
 
@@ -58,12 +58,13 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(super) threads: Option<u32>,
 
-    /// Step to train at [ms]: whole multiples of the device's step use every phase of its samples [default: its own]
+    /// Step to train at [ms]: whole multiples of the device's step use every phase of its samples [default:
+    /// its own]
     #[arg(long, value_name = "MS", value_parser = crate::play::source::positive)]
     pub(super) step_ms: Option<f64>,
 
-    /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any device
-    /// [default: raw; mixture: normalised]
+    /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any
+    /// device [default: raw; mixture: normalised]
     #[arg(long, value_name = "raw|normalised", value_parser = units)]
     pub(super) units: Option<Units>,
 
@@ -99,8 +100,9 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "NORM", value_parser = crate::play::source::positive)]
     pub(super) limit_norm: Option<f64>,
 
-    /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10, shear=0.1,
-    /// noise=0.02, grid=0.2, comma-separated [default: none; mixture: scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
+    /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10,
+    /// shear=0.1, noise=0.02, grid=0.2, comma-separated [default: none; mixture:
+    /// scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
     #[arg(long, value_name = "LIST")]
     pub(super) augment: Option<Augment>,
 

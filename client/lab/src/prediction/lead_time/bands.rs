@@ -1,8 +1,8 @@
 //! Error bands of whatever predicts: the daemon's own calibration ([`Factor`]), judged before it learns.
 //!
-//! A band is a factor, one per look-ahead time and share, times the pen's recent step. After its target is over, every
-//! prediction teaches the factors; a prediction made at t is judged by what was known at t. Cases in which the pen rests
-//! before and after say nothing and are not learned from.
+//! A band is a factor, one per look-ahead time and share, times the pen's recent step. After its target is
+//! over, every prediction teaches the factors; a prediction made at t is judged by what was known at t. Cases
+//! in which the pen rests before and after say nothing and are not learned from.
 
 use foretrace_control::learn::Factor;
 use foretrace_control::pen::REST;
@@ -17,11 +17,11 @@ struct Waiting {
     lead: usize,
     /// The first point at which its target is over.
     due: usize,
-    /// Distance of the prediction from the truth [raw units]; unknown to the bands until then.
+    /// Distance of the prediction from the truth \[raw units\]; unknown to the bands until then.
     error: f64,
-    /// How far the pen went [raw units].
+    /// How far the pen went \[raw units\].
     moved: f64,
-    /// Recent step when it was made [raw units].
+    /// Recent step when it was made \[raw units\].
     unit: f64,
     resting: bool,
 }
@@ -56,13 +56,14 @@ impl Bands {
         self.level_square = level_square(self.level_square, v.map(|component| component / unit));
     }
 
-    /// Radii [raw units] of a prediction made now, once they are known well enough.
+    /// Radii \[raw units\] of a prediction made now, once they are known well enough.
     pub(super) fn at(&self, lead: usize) -> Option<[f64; SHARES.len()]> {
         let [half, most] = self.factors.get(lead)?.each_ref().map(Factor::get);
         Some([half? * self.unit(), most? * self.unit()])
     }
 
-    /// A prediction made now missed by `error` a target that the pen reaches before `due`, `moved` away [raw units].
+    /// A prediction made now missed by `error` a target that the pen reaches before `due`, `moved` away \[raw
+    /// units\].
     pub(super) fn push(&mut self, lead: usize, due: usize, error: f64, moved: f64) {
         let (unit, resting) = (self.unit(), level(self.level_square) <= REST);
         self.waiting.push(Waiting { lead, due, error, moved, unit, resting });

@@ -72,7 +72,7 @@ pub struct Board {
     pub set: String,
     /// Which part of it.
     pub split: String,
-    /// Sampling rates of its files [Hz], each once, rising.
+    /// Sampling rates of its files \[Hz\], each once, rising.
     pub rates_hz: Vec<f64>,
     /// A rate is an assumption.
     pub rate_assumed: bool,

@@ -1,8 +1,9 @@
 //! Predictions made elsewhere: a CSV with the columns `file,segment,t,lead,x,y` and optionally `r50,r90`.
 //!
-//! One row per target that `export` lists: `x,y` is the position [raw units, in the coordinates of the exported points]
-//! at which the pen is expected `lead` ms after point `t`, from nothing newer than that point; `r50`, `r90` are the
-//! radii [raw units] that should hold half and nine tenths of the true positions. Rows may stand in any order.
+//! One row per target that `export` lists: `x,y` is the position \[raw units, in the coordinates of the
+//! exported points\] at which the pen is expected `lead` ms after point `t`, from nothing newer than that
+//! point; `r50`, `r90` are the radii \[raw units\] that should hold half and nine tenths of the true
+//! positions. Rows may stand in any order.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -39,7 +40,8 @@ pub enum PredictionError {
     },
     /// Targets without a prediction.
     #[error(
-        "{}: {missing} of {wanted} targets of {set} have no prediction, first: {first}; predict every row that \
+        "{}: {missing} of {wanted} targets of {set} have no prediction, first: {first}; predict every row \
+         that \
          --export-targets writes",
         file.display()
     )]
@@ -72,9 +74,9 @@ struct Row {
 /// A predicted position and its error bands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
-    /// Expected position, in the coordinates of the points [raw units].
+    /// Expected position, in the coordinates of the points \[raw units\].
     pub position: [f64; 2],
-    /// 50 % and 90 % radius [raw units].
+    /// 50 % and 90 % radius \[raw units\].
     pub radii: Option<[f64; SHARES.len()]>,
 }
 
@@ -158,11 +160,12 @@ impl Predictions {
         Ok(predictions)
     }
 
-    /// The answers to every target of a set, in the order of its instants and leads; `None` if no row is about the set.
+    /// The answers to every target of a set, in the order of its instants and leads; `None` if no row is
+    /// about the set.
     ///
     /// # Errors
-    /// [`PredictionError`]: rows about characters or instants that the set does not have, twice the same, or targets
-    /// left out.
+    /// [`PredictionError`]: rows about characters or instants that the set does not have, twice the same, or
+    /// targets left out.
     pub fn answers(
         &self,
         set: &str,
@@ -191,7 +194,8 @@ impl Predictions {
                 return Err(bad(
                     row.line,
                     format!(
-                        "file {name:?}, segment {segment}, t {point}, lead {lead} is no target of {set}; predict the rows \
+                        "file {name:?}, segment {segment}, t {point}, lead {lead} is no target of {set}; \
+                         predict the rows \
                      that --export-targets writes"
                     ),
                 ));

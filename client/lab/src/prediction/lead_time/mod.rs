@@ -1,10 +1,10 @@
 //! Error against look-ahead time, on one time axis for devices of any rate: a leaderboard for pen prediction.
 //!
-//! A character is its points p[0], p[1] … (p[0] = 0, the appended rest left out). At every *instant* (each 20 ms of
-//! writing) a model has seen p[0..=t] and predicts where the pen is 10, 20 … 200 ms later; between samples both the
-//! true and the predicted path are straight. Scored are targets inside the character whose window p[t-1] … target holds
-//! no jump between strokes: what nobody could have foreseen. Every model that runs here gets error bands by the daemon's
-//! calibration; predictions from elsewhere bring their own.
+//! A character is its points p\[0\], p\[1\] … (p\[0\] = 0, the appended rest left out). At every *instant*
+//! (each 20 ms of writing) a model has seen p[0..=t] and predicts where the pen is 10, 20 … 200 ms later;
+//! between samples both the true and the predicted path are straight. Scored are targets inside the character
+//! whose window p[t-1] … target holds no jump between strokes: what nobody could have foreseen. Every model
+//! that runs here gets error bands by the daemon's calibration; predictions from elsewhere bring their own.
 
 mod targets;
 mod tally;
@@ -17,11 +17,11 @@ pub use file::{Answer, PredictionError, Predictions};
 pub use tally::{LeadRow, LeadTally};
 pub use targets::{Instant, Targets, Truth, export};
 
-/// Look-ahead times [ms].
+/// Look-ahead times \[ms\].
 pub const LEADS_MS: [u32; 20] =
     [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130, 140, 150, 160, 170, 180, 190, 200];
 
-/// Time between instants [s].
+/// Time between instants \[s\].
 pub const STRIDE_S: f64 = 0.02;
 
 /// Shares that error bands are judged at.

@@ -21,7 +21,7 @@ pub struct LeadTally {
 /// A summary of them; lengths in `unit` of the board, `null` where unknown.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LeadRow {
-    /// Look-ahead time [ms].
+    /// Look-ahead time \[ms\].
     pub lead_ms: u32,
     /// Targets scored.
     pub targets: u64,
@@ -37,16 +37,17 @@ pub struct LeadRow {
     pub along_mean: Option<f64>,
     /// RMS of the error across the true motion.
     pub cross_rms: Option<f64>,
-    /// Share of targets inside the 50 % band [%]; `null` without bands.
+    /// Share of targets inside the 50 % band \[%\]; `null` without bands.
     pub coverage_50: Option<f64>,
-    /// Share of targets inside the 90 % band [%].
+    /// Share of targets inside the 90 % band \[%\].
     pub coverage_90: Option<f64>,
     /// Mean radius of the 90 % band, in units along x.
     pub radius_90: Option<f64>,
 }
 
 impl LeadTally {
-    /// Scores one prediction of the displacement since the newest point; `unit`: board units per raw unit along x and y.
+    /// Scores one prediction of the displacement since the newest point; `unit`: board units per raw unit
+    /// along x and y.
     pub fn push(
         &mut self,
         predicted: [f64; 2],

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::super::{PADDING_STEPS, Sequence};
 use super::{LEADS_MS, STRIDE_S};
 
-/// Half the stretch of true motion that defines its direction [s].
+/// Half the stretch of true motion that defines its direction \[s\].
 const DIRECTION_S: f64 = 0.01;
 
 /// One instant of one sequence.
@@ -30,9 +30,9 @@ impl Instant {
 /// A true position and the direction of the motion there, relative to the newest point seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
-    /// Displacement since p[t] [raw units].
+    /// Displacement since p\[t\] \[raw units\].
     pub position: [f64; 2],
-    /// Displacement of the pen around the target [raw units]; zero where it rests.
+    /// Displacement of the pen around the target \[raw units\]; zero where it rests.
     pub motion: [f64; 2],
 }
 
@@ -145,7 +145,8 @@ fn stroke_ends(count: usize, jump: &[bool]) -> Vec<usize> {
     ends
 }
 
-/// Writes `NAME-points.csv` (file, segment, t, x, y, stroke_start) and `NAME-targets.csv` (file, segment, t, lead).
+/// Writes `NAME-points.csv` (file, segment, t, x, y, stroke_start) and `NAME-targets.csv` (file, segment, t,
+/// lead).
 ///
 /// # Errors
 /// Whatever the file system says.

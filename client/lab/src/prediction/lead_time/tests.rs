@@ -4,7 +4,8 @@ use super::*;
 use crate::prediction::{Model, Sequence, Set};
 use std::path::Path;
 
-/// A character of one stroke at 100 Hz along `points`, or of several where `jumps` names the steps between them.
+/// A character of one stroke at 100 Hz along `points`, or of several where `jumps` names the steps between
+/// them.
 fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> Sequence {
     let mut v: Vec<[f64; 2]> = points.windows(2).map(|p| [p[1][0] - p[0][0], p[1][1] - p[0][1]]).collect();
     v.extend([[0.0; 2]; 5]);
@@ -165,7 +166,8 @@ fn wrong_predictions_are_refused_with_file_and_line() {
 
 proptest::proptest! {
     #[test]
-    fn no_text_makes_the_reader_panic(text in "(file,segment,t,lead,x,y\n)?[0-9.,eE\"\\-\nnaif#\u{e9} ]{0,200}") {
+    fn no_text_makes_the_reader_panic(text in "(file,segment,t,lead,x,y\n)?[0-9.,eE\"\\-\nnaif#\u{e9} \
+                                        ]{0,200}") {
         let _ = Predictions::parse(&text, Path::new("mine.csv"));
     }
 }

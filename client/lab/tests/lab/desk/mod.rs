@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 
 /// Of the presets.
 const HORIZON: usize = 20;
-/// The pen rests above its first sample for so long before it begins [ns].
+/// The pen rests above its first sample for so long before it begins \[ns\].
 const WAIT_NS: u64 = 1_000_000_000;
 /// The tool is compared with the commands of so many ticks.
 const REMEMBERED: usize = 250;
@@ -41,13 +41,13 @@ impl Pen {
 /// What was seen from outside.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Seen {
-    /// Fastest that a joint was commanded to move [rad/s].
+    /// Fastest that a joint was commanded to move \[rad/s\].
     pub(crate) joint_radps: f64,
-    /// Farthest that the tool really was from all commands of the last half second [m].
+    /// Farthest that the tool really was from all commands of the last half second \[m\].
     pub(crate) off_m: f64,
     /// Least share of its speed that the arm was said to have.
     pub(crate) share: Option<f64>,
-    /// Fastest that the tool was commanded to move lately [m/s].
+    /// Fastest that the tool was commanded to move lately \[m/s\].
     pub(crate) tool_mps: f64,
 }
 
@@ -100,7 +100,7 @@ impl Desk {
         answer
     }
 
-    /// Time since the pen began [s].
+    /// Time since the pen began \[s\].
     pub(crate) fn since_begin(&self, at: Stamp) -> f64 {
         at.seconds_since(self.begin)
     }

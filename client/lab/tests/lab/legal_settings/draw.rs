@@ -131,7 +131,8 @@ pub(crate) struct Accepted {
 const AMONG_OTHERS: u64 = 8;
 const BY_ITSELF: u64 = 8;
 
-/// A combination with the extreme of the key that the number of the case says; the first [`extremes`] cases go through all.
+/// A combination with the extreme of the key that the number of the case says; the first [`extremes`] cases
+/// go through all.
 pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> Accepted {
     let keys = drawn();
     let extreme_key = keys[(case / 2) as usize % keys.len()];

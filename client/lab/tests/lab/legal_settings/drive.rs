@@ -140,8 +140,8 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, mut length: Le
     seen
 }
 
-/// The axis along which the last third of the rest is no smaller than the third before, with two turns at least, and by
-/// more than 1 mm.
+/// The axis along which the last third of the rest is no smaller than the third before, with two turns at
+/// least, and by more than 1 mm.
 fn swing(trail: &[[f64; 3]], rests: usize) -> Option<(char, f64)> {
     let third = rests / 3;
     let last = trail.get(trail.len().checked_sub(third)?..)?;

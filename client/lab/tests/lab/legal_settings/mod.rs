@@ -1,9 +1,10 @@
-//! Random combinations of legal settings under hostile and honest pens, in simulated time: whatever `config` accepts keeps
-//! the tip inside its envelope, sends legal commands, and stands still where the pen rests.
+//! Random combinations of legal settings under hostile and honest pens, in simulated time: whatever `config`
+//! accepts keeps the tip inside its envelope, sends legal commands, and stands still where the pen rests.
 //!
-//! Where the tip is, is computed here from the commanded joints, by Denavit-Hartenberg
-//! parameters of its own. By default there are as many combinations as extremes of keys. FORETRACE_SETTINGS_CASES=20000 asks for
-//! more, FORETRACE_SETTINGS_SEED for others, FORETRACE_SETTINGS_LONG=1 for pens that move and rest for longer.
+//! Where the tip is, is computed here from the commanded joints, by Denavit-Hartenberg parameters of its own.
+//! By default there are as many combinations as extremes of keys. FORETRACE_SETTINGS_CASES=20000 asks for
+//! more, FORETRACE_SETTINGS_SEED for others, FORETRACE_SETTINGS_LONG=1 for pens that move and rest for
+//! longer.
 
 mod draw;
 mod drive;
@@ -91,7 +92,8 @@ fn run(cases: u64, seed: u64, length: Length) -> Vec<String> {
     });
     let ([refused, moved, latched, all], farthest) = counts.into_inner().unwrap();
     println!(
-        "{all} combinations, {refused} refused on the way; {moved} moved, {latched} latched a stop, and went {:.1} mm farther than they may at most while they stopped",
+        "{all} combinations, {refused} refused on the way; {moved} moved, {latched} latched a stop, and went \
+         {:.1} mm farther than they may at most while they stopped",
         farthest * 1e3
     );
     let mut left_out = left_out.into_inner().unwrap();

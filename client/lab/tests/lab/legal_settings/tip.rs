@@ -4,7 +4,7 @@ use foretrace_config::Config;
 
 type Matrix = [[f64; 4]; 4];
 
-/// d, a and α of each joint [m, m, rad].
+/// d, a and α of each joint \[m, m, rad\].
 type Parameters = [[f64; 3]; 6];
 
 const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
@@ -63,7 +63,7 @@ impl Tip {
         }
     }
 
-    /// The tip in the plane's frame [m], and the angle between pen and normal [rad].
+    /// The tip in the plane's frame \[m\], and the angle between pen and normal \[rad\].
     pub(crate) fn at(&self, q: &[f64; 6]) -> ([f64; 3], f64) {
         let mut pose: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
         for (q, [d, a, alpha]) in q.iter().zip(&self.arm) {

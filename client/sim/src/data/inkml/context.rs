@@ -25,7 +25,7 @@ struct Channel {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct InkSource {
     pub(super) format: Option<Rc<TraceFormat>>,
-    /// [Hz]
+    /// \[Hz\]
     pub(super) rate_hz: Option<f64>,
     /// Of the X and Y channels: samples per metre, where stated.
     resolution_per_m: [Option<f64>; 2],
@@ -49,7 +49,7 @@ pub(super) struct Layout {
     /// Factors that turn x to the right and y upwards.
     pub(super) turn: [f64; 2],
     pub(super) units_per_m: Option<[f64; 2]>,
-    /// Length of the unit of T [s].
+    /// Length of the unit of T \[s\].
     pub(super) t_unit_s: f64,
 }
 
@@ -122,7 +122,9 @@ impl InkSource {
 }
 
 impl Context {
-    /// *Errors*: a format without X or Y.
+    /// # Errors
+    ///
+    /// A format without X or Y.
     pub(super) fn layout(&self) -> Result<Layout, String> {
         let source = self.source.as_deref();
         let of_source = source.and_then(|s| s.format.as_ref());
@@ -163,7 +165,7 @@ impl Context {
     }
 }
 
-/// Length of a unit [m]; `None` for the device's own.
+/// Length of a unit \[m\]; `None` for the device's own.
 fn metres(unit: &str) -> Option<f64> {
     Some(match unit {
         "m" => 1.0,
@@ -178,7 +180,7 @@ fn metres(unit: &str) -> Option<f64> {
     })
 }
 
-/// Length of a unit of time [s]; milliseconds where none is stated.
+/// Length of a unit of time \[s\]; milliseconds where none is stated.
 fn seconds(unit: &str) -> f64 {
     match unit {
         "s" => 1.0,

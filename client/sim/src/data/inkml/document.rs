@@ -1,4 +1,5 @@
-//! An InkML document from top to bottom: contexts as they come into force, traces, groups with their annotations.
+//! An InkML document from top to bottom: contexts as they come into force, traces, groups with their
+//! annotations.
 
 use super::context::{Context, InkSource, TraceFormat};
 use super::trace::{Points, decode};
@@ -361,8 +362,8 @@ impl Builder {
     }
 }
 
-/// InkML knows about a dozen attributes. Comparing each with all before it takes quadratic time (RUSTSEC-2026-0194), so a tag
-/// with very many must not be read to its end.
+/// InkML knows about a dozen attributes. Comparing each with all before it takes quadratic time
+/// (RUSTSEC-2026-0194), so a tag with very many must not be read to its end.
 const MOST_ATTRIBUTES: usize = 256;
 
 /// Attributes by local name, so that `xml:id` and `id` are one.

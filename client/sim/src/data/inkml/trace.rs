@@ -1,7 +1,8 @@
-//! The text of a `<trace>`: points between commas, values explicit (`!`), first (`'`) or second (`"`) differences.
+//! The text of a `<trace>`: points between commas, values explicit (`!`), first (`'`) or second (`"`)
+//! differences.
 //!
-//! A prefix holds for its channel until the next one. `*` repeats the last number of the channel, `?` is a value
-//! that was not reported. Values need no space between them where a sign or prefix tells them apart.
+//! A prefix holds for its channel until the next one. `*` repeats the last number of the channel, `?` is a
+//! value that was not reported. Values need no space between them where a sign or prefix tells them apart.
 //! Source: W3C Recommendation "Ink Markup Language (InkML)", 20 September 2011, section 3.3.1.
 
 use super::context::Layout;

@@ -1,11 +1,12 @@
-//! UCI Character Trajectories: MATLAB v5 files with a cell array of 3 x T matrices, one per character, to [`Recording`].
+//! UCI Character Trajectories: MATLAB v5 files with a cell array of 3 x T matrices, one per character, to
+//! [`Recording`].
 //!
-//! Rows are pen-tip velocity along x and y and pen-tip force, 200 times per second, smoothed before publication; columns
-//! of zeros before and after a character are padding and are cut off. Velocities are summed up to positions
-//! ([`Quantity::Velocity`]). Labels: `ytrain` beside `xtrain` (any `x…`, `y…`), or `charlabels` of the published file's
-//! `consts`, as numbers from 1 into `key`; a file without them gives characters without labels. One writer.
-//! Absent: force, MATLAB v4 and v7.3 (HDF5).
-//! Source: Williams, Toussaint, Storkey, "Extracting motion primitives from natural handwriting data", ICANN 2006.
+//! Rows are pen-tip velocity along x and y and pen-tip force, 200 times per second, smoothed before
+//! publication; columns of zeros before and after a character are padding and are cut off. Velocities are
+//! summed up to positions ([`Quantity::Velocity`]). Labels: `ytrain` beside `xtrain` (any `x…`, `y…`), or
+//! `charlabels` of the published file's `consts`, as numbers from 1 into `key`; a file without them gives
+//! characters without labels. One writer. Absent: force, MATLAB v4 and v7.3 (HDF5). Source: Williams,
+//! Toussaint, Storkey, "Extracting motion primitives from natural handwriting data", ICANN 2006.
 
 mod bytes;
 mod array;
@@ -26,8 +27,8 @@ pub(super) fn begins_mat(head: &[u8]) -> bool {
 /// Reads the bytes of a file of the set.
 ///
 /// # Errors
-/// [`Refusal`] that names the variable and cell: not MATLAB v5, damaged, too large when inflated, no or several cell
-/// arrays of 3 x T matrices, numbers that are not finite, labels that do not fit.
+/// [`Refusal`] that names the variable and cell: not MATLAB v5, damaged, too large when inflated, no or
+/// several cell arrays of 3 x T matrices, numbers that are not finite, labels that do not fit.
 pub(super) fn parse_mat(data: &[u8], path: &Path) -> Result<Recording, Refusal> {
     let segments = read_file(data).and_then(|variables| characters(&variables));
     Ok(Recording {

@@ -1,7 +1,7 @@
 //! A set: a folder of recordings in one format, and the parts it is split into.
 //!
-//! `split.tsv` beside the files names a part per file. Without it, published sets have the parts that their file
-//! names tell, and every other folder is one part.
+//! `split.tsv` beside the files names a part per file. Without it, published sets have the parts that their
+//! file names tell, and every other folder is one part.
 
 mod folder;
 mod table;
@@ -59,7 +59,8 @@ pub enum SetError {
     },
     /// Files of more than one format and no table that says which belong.
     #[error(
-        "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in a \
+        "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in \
+         a \
              split.tsv with the columns set and file", folder.display()
     )]
     Ambiguous {
@@ -82,7 +83,8 @@ pub enum SetError {
     #[error(transparent)]
     File(#[from] FileError),
     /// Nothing readable is left.
-    #[error("{}: no readable file in this split ({bad} refused{})", folder.display(), first_suffix(first.as_deref()))]
+    #[error("{}: no readable file in this split ({bad} \
+             refused{})", folder.display(), first_suffix(first.as_deref()))]
     Empty {
         /// The set.
         folder: PathBuf,
@@ -116,8 +118,8 @@ impl DataSet {
     /// Not strict: bad files are listed in `errors` and left out. Strict: the first bad file is the error.
     ///
     /// # Errors
-    /// [`SetError`]: the folder or its table is missing or malformed, its format is unknown or ambiguous, it has no
-    /// such part, no file of it is readable, or (strict) any file is bad.
+    /// [`SetError`]: the folder or its table is missing or malformed, its format is unknown or ambiguous, it
+    /// has no such part, no file of it is readable, or (strict) any file is bad.
     pub fn load(folder: &Path, split: &Split, strict: bool) -> Result<Self, SetError> {
         let rows = rows(folder)?;
         if let Split::Named(wanted) = split

@@ -1,14 +1,14 @@
 //! UNIPEN 1.0 text to [`Recording`]: includes, ink components, `.DT` gaps and `.SEGMENT CHARACTER` lines.
 //!
-//! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0` counts.
-//! Columns other than X and Y are skipped; the time base is `.POINTS_PER_SECOND`.
+//! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0`
+//! counts. Columns other than X and Y are skipped; the time base is `.POINTS_PER_SECOND`.
 //!
-//! A file with `.SEGMENT DIGIT` is of UCI's pendigits set, which leaves its header file out: columns X Y, 100 Hz
-//! (assumed: its description says "100 milliseconds", which some 40 points per digit rule out), unit unknown, and
-//! `.COMMENT label writer serial` below each segment. Writers are numbered anew in each of its files, so the file's
-//! extension goes before the number.
-//! Absent: hierarchies other than CHARACTER, per-point time columns, writing of UNIPEN.
-//! Source: Guyon et al., "UNIPEN project of on-line data exchange and recognizer benchmarks", ICPR 1994.
+//! A file with `.SEGMENT DIGIT` is of UCI's pendigits set, which leaves its header file out: columns X Y, 100
+//! Hz (assumed: its description says "100 milliseconds", which some 40 points per digit rule out), unit
+//! unknown, and `.COMMENT label writer serial` below each segment. Writers are numbered anew in each of its
+//! files, so the file's extension goes before the number. Absent: hierarchies other than CHARACTER, per-point
+//! time columns, writing of UNIPEN. Source: Guyon et al., "UNIPEN project of on-line data exchange and
+//! recognizer benchmarks", ICPR 1994.
 
 mod text;
 mod segment;
@@ -35,12 +35,13 @@ const PENDIGITS_RATE_HZ: f64 = 100.0;
 
 /// Reads a UNIPEN file and everything it includes.
 ///
-/// `.INCLUDE a/b` is looked up as `include/a/b` beside each folder above the file (nearest first), then beside
-/// the file itself.
+/// `.INCLUDE a/b` is looked up as `include/a/b` beside each folder above the file (nearest first), then
+/// beside the file itself.
 ///
 /// # Errors
-/// [`UnipenError`] with file, line and reason: unreadable file, missing, escaping or cyclic include, unreadable or
-/// illegal number, missing `.COORD` or rate, malformed segment, segment out of range, no characters, no points.
+/// [`UnipenError`] with file, line and reason: unreadable file, missing, escaping or cyclic include,
+/// unreadable or illegal number, missing `.COORD` or rate, malformed segment, segment out of range, no
+/// characters, no points.
 pub fn load_unipen(path: &Path) -> Result<Recording, UnipenError> {
     parse(&text::read_latin1(path)?, path)
 }

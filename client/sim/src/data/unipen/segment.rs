@@ -1,7 +1,7 @@
 //! `.SEGMENT CHARACTER delimiter quality "label"`: which ink belongs to which character.
 //!
-//! Delimiter: comma list of `a` (component a), `a-b` (components a to b inclusive), `a:i-b:j` (point i of a to
-//! point j of b inclusive; either point may be left out). Everything counts from 0.
+//! Delimiter: comma list of `a` (component a), `a-b` (components a to b inclusive), `a:i-b:j` (point i of a
+//! to point j of b inclusive; either point may be left out). Everything counts from 0.
 
 use super::error::Reason;
 use super::text::{Statement, shortened};

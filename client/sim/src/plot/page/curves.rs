@@ -33,7 +33,7 @@ pub struct Bound<'a> {
 pub struct CurvePanel<'a> {
     /// What it shows, with its unit.
     pub label: &'a str,
-    /// [px]
+    /// \[px\]
     pub height: f64,
     /// Fixed range of y; from curves and bounds when `None`.
     pub y: Option<(f64, f64)>,

@@ -6,15 +6,16 @@ use crate::plot::histogram::{Distribution, counted, microseconds};
 
 /// Bars per factor of ten.
 const BARS_PER_DECADE: f64 = 20.0;
-/// What took less counts as this: nobody wants to see nanoseconds told apart [µs].
+/// What took less counts as this: nobody wants to see nanoseconds told apart \[µs\].
 const SHORTEST_US: f64 = 0.1;
 const PANEL: f64 = 96.0;
 /// Room above a panel: its name, and a row of percentiles.
 const HEAD: f64 = 44.0;
 
-/// Draws the distributions under each other; percentiles stand in a row of words, so that they cannot overlap.
+/// Draws the distributions under each other; percentiles stand in a row of words, so that they cannot
+/// overlap.
 ///
-/// `deadline_us`: the time there is [µs]. `None` without a value.
+/// `deadline_us`: the time there is \[µs\]. `None` without a value.
 #[must_use]
 pub fn durations(
     title: &str,

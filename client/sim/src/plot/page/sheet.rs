@@ -6,23 +6,26 @@ use std::path::Path;
 use crate::plot::canvas::plain;
 use crate::plot::{PlotError, write_whole};
 
-/// Width of every picture [px]; the height follows from what is shown.
+/// Width of every picture \[px\]; the height follows from what is shown.
 pub(super) const WIDTH: f64 = 960.0;
-/// Room for the labels of the y axis, and to the right of a frame [px].
+/// Room for the labels of the y axis, and to the right of a frame \[px\].
 pub(super) const LEFT: f64 = 64.0;
 pub(super) const RIGHT: f64 = 22.0;
-/// Height of the row that says which line is whose [px].
+/// Height of the row that says which line is whose \[px\].
 pub(super) const LEGEND: f64 = 30.0;
 
 /// The colours and fonts of all pictures. A page that shows pictures inline has it once; a file has its own.
 pub const STYLE: &str = "\
 .fig{--paper:#fff;--ink:#1f2937;--muted:#5b6472;--grid:#e5e7eb;--pen:#8d99ae;--arm:#d9620a;--ghost:#6a4fc9;--calm:#15806a;--bad:#b91c1c}\
-@media screen and (prefers-color-scheme:dark){.fig{--paper:#14171c;--ink:#e6e8eb;--muted:#a3adba;--grid:#2b313a;--pen:#7f8ba0;--arm:#ff9d4d;--ghost:#ab97ff;--calm:#4cc9ae;--bad:#ff8078}}\
+@media screen and \
+(prefers-color-scheme:dark){.fig{--paper:#14171c;--ink:#e6e8eb;--muted:#a3adba;--grid:#2b313a;--pen:#7f8ba0;--arm:#ff9d4d;--ghost:#ab97ff;--calm:#4cc9ae;--bad:#ff8078}}\
 .fig text{font:13px system-ui,sans-serif;fill:var(--muted)}.fig .strong{fill:var(--ink);font-weight:600}\
-.fig .paper{fill:var(--paper)}.fig .grid{stroke:var(--grid);fill:none}.fig .axis{stroke:var(--muted);fill:none}\
+.fig .paper{fill:var(--paper)}.fig .grid{stroke:var(--grid);fill:none}.fig \
+.axis{stroke:var(--muted);fill:none}\
 .fig .line{fill:none;stroke-linejoin:round;stroke-linecap:round;stroke-width:1.6}\
 .fig .wide{stroke-width:5;stroke-opacity:.55}.fig .thin{stroke-width:1;stroke-opacity:.35}\
-.fig .pen{stroke:var(--pen)}.fig .arm{stroke:var(--arm)}.fig .ghost{stroke:var(--ghost)}.fig .calm{stroke:var(--calm)}\
+.fig .pen{stroke:var(--pen)}.fig .arm{stroke:var(--arm)}.fig .ghost{stroke:var(--ghost)}.fig \
+.calm{stroke:var(--calm)}\
 .fig .bound{stroke:var(--bad);stroke-dasharray:6 4;fill:none}.fig text.bound{stroke:none;fill:var(--bad)}\
 .fig .arm-bar{fill:var(--arm)}.fig .calm-bar{fill:var(--calm)}.fig .shade{fill:var(--pen);fill-opacity:.16}";
 
@@ -97,7 +100,8 @@ impl Picture {
     fn element(&self, namespace: &str, first: &str) -> String {
         let (title, about) = (escaped(&self.title), escaped(&self.about));
         format!(
-            "<svg{namespace} class=\"fig\" role=\"img\" viewBox=\"0 0 {WIDTH} {:.0}\">\n<title>{title}</title>\n\
+            "<svg{namespace} class=\"fig\" role=\"img\" viewBox=\"0 0 {WIDTH} \
+             {:.0}\">\n<title>{title}</title>\n\
              <desc>{about}</desc>\n{first}{}</svg>\n",
             self.height, self.body
         )
@@ -140,7 +144,7 @@ impl Hung {
     }
 }
 
-/// What is drawn so far; y grows downwards [px].
+/// What is drawn so far; y grows downwards \[px\].
 #[derive(Default)]
 pub(super) struct Sheet {
     body: String,
@@ -182,7 +186,8 @@ impl Sheet {
         for (class, label) in entries {
             self.line(&format!("line {class}"), &[(x, 14.0), (x + 26.0, 14.0)]);
             self.text((x + 33.0, 18.0), "", Hung::Left, label);
-            // No font is at hand to measure with; the average letter is a little more than half as wide as high.
+            // No font is at hand to measure with; the average letter is a little more than half as wide as
+            // high.
             x += 33.0 + 7.2 * label.chars().count() as f64 + 24.0;
         }
     }
@@ -195,9 +200,9 @@ impl Sheet {
 /// A rectangle of the sheet with linear axes.
 #[derive(Clone, Copy)]
 pub(super) struct Frame {
-    /// Left and upper corner [px].
+    /// Left and upper corner \[px\].
     pub(super) at: (f64, f64),
-    /// [px]
+    /// \[px\]
     pub(super) size: (f64, f64),
     pub(super) x: (f64, f64),
     pub(super) y: (f64, f64),

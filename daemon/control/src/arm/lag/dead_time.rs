@@ -1,13 +1,13 @@
 //! The dead time τ that the plan looks ahead: fixed, or following the measured lag slowly and bounded.
 //!
-//! Contract: starts at the configured value, moves only on good evidence, never faster than the configured rate, and never
-//! leaves [0, max], for which the preview was sized. Deterministic.
+//! Contract: starts at the configured value, moves only on good evidence, never faster than the configured
+//! rate, and never leaves \[0, max\], for which the preview was sized. Deterministic.
 
 use crate::arm::lag::LagEstimate;
 
-/// An estimate with a larger standard deviation moves nothing [s].
+/// An estimate with a larger standard deviation moves nothing \[s\].
 const GOOD_S: f64 = 3e-3;
-/// Time constant of the approach [s]; the rate bounds it.
+/// Time constant of the approach \[s\]; the rate bounds it.
 const APPROACH_S: f64 = 0.5;
 
 /// Whether the dead time follows the measured lag.
@@ -17,15 +17,15 @@ pub enum Following {
     Fixed,
     /// It follows.
     Measured {
-        /// Never beyond this [ns].
+        /// Never beyond this \[ns\].
         max_ns: u64,
-        /// Never faster than this [s/s].
+        /// Never faster than this \[s/s\].
         rate: f64,
     },
 }
 
 impl Following {
-    /// The longest dead time that may come of a start with `start_ns` [ns].
+    /// The longest dead time that may come of a start with `start_ns` \[ns\].
     #[must_use]
     pub const fn longest_ns(self, start_ns: u64) -> u64 {
         match self {
@@ -66,7 +66,7 @@ impl DeadTime {
         Self { aim, ..self }
     }
 
-    /// τ [ns].
+    /// τ \[ns\].
     #[must_use]
     pub fn ns(&self) -> u64 {
         self.tau_ns.round() as u64

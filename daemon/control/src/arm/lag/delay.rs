@@ -1,13 +1,13 @@
 //! The group delay of an arm at low frequency: of a dead time, of a servo filter, or of both together.
 //!
-//! An all-pole model behind a candidate delay, over all joints:  c(t − d) = m + a₁ṁ + a₂m̈ + a₃m⃛,  c commanded, m
-//! measured. A critically damped servo with a joint loop behind it is exactly such a filter, and so is nearly what a wrong
-//! d leaves over. −H'(0), the mean of the impulse response, is d + a₁ whatever the other numbers. Both signals pass the
-//! same band around 1.3 Hz: offsets go, noise goes, and what is left is low frequency, where a delay is a delay.
-//! Linear least squares, weighted and forgotten as the caller says; the d with the smallest residual counts.
-//! Contract: no allocation, bounded work.
-//! Source: equation-error method with state-variable filters (Young, "Parameter estimation for continuous-time models",
-//! Automatica 17 (1981), 23-39).
+//! An all-pole model behind a candidate delay, over all joints: c(t − d) = m + a₁ṁ + a₂m̈ + a₃m⃛, c
+//! commanded, m measured. A critically damped servo with a joint loop behind it is exactly such a filter, and
+//! so is nearly what a wrong d leaves over. −H'(0), the mean of the impulse response, is d + a₁ whatever the
+//! other numbers. Both signals pass the same band around 1.3 Hz: offsets go, noise goes, and what is left is
+//! low frequency, where a delay is a delay. Linear least squares, weighted and forgotten as the caller says;
+//! the d with the smallest residual counts. Contract: no allocation, bounded work. Source: equation-error
+//! method with state-variable filters (Young, "Parameter estimation for continuous-time models", Automatica
+//! 17 (1981), 23-39).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,12 +27,13 @@ const DELAY_STEPS: usize = 2;
 const STENCIL: usize = 5;
 /// Commands that are needed for the middle of the stencil.
 const HISTORY: usize = STENCIL / 2 + (DELAYS - 1) * DELAY_STEPS + 1;
-/// Independent residuals per second of motion: twice the width of the band, on every joint; a few move together.
+/// Independent residuals per second of motion: twice the width of the band, on every joint; a few move
+/// together.
 const INDEPENDENT_HZ: f64 = 24.0;
 /// Keeps the normal equations solvable when the motion has one frequency only; relative.
 const RIDGE: f64 = 1e-5;
 
-/// Group delay and its standard deviation [s].
+/// Group delay and its standard deviation \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct GroupDelay {
     pub(super) delay_s: f64,

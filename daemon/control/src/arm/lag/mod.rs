@@ -1,17 +1,20 @@
-//! How late the arm is: estimated from the commands sent and the joint states received, while it does its work.
+//! How late the arm is: estimated from the commands sent and the joint states received, while it does its
+//! work.
 //!
-//! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Time standing still neither helps nor
-//! hurts: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may come at any rate, late, with
-//! jittering stamps, noise, constant offsets and gaps; what is not finite is left out. Stretches in which the arm does
-//! not go where it was sent (slowed down, stopped, moved by hand) count little and raise the doubt. Absent: clock, the cause
-//! of the lag, lags beyond 0.2 s.
+//! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Time standing still
+//! neither helps nor hurts: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may
+//! come at any rate, late, with jittering stamps, noise, constant offsets and gaps; what is not finite is
+//! left out. Stretches in which the arm does not go where it was sent (slowed down, stopped, moved by hand)
+//! count little and raise the doubt. Absent: clock, the cause of the lag, lags beyond 0.2 s.
 //!
 //! Two figures, because most arms are filters:
-//! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: what the arm *is*. For
-//!   a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend on what is written.
-//! - [`LagEstimate::shift_s`], the shift of the commands that fits the recent joint states with the least squared error. A
-//!   well-damped filter delays fast motion less than slow motion, so this is shorter, the more so the faster the hand. Who
-//!   can only shift commands in time makes the smallest tracking error with this one: the dead time follows it.
+//! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: what the
+//!   arm *is*. For a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend on what is
+//!   written.
+//! - [`LagEstimate::shift_s`], the shift of the commands that fits the recent joint states with the least
+//!   squared error. A well-damped filter delays fast motion less than slow motion, so this is shorter, the
+//!   more so the faster the hand. Who can only shift commands in time makes the smallest tracking error with
+//!   this one: the dead time follows it.
 //!
 //! For a pure delay both are the same. Joint states that are stamped late make the arm look as much later.
 
@@ -28,19 +31,19 @@ use track::{GRID_S, Track};
 
 use crate::units::Stamp;
 
-/// Motion that counts [s]: older motion is forgotten by 1/e.
+/// Motion that counts \[s\]: older motion is forgotten by 1/e.
 pub const MEMORY_S: f64 = 0.8;
-/// Motion without which nothing is said [s].
+/// Motion without which nothing is said \[s\].
 const MIN_MOTION_S: f64 = 0.25;
-/// Speed of the joints together at which motion counts half [rad/s].
+/// Speed of the joints together at which motion counts half \[rad/s\].
 const HALF_RADPS: f64 = 0.05;
 /// The speed is smoothed over this share per grid step: the arm still moves when the command has stopped.
 const SPEED_SHARE: f64 = 0.1;
-/// An arm farther beside its commanded path than it goes in this time does not follow [s].
+/// An arm farther beside its commanded path than it goes in this time does not follow \[s\].
 const BESIDE_S: f64 = 0.15;
-/// What stamps and grid leave open at best [s].
+/// What stamps and grid leave open at best \[s\].
 const FLOOR_S: f64 = 0.2e-3;
-/// Estimates outside are no lags [s].
+/// Estimates outside are no lags \[s\].
 const PLAUSIBLE_S: [f64; 2] = [-0.01, 0.3];
 /// Share of what was remembered that a break in the commands leaves.
 const AFTER_BREAK: f64 = 0.1;
@@ -52,11 +55,11 @@ const SOLVE_EVERY: u64 = 5;
 /// How late the arm is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LagEstimate {
-    /// Group delay at low frequency from a command's stamp to the measured motion [s], −0.01 to 0.3.
+    /// Group delay at low frequency from a command's stamp to the measured motion \[s\], −0.01 to 0.3.
     pub lag_s: f64,
-    /// Standard deviation of `lag_s` [s].
+    /// Standard deviation of `lag_s` \[s\].
     pub std_s: f64,
-    /// Shift of the commands that fits the recent motion best [s], −0.01 to 0.2.
+    /// Shift of the commands that fits the recent motion best \[s\], −0.01 to 0.2.
     pub shift_s: f64,
 }
 
@@ -91,7 +94,7 @@ impl<const J: usize> LagEstimator<J> {
         }
     }
 
-    /// A command was published: `q` [rad] holds at `stamp`, and between commands the line.
+    /// A command was published: `q` \[rad\] holds at `stamp`, and between commands the line.
     pub fn commanded(&mut self, stamp: Stamp, q: &[f64; J]) {
         self.commands.push(stamp, q);
     }
@@ -101,7 +104,7 @@ impl<const J: usize> LagEstimator<J> {
         self.commands.restart();
     }
 
-    /// A joint state was received: `q` [rad] was measured at `stamp`. Takes in what it makes known.
+    /// A joint state was received: `q` \[rad\] was measured at `stamp`. Takes in what it makes known.
     pub fn measured(&mut self, stamp: Stamp, q: &[f64; J]) {
         self.joints.push(stamp, q);
         for _ in 0..STEPS_PER_CALL {
@@ -181,7 +184,8 @@ impl<const J: usize> Default for LagEstimator<J> {
 mod tests {
     use super::*;
 
-    /// An arm 30 ms late and 20 mrad beside its commands, which stands for a while and follows again; all on the grid.
+    /// An arm 30 ms late and 20 mrad beside its commands, which stands for a while and follows again; all on
+    /// the grid.
     fn life() -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
         let wave = |k: usize| {
             let t = k as f64 * GRID_S;

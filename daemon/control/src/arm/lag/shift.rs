@@ -1,8 +1,8 @@
 //! The pure shift of the commands that fits the measured joints best.
 //!
-//! Contract: per candidate shift the squared error between measured joints and shifted command about each joint's mean
-//! error (arms stand a little beside their commands), weighted and forgotten as the caller says. The minimum is refined by
-//! a parabola. No allocation, bounded work.
+//! Contract: per candidate shift the squared error between measured joints and shifted command about each
+//! joint's mean error (arms stand a little beside their commands), weighted and forgotten as the caller says.
+//! The minimum is refined by a parabola. No allocation, bounded work.
 
 use crate::arm::lag::track::GRID_S;
 
@@ -31,12 +31,13 @@ impl<const J: usize> ShiftBank<J> {
         Self { weight: 0.0, errors: [Errors { sum: [0.0; J], square: 0.0 }; CANDIDATES] }
     }
 
-    /// Weight of everything that is remembered [grid steps].
+    /// Weight of everything that is remembered \[grid steps\].
     pub(super) fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// Squared distance [rad²] from the measured joints to the nearest of the commands, less the mean errors.
+    /// Squared distance \[rad²\] from the measured joints to the nearest of the commands, less the mean
+    /// errors.
     pub(super) fn distance2(&self, measured: &[f64; J], commanded: &[[f64; J]; CANDIDATES]) -> f64 {
         let per_weight = if self.weight > 0.0 { 1.0 / self.weight } else { 0.0 };
         let mut nearest = f64::INFINITY;
@@ -51,7 +52,8 @@ impl<const J: usize> ShiftBank<J> {
         nearest
     }
 
-    /// One instant: measured joints and the command of every candidate; `keep` of what was, `weight` for what is.
+    /// One instant: measured joints and the command of every candidate; `keep` of what was, `weight` for what
+    /// is.
     pub(super) fn add(
         &mut self,
         measured: &[f64; J],
@@ -76,7 +78,8 @@ impl<const J: usize> ShiftBank<J> {
         self.add(&[0.0; J], &[[0.0; J]; CANDIDATES], keep, 0.0);
     }
 
-    /// The best shift [s]; `None` without motion, outside the candidates, or when another shift fits about as well.
+    /// The best shift \[s\]; `None` without motion, outside the candidates, or when another shift fits about
+    /// as well.
     pub(super) fn best(&self) -> Option<f64> {
         let mut curve = [0.0; CANDIDATES];
         for (value, errors) in curve.iter_mut().zip(&self.errors) {

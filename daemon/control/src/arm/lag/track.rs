@@ -1,19 +1,20 @@
 //! Joint positions at irregular stamps, read off on a uniform grid of absolute instants.
 //!
-//! Contract: linear between neighbours, which is what a command means and what a joint state allows. A gap, time that goes
-//! back, or a leap that no arm makes begins a new stretch; nothing is interpolated across it. Bounded work per sample.
+//! Contract: linear between neighbours, which is what a command means and what a joint state allows. A gap,
+//! time that goes back, or a leap that no arm makes begins a new stretch; nothing is interpolated across it.
+//! Bounded work per sample.
 
 use crate::units::Stamp;
 
 /// Grid step of the estimator [ns]: index k is the instant k·10 ms.
 pub(super) const GRID_NS: u64 = 10_000_000;
-/// The same [s].
+/// The same \[s\].
 pub(super) const GRID_S: f64 = GRID_NS as f64 * 1e-9;
-/// Neighbours farther apart than this belong to different stretches [ns].
+/// Neighbours farther apart than this belong to different stretches \[ns\].
 const MAX_GAP_NS: u64 = 60_000_000;
-/// Positions beyond this are no joint's [rad].
+/// Positions beyond this are no joint's \[rad\].
 const MAX_RAD: f64 = 1e3;
-/// Faster joints leap [rad/s]; so do those that pass [`LEAP_RAD`] on top of it, room for jittering stamps.
+/// Faster joints leap \[rad/s\]; so do those that pass [`LEAP_RAD`] on top of it, room for jittering stamps.
 const MAX_RADPS: f64 = 20.0;
 const LEAP_RAD: f64 = 0.05;
 /// Grid points kept: the longest lag, and as much again for joint states that arrive late.
@@ -84,7 +85,7 @@ impl<const J: usize> Track<J> {
     }
 }
 
-/// Time between two samples of one stretch [ns]; `None` if they do not belong together.
+/// Time between two samples of one stretch \[ns\]; `None` if they do not belong together.
 fn joined<const J: usize>(before: Stamp, from: &[f64; J], stamp: Stamp, q: &[f64; J]) -> Option<u64> {
     let span_ns = stamp.0.checked_sub(before.0).filter(|span| *span <= MAX_GAP_NS)?;
     let reach = MAX_RADPS * span_ns as f64 * 1e-9 + LEAP_RAD;

@@ -13,7 +13,7 @@ use crate::plane::Plane;
 pub(super) struct Arming {
     plane: Plane,
     workspace: [AxisLimits; 3],
-    /// Farthest that the tool may stand outside of it [m].
+    /// Farthest that the tool may stand outside of it \[m\].
     margin: f64,
     cos_tilt: f64,
 }
@@ -29,9 +29,11 @@ impl Arming {
         }
     }
 
-    /// The pose of an arm that stands at `q` [rad], and its tool in the plane [m].
+    /// The pose of an arm that stands at `q` \[rad\], and its tool in the plane \[m\].
     ///
-    /// *Errors*: it may not be armed there.
+    /// # Errors
+    ///
+    /// It may not be armed there.
     pub(super) fn place<const J: usize>(
         &self,
         limits: &JointLimits<J>,
@@ -60,7 +62,7 @@ impl Arming {
 }
 
 impl<const J: usize> FollowerSettings<J> {
-    /// Whether an arm that stands still at `q` [rad] may be armed there.
+    /// Whether an arm that stands still at `q` \[rad\] may be armed there.
     ///
     /// # Errors
     /// [`Refusal::OutsideJointLimits`], [`Refusal::ToolOutsideWorkspace`] or [`Refusal::ToolNotAligned`].

@@ -1,12 +1,15 @@
-//! A way from 0 to 1, from rest to rest, with bounded velocity, acceleration and jerk: at most seven pieces of constant jerk.
+//! A way from 0 to 1, from rest to rest, with bounded velocity, acceleration and jerk: at most seven pieces
+//! of constant jerk.
 //!
-//! The velocity rises from 0 to V in t_r = V/A + A/K (where A is reached, else 2√(V/K)), point-symmetric about its middle,
-//! and falls alike: V·t_r of way. Where that is more than 1, V is lowered until it is 1: with A reached V(V/A + A/K) = 1, else
-//! 2V√(V/K) = 1. The second half mirrors the first, s(t) = 1 − s(T − t).
+//! The velocity rises from 0 to V in t_r = V/A + A/K (where A is reached, else 2√(V/K)), point-symmetric
+//! about its middle, and falls alike: V·t_r of way. Where that is more than 1, V is lowered until it is 1:
+//! with A reached V(V/A + A/K) = 1, else 2V√(V/K) = 1. The second half mirrors the first, s(t) = 1 − s(T −
+//! t).
 //!
 //! Contract: pure, total; limits that are not positive give a way that ends at once.
 
-/// Velocity, acceleration and jerk of the share [1/s, 1/s², 1/s³], or those of joints [rad/s, rad/s², rad/s³].
+/// Velocity, acceleration and jerk of the share \[1/s, 1/s², 1/s³\], or those of joints \[rad/s, rad/s²,
+/// rad/s³\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pace {
     pub(super) velocity: f64,
@@ -18,7 +21,7 @@ pub(super) struct Pace {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Glide {
     pace: Pace,
-    /// Time in which the acceleration grows, and in which the velocity does [s].
+    /// Time in which the acceleration grows, and in which the velocity does \[s\].
     jerk_s: f64,
     rise_s: f64,
     whole_s: f64,
@@ -66,12 +69,12 @@ impl Glide {
         }
     }
 
-    /// How long the whole way takes [s].
+    /// How long the whole way takes \[s\].
     pub(super) const fn seconds(&self) -> f64 {
         self.whole_s
     }
 
-    /// The share of the way after `t` [s]; exactly 1 at its end and after.
+    /// The share of the way after `t` \[s\]; exactly 1 at its end and after.
     pub(super) fn share(&self, t: f64) -> f64 {
         if !(t < self.whole_s) {
             1.0

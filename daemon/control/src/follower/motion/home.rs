@@ -1,12 +1,14 @@
-//! The way home: straight in joint space, slow, jerk-limited, looked along before anything moves and watched while it does.
+//! The way home: straight in joint space, slow, jerk-limited, looked along before anything moves and watched
+//! while it does.
 //!
-//! Phases: *checking* (the arm is held where it stands while its way is looked along, so many places a tick), *moving*,
-//! *halting* (lost time left the way: come to rest, then check anew from there), *settling* (at home, until the latest arm is
-//! there too). Near things the motion keeps to its way and slows down: gaps close by a quarter of the share per second that
-//! clearance allows at most. What holds it up for longer than a second is in the way after all.
+//! Phases: *checking* (the arm is held where it stands while its way is looked along, so many places a tick),
+//! *moving*, *halting* (lost time left the way: come to rest, then check anew from there), *settling* (at
+//! home, until the latest arm is there too). Near things the motion keeps to its way and slows down: gaps
+//! close by a quarter of the share per second that clearance allows at most. What holds it up for longer than
+//! a second is in the way after all.
 //!
-//! Contract: no allocation after construction, bounded work per tick. Absent: ways around; the tool's envelope, which is out of
-//! force until the arm is armed, because the pen does not lead here.
+//! Contract: no allocation after construction, bounded work per tick. Absent: ways around; the tool's
+//! envelope, which is out of force until the arm is armed, because the pen does not lead here.
 
 use super::glide::{Glide, Pace};
 use super::paper::Paper;
@@ -23,16 +25,16 @@ const GENTLE: Pace = Pace { velocity: 0.25, acceleration: 0.5, jerk: 2.0 };
 const SHARE: f64 = 0.25;
 /// Gaps close by this share of the rate that clearance allows.
 const DAMPED: f64 = 0.25;
-/// Speed comes back over this time [s].
+/// Speed comes back over this time \[s\].
 const RECOVERY_S: f64 = 0.5;
-/// Slower than this share of the pace for so long [s] is held up.
+/// Slower than this share of the pace for so long \[s\] is held up.
 const HELD_SHARE: f64 = 0.02;
 const HELD_S: f64 = 1.0;
 /// Places of the way that are looked at per second of ticks.
 const LOOKS_HZ: f64 = 2000.0;
-/// Farther than this from the commanded joints [rad] is off the way.
+/// Farther than this from the commanded joints \[rad\] is off the way.
 const OFF_RAD: f64 = 1e-3;
-/// Slower than this [rad/s] is at rest, but for rounding.
+/// Slower than this \[rad/s\] is at rest, but for rounding.
 const AT_REST_RADPS: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,7 +74,7 @@ pub(super) struct Homing<const J: usize> {
     phase: Phase,
     looks: u32,
     settle_ns: u64,
-    /// Time on the way, at its own pace [s]; part of that pace; for how long it was held up [s].
+    /// Time on the way, at its own pace \[s\]; part of that pace; for how long it was held up \[s\].
     elapsed_s: f64,
     pace: f64,
     held_s: f64,
@@ -94,7 +96,7 @@ fn paces<const J: usize>(limits: &JointLimits<J>) -> [Pace; J] {
     paces
 }
 
-/// The way from `from` to `to` [rad] in time.
+/// The way from `from` to `to` \[rad\] in time.
 fn glide<const J: usize>(paces: &[Pace; J], from: &[f64; J], to: &[f64; J]) -> Glide {
     let most = Pace { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
     let turns = from.iter().zip(to).map(|(from, to)| (to - from).abs());
@@ -108,8 +110,8 @@ fn glide<const J: usize>(paces: &[Pace; J], from: &[f64; J], to: &[f64; J]) -> G
 }
 
 impl<const J: usize> FollowerSettings<J> {
-    /// The way home from joints at `q` [rad]: the joint that turns farthest, by how much [rad], and how long it takes with
-    /// nothing near [s]. `None` where a joint is not finite.
+    /// The way home from joints at `q` \[rad\]: the joint that turns farthest, by how much \[rad\], and how
+    /// long it takes with nothing near \[s\]. `None` where a joint is not finite.
     #[must_use]
     pub fn way_home(&self, q: &[f64; J]) -> Option<(usize, f64, f64)> {
         if !q.iter().all(|q| q.is_finite()) {
@@ -174,7 +176,9 @@ impl<const J: usize> Homing<J> {
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// Takes charge of an arm that stands at `q` to move it home.
     ///
-    /// *Errors*: a joint stands outside its limits.
+    /// # Errors
+    ///
+    /// A joint stands outside its limits.
     pub(in crate::follower) fn seed_home(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         let position = self.guard.limits().position();
         let outside = |(q, [low, high]): (&f64, &[f64; 2])| !(q >= low && q <= high);
@@ -204,7 +208,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// One tick of the way home: the joint velocities to it [rad/s], `None` to stand or come to rest, and what came of it.
+    /// One tick of the way home: the joint velocities to it \[rad/s\], `None` to stand or come to rest, and
+    /// what came of it.
     pub(super) fn homeward(&mut self, start: Stamp, health: &mut Health) -> (Option<[f64; J]>, HomeNews) {
         let Some(held) = &self.held else { return (None, HomeNews::None) };
         let homing = &mut self.homing;

@@ -1,7 +1,8 @@
 //! The moving half of a tick: plan, inverse kinematics, guard, and the ladder of fallbacks between them.
 //!
-//! Contract: owns the commanded state. Whatever is asked for, the state after `advance` is legal and continuous with the
-//! state before. Rungs: fresh plan → previous plan at the true elapsed time → jerk-limited stop → hold.
+//! Contract: owns the commanded state. Whatever is asked for, the state after `advance` is legal and
+//! continuous with the state before. Rungs: fresh plan → previous plan at the true elapsed time →
+//! jerk-limited stop → hold.
 
 mod arming;
 mod glide;
@@ -34,7 +35,7 @@ use crate::plane::Plane;
 use crate::stop::StopDetail;
 use crate::units::{AxisState, Stamp, Trust};
 
-/// A tool slower than this along both axes of the plane [m/s] rests, and limits say nothing.
+/// A tool slower than this along both axes of the plane \[m/s\] rests, and limits say nothing.
 const MOVING_MPS: f64 = 0.05;
 
 /// What the arm is to do in a tick.
@@ -73,7 +74,8 @@ pub(super) struct Moved<const J: usize> {
     pub(super) breach: Option<StopDetail>,
     /// The tool moves by a plan.
     pub(super) follows: bool,
-    /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in motion.
+    /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in
+    /// motion.
     pub(super) at_limit: Option<bool>,
     /// What the way home came to.
     pub(super) home: HomeNews,
@@ -81,7 +83,7 @@ pub(super) struct Moved<const J: usize> {
 
 /// What the plan says of the end of the period.
 struct Planned {
-    /// First reference of the plan [m], plane frame.
+    /// First reference of the plan \[m\], plane frame.
     reference: [f64; 3],
     /// The tool's state; `None` where there is no plan to follow.
     next: Option<[AxisState; 3]>,
@@ -90,7 +92,7 @@ struct Planned {
 
 /// What the joints can make of it.
 struct Solved<const J: usize> {
-    /// Joint velocities over the period [rad/s]; `None`: stop.
+    /// Joint velocities over the period \[rad/s\]; `None`: stop.
     qd: Option<[f64; J]>,
     rung: Rung,
     home: HomeNews,
@@ -129,7 +131,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     bent: bool,
     /// Share of its full reach that a plan is asked for.
     reach: f64,
-    /// No faster than this [m/s], where the arm is slow.
+    /// No faster than this \[m/s\], where the arm is slow.
     pub(super) pace_mps: Option<f64>,
     /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
@@ -198,8 +200,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.mpc.feedback_lag_s(self.period_s)
     }
 
-    /// One period of motion, stage by stage. Where the joints did not do what was planned, x₀ comes from what is really published,
-    /// so that nothing winds up.
+    /// One period of motion, stage by stage. Where the joints did not do what was planned, x₀ comes from what
+    /// is really published, so that nothing winds up.
     pub(super) fn advance(
         &mut self,
         wanted: Option<&Wanted<N>>,
@@ -249,16 +251,18 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// Joints, acceleration or speed are at their limits in this tick; `None` unless the tool follows a fresh plan in motion.
+    /// Joints, acceleration or speed are at their limits in this tick; `None` unless the tool follows a fresh
+    /// plan in motion.
     fn at_limit(&self, limited: bool, planned: &Planned, rung: Rung) -> Option<bool> {
         let moving = self.tool.iter().take(2).any(|axis| axis.velocity.abs() > MOVING_MPS);
-        // Jerk at its limit is how plans that are in a hurry look, and costs little; the workspace is no weakness of the arm.
+        // Jerk at its limit is how plans that are in a hurry look, and costs little; the workspace is no
+        // weakness of the arm.
         let hurries = |axis: &AxisReport| axis.active.acceleration > 0 || axis.active.velocity > 0;
         let at_limit = limited || self.reports.axes.iter().take(2).any(hurries);
         (rung == Rung::FreshPlan && moving && planned.next.is_some()).then_some(at_limit)
     }
 
-    /// How the command leaves the tool's envelope, if it does, at `speed` [m/s].
+    /// How the command leaves the tool's envelope, if it does, at `speed` \[m/s\].
     fn breach(&mut self, speed: f64) -> Option<StopDetail> {
         let (held, envelope) = self.held.as_ref().zip(self.ik.envelope())?;
         envelope.judge(&envelope.figures(&held.kinematics, speed))

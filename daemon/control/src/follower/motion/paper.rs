@@ -1,9 +1,11 @@
-//! Whether the tip stays over the paper on a way through the joints: the paper is there, whether the settings keep clear of things or not.
+//! Whether the tip stays over the paper on a way through the joints: the paper is there, whether the settings
+//! keep clear of things or not.
 //!
-//! Looked at in a thousand places. Between two of them the tip goes a few millimetres, along which its height bends by less
-//! than [`ROUNDING_M`] from the line between both.
+//! Looked at in a thousand places. Between two of them the tip goes a few millimetres, along which its height
+//! bends by less than [`ROUNDING_M`] from the line between both.
 //!
-//! Contract: pure, no allocation, one forward kinematics a look. Absent: the table around the workspace, which only `[clearance]` knows.
+//! Contract: pure, no allocation, one forward kinematics a look. Absent: the table around the workspace,
+//! which only `[clearance]` knows.
 
 use crate::arm::Chain;
 use crate::clearance::{Looked, Obstructed, Way};
@@ -12,7 +14,7 @@ use crate::plane::Plane;
 
 /// Places looked at.
 const LOOKS: u32 = 1000;
-/// An arm that was stopped in the paper may leave it from this deep [m].
+/// An arm that was stopped in the paper may leave it from this deep \[m\].
 const DEEPEST_M: f64 = 0.02;
 const ROUNDING_M: f64 = 1e-4;
 
@@ -20,10 +22,10 @@ const ROUNDING_M: f64 = 1e-4;
 #[derive(Debug, Clone)]
 pub(super) struct Paper {
     plane: Plane,
-    /// Along the plane's axes [m].
+    /// Along the plane's axes \[m\].
     workspace: [[f64; 2]; 3],
     looked: u32,
-    /// The tip may be so low [m], plane frame.
+    /// The tip may be so low \[m\], plane frame.
     lowest: f64,
 }
 

@@ -10,24 +10,27 @@ use crate::ik::task::{self, ToolTarget};
 use crate::mpc::{Mpc, MpcSettings};
 use crate::qp::cholesky::Cholesky;
 
-/// A plan may ask for so many times the acceleration that the joints give along one axis at home, by themselves: in most places
-/// and with the tool tilting they do more, and a little late is better than slow. A jerk that they do not give makes it swing.
+/// A plan may ask for so many times the acceleration that the joints give along one axis at home, by
+/// themselves: in most places and with the tool tilting they do more, and a little late is better than slow.
+/// A jerk that they do not give makes it swing.
 const ACCELERATION_ASKED: f64 = 2.6;
 const VELOCITY_ASKED: f64 = 1.5;
 /// A stop is planned with so many times the acceleration that they give.
 const ACCELERATION_STOPS: f64 = 1.2;
 
-/// Speeds from which a plan has to see a stop, per axis [m/s]: measured, with half of them in the plane it swung by 18 mm.
+/// Speeds from which a plan has to see a stop, per axis [m/s]: measured, with half of them in the plane it
+/// swung by 18 mm.
 const USEFUL_MPS: [f64; 3] = [0.1, 0.1, 0.05];
 /// The lowest limits that a plan can be made with.
 const SLOWEST_MPS: f64 = 1e-3;
 const LEAST_MPS2: f64 = 0.01;
 const LEAST_MPS3: f64 = 1.0;
 
-/// The limits by which a plan can be followed: no more than the joints give, and no faster than its horizon sees a stop.
+/// The limits by which a plan can be followed: no more than the joints give, and no faster than its horizon
+/// sees a stop.
 ///
-/// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its target and comes
-/// back, for ever.
+/// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its
+/// target and comes back, for ever.
 pub(in crate::follower) fn paced<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> MpcSettings {
@@ -57,7 +60,8 @@ pub(in crate::follower) fn paced<const N: usize, const J: usize>(
     mpc
 }
 
-/// Refuses a jerk with which a plan sees no stop from a speed that is of any use: it would swing, slowly and widely.
+/// Refuses a jerk with which a plan sees no stop from a speed that is of any use: it would swing, slowly and
+/// widely.
 fn sees_stops<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> Result<(), FollowerError> {
     if settings.mpc.unlimited {
         return Ok(());
@@ -77,7 +81,7 @@ fn sees_stops<const N: usize, const J: usize>(settings: &FollowerSettings<J>) ->
     Ok(())
 }
 
-/// What the IK makes of a tool velocity of 1 m/s along `axis` at home [rad/m].
+/// What the IK makes of a tool velocity of 1 m/s along `axis` at home \[rad/m\].
 fn needs<const J: usize>(settings: &FollowerSettings<J>, axis: &Vector3<f64>) -> [f64; J] {
     let kinematics = settings.chain.forward(&settings.ik.home);
     let tool = kinematics.rotation.column(2).into_owned();

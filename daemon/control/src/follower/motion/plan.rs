@@ -1,5 +1,5 @@
-//! Where the tool is to be at the end of the period: from a fresh plan, else from the previous one, and always such that it can
-//! still stop inside the workspace.
+//! Where the tool is to be at the end of the period: from a fresh plan, else from the previous one, and
+//! always such that it can still stop inside the workspace.
 
 use super::{Mover, Planned, Wanted};
 use crate::follower::Budget;
@@ -71,7 +71,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         (next, rung)
     }
 
-    /// `next` where the tool can come to rest inside the workspace after it, else the nearest on the way to such a stop.
+    /// `next` where the tool can come to rest inside the workspace after it, else the nearest on the way to
+    /// such a stop.
     fn stoppable(&mut self, next: [AxisState; 3]) -> [AxisState; 3] {
         let mut kept = next;
         for (kept, (limits, from)) in kept.iter_mut().zip(self.limits.iter().zip(&self.tool)) {

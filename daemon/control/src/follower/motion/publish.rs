@@ -1,4 +1,5 @@
-//! The guard's word on a step, and the tool's state after it: what is really published, not what was wished for.
+//! The guard's word on a step, and the tool's state after it: what is really published, not what was wished
+//! for.
 
 use nalgebra::Vector3;
 
@@ -8,7 +9,8 @@ use crate::follower::io::Health;
 use crate::units::{AxisState, Stamp};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the commanded state.
+    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the
+    /// commanded state.
     pub(super) fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
         let Some(held) = &mut self.held else { return 0 };
         let qd = qd.unwrap_or_else(|| {
@@ -36,7 +38,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         u32::from(verdict.reasons.bits())
     }
 
-    /// Where the published joints put the tool [m], plane frame.
+    /// Where the published joints put the tool \[m\], plane frame.
     pub(super) fn commanded_tool(&self) -> Vector3<f64> {
         let tool = self.held.as_ref().map_or_else(Vector3::zeros, |held| held.kinematics.position);
         self.plane.point_from_base(&tool)
@@ -52,9 +54,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// Takes the tool state from joints that were limited on their way to what was `planned`.
     ///
-    /// Commands tell the mean velocity of the step that ended and the acceleration at its beginning. Taken for those at its
-    /// end, half of the acceleration would be lost in every limited step. At its end the acceleration is the planned one,
-    /// moved by half of what was wrong at the beginning: the whole of it would swing, and none of it would wind up.
+    /// Commands tell the mean velocity of the step that ended and the acceleration at its beginning. Taken
+    /// for those at its end, half of the acceleration would be lost in every limited step. At its end the
+    /// acceleration is the planned one, moved by half of what was wrong at the beginning: the whole of it
+    /// would swing, and none of it would wind up.
     fn fall_behind(&mut self, planned: &[AxisState; 3]) {
         let assumed = self.tool;
         self.resynchronise();
@@ -72,7 +75,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.tool = self.plane.axes_from_base(&tool.position, &tool.velocity, &tool.acceleration);
     }
 
-    /// Takes over the state that the plan goes on from: what was planned where the joints did it, else where they got to.
+    /// Takes over the state that the plan goes on from: what was planned where the joints did it, else where
+    /// they got to.
     pub(super) fn keep_up(
         &mut self,
         planned: &Planned,

@@ -1,21 +1,25 @@
-//! What a plan is asked for: pen and preview as references, also out of reach, and from where the workspace cannot be kept.
+//! What a plan is asked for: pen and preview as references, also out of reach, and from where the workspace
+//! cannot be kept.
 
 use super::Mover;
 use crate::mpc::{PlanReport, Start};
 use crate::pen::PenReading;
 use crate::units::{AxisState, Trust};
 
-/// A tool this far from the pen [m], or so many times as far as it may be lowered from, has lost it and lifts. Commands lead the
-/// pen by the dead time, which is no reason to lift: what is foreseen counts like the pen.
+/// A tool this far from the pen \[m\], or so many times as far as it may be lowered from, has lost it and
+/// lifts. Commands lead the pen by the dead time, which is no reason to lift: what is foreseen counts like
+/// the pen.
 const LOST_M: f64 = 0.05;
 const LOST: f64 = 5.0;
-/// Beyond the workspace by less than this [m] is inside: rounding.
+/// Beyond the workspace by less than this \[m\] is inside: rounding.
 const OUTSIDE_M: f64 = 1e-9;
-/// What becomes of the share of the reach in a tick without a plan of its own and in one with, and where it ends.
+/// What becomes of the share of the reach in a tick without a plan of its own and in one with, and where it
+/// ends.
 const FAILED: f64 = 0.5;
 const PLANNED: f64 = 1.1;
 const LEAST_REACH: f64 = 1e-3;
-/// Feedback closes in on a held target about as fast as if it were to be there after so many steps: its velocity gain.
+/// Feedback closes in on a held target about as fast as if it were to be there after so many steps: its
+/// velocity gain.
 const HELD_STEPS: f64 = 7.0;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
@@ -29,7 +33,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
         let [x, y] = pen.position;
         let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
-        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere else.
+        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere
+        // else.
         if holding {
             self.approaching = true;
         } else {
@@ -53,8 +58,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// A fresh plan for the commanded state.
     ///
-    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick, down to staying at rest. An
-    /// arm at rest therefore never stands there for want of a plan.
+    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick,
+    /// down to staying at rest. An arm at rest therefore never stands there for want of a plan.
     pub(super) fn planned(
         &mut self,
         conservative: &[AxisState; 3],
@@ -71,10 +76,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// The plan as far as the workspace and its steps allow.
     ///
-    /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may need more steps of
-    /// the active set than there may be, in this tick and, as the arm then stands still, in all that follow. If half of them are not
-    /// enough it is made once more, for a workspace that reaches as far as the tool cannot help going: the way back is still what
-    /// the references ask for. Both together take half as many steps again as one plan may, at most.
+    /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may
+    /// need more steps of the active set than there may be, in this tick and, as the arm then stands still,
+    /// in all that follow. If half of them are not enough it is made once more, for a workspace that reaches
+    /// as far as the tool cannot help going: the way back is still what the references ask for. Both together
+    /// take half as many steps again as one plan may, at most.
     fn within_limits(
         &mut self,
         mut conservative: [AxisState; 3],
@@ -90,7 +96,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if report.usable() || inside {
             return report;
         }
-        // A plan depends on where it is only by the workspace: moving everything else moves that the other way.
+        // A plan depends on where it is only by the workspace: moving everything else moves that the other
+        // way.
         for (axis, by) in beyond.iter().enumerate() {
             let states = [&mut from.command, &mut from.arm, &mut conservative];
             let states = states.into_iter().filter_map(|all| all.get_mut(axis));
@@ -109,7 +116,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         report
     }
 
-    /// How far beyond the workspace the tool gets when it brakes as hard as its limits allow [m]; negative on the lower side.
+    /// How far beyond the workspace the tool gets when it brakes as hard as its limits allow \[m\]; negative
+    /// on the lower side.
     fn cannot_help(&self) -> [f64; 3] {
         let mut beyond = [0.0; 3];
         for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
@@ -120,13 +128,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         beyond
     }
 
-    /// The held target and the references, brought into the workspace, and then to where full speed takes the tool by the end of
-    /// the plan.
+    /// The held target and the references, brought into the workspace, and then to where full speed takes the
+    /// tool by the end of the plan.
     ///
-    /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens that jump from corner to
-    /// corner beyond the workspace took up to 337 of them. Behind a servo what is asked for is where the arm gets to, which may be
-    /// far behind the command. After ticks without a plan it is only a share of that, at that share of the speed. What is no number
-    /// stays none.
+    /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens
+    /// that jump from corner to corner beyond the workspace took up to 337 of them. Behind a servo what is
+    /// asked for is where the arm gets to, which may be far behind the command. After ticks without a plan it
+    /// is only a share of that, at that share of the speed. What is no number stays none.
     fn within_reach(
         &self,
         conservative: &[AxisState; 3],
@@ -155,7 +163,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     }
 }
 
-/// No state farther from the tool, which is within `[behind, ahead]` [m], than `pace` [m/s] gets until then, nor faster.
+/// No state farther from the tool, which is within `[behind, ahead]` \[m\], than `pace` \[m/s\] gets until
+/// then, nor faster.
 fn slow_down(
     pace: f64,
     step_s: f64,

@@ -1,11 +1,13 @@
-//! Whether the arm comes to rest at its limits as well as inside them: a large step of the pen, moved through at start-up.
+//! Whether the arm comes to rest at its limits as well as inside them: a large step of the pen, moved through
+//! at start-up.
 //!
-//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration at their limits, of the plan or of
-//! the joints, a plan that looks too little ahead, or is in too great a hurry, goes past its target, comes back and goes past it
-//! again. Here plan, inverse kinematics and guard are followed exactly as in a tick, over a step long enough to reach full speed.
+//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration at their
+//! limits, of the plan or of the joints, a plan that looks too little ahead, or is in too great a hurry, goes
+//! past its target, comes back and goes past it again. Here plan, inverse kinematics and guard are followed
+//! exactly as in a tick, over a step long enough to reach full speed.
 //!
-//! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where it swings. An arm
-//! that cannot be put where the step begins is not judged: it cannot be armed there either.
+//! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where
+//! it swings. An arm that cannot be put where the step begins is not judged: it cannot be armed there either.
 
 use super::{Mover, Wanted};
 use crate::follower::io::{Health, NoClock};
@@ -16,12 +18,13 @@ use crate::mpc::Backend;
 use crate::pen::PenReading;
 use crate::units::{AxisState, Stamp, Trust};
 
-/// Longest look at one step [s].
+/// Longest look at one step \[s\].
 const LONGEST_S: f64 = 1.6;
-/// Swings below this do not count [m]. At long periods the tool may chatter from tick to tick by less than a millimetre and, as the
-/// joints are at their limits all the time, drift to the pen for seconds.
+/// Swings below this do not count \[m\]. At long periods the tool may chatter from tick to tick by less than
+/// a millimetre and, as the joints are at their limits all the time, drift to the pen for seconds.
 const SWING_M: f64 = 1e-4;
-/// So many turns have to follow one another, and the last swing be no smaller than this share of the one four turns before.
+/// So many turns have to follow one another, and the last swing be no smaller than this share of the one four
+/// turns before.
 const TURNS: usize = 7;
 const LASTING: f64 = 0.8;
 /// The step ends so far from the middle of the workspace to its edge.
@@ -46,7 +49,7 @@ impl Turns {
         Self { last: at, farthest: at, up: true, swings: [0.0; TURNS], count: 0 }
     }
 
-    /// The size of a swing that lasts, if there is one [m].
+    /// The size of a swing that lasts, if there is one \[m\].
     fn see(&mut self, at: f64) -> Option<f64> {
         let farther = if self.up { at > self.farthest } else { at < self.farthest };
         if farther {
@@ -159,7 +162,7 @@ fn swing<const N: usize, const J: usize>(
 }
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Lets the pen touch the paper at `to` [m], plane frame, from one tick to the next, and rest there.
+    /// Lets the pen touch the paper at `to` \[m\], plane frame, from one tick to the next, and rest there.
     fn step_to(&mut self, to: [f64; 2], trust: Trust) -> Option<(usize, f64)> {
         let [x, y] = to;
         let rests = [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]];
@@ -194,8 +197,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 mod tests {
     use super::*;
 
-    /// The first swing that lasts of a tool that goes to and fro by `size` [m], each time `decay` as far, and chatters by
-    /// `chatter` [m] from tick to tick; and after how many turns.
+    /// The first swing that lasts of a tool that goes to and fro by `size` \[m\], each time `decay` as far,
+    /// and chatters by `chatter` \[m\] from tick to tick; and after how many turns.
     fn lasting(size: f64, decay: f64, chatter: f64) -> Option<(usize, f64)> {
         let mut turns = Turns::new(0.02);
         let (mut at, mut half) = (0.02, 0.5 * size);

@@ -7,7 +7,8 @@ use crate::follower::io::{Health, Rung};
 use crate::ik::{IkSource, ToolTarget};
 use crate::units::{AxisState, Stamp};
 
-/// Tool velocity that the IK may miss without the plan being told [m/s]; what remains is removed as pose error.
+/// Tool velocity that the IK may miss without the plan being told \[m/s\]; what remains is removed as pose
+/// error.
 const IK_TOLERANCE_MPS: f64 = 1e-3;
 
 impl<const N: usize, const J: usize> Mover<N, J> {

@@ -1,7 +1,7 @@
 //! Taking charge of an arm, giving it back, and finding the way back after lost time.
 //!
-//! Contract: a command stamp never goes back, not even over an arming. After lost time the commanded state is where
-//! consumers are who followed the last command as long as it was valid and then braked.
+//! Contract: a command stamp never goes back, not even over an arming. After lost time the commanded state is
+//! where consumers are who followed the last command as long as it was valid and then braked.
 
 use super::{Held, Mover};
 use crate::follower::io::{Health, Refusal};
@@ -42,14 +42,15 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// Puts the commanded state where consumers are at `now`, if periods were lost since the last command.
     ///
-    /// Returns how long nothing was commanded [ns].
+    /// Returns how long nothing was commanded \[ns\].
     pub(in crate::follower) fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
         let Some(held) = &mut self.held else { return 0 };
         let Ok(lost @ 1..) = u64::try_from(now.since(held.command.stamp())) else { return 0 };
         health.set(Health::TIME_LOST | Health::RESYNCHRONISED);
         let decel = self.guard.limits().deceleration();
         let motion = consumer_state(&held.command, held.valid_until, decel, now);
-        // A finite command stays finite on its way to rest; if it did not, the arm is where the command left it.
+        // A finite command stays finite on its way to rest; if it did not, the arm is where the command left
+        // it.
         let at_rest = Commanded::at_rest(now, *held.command.q());
         held.command = Commanded::new(now, motion).or(at_rest).unwrap_or(held.command);
         held.valid_until = now + self.valid_ns;

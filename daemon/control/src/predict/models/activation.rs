@@ -1,10 +1,11 @@
 //! exp, tanh and the logistic function for `f64` and `f32` without calls into the C library.
 //!
-//! Contract: the same bits on every machine (no fused multiply-add, no run-time choice of instructions), branch-free per
-//! element so that loops over arrays vectorise, NaN stays NaN, and nothing else gives a NaN. Largest errors against exact
-//! values, measured in the tests: tanh and sigmoid 1e-15 (`f64`) and 2e-7 (`f32`) absolute, tanh also relative; exp
-//! 5e-15 and 4e-7 relative. Absent: denormal results, exp saturates instead.
-//! *Source*: Cody-Waite reduction x = k·ln 2 + r; exp(r) − 1 = r + r²·p(r), p interpolating at Chebyshev nodes of
+//! Contract: the same bits on every machine (no fused multiply-add, no run-time choice of instructions),
+//! branch-free per element so that loops over arrays vectorise, NaN stays NaN, and nothing else gives a NaN.
+//! Largest errors against exact values, measured in the tests: tanh and sigmoid 1e-15 (`f64`) and 2e-7
+//! (`f32`) absolute, tanh also relative; exp 5e-15 and 4e-7 relative. Absent: denormal results, exp saturates
+//! instead. *Source*: Cody-Waite reduction x = k·ln 2 + r; exp(r) − 1 = r + r²·p(r), p interpolating at
+//! Chebyshev nodes of
 //! |r| ≤ ln 2 / 2; tanh x = t / (t + 2) with t = exp(2x) − 1, which keeps small x exact.
 
 use std::fmt::Debug;

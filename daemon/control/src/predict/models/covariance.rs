@@ -1,8 +1,8 @@
 //! `Covariance`: P of recursive least squares, kept symmetric, positive and bounded.
 //!
-//! Exponential forgetting divides P by λ at every step. In directions that the input does not excite nothing takes that
-//! back, and P would grow without bound (wind-up): a hand that rests, or writes one straight line, does that. Here P
-//! forgets only while its trace is below a bound.
+//! Exponential forgetting divides P by λ at every step. In directions that the input does not excite nothing
+//! takes that back, and P would grow without bound (wind-up): a hand that rests, or writes one straight line,
+//! does that. Here P forgets only while its trace is below a bound.
 
 /// P, D x D.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +35,8 @@ impl<const D: usize> Covariance<D> {
         self.matrix.iter().enumerate().filter_map(|(i, row)| row.get(i).copied())
     }
 
-    /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P back at its start, if P was no covariance any more.
+    /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P back at its start, if P was no
+    /// covariance any more.
     pub(crate) fn update(&mut self, phi: &[f64], forgetting: f64) -> Option<[f64; D]> {
         let mut image = [0.0; D];
         for (row, phi) in self.matrix.iter().zip(phi) {

@@ -1,5 +1,5 @@
-//! Damped velocity: the pen repeats its last displacement, a tenth shorter every step; x̂_k = ρ^k x. Example of
-//! `docs/extend/predictor.md`.
+//! Damped velocity: the pen repeats its last displacement, a tenth shorter every step; x̂_k = ρ^k x. Example
+//! of `docs/extend/predictor.md`.
 
 use crate::predict::{Entry, Predictor, shortened};
 

@@ -1,4 +1,5 @@
-//! Learned damping: x̂_k = ρ^k x, with the ρ that would have been best lately. Example of `docs/extend/predictor.md`.
+//! Learned damping: x̂_k = ρ^k x, with the ρ that would have been best lately. Example of
+//! `docs/extend/predictor.md`.
 //!
 //! ρ = Σ x_t · x_{t−1} / Σ |x_{t−1}|², both sums forgetting: least squares with one coefficient.
 
@@ -19,7 +20,7 @@ const LEAST: f64 = TARGET_RMS * TARGET_RMS;
 pub struct Damping {
     /// Counts every change of the live parameters.
     pub version: u64,
-    /// Δ [ns].
+    /// Δ \[ns\].
     pub step_ns: u64,
     /// ρ, 0 to 1.
     pub rho: f64,

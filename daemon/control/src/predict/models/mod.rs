@@ -1,4 +1,5 @@
-//! The predictors, one folder or file each, and the registry: the only list of them (`docs/extend/predictor.md`).
+//! The predictors, one folder or file each, and the registry: the only list of them
+//! (`docs/extend/predictor.md`).
 
 pub mod activation;
 pub mod ar_rls;
@@ -28,8 +29,8 @@ pub use set::{InitialWeights, ModelSettings, Models, ModelsError, Networks};
 
 use super::registry::Entry;
 
-/// Every predictor. The order is that of tables and of [`PredictorKind::ALL`](super::PredictorKind::ALL); nothing outside of
-/// this process knows it.
+/// Every predictor. The order is that of tables and of [`PredictorKind::ALL`](super::PredictorKind::ALL);
+/// nothing outside of this process knows it.
 pub const REGISTRY: &[Entry] = &[
     hold::ENTRY,
     constant_velocity::ENTRY,
@@ -45,8 +46,8 @@ pub const REGISTRY: &[Entry] = &[
     learned_damping::ENTRY,
 ];
 
-/// Gives the list of those that learn online, each with the name of its part in [`OnlineWeights`](super::OnlineWeights), to the
-/// macro `$then`.
+/// Gives the list of those that learn online, each with the name of its part in
+/// [`OnlineWeights`](super::OnlineWeights), to the macro `$then`.
 macro_rules! for_each_taught {
     ($then:ident) => {
         $then! {

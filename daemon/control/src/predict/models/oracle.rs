@@ -14,7 +14,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// `displacements_m[i]` is position(first_index + i) − position(first_index + i − 1) [m].
+    /// `displacements_m[i]` is position(first_index + i) − position(first_index + i − 1) \[m\].
     #[must_use]
     pub fn new(first_index: u64, displacements_m: Box<[[f64; 2]]>) -> Self {
         Self { first_index, displacements_m, cursor: first_index.saturating_sub(1), scale_m: 1.0 }

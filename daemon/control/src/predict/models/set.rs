@@ -1,5 +1,6 @@
-//! `Models`: what the predictors are made of and never changes while they run: sizes, learning rules, the reservoir,
-//! trained networks. The loop and the learner are built from the same, so that weights learned in one fit the other.
+//! `Models`: what the predictors are made of and never changes while they run: sizes, learning rules, the
+//! reservoir, trained networks. The loop and the learner are built from the same, so that weights learned in
+//! one fit the other.
 
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ pub enum InitialWeights {
 /// Sizes and learning rules of the models that learn online.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelSettings {
-    /// Δ [ns].
+    /// Δ \[ns\].
     pub step_ns: u64,
     /// The linear DyBM, alone and beside a reservoir.
     pub dybm: DybmSettings,
@@ -40,13 +41,15 @@ pub struct ModelSettings {
 }
 
 impl ModelSettings {
-    /// Longer displacements than this are jumps to the AR-RLS of the preset loop [in the plane]: seven ordinary steps. Jumps have been
-    /// recognised before a displacement comes there; this is for what is left.
+    /// Longer displacements than this are jumps to the AR-RLS of the preset loop [in the plane]: seven
+    /// ordinary steps. Jumps have been recognised before a displacement comes there; this is for what is
+    /// left.
     pub const AR_RLS_GATE: f64 = 100.0;
     /// Larger errors than this it learns from as if they were this large [per axis]: 1.2 ordinary steps.
     pub const AR_RLS_HUBER: f64 = 12.0;
 
-    /// The models of the preset loop; how they were chosen stands in [`crate::learn::LearnerSettings::preset`].
+    /// The models of the preset loop; how they were chosen stands in
+    /// [`crate::learn::LearnerSettings::preset`].
     #[must_use]
     pub fn preset(step_ns: u64) -> Self {
         Self {
@@ -101,7 +104,9 @@ pub struct Networks {
 impl Models {
     /// Builds the reservoir.
     ///
-    /// *Errors*: settings outside their bounds, or a network of another kind or trained for another loop.
+    /// # Errors
+    ///
+    /// Settings outside their bounds, or a network of another kind or trained for another loop.
     pub fn new(settings: ModelSettings, networks: Networks) -> Result<Self, ModelsError> {
         for network in networks.lstm.iter().chain(&networks.mixture) {
             network.fits(settings.step_ns)?;

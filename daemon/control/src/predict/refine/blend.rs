@@ -1,9 +1,10 @@
 //! What newer samples say about a preview: one ridge regression per lead and part of a grid step.
 //!
-//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four things known when the
-//! newest sample came: the way that the preview still has to go, the innovation (newest sample − preview at its instant), and
-//! the pen's velocity and acceleration then ([`super::observer`]). What is more than a regression
-//! needs is shrunk towards a prior, so that a new hand starts with what other hands had. Sums forget.
+//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four things
+//! known when the newest sample came: the way that the preview still has to go, the innovation (newest sample
+//! − preview at its instant), and the pen's velocity and acceleration then ([`super::observer`]). What is
+//! more than a regression needs is shrunk towards a prior, so that a new hand starts with what other hands
+//! had. Sums forget.
 
 use super::parameters::{BlendParameters, RefineParameters};
 
@@ -56,7 +57,8 @@ impl Blend {
         self.said(terms).map(|way| worth * way)
     }
 
-    /// Share of what was said that went the way of the error, in [0, 1]: nothing moves a preview that is right as it is.
+    /// Share of what was said that went the way of the error, in [0, 1]: nothing moves a preview that is
+    /// right as it is.
     fn worth(&self, prior_cases: f64) -> f64 {
         if !(self.asked > 0.0) {
             return 1.0;
@@ -128,7 +130,8 @@ impl Blend {
     }
 }
 
-/// Within ± `largest`; nothing, where it is no number. Total, unlike `clamp`: whoever made `largest` is not asked.
+/// Within ± `largest`; nothing, where it is no number. Total, unlike `clamp`: whoever made `largest` is not
+/// asked.
 fn bounded(weight: f64, largest: f64) -> f64 {
     if weight.is_finite() { weight.max(-largest).min(largest) } else { 0.0 }
 }
@@ -248,7 +251,8 @@ mod tests {
         }
     }
 
-    /// By hand: e^(−1) of each part is left where its reach ends, and between the tablets lies what lies between them.
+    /// By hand: e^(−1) of each part is left where its reach ends, and between the tablets lies what lies
+    /// between them.
     #[test]
     fn what_other_hands_had_fades_with_the_lead() {
         let left = (-1.0_f64).exp();

@@ -1,6 +1,8 @@
-//! A Kalman filter of constant acceleration per axis, one gain for both, over samples at whatever rate they come.
+//! A Kalman filter of constant acceleration per axis, one gain for both, over samples at whatever rate they
+//! come.
 //!
-//! Contract: O(1) per sample, no allocation, total. It begins anew after a silence and after a non-finite sample.
+//! Contract: O(1) per sample, no allocation, total. It begins anew after a silence and after a non-finite
+//! sample.
 
 use super::parameters::FilterParameters;
 
@@ -8,18 +10,19 @@ use super::parameters::FilterParameters;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
     parameters: FilterParameters,
-    /// Change of acceleration per sample over the noise of its position [1/s²].
+    /// Change of acceleration per sample over the noise of its position \[1/s²\].
     change: f64,
-    /// Time of the newest sample [s]; `None` before the first.
+    /// Time of the newest sample \[s\]; `None` before the first.
     newest_s: Option<f64>,
-    /// Position [m], velocity [m/s], acceleration [m/s²] per axis.
+    /// Position \[m\], velocity \[m/s\], acceleration \[m/s²\] per axis.
     axes: [[f64; 3]; 2],
     /// In units of a sample's noise.
     covariance: [[f64; 3]; 3],
 }
 
 impl Filter {
-    /// Nothing seen yet; `change`: of the acceleration from sample to sample [1/s²], in units of a sample's noise.
+    /// Nothing seen yet; `change`: of the acceleration from sample to sample \[1/s²\], in units of a sample's
+    /// noise.
     pub(super) const fn new(change: f64, parameters: FilterParameters) -> Self {
         Self { parameters, change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
     }
@@ -29,7 +32,8 @@ impl Filter {
         self.newest_s = None;
     }
 
-    /// A sample at `position` [m] and `time_s`; the one that was seen last, or an older one, changes nothing.
+    /// A sample at `position` \[m\] and `time_s`; the one that was seen last, or an older one, changes
+    /// nothing.
     pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
         let elapsed_s = self.newest_s.map_or(f64::INFINITY, |newest_s| time_s - newest_s);
         if elapsed_s <= 0.0 {
@@ -62,13 +66,13 @@ impl Filter {
         }
     }
 
-    /// Velocity [m/s] and acceleration [m/s²] at the newest sample.
+    /// Velocity \[m/s\] and acceleration \[m/s²\] at the newest sample.
     pub(super) fn motion(&self) -> [[f64; 2]; 2] {
         let [[_, vx, ax], [_, vy, ay]] = self.axes;
         [[vx, vy], [ax, ay]]
     }
 
-    /// State and covariance `dt` later: P ← A P Aᵀ + g gᵀ, g = [½dt², dt, 1] · change.
+    /// State and covariance `dt` later: P ← A P Aᵀ + g gᵀ, g = \[½dt², dt, 1\] · change.
     fn advance(&mut self, dt: f64) {
         let half = 0.5 * dt * dt;
         for [x, v, a] in &mut self.axes {

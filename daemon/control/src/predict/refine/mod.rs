@@ -1,9 +1,10 @@
-//! Refining a preview by samples newer than the grid: between two grid points newer samples arrive, and without them up to a whole
-//! step of what is known about the pen would lie idle.
+//! Refining a preview by samples newer than the grid: between two grid points newer samples arrive, and
+//! without them up to a whole step of what is known about the pen would lie idle.
 //!
-//! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned while the pen moves
-//! (`blend`), from a prior (`prior`), from the velocities of the filter that suits the tablet (`observer`). A preview that is right
-//! without is not moved: what past corrections were worth counts as well. The numbers of all that are in `parameters`.
+//! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned
+//! while the pen moves (`blend`), from a prior (`prior`), from the velocities of the filter that suits the
+//! tablet (`observer`). A preview that is right without is not moved: what past corrections were worth counts
+//! as well. The numbers of all that are in `parameters`.
 
 mod blend;
 mod filter;
@@ -29,7 +30,7 @@ use observer::Observers;
 
 use crate::units::Stamp;
 
-/// Leads with corrections of their own [steps]; farther ahead the last one counts.
+/// Leads with corrections of their own \[steps\]; farther ahead the last one counts.
 pub const REFINED_LEADS: usize = 24;
 /// Parts of a grid step that have corrections of their own: devices sample where they like.
 pub(crate) const PHASES: usize = 4;
@@ -48,7 +49,7 @@ pub struct Refiner {
 }
 
 impl Refiner {
-    /// Nothing seen yet; grid step `step_s` [s].
+    /// Nothing seen yet; grid step `step_s` \[s\].
     #[must_use]
     pub fn new(step_s: f64) -> Self {
         Self::tuned(step_s, RefineParameters::SHIPPED)
@@ -77,8 +78,9 @@ impl Refiner {
         self.observers.forget();
     }
 
-    /// A sample at `stamp` and `position` [m]; the same may be told again. Velocity and acceleration are known only if every sample is
-    /// told. Where another filter answers from here on, what was learned is about the velocities of the last one and goes.
+    /// A sample at `stamp` and `position` \[m\]; the same may be told again. Velocity and acceleration are
+    /// known only if every sample is told. Where another filter answers from here on, what was learned is
+    /// about the velocities of the last one and goes.
     pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
         self.observers.see(stamp.0 as f64 * 1e-9, position);
         let clarity = self.observers.clarity();
@@ -88,8 +90,8 @@ impl Refiner {
         }
     }
 
-    /// What the observed sample at `position` [m], `phase` of a step after the newest grid point, says beside what the preview had
-    /// `expected` [m] there.
+    /// What the observed sample at `position` \[m\], `phase` of a step after the newest grid point, says
+    /// beside what the preview had `expected` \[m\] there.
     #[must_use]
     pub fn hear(&self, position: [f64; 2], phase: f64, expected: [f64; 2]) -> Look {
         let [velocity, acceleration] = self.observers.motion();
@@ -101,8 +103,8 @@ impl Refiner {
         Look { newest: position, phase, news: Some(news) }
     }
 
-    /// Where the preview that had `predicted` [m] at `lead` ≥ 1 steps is believed to be, as far as `share`, after the sample of `look`:
-    /// where that sample is, if it leapt.
+    /// Where the preview that had `predicted` \[m\] at `lead` ≥ 1 steps is believed to be, as far as `share`,
+    /// after the sample of `look`: where that sample is, if it leapt.
     #[must_use]
     pub fn refined(&self, look: &Look, lead: usize, predicted: [f64; 2], share: f64) -> [f64; 2] {
         if self.unit_m > 0.0 && look.news.is_some_and(|news| !self.is_ordinary(&news)) {
@@ -122,7 +124,8 @@ impl Refiner {
         news.is_ordinary(self.parameters.leap * self.unit_m)
     }
 
-    /// Which filter answers, from 0, a coarse tablet, to 1, a clean one. Previews that were refined with another one tell nothing of it.
+    /// Which filter answers, from 0, a coarse tablet, to 1, a clean one. Previews that were refined with
+    /// another one tell nothing of it.
     pub(crate) const fn clarity(&self) -> f64 {
         self.clarity
     }
@@ -137,13 +140,15 @@ impl Refiner {
         self.unit_m = unit_m;
     }
 
-    /// By how much a preview moves at the lead with this index, corrected by a sample at `phase` that said `terms`; in their unit.
+    /// By how much a preview moves at the lead with this index, corrected by a sample at `phase` that said
+    /// `terms`; in their unit.
     pub(crate) fn correction(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
         let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
         terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms, &self.parameters.blend))
     }
 
-    /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms` [normalised].
+    /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms`
+    /// \[normalised\].
     pub(crate) fn learn(&mut self, phase: f64, index: usize, terms: &Terms, error: [f64; 2], ahead: f64) {
         if let Some(blend) = self.corrections.get_mut(bucket(phase)).and_then(|row| row.get_mut(index)) {
             blend.learn(terms, error, ahead, &self.parameters.blend);

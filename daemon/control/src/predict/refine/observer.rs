@@ -1,10 +1,11 @@
-//! Where the pen is going right now: velocity and acceleration from the raw samples, at whatever rate they come.
+//! Where the pen is going right now: velocity and acceleration from the raw samples, at whatever rate they
+//! come.
 //!
-//! Contract: Kalman filters of constant acceleration per axis, one gain for both; O(1) per sample, no allocation, total. Between
-//! samples the acceleration changes at random by so many times the noise of a sample: only their ratio matters, and it
-//! is free of lengths, so that the size of the writing does not. A tablet of coarse steps and a clean one differ in it by a
-//! hundred, and so do the errors of whoever takes one for the other: several filters run side by side, and the one that
-//! extrapolates best answers.
+//! Contract: Kalman filters of constant acceleration per axis, one gain for both; O(1) per sample, no
+//! allocation, total. Between samples the acceleration changes at random by so many times the noise of a
+//! sample: only their ratio matters, and it is free of lengths, so that the size of the writing does not. A
+//! tablet of coarse steps and a clean one differ in it by a hundred, and so do the errors of whoever takes
+//! one for the other: several filters run side by side, and the one that extrapolates best answers.
 
 use super::filter::Filter;
 use super::parameters::{OBSERVERS, ObserverParameters};
@@ -17,13 +18,13 @@ pub(super) struct Observers {
     chosen: usize,
     /// What waits for the pen to be `reach_s` farther.
     claim: Option<Claim>,
-    /// Mean squared errors of the filters and mean square of the ways [m²].
+    /// Mean squared errors of the filters and mean square of the ways \[m²\].
     missed: [f64; OBSERVERS],
     moved: f64,
     judged: u32,
 }
 
-/// Where every filter said at `time_s` that the pen at `position` [m] goes.
+/// Where every filter said at `time_s` that the pen at `position` \[m\] goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Claim {
     time_s: f64,
@@ -53,7 +54,8 @@ impl Observers {
         }
     }
 
-    /// A sample at `position` [m] and `time_s`; the one that was seen last, or an older one, changes nothing.
+    /// A sample at `position` \[m\] and `time_s`; the one that was seen last, or an older one, changes
+    /// nothing.
     pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
         for filter in &mut self.filters {
             filter.see(time_s, position);
@@ -73,7 +75,7 @@ impl Observers {
         self.chosen as f64 / (OBSERVERS - 1) as f64
     }
 
-    /// Velocity [m/s] and acceleration [m/s²] at the newest sample.
+    /// Velocity \[m/s\] and acceleration \[m/s²\] at the newest sample.
     pub(super) fn motion(&self) -> [[f64; 2]; 2] {
         self.filters.get(self.chosen).map_or([[0.0; 2]; 2], Filter::motion)
     }
@@ -119,8 +121,8 @@ mod tests {
     const SHIPPED: ObserverParameters = RefineParameters::SHIPPED.observer;
     const RATE_HZ: f64 = 100.0;
 
-    /// Writes for `seconds` on a tablet with this noise [m]; returns how well the chosen filter knows the velocity at the end,
-    /// as the RMS error [m/s] of the last second.
+    /// Writes for `seconds` on a tablet with this noise \[m\]; returns how well the chosen filter knows the
+    /// velocity at the end, as the RMS error \[m/s\] of the last second.
     fn write(observers: &mut Observers, from_s: f64, seconds: f64, noise_m: f64) -> f64 {
         let mut rng = Pcg64::seed_from_u64(11);
         let (mut sum, mut count) = (0.0, 0);

@@ -1,6 +1,6 @@
 //! The preview in force: as the predictor gave it, and as it is followed, refined by what came after it.
 //!
-//! Contract: fixed size, no allocation, total. Positions in the plane frame [m].
+//! Contract: fixed size, no allocation, total. Positions in the plane frame \[m\].
 
 use super::{Look, REFINED_LEADS, Refiner};
 use crate::pen::PenReading;
@@ -8,7 +8,7 @@ use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
 use crate::units::Stamp;
 
-/// Samples later than this after the base [steps] are of another time than the preview, as after a pause.
+/// Samples later than this after the base \[steps\] are of another time than the preview, as after a pause.
 const LATEST_PHASE: f64 = 1.5;
 
 /// The newest preview, kept between grid steps, because most ticks close none.
@@ -22,8 +22,9 @@ pub(crate) struct Preview {
     velocity: [f64; 2],
     /// Entry 0 is the newest closed grid point, entry i the predicted position i steps later.
     path: [[f64; 2]; MAX_PREVIEW + 1],
-    /// What is followed: the same, moved by what samples newer than entry 0 say, and believed as far as it pays. Entry 0
-    /// is the newest sample then, `origin` steps after the base; 0 where the preview is taken as it is.
+    /// What is followed: the same, moved by what samples newer than entry 0 say, and believed as far as it
+    /// pays. Entry 0 is the newest sample then, `origin` steps after the base; 0 where the preview is taken
+    /// as it is.
     used: [[f64; 2]; MAX_PREVIEW + 1],
     origin: f64,
     /// The sample that `used` is up to date with, and whether it was believed per step.
@@ -69,8 +70,8 @@ impl Preview {
         }
     }
 
-    /// Moves the preview by what `newest` says and shortens it to `shares` per lead; without them it is taken as it is. Returns what the
-    /// sample said, if it is new and the preview is about it.
+    /// Moves the preview by what `newest` says and shortens it to `shares` per lead; without them it is taken
+    /// as it is. Returns what the sample said, if it is new and the preview is about it.
     pub(crate) fn refine(
         &mut self,
         newest: &PenReading,
@@ -114,8 +115,8 @@ impl Preview {
         self.origin = 0.0;
     }
 
-    /// The preview `phase` steps after its base: on the parabola through the point before the base, the base and the first
-    /// predicted point, so that a curve that was foreseen is no news.
+    /// The preview `phase` steps after its base: on the parabola through the point before the base, the base
+    /// and the first predicted point, so that a curve that was foreseen is no news.
     fn expected(&self, phase: f64) -> [f64; 2] {
         let [[x0, y0], [x1, y1], ..] = self.path;
         let [dx, dy] = self.velocity;
@@ -130,28 +131,29 @@ impl Preview {
         self.base
     }
 
-    /// Position there [m].
+    /// Position there \[m\].
     pub(crate) fn base_position(&self) -> [f64; 2] {
         let [base, ..] = self.path;
         base
     }
 
-    /// Displacement that led there [m per step].
+    /// Displacement that led there \[m per step\].
     pub(crate) fn velocity(&self) -> [f64; 2] {
         self.velocity
     }
 
-    /// The predicted positions [m] as the predictor gave them, the first one step after the base.
+    /// The predicted positions \[m\] as the predictor gave them, the first one step after the base.
     pub(crate) fn predicted(&self) -> &[[f64; 2]] {
         self.path.get(1..=self.steps).unwrap_or_default()
     }
 
-    /// What is to be followed [m]: where the pen is, [`Preview::origin`] steps after the base, and where it is believed to be at each step.
+    /// What is to be followed [m]: where the pen is, [`Preview::origin`] steps after the base, and where it
+    /// is believed to be at each step.
     pub(crate) fn followed(&self) -> &[[f64; 2]] {
         self.used.get(..=self.steps).unwrap_or_default()
     }
 
-    /// Where the first entry of [`Preview::followed`] lies, after the base [steps].
+    /// Where the first entry of [`Preview::followed`] lies, after the base \[steps\].
     pub(crate) fn origin(&self) -> f64 {
         self.origin
     }
@@ -161,25 +163,25 @@ impl Preview {
         self.finite
     }
 
-    /// Displacement predicted for the step after the newest closed one [m].
+    /// Displacement predicted for the step after the newest closed one \[m\].
     pub(crate) fn next_displacement(&self) -> Option<[f64; 2]> {
         self.base?;
         let [[x0, y0], [x1, y1], ..] = self.path;
         Some([x1 - x0, y1 - y0])
     }
 
-    /// Radius [m] around the predicted point `lead` steps after the base within which the pen is expected in nine of ten cases, if that
-    /// is known.
+    /// Radius \[m\] around the predicted point `lead` steps after the base within which the pen is expected
+    /// in nine of ten cases, if that is known.
     pub(crate) fn band(&self, lead: f64) -> Option<f64> {
         self.bands?.at(lead)
     }
 
-    /// From the base to `ns` after `now` [steps].
+    /// From the base to `ns` after `now` \[steps\].
     pub(crate) fn lead(&self, now: Stamp, ns: u64) -> Option<f64> {
         Some((now.since(self.base?) as f64 + ns as f64) / self.step_ns as f64)
     }
 
-    /// Grid step [s].
+    /// Grid step \[s\].
     pub(crate) fn step_s(&self) -> f64 {
         self.step_ns as f64 * 1e-9
     }
@@ -187,7 +189,7 @@ impl Preview {
 
 #[cfg(test)]
 impl Preview {
-    /// One of `points` [m] from the base at `base` on, taken as it is.
+    /// One of `points` \[m\] from the base at `base` on, taken as it is.
     pub(crate) fn of(step_ns: u64, base: Stamp, points: &[[f64; 2]]) -> Self {
         let mut preview = Self::new(step_ns, points.len() - 1);
         preview.path[..points.len()].copy_from_slice(points);

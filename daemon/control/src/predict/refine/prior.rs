@@ -1,9 +1,10 @@
 //! Where refinement starts: the weights that other hands taught, as plain data.
 //!
-//! A weight hangs on how many steps after the sample a lead lies and on how clean the tablet is. Per kind of tablet and term it is a
-//! [`Curve`]: a base and parts that fade or grow with the steps ahead. Data, fit and limits: `config/models/refine-prior.md`.
-//! The same numbers stand in `refine-prior.toml` beside it, which is what settings load; a test there compares them bit for bit. They
-//! stand here as well because the law is whole without files and whoever reads them.
+//! A weight hangs on how many steps after the sample a lead lies and on how clean the tablet is. Per kind of
+//! tablet and term it is a [`Curve`]: a base and parts that fade or grow with the steps ahead. Data, fit and
+//! limits: `config/models/refine-prior.md`. The same numbers stand in `refine-prior.toml` beside it, which is
+//! what settings load; a test there compares them bit for bit. They stand here as well because the law is
+//! whole without files and whoever reads them.
 
 use thiserror::Error;
 
@@ -11,9 +12,9 @@ use super::blend::TERMS;
 
 /// Parts of a curve at most.
 pub const CURVE_PARTS: usize = 2;
-/// Largest magnitude of a base or an amplitude [1]: that of a learned weight.
+/// Largest magnitude of a base or an amplitude \[1\]: that of a learned weight.
 pub const LARGEST_COEFFICIENT: f64 = 4.0;
-/// Shortest and longest reach of a part [steps].
+/// Shortest and longest reach of a part \[steps\].
 pub const LEGAL_REACH: [f64; 2] = [0.01, 1000.0];
 
 /// How a part hangs on x = steps ahead / reach.
@@ -32,18 +33,18 @@ pub enum Shape {
 /// amplitude · shape(steps ahead / reach).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePart {
-    /// Its weight where the shape is 1 [1].
+    /// Its weight where the shape is 1 \[1\].
     pub amplitude: f64,
     /// How it changes.
     pub shape: Shape,
-    /// How far [steps of the pen's grid], above 0.
+    /// How far \[steps of the pen's grid\], above 0.
     pub reach_steps: f64,
 }
 
 /// A weight by steps ahead: base + Σ parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Curve {
-    /// What does not change [1].
+    /// What does not change \[1\].
     pub base: f64,
     /// What does.
     pub parts: [Option<CurvePart>; CURVE_PARTS],
@@ -88,7 +89,7 @@ pub struct PriorError {
 }
 
 impl Shape {
-    /// In [0, 1], `ahead` steps after the sample.
+    /// In \[0, 1\], `ahead` steps after the sample.
     fn at(self, ahead: f64, reach: f64) -> f64 {
         let exponential = || (-ahead / reach).exp();
         let gaussian = || (-(ahead / reach) * (ahead / reach)).exp();
@@ -158,7 +159,8 @@ impl RefinePrior {
         },
     };
 
-    /// The weights `ahead` steps after the sample, on a tablet from coarse, 0, to clean, 1; in the order of [`Curves`]' fields.
+    /// The weights `ahead` steps after the sample, on a tablet from coarse, 0, to clean, 1; in the order of
+    /// [`Curves`]' fields.
     #[must_use]
     pub fn weights(&self, ahead: f64, clarity: f64) -> [f64; TERMS] {
         let mut weights = self.coarse.weights(ahead);
@@ -170,7 +172,9 @@ impl RefinePrior {
 
     /// Checks every number.
     ///
-    /// *Errors*: the first outside its bounds; NaN and infinity are outside all of them.
+    /// # Errors
+    ///
+    /// The first outside its bounds; NaN and infinity are outside all of them.
     pub fn validate(&self) -> Result<(), PriorError> {
         const COARSE: [&str; TERMS] =
             ["coarse.left", "coarse.innovation", "coarse.velocity", "coarse.acceleration"];

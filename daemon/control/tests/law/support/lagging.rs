@@ -8,11 +8,11 @@ use rand::{Rng, RngExt};
 /// How an arm is late.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Kind {
-    /// By a dead time [s].
+    /// By a dead time \[s\].
     Delay(f64),
     /// By a dead time, then a second-order filter of a group delay and damping.
     Servo { delay: f64, filter: f64, damping: f64 },
-    /// By a first-order filter of this time constant [s].
+    /// By a first-order filter of this time constant \[s\].
     First(f64),
 }
 
@@ -22,7 +22,7 @@ pub(crate) const fn servo(filter: f64) -> Kind {
 }
 
 impl Kind {
-    /// Group delay at low frequency [s].
+    /// Group delay at low frequency \[s\].
     pub(crate) fn group_delay_s(self) -> f64 {
         match self {
             Self::Delay(delay) => delay,
@@ -32,7 +32,7 @@ impl Kind {
     }
 }
 
-/// Commands are made this often [s].
+/// Commands are made this often \[s\].
 pub(crate) const TICK_S: f64 = 0.002;
 /// Steps of integration per tick.
 const FINE: usize = 20;
@@ -88,11 +88,12 @@ impl<const J: usize> Arm<J> {
     }
 }
 
-/// Six joints that write: sums of sines of 0.3 to 6 Hz whose speed falls with frequency, with pauses between words.
+/// Six joints that write: sums of sines of 0.3 to 6 Hz whose speed falls with frequency, with pauses between
+/// words.
 #[derive(Debug, Clone)]
 pub(crate) struct Writing {
     waves: Vec<[[f64; 3]; 12]>,
-    /// Time of the hand's own motion, which stops between words, and of the day [s].
+    /// Time of the hand's own motion, which stops between words, and of the day \[s\].
     phase: f64,
     t: f64,
     word: f64,

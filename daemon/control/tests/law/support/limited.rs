@@ -9,7 +9,8 @@ pub(crate) const TICK_S: f64 = 2e-3;
 /// Rounding of (q' − q)/2 ms with q up to 6 rad: 1e-15·6/2e-3 = 4e-13 rad/s; over another 2 ms 2e-10 rad/s².
 pub(crate) const ROUNDING_RADPS: f64 = 2e-9;
 
-/// Uneven limits: a narrow joint, a continuous one, weak and strong ones; consumers brake at half the acceleration.
+/// Uneven limits: a narrow joint, a continuous one, weak and strong ones; consumers brake at half the
+/// acceleration.
 pub(crate) fn limits() -> JointLimits<6> {
     let acceleration = [8.0, 40.0, 15.0, 3.0, 25.0, 60.0];
     let position =

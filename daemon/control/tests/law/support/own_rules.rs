@@ -1,4 +1,5 @@
-//! The rules of one joint written down once more, from the words of the contract: no arithmetic of guard, box or stop.
+//! The rules of one joint written down once more, from the words of the contract: no arithmetic of guard, box
+//! or stop.
 
 use foretrace_control::arm::JointLimits;
 
@@ -17,7 +18,7 @@ pub(crate) struct Joint {
     pub(crate) hold_s: f64,
 }
 
-/// Position [rad], velocity [rad/s] and acceleration [rad/s²] of one joint.
+/// Position \[rad\], velocity \[rad/s\] and acceleration \[rad/s²\] of one joint.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct State {
     pub(crate) q: f64,
@@ -39,8 +40,9 @@ pub(crate) fn joint<const J: usize>(limits: &JointLimits<J>, i: usize) -> Joint 
 }
 
 impl Joint {
-    /// How far outside the position limits [rad] a consumer gets that hears nothing more: at `v` for the time of validity, then
-    /// `deceleration` until it stands, looked at step by step. Negative: the room that is left.
+    /// How far outside the position limits \[rad\] a consumer gets that hears nothing more: at `v` for the
+    /// time of validity, then `deceleration` until it stands, looked at step by step. Negative: the room that
+    /// is left.
     pub(crate) fn excess(&self, q: f64, v: f64) -> f64 {
         let mut worst = (q - self.high).max(self.low - q);
         let mut look = |q: f64| worst = worst.max(q - self.high).max(self.low - q);
@@ -57,7 +59,8 @@ impl Joint {
         worst
     }
 
-    /// True when a consumer that went on from `from` at `v` for `h` could not stop inside, seen with `slack` [rad/s].
+    /// True when a consumer that went on from `from` at `v` for `h` could not stop inside, seen with `slack`
+    /// \[rad/s\].
     pub(crate) fn cannot_stop(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
         self.excess(from.q + v * h, v) > -slack * (h + self.hold_s + self.velocity / self.deceleration)
     }

@@ -5,8 +5,8 @@ use foretrace_control::predict::LearnStep;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Strokes made of overlapping bell-shaped speed pulses in changing directions (the kinematic view of handwriting),
-/// each followed by a rest; `strokes` of them at 10 ms.
+/// Strokes made of overlapping bell-shaped speed pulses in changing directions (the kinematic view of
+/// handwriting), each followed by a rest; `strokes` of them at 10 ms.
 pub(crate) fn handwriting(seed: u64, strokes: usize) -> Vec<GridStep> {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut velocity = Vec::new();

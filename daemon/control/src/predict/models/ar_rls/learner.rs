@@ -1,7 +1,7 @@
 //! `ArRlsLearner`: one step of recursive least squares per displacement, both axes with one covariance.
 //!
-//! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Cold-started from constant velocity
-//! with a large P it is of use from the first steps on.
+//! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Cold-started from constant
+//! velocity with a large P it is of use from the first steps on.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, ArRlsWeights, REGRESSORS, is_motion, roll_out};
@@ -14,11 +14,11 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 pub struct ArRlsSettings {
     /// λ, 0.9 to 1: the past counts 1/(1 − λ) steps.
     pub forgetting: f64,
-    /// A displacement longer than this is a jump, not motion [in the plane].
+    /// A displacement longer than this is a jump, not motion \[in the plane\].
     pub gate: f64,
-    /// Largest innovation that is learned from in full [per axis].
+    /// Largest innovation that is learned from in full \[per axis\].
     pub huber: f64,
-    /// P₀ = this·I [1/units²], and the bound of P's mean diagonal up to which it forgets.
+    /// P₀ = this·I \[1/units²\], and the bound of P's mean diagonal up to which it forgets.
     pub covariance: f64,
 }
 
@@ -39,7 +39,9 @@ impl ArRlsSettings {
 
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         let within = |name, got, min, max| WeightsError::bounded(Self::MODEL, name, got, min, max);
         Self::judge_gate(self.gate)
@@ -77,14 +79,17 @@ pub struct ArRlsLearner {
     counters: ArRlsCounters,
 }
 
-/// Part of the gate below which a whole regressor excites nothing: from it nothing is learned, and P does not forget. A part, because the
-/// model knows no unit of length; rest of the pen ([`crate::pen::REST`]) is another matter.
+/// Part of the gate below which a whole regressor excites nothing: from it nothing is learned, and P does not
+/// forget. A part, because the model knows no unit of length; rest of the pen ([`crate::pen::REST`]) is
+/// another matter.
 const LEAST_EXCITATION: f64 = 1e-3;
 
 impl ArRlsLearner {
     /// Starts from `weights` with empty memory and P₀.
     ///
-    /// *Errors*: invalid settings or weights.
+    /// # Errors
+    ///
+    /// Invalid settings or weights.
     pub fn new(settings: ArRlsSettings, weights: ArRlsWeights) -> Result<Self, WeightsError> {
         settings.validate()?;
         weights.validate()?;

@@ -1,10 +1,11 @@
-//! AR-RLS: the next displacement as a linear function of the last [`ORDER`], learned by recursive least squares.
+//! AR-RLS: the next displacement as a linear function of the last [`ORDER`], learned by recursive least
+//! squares.
 //!
-//! x̂ = Σ_l x[t−l] A_l, both axes predicted from both. A displacement longer than the gate is a jump, not motion: it
-//! empties the memory and nothing is learned from it or across it. Parameters ([`ArRlsWeights`]), memory
-//! ([`ArRlsState`]) and the learner's covariance ([`ArRlsLearner`]) are apart, as for the DyBM.
-//! Source: recursive least squares with exponential forgetting (Ljung, System Identification, section 11.2), with a
-//! Huber-clipped innovation.
+//! x̂ = Σ_l x[t−l] A_l, both axes predicted from both. A displacement longer than the gate is a jump, not
+//! motion: it empties the memory and nothing is learned from it or across it. Parameters ([`ArRlsWeights`]),
+//! memory ([`ArRlsState`]) and the learner's covariance ([`ArRlsLearner`]) are apart, as for the DyBM.
+//! Source: recursive least squares with exponential forgetting (Ljung, System Identification, section 11.2),
+//! with a Huber-clipped innovation.
 
 mod weights;
 mod learner;
@@ -56,9 +57,12 @@ pub struct ArRls {
 }
 
 impl ArRls {
-    /// Starts with empty memory; displacements longer than `gate` (in units of the inputs, in the plane) are jumps.
+    /// Starts with empty memory; displacements longer than `gate` (in units of the inputs, in the plane) are
+    /// jumps.
     ///
-    /// *Errors*: invalid weights, or a gate that is not positive.
+    /// # Errors
+    ///
+    /// Invalid weights, or a gate that is not positive.
     pub fn new(weights: ArRlsWeights, gate: f64) -> Result<Self, WeightsError> {
         weights.validate()?;
         ArRlsSettings::judge_gate(gate)?;

@@ -9,7 +9,7 @@ use crate::predict::online::{ModelParameters, WeightsError};
 pub struct ArRlsWeights {
     /// Counts every change of the live weights.
     pub version: u64,
-    /// Δ they were learned at [ns].
+    /// Δ they were learned at \[ns\].
     pub step_ns: u64,
     /// RMS per component of the displacements they were learned on.
     pub input_scale: f64,

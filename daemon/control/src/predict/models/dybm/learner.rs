@@ -1,7 +1,8 @@
 //! `DybmLearner`: one online gradient step per input (gradient *ascent* of the Gaussian log-likelihood).
 //!
-//! With d = x − μ: g_b = d, g_W[l] = f_l ⊗ d, g_V[k] = e_k ⊗ d, all with the parameters from before the step; L2 is
-//! taken off the gradient (twice for W and b, once for V, as the reference does), L1 shrinks after the step.
+//! With d = x − μ: g_b = d, g_W[l] = f_l ⊗ d, g_V[k] = e_k ⊗ d, all with the parameters from before the step;
+//! L2 is taken off the gradient (twice for W and b, once for V, as the reference does), L1 shrinks after the
+//! step.
 
 use crate::predict::models::dybm::optimiser::{Group, Optimiser, Powers, Pull};
 use crate::predict::models::dybm::{DybmShape, DybmState, DybmWeights, Parameters, roll_out};
@@ -23,7 +24,9 @@ pub struct DybmSettings {
 impl DybmSettings {
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         self.shape.validate()?;
         self.optimiser.validate()?;
@@ -35,7 +38,9 @@ impl DybmSettings {
 
     /// Checks that `weights` are usable and of this shape.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub(crate) fn judge(&self, weights: &DybmWeights) -> Result<(), WeightsError> {
         weights.validate()?;
         if weights.shape != self.shape {
@@ -108,7 +113,9 @@ pub struct DybmLearner {
 impl DybmLearner {
     /// Starts from `weights` with empty memory and accumulators.
     ///
-    /// *Errors*: invalid settings or weights, or weights of another shape.
+    /// # Errors
+    ///
+    /// Invalid settings or weights, or weights of another shape.
     pub fn new(settings: DybmSettings, weights: DybmWeights) -> Result<Self, WeightsError> {
         settings.validate()?;
         settings.judge(&weights)?;

@@ -1,10 +1,10 @@
 //! Linear (Gaussian) dynamic Boltzmann machine: μ = b + Σ_l f_l W_l + Σ_k e_k V_k.
 //!
-//! Row vectors in R²; f_1 … f_L (L = delay − 1) are the last inputs, newest first; e_k are eligibility traces,
-//! e_k ← λ_k e_k + x (or + the value that falls out of the FIFO, [`TraceInput::Delayed`]).
-//! Parameters ([`DybmWeights`]), memory ([`DybmState`]) and optimiser accumulators ([`DybmLearner`]) are apart, so that
-//! weights can be exchanged between two steps without the memory noticing.
-//! Source: Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
+//! Row vectors in R²; f_1 … f_L (L = delay − 1) are the last inputs, newest first; e_k are eligibility
+//! traces, e_k ← λ_k e_k + x (or + the value that falls out of the FIFO, [`TraceInput::Delayed`]). Parameters
+//! ([`DybmWeights`]), memory ([`DybmState`]) and optimiser accumulators ([`DybmLearner`]) are apart, so that
+//! weights can be exchanged between two steps without the memory noticing. Source: Dasgupta & Osogami 2017,
+//! as in IBM's reference implementation whose numbers the tests reproduce.
 
 mod weights;
 mod optimiser;
@@ -84,7 +84,9 @@ pub struct Dybm {
 impl Dybm {
     /// Starts with empty memory.
     ///
-    /// *Errors*: see [`DybmWeights::validate`].
+    /// # Errors
+    ///
+    /// See [`DybmWeights::validate`].
     pub fn new(weights: DybmWeights) -> Result<Self, WeightsError> {
         weights.validate()?;
         Ok(Self { weights, state: DybmState::default() })

@@ -57,7 +57,9 @@ impl Optimiser {
 
     /// Checks every number.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         let within = |name, got, min, max| WeightsError::bounded("DyBM optimiser", name, got, min, max);
         match *self {

@@ -28,7 +28,8 @@ pub struct DybmShape {
 }
 
 impl DybmShape {
-    /// A shape with the given delay and decay rates (at most [`MAX_TRACES`] are taken; `validate` judges the rest).
+    /// A shape with the given delay and decay rates (at most [`MAX_TRACES`] are taken; `validate` judges the
+    /// rest).
     #[must_use]
     pub fn new(delay: usize, decay_rates: &[f64], trace_input: TraceInput) -> Self {
         let mut rates = [0.0; MAX_TRACES];
@@ -51,7 +52,9 @@ impl DybmShape {
 
     /// Checks sizes and rates.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         if !(2..=MAX_DELAY).contains(&self.delay) {
             return Err(WeightsError::Delay { got: self.delay, max: MAX_DELAY });
@@ -100,7 +103,7 @@ impl Default for Parameters {
 pub struct DybmWeights {
     /// Counts every change of the live weights, promotions and roll-backs alike.
     pub version: u64,
-    /// Δ they were learned at [ns].
+    /// Δ they were learned at \[ns\].
     pub step_ns: u64,
     /// RMS per component of the normalised displacements they were learned on.
     pub input_scale: f64,
@@ -120,7 +123,8 @@ impl DybmWeights {
         Self { version: 0, step_ns, input_scale: TARGET_RMS, shape, parameters: Parameters::ZERO }
     }
 
-    /// A start that is of use at once: W_1 = `persistence`·I, i.e. the last displacement fading by that factor per step.
+    /// A start that is of use at once: W_1 = `persistence`·I, i.e. the last displacement fading by that
+    /// factor per step.
     ///
     /// What is learned on top is then the *change* of velocity; the model stays a linear DyBM.
     #[must_use]

@@ -13,7 +13,8 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usab
 pub enum ReadoutRule {
     /// x − s A, its own alone: the reference's rule.
     OwnError,
-    /// x − μ, what both together leave: g_A = s ⊗ d is then the gradient of the likelihood that the DyBM climbs.
+    /// x − μ, what both together leave: g_A = s ⊗ d is then the gradient of the likelihood that the DyBM
+    /// climbs.
     #[default]
     SharedResidual,
 }
@@ -32,7 +33,9 @@ pub struct DybmEsnSettings {
 impl DybmEsnSettings {
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         self.dybm.validate()?;
         self.readout.validate()
@@ -58,7 +61,9 @@ pub struct DybmEsnLearner {
 impl DybmEsnLearner {
     /// Starts from `weights` with empty memory and accumulators.
     ///
-    /// *Errors*: invalid settings or weights, or weights of another shape or reservoir.
+    /// # Errors
+    ///
+    /// Invalid settings or weights, or weights of another shape or reservoir.
     pub fn new(
         settings: DybmEsnSettings,
         weights: DybmEsnWeights,
@@ -82,7 +87,9 @@ impl DybmEsnLearner {
 
     /// A DyBM that knows nothing beside an untrained read-out: the paper's start.
     ///
-    /// *Errors*: as `new`.
+    /// # Errors
+    ///
+    /// As `new`.
     pub fn untrained(
         settings: DybmEsnSettings,
         dybm: DybmWeights,

@@ -1,8 +1,8 @@
 //! DyBM + ESN: a linear DyBM and an echo state network whose predictions add up, μ = μ_DyBM + s A.
 //!
-//! The reservoir s sees the same displacements and is fixed; A learns. Parameters ([`DybmEsnWeights`]), memory
-//! ([`DybmEsnState`]) and accumulators ([`DybmEsnLearner`]) are apart, as for the linear DyBM.
-//! Source: Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
+//! The reservoir s sees the same displacements and is fixed; A learns. Parameters ([`DybmEsnWeights`]),
+//! memory ([`DybmEsnState`]) and accumulators ([`DybmEsnLearner`]) are apart, as for the linear DyBM. Source:
+//! Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
 
 mod network;
 mod reservoir;
@@ -48,8 +48,9 @@ impl DybmEsnState {
 
 /// The predictor: parameters, memory and the reservoir they belong to.
 ///
-/// Its memory is exact; roll-outs are computed in single precision from there, which halves their time and is off by less
-/// than 1e-4 of a typical displacement after ten steps. [`DybmEsnLearner`] rolls out in double precision.
+/// Its memory is exact; roll-outs are computed in single precision from there, which halves their time and is
+/// off by less than 1e-4 of a typical displacement after ten steps. [`DybmEsnLearner`] rolls out in double
+/// precision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DybmEsn {
     weights: DybmEsnWeights,
@@ -62,7 +63,9 @@ pub struct DybmEsn {
 impl DybmEsn {
     /// Starts with empty memory.
     ///
-    /// *Errors*: invalid weights, or weights of another reservoir.
+    /// # Errors
+    ///
+    /// Invalid weights, or weights of another reservoir.
     pub fn new(weights: DybmEsnWeights, reservoir: Arc<Reservoir>) -> Result<Self, WeightsError> {
         weights.validate()?;
         judge(&weights, &reservoir)?;

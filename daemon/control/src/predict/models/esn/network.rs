@@ -1,7 +1,8 @@
-//! `Network`: the arithmetic of a reservoir and its read-out in one precision, laid out for the processor's vectors.
+//! `Network`: the arithmetic of a reservoir and its read-out in one precision, laid out for the processor's
+//! vectors.
 //!
-//! Units stand in B blocks of W (the last one padded with units that stay zero), so that a block's sums fit into the
-//! registers while the whole state passes by once.
+//! Units stand in B blocks of W (the last one padded with units that stay zero), so that a block's sums fit
+//! into the registers while the whole state passes by once.
 
 use crate::predict::models::activation::{Scalar, tanh};
 use crate::predict::models::dybm::{DybmState, DybmWeights};

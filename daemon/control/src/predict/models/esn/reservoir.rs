@@ -1,7 +1,7 @@
 //! `Reservoir`: the fixed random network of an echo state network; nothing in it learns.
 //!
-//! s ← (1 − leak)·s + leak·tanh(x W_in + s W_rec), row vectors. Built once (that may allocate), shared from then on.
-//! The same seed gives the same matrices.
+//! s ← (1 − leak)·s + leak·tanh(x W_in + s W_rec), row vectors. Built once (that may allocate), shared from
+//! then on. The same seed gives the same matrices.
 
 use crate::predict::models::esn::network::{Double, Single};
 use crate::predict::online::WeightsError;
@@ -34,7 +34,9 @@ impl Default for ReservoirSettings {
 impl ReservoirSettings {
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         let within = |name, got, min, max| WeightsError::bounded("reservoir", name, got, min, max);
         within("leak", self.leak, 0.0, 1.0)
@@ -54,7 +56,9 @@ pub struct Reservoir {
 impl Reservoir {
     /// W_in ~ N(0, input_std²), W_rec ~ N(0, 1) scaled to the spectral radius.
     ///
-    /// *Errors*: settings outside their bounds.
+    /// # Errors
+    ///
+    /// Settings outside their bounds.
     pub fn seeded(settings: &ReservoirSettings) -> Result<Self, WeightsError> {
         settings.validate()?;
         let (input, recurrent) = matrices(settings)?;
@@ -63,7 +67,9 @@ impl Reservoir {
 
     /// A reservoir made elsewhere: W_in 2 x UNITS, W_rec UNITS x UNITS, for row vectors.
     ///
-    /// *Errors*: a leak outside 0 to 1, or an entry that is not finite or beyond ±100.
+    /// # Errors
+    ///
+    /// A leak outside 0 to 1, or an entry that is not finite or beyond ±100.
     pub fn from_matrices(
         leak: f64,
         input: [ReservoirState; 2],
@@ -113,7 +119,8 @@ fn matrices(settings: &ReservoirSettings) -> Result<Matrices, WeightsError> {
     Ok((input, recurrent))
 }
 
-/// Largest magnitude of the eigenvalues: lim ‖Aⁿ‖^(1/n) (Gelfand) by repeated squaring, n = 2³², A normalised each time.
+/// Largest magnitude of the eigenvalues: lim ‖Aⁿ‖^(1/n) (Gelfand) by repeated squaring, n = 2³², A normalised
+/// each time.
 ///
 /// Needs no eigenvalues and cannot fail to converge; good to about 1e-9 relative.
 fn spectral_radius(matrix: &[ReservoirState; UNITS]) -> f64 {

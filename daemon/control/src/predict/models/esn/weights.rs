@@ -17,7 +17,7 @@ pub struct DybmEsnWeights {
 }
 
 impl DybmEsnWeights {
-    /// Largest magnitude of A's entries; a unit's state is within ±1, so this is a displacement [per axis].
+    /// Largest magnitude of A's entries; a unit's state is within ±1, so this is a displacement \[per axis\].
     pub const MAX_READOUT: f64 = 1e4;
 
     /// A = 0 beside `dybm`.

@@ -4,9 +4,10 @@
 //! c ← σ(f)·c + σ(i)·tanh(g), h ← σ(o)·tanh(c), y = W_out h + b_out (+ x if residual).
 //! *Source*: Hochreiter & Schmidhuber 1997 with forget gates, in PyTorch's form (`nn.LSTM`).
 //!
-//! Contract: numbers in scaled units; `T` is the precision computed in. `U` cells are worked on together, all four gates
-//! of them from sums in registers to the new state; `B` such blocks hold all cells, the rest of the last block idles at
-//! zero. Sums run in a fixed order, so the bits are the same whatever instructions the compiler chose.
+//! Contract: numbers in scaled units; `T` is the precision computed in. `U` cells are worked on together, all
+//! four gates of them from sums in registers to the new state; `B` such blocks hold all cells, the rest of
+//! the last block idles at zero. Sums run in a fixed order, so the bits are the same whatever instructions
+//! the compiler chose.
 
 use crate::predict::models::activation::{Scalar, exp_gate, tanh_parts};
 use crate::predict::models::lstm::weights::{GATES, LstmWeights};

@@ -1,12 +1,14 @@
 //! LSTM: one layer of 10, 32 or 64 cells on displacements, with a linear output per lead (paper, section 3).
 //!
-//! Parameters ([`LstmWeights`]), what is remembered ([`LstmState`]) and the predictor ([`Lstm`]) are apart. Trained offline;
-//! nothing learns here. Two kinds of output: `leads` = 1 predicts the next displacement and is rolled out by feeding
-//! predictions back; more leads predict each step directly from the newest state, and beyond the last one its displacement
-//! fades. Inputs are divided by the network's `input_scale`, limited to ±`input_clip`; outputs are multiplied back.
+//! Parameters ([`LstmWeights`]), what is remembered ([`LstmState`]) and the predictor ([`Lstm`]) are apart.
+//! Trained offline; nothing learns here. Two kinds of output: `leads` = 1 predicts the next displacement and
+//! is rolled out by feeding predictions back; more leads predict each step directly from the newest state,
+//! and beyond the last one its displacement fades. Inputs are divided by the network's `input_scale`, limited
+//! to ±`input_clip`; outputs are multiplied back.
 //!
-//! Contract: no allocation after construction; the same bits on every machine. [`Lstm::new`] computes in `f32`, as PyTorch
-//! trains: half the memory and half the time; [`Lstm::exact`] in `f64`, for tables that are compared to the last digits.
+//! Contract: no allocation after construction; the same bits on every machine. [`Lstm::new`] computes in
+//! `f32`, as PyTorch trains: half the memory and half the time; [`Lstm::exact`] in `f64`, for tables that are
+//! compared to the last digits.
 
 mod weights;
 mod cell;
@@ -44,7 +46,8 @@ pub struct Lstm {
     hidden: [f64; MAX_HIDDEN],
 }
 
-/// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those tried with SSE2).
+/// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those tried with
+/// SSE2).
 #[derive(Debug, Clone)]
 #[expect(
     clippy::large_enum_variant,

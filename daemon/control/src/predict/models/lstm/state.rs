@@ -54,7 +54,8 @@ impl LstmWeights {
         }
     }
 
-    /// The predicted displacement of step `lead` ahead (1 = the next), in the caller's units; `None` beyond the last lead.
+    /// The predicted displacement of step `lead` ahead (1 = the next), in the caller's units; `None` beyond
+    /// the last lead.
     #[must_use]
     pub fn output(&self, state: &LstmState, lead: usize) -> Option<[f64; 2]> {
         let (spec, tensors) = (self.spec(), self.tensors());

@@ -1,7 +1,9 @@
-//! `LstmWeights`: the numbers of a trained network and what they were made for, judged once and then unchangeable.
+//! `LstmWeights`: the numbers of a trained network and what they were made for, judged once and then
+//! unchangeable.
 //!
-//! Contract: whoever holds one knows that all sizes fit and every number is finite and bounded. Layout and names are
-//! PyTorch's (`nn.LSTM` with one layer, `nn.Linear`): matrices row by row, the 4H gate rows in the order i, f, g, o.
+//! Contract: whoever holds one knows that all sizes fit and every number is finite and bounded. Layout and
+//! names are PyTorch's (`nn.LSTM` with one layer, `nn.Linear`): matrices row by row, the 4H gate rows in the
+//! order i, f, g, o.
 
 use thiserror::Error;
 
@@ -14,8 +16,8 @@ pub const HIDDEN_SIZES: [usize; 3] = [10, 32, 64];
 pub const MAX_HIDDEN: usize = 64;
 /// Gates per cell: input i, forget f, candidate g, output o.
 pub const GATES: usize = 4;
-/// Without `input_clip`, scaled inputs count as at most this [per axis, in units of `input_scale`]: a hundred thousand times the typical
-/// one.
+/// Without `input_clip`, scaled inputs count as at most this [per axis, in units of `input_scale`]: a hundred
+/// thousand times the typical one.
 pub const LARGEST_INPUT: f64 = 1e5;
 
 /// What a network looks like and what it was trained for.
@@ -31,12 +33,13 @@ pub struct LstmSpec {
     pub input_clip: Option<f64>,
     /// Inputs are divided by it, outputs multiplied: RMS per component of the displacements trained on.
     pub input_scale: f64,
-    /// Step of the displacements trained on [ns].
+    /// Step of the displacements trained on \[ns\].
     pub step_ns: u64,
 }
 
 impl LstmSpec {
-    /// The paper's network (one step ahead, no clip, no residual) for inputs of RMS `input_scale` every `step_ns` [ns].
+    /// The paper's network (one step ahead, no clip, no residual) for inputs of RMS `input_scale` every
+    /// `step_ns` \[ns\].
     #[must_use]
     pub const fn plain(hidden: usize, input_scale: f64, step_ns: u64) -> Self {
         Self { hidden, leads: 1, residual: false, input_clip: None, input_scale, step_ns }
@@ -153,7 +156,8 @@ pub enum LstmError {
     },
     /// A parameter is NaN, infinite or absurdly large.
     #[error(
-        "tensor {tensor} holds {got} at index {index} (counted row by row from 0), legal are finite values within ±{limit}: \
+        "tensor {tensor} holds {got} at index {index} (counted row by row from 0), legal are finite values \
+         within ±{limit}: \
          the training diverged or the file is damaged",
         limit = LstmWeights::MAX_MAGNITUDE
     )]
@@ -167,17 +171,19 @@ pub enum LstmError {
     },
     /// Trained at another step.
     #[error(
-        "the LSTM was trained at a step of {got_ns} ns, the loop runs at {loop_ns} ns: take a model for this step, or train one"
+        "the LSTM was trained at a step of {got_ns} ns, the loop runs at {loop_ns} ns: take a model for this \
+         step, or train one"
     )]
     LoopStep {
-        /// Of the network [ns].
+        /// Of the network \[ns\].
         got_ns: u64,
-        /// Of the loop [ns].
+        /// Of the loop \[ns\].
         loop_ns: u64,
     },
     /// Trained on displacements of quite another size.
     #[error(
-        "the LSTM expects displacements of RMS {got}, the loop normalises them to about {wanted}; legal are half to twice \
+        "the LSTM expects displacements of RMS {got}, the loop normalises them to about {wanted}; legal are \
+         half to twice \
          that: train on normalised displacements"
     )]
     LoopScale {
@@ -201,7 +207,9 @@ impl LstmWeights {
 
     /// Judges everything once.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn new(spec: LstmSpec, tensors: LstmTensors) -> Result<Self, LstmError> {
         if !HIDDEN_SIZES.contains(&spec.hidden) {
             return Err(LstmError::Hidden { got: spec.hidden });
@@ -240,9 +248,11 @@ impl LstmWeights {
         &self.tensors
     }
 
-    /// Checks that the network was made for a loop with step `loop_ns` [ns] and normalised displacements.
+    /// Checks that the network was made for a loop with step `loop_ns` \[ns\] and normalised displacements.
     ///
-    /// *Errors*: another step; inputs of less than half or more than twice the loop's RMS.
+    /// # Errors
+    ///
+    /// Another step; inputs of less than half or more than twice the loop's RMS.
     pub fn fits(&self, loop_ns: u64) -> Result<(), LstmError> {
         let LstmSpec { step_ns, input_scale, .. } = self.spec;
         if step_ns != loop_ns {

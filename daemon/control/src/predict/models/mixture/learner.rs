@@ -33,7 +33,9 @@ impl Default for MixtureSettings {
 impl MixtureSettings {
     /// Checks every bound.
     ///
-    /// *Errors*: the first bound that is broken.
+    /// # Errors
+    ///
+    /// The first bound that is broken.
     pub fn validate(&self) -> Result<(), WeightsError> {
         let within =
             |name, got, min, max| WeightsError::bounded(MixtureParameters::MODEL, name, got, min, max);
@@ -62,7 +64,9 @@ pub struct MixtureLearner {
 impl MixtureLearner {
     /// Starts from `parameters` with empty memory.
     ///
-    /// *Errors*: invalid settings or parameters, or an LSTM of another kind.
+    /// # Errors
+    ///
+    /// Invalid settings or parameters, or an LSTM of another kind.
     pub fn new(
         settings: MixtureSettings,
         lstm: Option<Arc<LstmWeights>>,

@@ -1,9 +1,9 @@
 //! Whom to believe: exponential weights with fixed share, per lead, on realised position errors.
 //!
-//! w_e ← w_e · exp(−η_h · min(ℓ_e/ℓ̄, cap)), η_h = η (1 + NEAR/h) at lead h, normalised, then mixed with a little of the
-//! equal weights so that an expert that was wrong for long can come back within steps. ℓ_e = squared error of the summed
-//! displacement; ℓ̄ = running mean of the mixture's own, so that units, speeds and leads do not matter.
-//! Source: Herbster & Warmuth 1998, "Tracking the best expert".
+//! w_e ← w_e · exp(−η_h · min(ℓ_e/ℓ̄, cap)), η_h = η (1 + NEAR/h) at lead h, normalised, then mixed with a
+//! little of the equal weights so that an expert that was wrong for long can come back within steps. ℓ_e =
+//! squared error of the summed displacement; ℓ̄ = running mean of the mixture's own, so that units, speeds
+//! and leads do not matter. Source: Herbster & Warmuth 1998, "Tracking the best expert".
 
 use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 
@@ -29,11 +29,12 @@ pub(super) struct Mixer {
     pending: Box<[[Path; EXPERTS]]>,
     newest: usize,
     seen: usize,
-    /// ℓ̄ per node [in the plane, squared].
+    /// ℓ̄ per node \[in the plane, squared\].
     mean: [f64; NODE_COUNT],
 }
 
-/// ℓ̄ before the first error, one step ahead [in the plane, squared]; farther ahead with the square of the lead.
+/// ℓ̄ before the first error, one step ahead \[in the plane, squared\]; farther ahead with the square of the
+/// lead.
 const FIRST_MEAN: f64 = 4.0;
 /// ℓ̄ counts as no less than this [in the plane, squared]: errors of a pen that rests say nothing.
 const LEAST_MEAN: f64 = 1e-6;

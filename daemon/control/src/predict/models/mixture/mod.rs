@@ -1,9 +1,9 @@
 //! `mixture`: five experts and a mixture that learns online whom to believe, separately for every lead time.
 //!
-//! What the experts see of the pen is made once per step by the [`Trunk`]: the last 8 displacements, a fixed random
-//! reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with a direct output per lead.
-//! Two read-outs of it are learned online by recursive least squares, for the leads of [`NODES`] directly, so that
-//! nothing is fed back and no error compounds:
+//! What the experts see of the pen is made once per step by the [`Trunk`]: the last 8 displacements, a fixed
+//! random reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with a
+//! direct output per lead. Two read-outs of it are learned online by recursive least squares, for the leads
+//! of [`NODES`] directly, so that nothing is fed back and no error compounds:
 //!
 //! | expert | predicts | learns online |
 //! |---|---|---|
@@ -13,11 +13,12 @@
 //! | LSTM | its direct outputs | nothing |
 //! | corrected LSTM | LSTM + read-out of FIFO, reservoir and cells | read-out, by RLS |
 //!
-//! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on realised position
-//! errors. Without an LSTM (`mixture-cold`) the first three remain.
+//! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on
+//! realised position errors. Without an LSTM (`mixture-cold`) the first three remain.
 //!
-//! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a jump, not
-//! motion: memory empties, and nothing is learned from it or across it. Parameters, memory and learner are apart.
+//! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a
+//! jump, not motion: memory empties, and nothing is learned from it or across it. Parameters, memory and
+//! learner are apart.
 
 mod learner;
 mod mixer;
@@ -38,7 +39,7 @@ use crate::predict::{Entry, LstmWeights, Models, Pace, Predictor, Taught, shorte
 
 pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of five experts to believe");
 
-/// Lead times that are learned [steps ahead]; those between are interpolated, those beyond fade.
+/// Lead times that are learned \[steps ahead\]; those between are interpolated, those beyond fade.
 pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
 /// How many.
 pub const NODE_COUNT: usize = 16;
@@ -63,7 +64,9 @@ pub struct Mixture {
 impl Mixture {
     /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`mixture-cold`).
     ///
-    /// *Errors*: invalid parameters, or an LSTM that is not of this kind.
+    /// # Errors
+    ///
+    /// Invalid parameters, or an LSTM that is not of this kind.
     pub fn new(lstm: Option<Arc<LstmWeights>>, parameters: MixtureParameters) -> Result<Self, WeightsError> {
         parameters.validate()?;
         Ok(Self { trunk: Trunk::new(lstm)?, memory: MixtureMemory::EMPTY, parameters })

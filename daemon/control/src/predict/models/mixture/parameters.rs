@@ -88,7 +88,8 @@ fn sum(a: &Path, b: &Path) -> Path {
     out
 }
 
-/// Largest magnitude of a read-out's number: a whole feature moves the pen by that much [per axis], a thousand typical displacements.
+/// Largest magnitude of a read-out's number: a whole feature moves the pen by that much \[per axis\], a
+/// thousand typical displacements.
 const LARGEST: f64 = 1e4;
 
 impl ModelParameters for MixtureParameters {

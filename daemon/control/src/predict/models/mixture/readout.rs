@@ -1,8 +1,9 @@
 //! A linear read-out of features for all nodes, and its recursive least squares.
 //!
-//! One covariance serves all leads: the gain k_t = P φ_t/(λ + φ_tᵀ P φ_t) depends on features only, so it is computed when
-//! φ_t is seen, kept, and applied to the row of lead h at t + h, when the pen has shown what was right. For every lead
-//! that is recursive least squares to the letter, in the order of time, with no wait beyond its own lead.
+//! One covariance serves all leads: the gain k_t = P φ_t/(λ + φ_tᵀ P φ_t) depends on features only, so it is
+//! computed when φ_t is seen, kept, and applied to the row of lead h at t + h, when the pen has shown what
+//! was right. For every lead that is recursive least squares to the letter, in the order of time, with no
+//! wait beyond its own lead.
 
 use crate::predict::models::covariance::Covariance;
 use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
@@ -13,7 +14,7 @@ const OUTPUTS: usize = 2 * NODE_COUNT;
 const KEPT: usize = LEADS + 1;
 /// Part of the way by which the typical error follows one error.
 const TYPICAL_RATE: f64 = 0.005;
-/// The typical error before the first, one step ahead [in the plane]; farther ahead in proportion.
+/// The typical error before the first, one step ahead \[in the plane\]; farther ahead in proportion.
 const FIRST_TYPICAL: f64 = 1.0;
 /// An error counts as at most this many typical ones in that.
 const TYPICAL_CAP: f64 = 3.0;
@@ -27,7 +28,7 @@ pub(super) struct Readout<const D: usize> {
 impl<const D: usize> Readout<D> {
     pub(super) const ZERO: Self = Self { rows: [[0.0; OUTPUTS]; D] };
 
-    /// φᵀ W, per node [per axis].
+    /// φᵀ W, per node \[per axis\].
     pub(super) fn of(&self, features: &[f32; D]) -> Path {
         let mut sums = [0.0_f32; OUTPUTS];
         for (row, feature) in self.rows.iter().zip(features) {
@@ -100,7 +101,7 @@ pub(super) struct RlsReadout<const D: usize> {
     newest: usize,
     /// Steps seen since the last interruption, at most KEPT.
     seen: usize,
-    /// Typical error per node [in the plane].
+    /// Typical error per node \[in the plane\].
     typical: [f64; NODE_COUNT],
 }
 
@@ -127,7 +128,8 @@ impl<const D: usize> RlsReadout<D> {
         *self = Self::new(self.rule);
     }
 
-    /// Corrects `readout` where the pen has shown what was right; `shown[h − 1]` = the sum of the last h displacements.
+    /// Corrects `readout` where the pen has shown what was right; `shown[h − 1]` = the sum of the last h
+    /// displacements.
     pub(super) fn settle(&mut self, readout: &mut Readout<D>, shown: &[[f64; 2]; LEADS]) {
         for (node, (lead, typical)) in NODES.iter().zip(&mut self.typical).enumerate() {
             if *lead > self.seen {
@@ -171,7 +173,8 @@ impl<const D: usize> RlsReadout<D> {
     }
 }
 
-/// |φ|² below which features excite nothing. A pen at rest is learned from: the network's cells go on, and what they say is corrected.
+/// |φ|² below which features excite nothing. A pen at rest is learned from: the network's cells go on, and
+/// what they say is corrected.
 const LEAST_EXCITATION: f64 = 1e-4;
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! `Trunk`: what the experts see of the pen, made once per step.
 //!
-//! Contract: fixed after construction; the memory it fills is a plain copy from which any parameters can predict.
+//! Contract: fixed after construction; the memory it fills is a plain copy from which any parameters can
+//! predict.
 
 use std::sync::Arc;
 
@@ -64,7 +65,9 @@ pub struct Trunk {
 impl Trunk {
     /// The reservoir of seed 0, and an LSTM with [`LEADS`] direct outputs.
     ///
-    /// *Errors*: an LSTM with fewer or more outputs.
+    /// # Errors
+    ///
+    /// An LSTM with fewer or more outputs.
     pub fn new(lstm: Option<Arc<LstmWeights>>) -> Result<Self, WeightsError> {
         if let Some(lstm) = &lstm {
             let leads = lstm.spec().leads as f64;
