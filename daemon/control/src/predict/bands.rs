@@ -125,6 +125,14 @@ mod tests {
     }
 
     #[test]
+    fn the_level_is_a_mean_of_squared_lengths_that_forgets() {
+        // 3-4-5 in the plane; one part in eight of every step is new.
+        assert_eq!(level_square(0.0, [3.0, 4.0]), 25.0 / LEVEL_STEPS);
+        assert_eq!(level_square(25.0, [-4.0, 3.0]), 25.0);
+        assert_eq!((level(25.0), level(0.0)), (5.0, REST));
+    }
+
+    #[test]
     fn factors_that_are_no_radius_are_refused() {
         assert_eq!(BandTable::default().validate(), Ok(()));
         for bad in [f32::NAN, -1.0, f32::INFINITY, 1e5] {

@@ -359,6 +359,7 @@ mod tests {
     fn a_kind_is_its_place_and_its_name() {
         for (place, kind) in PredictorKind::ALL.into_iter().enumerate() {
             assert_eq!((kind.index(), PredictorKind::from_name(kind.name())), (place, Some(kind)));
+            assert_eq!(format!("{kind:?}"), kind.name());
         }
         for nobody in ["", "hol", "holdd", "Hold", "hold\0"] {
             assert_eq!(PredictorKind::from_name(nobody), None, "{nobody:?}");

@@ -6,7 +6,7 @@ use crate::support::reaching;
 use reaching::*;
 
 use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
-use foretrace_control::ik::{IkSource, ToolTarget};
+use foretrace_control::ik::{IkSettings, IkSource, ToolTarget};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -121,5 +121,28 @@ fn far_from_everything_the_answers_are_the_same_bits() {
         let (mut a, b) = (with.tick(&target), without.tick(&target));
         a.clearance = b.clearance;
         assert_eq!((with.last, a), (without.last, b));
+    }
+}
+
+/// The price of a broken row counts beside the heaviest task that settings may ask for.
+#[test]
+fn no_weight_of_the_task_pushes_the_tool_through_a_table() {
+    let chain = chain(UR5);
+    let table = settings(false, vec![wall([0.0; 3], [0.0, 0.0, 1.0])]);
+    let judge = Clearance::new(&chain, &limits(&chain, 40.0), TICK_S, &table).unwrap();
+    for normal_weight in [1.0, 10.0, 100.0] {
+        let mut arm = arm(&chain, UR5_HOME, &table);
+        let kept = Clearance::new(&chain, &limits(&chain, 40.0), TICK_S, &table).unwrap();
+        let heavy = IkSettings { normal_weight, ..*arm.ik.settings() };
+        arm.ik = foretrace_control::ik::Ik::new(limits(&chain, 40.0), heavy).keeping_clear(kept);
+        let below = arm.tool().0 - Vector3::z();
+        let mut nearest = f64::INFINITY;
+        for _ in 0..2_000 {
+            arm.tick(&ToolTarget::at_rest(below, -Vector3::z(), None));
+            let k = chain.forward(arm.last.q());
+            nearest = nearest.min(judge.nearest(&k).map_or(f64::INFINITY, |gap| gap.distance_m));
+        }
+        assert!(nearest > MARGIN_M - STATED_M, "weight {normal_weight}: {nearest}");
+        assert!(nearest < MARGIN_M + 0.01, "weight {normal_weight}: it never got there, {nearest}");
     }
 }
