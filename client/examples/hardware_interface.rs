@@ -16,10 +16,11 @@ use foretrace_client::{
     monotonic_now_ns,
 };
 
-/// The controller's cycle: 125 Hz, as a CB3 controller has.
-const CYCLE: Duration = Duration::from_millis(8);
-/// How hard the arm brakes by itself \[rad/s²\].
-const BRAKING: f64 = 10.0;
+/// Of the controller: 125 Hz, as a CB3 has.
+const RATE_HZ: u64 = 125;
+const CYCLE: Duration = Duration::from_nanos(1_000_000_000 / RATE_HZ);
+/// How hard the arm brakes by itself \[rad/s²\]: `robot.stale_deceleration_radps2`, on which the daemon relies.
+const BRAKING: f64 = 20.0;
 
 fn main() -> ExitCode {
     match run() {
@@ -45,7 +46,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
 
     let mut next = Instant::now();
     let mut cycle: u64 = 0;
-    while cycle / 125 < seconds {
+    while cycle / RATE_HZ < seconds {
         let now = monotonic_now_ns();
         let command = commands.latest().copied();
         match command.map_or(Demand::Brake, |command| demand_at(&command, now)) {
@@ -67,7 +68,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         )?;
 
         cycle += 1;
-        if cycle.is_multiple_of(125) {
+        if cycle.is_multiple_of(RATE_HZ) {
             println!(
                 "joint 0 {:+.4} rad, {} commands, {} lost",
                 drive.q[0],

@@ -3,7 +3,7 @@
 //! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
 //! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
 
-use foretrace_control::arm::{Chain, ChainError, JointLimits};
+use foretrace_control::arm::{Chain, ChainError, JointLimits, LimitError};
 use foretrace_control::clearance::ClearanceSettings;
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -189,7 +189,13 @@ fn limits(
                     "robot.urdf"
                 },
                 format!("gives joint limits that cannot be kept: {error}"),
-                "correct the limits of the settings or of the URDF",
+                match error {
+                    LimitError::Deceleration { .. } => {
+                        "set it to what the arm really brakes with by itself when commands stay away, at most \
+                         robot.acceleration_radps2"
+                    }
+                    _ => "correct the limits of the settings or of the URDF",
+                },
             );
             None
         }

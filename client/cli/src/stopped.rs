@@ -38,7 +38,7 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
              then arm again"
         }
         FaultReason::Overruns => {
-            "the loop cannot keep its rate on this machine (bounds: safety.overruns): lower loop.rate_hz, \
+            "the loop cannot keep its rate on this machine (bounds: safety.late_ticks_max and safety.late_ticks_window_ms): lower loop.rate_hz, \
              use the exact solver, or see `foretrace doctor`"
         }
         FaultReason::Envelope => {

@@ -104,6 +104,11 @@ fn consumers_brake_after_the_valid_periods_at_the_configured_deceleration() {
     let text =
         over_ur5("[robot]\nstale_deceleration_radps2 = [50, 5, 5, 5, 5, 5]\n").unwrap_err().to_string();
     assert!(text.contains("`robot.stale_deceleration_radps2`"), "{text}");
+    // A lower acceleration alone: the preset's braking would be more than the arm may.
+    let text = over_ur5("[robot]\nacceleration_radps2 = [5, 5, 5, 5, 5, 5]\n").unwrap_err().to_string();
+    for said in ["`robot.stale_deceleration_radps2`", "really brakes", "at most robot.acceleration_radps2"] {
+        assert!(text.contains(said), "{said}: {text}");
+    }
 }
 
 #[test]

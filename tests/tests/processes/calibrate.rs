@@ -120,3 +120,18 @@ fn interrupted_it_leaves_the_arm_at_rest_and_let_go_of() {
     assert!(commands["count"].as_u64() > Some(10), "{commands}");
     assert_eq!(commands["limit_violations"], 0, "{commands}");
 }
+
+#[test]
+fn other_settings_than_the_daemons_move_nothing() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let own = world.file("arm.json").display().to_string();
+    let arm = world.start(0, &["arm", "sim", "--json", &own]);
+    let output = calibrated(&world, &["--set", "robot.tool_m=[0.0, 0.0, 0.145]"]);
+    assert_refused(&output, 5, &["5.0 mm", "settings", "--config"]);
+    world.wait_for_mode(0, "idle");
+    arm.end();
+    let report = json(&world.file("arm.json"));
+    assert_eq!(report["commands"]["max_step_rad"].as_f64(), Some(0.0), "{report}");
+    daemon.end();
+}

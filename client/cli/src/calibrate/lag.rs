@@ -8,13 +8,14 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
-    FaultReason, Foretrace, Mode, PenFeed, PenReading, Requests, ServiceError, StatusReader,
+    FaultReason, Foretrace, Mode, PenFeed, PenReading, Requests, ServiceError, StatusReader, Telemetry,
     monotonic_now_ns, pen_flags,
 };
 use foretrace_config::Config;
 use foretrace_sim::lag::{LagError, identify};
 use foretrace_sim::path::PathSample;
 
+use super::agreement::same_tool;
 use super::listen::Listener;
 use super::motion::{Place, motion};
 use super::picture;
@@ -44,7 +45,7 @@ const REST_SAMPLES: u64 = 60;
 /// Plays a gentle, hovering pen motion about where the tool stands, a few frequencies at once, from rest to
 /// rest. The daemon must be armed (or give --arm). Fits a pure delay and a delay with a servo behind it to
 /// all joints that move, and says which one the arm is, how certain that is, and what to write into the
-/// settings. No pen may be feeding the loop.
+/// settings. No pen may be feeding the loop. Needs the settings that the daemon runs with.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -111,6 +112,7 @@ pub(crate) fn run(args: &LagArgs) -> Result<(), Failure> {
 struct Stage {
     interrupt: Interrupt,
     status: StatusReader,
+    telemetry: Telemetry,
     requests: Option<Requests>,
     feed: PenFeed,
     listener: Listener,
@@ -132,6 +134,7 @@ impl Stage {
         Ok(Self {
             interrupt,
             status: foretrace.status().map_err(unattached)?,
+            telemetry: foretrace.telemetry().map_err(unattached)?,
             requests: Some(foretrace.requests().map_err(unattached)?),
             feed,
             listener: Listener::open(foretrace)?,
@@ -144,6 +147,7 @@ impl Stage {
     fn perform(&mut self, args: &LagArgs, config: &Config) -> Result<(), Failure> {
         let q = self.measured_joints()?;
         self.ready(args.arm)?;
+        same_tool(&mut self.telemetry, config)?;
         let settings = config.follower_settings();
         let plane = settings.plane;
         let tool = plane.point_from_base(&config.robot().chain.forward(&q).position);

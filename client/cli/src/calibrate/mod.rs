@@ -2,6 +2,7 @@
 
 mod lag;
 mod motion;
+mod agreement;
 mod listen;
 mod picture;
 mod report;
