@@ -19,7 +19,7 @@ use foretrace_client::{
 /// Of the controller: 125 Hz, as a CB3 has.
 const RATE_HZ: u64 = 125;
 const CYCLE: Duration = Duration::from_nanos(1_000_000_000 / RATE_HZ);
-/// How hard the arm brakes by itself \[rad/s²\]: `robot.stale_deceleration_radps2`, on which the daemon relies.
+/// How hard the arm brakes by itself \[rad/s²\]: `robot.stale_deceleration_radps2`. The daemon relies on it.
 const BRAKING: f64 = 20.0;
 
 fn main() -> ExitCode {
