@@ -266,3 +266,24 @@ fn residual<const J: usize>(h: &Square<J>, g: &[f64; J], x: &[f64; J], active: A
     }
     worst / scale
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_residual_is_the_gradient_that_no_bound_explains() {
+        let (h, g) = ([[2.0, 0.0], [0.0, 4.0]], [-2.0, 4.0]);
+        let free = ActiveBounds::default();
+        let of = |x: [f64; 2], active| residual(&h, &g, &x, active);
+        assert_eq!(of([1.0, -1.0], free), 0.0);
+        // Gradient 2 and 4 of terms that add up to 4 + 2 and 4 + 0.
+        assert_eq!(of([2.0, 0.0], free), 4.0 / 6.0);
+        // A bound explains what pushes outward, and only that.
+        assert_eq!(of([0.0, -1.0], ActiveBounds { lower: 0, upper: 1 }), 0.0);
+        assert_eq!(of([2.0, -1.0], ActiveBounds { lower: 0, upper: 1 }), 2.0 / 8.0);
+        assert_eq!(of([1.0, 0.0], ActiveBounds { lower: 2, upper: 0 }), 0.0);
+        assert_eq!(of([1.0, -2.0], ActiveBounds { lower: 2, upper: 0 }), 4.0 / 12.0);
+        assert!(of([f64::NAN, -1.0], free).is_nan());
+    }
+}
