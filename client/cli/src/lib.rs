@@ -24,6 +24,7 @@ mod play;
 mod gateway;
 mod record;
 mod request;
+mod enable;
 mod move_home;
 mod calibrate;
 mod stopped;
@@ -72,6 +73,7 @@ enum Command {
     #[command(subcommand)]
     Arm(arm::ArmCommand),
     Request(request::RequestArgs),
+    Enable(enable::EnableArgs),
     /// Move the arm where the pen does not lead it
     #[command(subcommand)]
     Move(move_home::MoveCommand),
@@ -129,6 +131,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::Request(args) => request::run(args),
+        Command::Enable(args) => enable::run(args),
         Command::Move(command) => move_home::run(command),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Status(args) => status::run(args),

@@ -120,7 +120,12 @@ fn stop(args: &RequestArgs, wait: Duration) -> Result<(), Failure> {
     const OTHERWISE: &str = "use the arm's own stop button";
     let Stopped { mode, trust } =
         foretrace_client::stop(&args.instance.instance()?, wait).map_err(|error| match error {
-            StopError::NoDaemon { .. } => Failure::new(Cause::NoDaemon, error, ""),
+            StopError::NoDaemon { .. } => Failure::new(
+                Cause::NoDaemon,
+                format_args!("no stop was sent: {error}"),
+                "if an arm moves, use its own stop button; a service's daemon is found with `sudo -u foretrace \
+                 XDG_RUNTIME_DIR=/run/foretrace foretrace request stop`",
+            ),
             other => Failure::failed(other, OTHERWISE),
         })?;
     // Coming to rest takes its time; in idle there is nothing to stop.

@@ -38,12 +38,13 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
              then arm again"
         }
         FaultReason::Overruns => {
-            "the loop cannot keep its rate on this machine (bounds: safety.late_ticks_max and safety.late_ticks_window_ms): lower loop.rate_hz, \
-             use the exact solver, or see `foretrace doctor`"
+            "the loop cannot keep its rate on this machine (bounds: safety.late_ticks_max, \
+             safety.late_ticks_window_ms): lower loop.rate_hz, set mpc.backend and ik.backend to \"exact\", or \
+             see `foretrace doctor`; then arm again"
         }
         FaultReason::Envelope => {
-            "the tool could not be kept over the paper and in the workspace (bounds: safety.envelope): look \
-             at plane.workspace_m and mpc.limits, then arm again"
+            "the tool would have left its height, workspace, tilt or speed (bounds: safety.envelope): look at \
+             plane.workspace_m and mpc.limits, then arm again; `foretrace move home` brings it back"
         }
         FaultReason::WayBlocked => {
             "the arm came too near something on its way home (bounds: clearance): move it by hand, or take \
@@ -52,7 +53,9 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
         FaultReason::CommandNotSent
         | FaultReason::NotFinite
         | FaultReason::ForeignPeer
-        | FaultReason::Internal => "see the daemon's messages",
+        | FaultReason::Internal => {
+            "see the daemon's messages (its terminal, or `journalctl -u foretraced`), and report them"
+        }
     }
 }
 
@@ -61,6 +64,32 @@ mod tests {
     use foretrace_client::StopCause;
 
     use super::*;
+
+    /// A key that a remedy names is a key of the settings, or a section of them.
+    #[test]
+    fn every_key_of_a_remedy_exists() {
+        let settings = foretrace_config::Config::preset("ur5").unwrap().render();
+        let mut named = 0;
+        for fault in FaultReason::ALL {
+            for word in remedy(*fault).split(|c: char| !(c.is_alphanumeric() || "._".contains(c))) {
+                let Some((section, key)) = word.rsplit_once('.').filter(|(_, key)| !key.is_empty()) else {
+                    continue;
+                };
+                named += 1;
+                let whole =
+                    settings.contains(&format!("\n[{word}]")) || settings.contains(&format!("\n[{word}."));
+                let of_section = settings
+                    .split(&format!("\n[{section}]\n"))
+                    .nth(1)
+                    .map_or("", |rest| rest.split("\n[").next().unwrap_or(rest));
+                let there = of_section
+                    .lines()
+                    .any(|line| line.trim_start_matches("# ").starts_with(&format!("{key} =")));
+                assert!(whole || there, "{word}");
+            }
+        }
+        assert!(named >= 8, "only {named} keys were found");
+    }
 
     #[test]
     fn every_reason_has_words_and_a_remedy() {

@@ -40,6 +40,14 @@ impl Arm {
     }
 }
 
+struct Switch;
+
+impl Switch {
+    fn is_held(&self) -> bool {
+        false
+    }
+}
+
 fn read_my_tablet() -> (f64, f64, bool) {
     (0.01, 0.02, true)
 }
@@ -101,14 +109,28 @@ fn hardware(mut my_arm: Arm) -> Result<(), Box<dyn Error>> {
         let now = monotonic_now_ns();
         match commands.latest().map_or(Demand::Brake, |command| demand_at(command, now)) {
             Demand::Follow { q, qd } => my_arm.servo(q, qd),   // q + q̇·(now − stamp), until valid_until
-            Demand::Brake => my_arm.brake(),                   // no command, or an old one: stop by yourself
+            Demand::Brake => my_arm.brake(),                   // no command, an old one, or not armed: stop by yourself
         }
         let (q, qd) = my_arm.measured();                       // rad, rad/s
+        let measured_ns = monotonic_now_ns();
         let safety_mode = if my_arm.may_move() { SafetyMode::Normal } else { SafetyMode::ProtectiveStop };
         let robot_mode = if my_arm.has_power() { RobotMode::Running } else { RobotMode::PowerOff };
         let modes = JointState { safety_mode: safety_mode.into(), robot_mode: robot_mode.into(), ..commands.echo() };
-        states.publish(now, JointState { q, qd, ..modes })?;
+        states.publish(measured_ns, JointState { q, qd, ..modes })?;
     }
+}
+
+#[rustfmt::skip]
+fn dead_man(my_switch: &Switch) -> Result<(), Box<dyn Error>> {
+    use foretrace_client::Foretrace;
+
+    let mut dead_man = Foretrace::attach(0)?.dead_man()?;
+    while my_switch.is_held() {
+        dead_man.beat()?;                                      // 50 times per second
+        std::thread::sleep(foretrace_client::DeadMan::INTERVAL);
+    }
+    dead_man.stop()?;                                          // falling silent stops as well, a little later
+    Ok(())
 }
 
 #[rustfmt::skip]

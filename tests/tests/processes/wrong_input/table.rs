@@ -55,6 +55,9 @@ pub(super) const CASES: &[Case] = &[
     ("request", 2, &["Usage"]),
     ("request fly", 2, &["fly"]),
     ("calibrate", 2, &["Usage"]),
+    ("enable", 2, &["--device", "--button"]),
+    ("enable --device @/none --button KEY_A", 5, &["none", "No such file", "--list"]),
+    ("enable --device @/bare.toml --button KEY_A", 5, &["bare.toml", "/dev/input/event", "--list"]),
     // Instances.
     ("status --instance 100", 2, &["0..=99"]),
     ("status --instance -1", 2, &["-1"]),
