@@ -60,12 +60,20 @@ impl Button {
     }
 }
 
-/// Devices with buttons: path, name, number of buttons. What cannot be opened is left out and counted.
+/// A device with buttons.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Listed {
+    pub(super) path: PathBuf,
+    pub(super) name: String,
+    pub(super) buttons: usize,
+}
+
+/// Devices with buttons, and how many devices could not be opened.
 ///
 /// # Errors
 ///
 /// There is no folder `/dev/input`.
-pub(super) fn list() -> Result<(Vec<(PathBuf, String, usize)>, usize), Failure> {
+pub(super) fn list() -> Result<(Vec<Listed>, usize), Failure> {
     let devices = evdevil::enumerate().map_err(|error| {
         Failure::failed(
             format_args!("/dev/input cannot be read: {error}"),
@@ -80,7 +88,7 @@ pub(super) fn list() -> Result<(Vec<(PathBuf, String, usize)>, usize), Failure> 
         };
         let buttons = device.supported_keys().map_or(0, |keys| keys.iter().count());
         if buttons > 0 {
-            found.push((path, device.name().unwrap_or_default(), buttons));
+            found.push(Listed { path, name: device.name().unwrap_or_default(), buttons });
         }
     }
     found.sort();

@@ -85,7 +85,7 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
 
 fn list() -> Result<(), Failure> {
     let (devices, closed) = device::list()?;
-    for (path, name, buttons) in &devices {
+    for device::Listed { path, name, buttons } in &devices {
         say!("{:<24}{} ({buttons} buttons)", path.display(), foretrace_config::plain(name));
     }
     if closed > 0 {
