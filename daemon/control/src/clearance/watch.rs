@@ -252,4 +252,23 @@ mod tests {
         assert!(near > all / 50 && near < all / 2, "{near} of {all}");
         assert!(measured - near < (all - near) / 100, "{measured} measured, {near} of {all} near");
     }
+
+    /// What was far when it was seen may have come near by as much as levers let it: it is looked at again.
+    #[test]
+    fn what_was_seen_from_elsewhere_is_worth_less_by_the_way_there() {
+        let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(5));
+        let (motion, allowed) = motion(&mut rng, 0.02);
+        let moved = [1.0; 6];
+        let way = |pair: &Pair<6>| pair.levers.iter().sum::<f64>();
+        for extra in [0.0, 1e-3] {
+            let mut watch = Watch::new(pairs.len());
+            let distances: Vec<f64> = pairs.iter().map(|pair| MARGIN_M + extra + way(pair)).collect();
+            looked(&mut watch, &pairs, &motion, &allowed, &distances);
+            let there = JointMotion { q: std::array::from_fn(|j| motion.q[j] + moved[j]), ..motion };
+            let again = looked(&mut watch, &pairs, &there, &allowed, &distances);
+            for (pair, seen) in pairs.iter().zip(again) {
+                assert!(seen.is_some() || extra > wanted(pair, &there, &allowed), "{extra}: {}", way(pair));
+            }
+        }
+    }
 }

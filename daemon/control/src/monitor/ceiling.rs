@@ -158,4 +158,15 @@ mod tests {
             assert_eq!(ceiling.share(0.75), None, "{tick}");
         }
     }
+
+    /// One long stroke may be cut off by anything; only what comes back to the same top is a ceiling.
+    #[test]
+    fn one_visit_to_a_top_is_no_ceiling() {
+        let mut ceiling = Ceiling::<1>::new();
+        for tick in 0..2000 {
+            ceiling.commanded(0, 2.0);
+            ceiling.measured(2e-3, &[0.6]);
+            assert_eq!(ceiling.share(0.75), None, "{tick}");
+        }
+    }
 }
