@@ -81,7 +81,7 @@ enum Command {
     Status(status::StatusArgs),
     Bench(bench::BenchArgs),
     Doctor(doctor::DoctorArgs),
-    /// The paper's experiments on a data set
+    /// Train, rank and benchmark predictors, and repeat the paper's experiments
     #[cfg(feature = "lab")]
     #[command(subcommand)]
     Lab(lab::LabCommand),
