@@ -85,7 +85,7 @@ enum Command {
     #[cfg(feature = "lab")]
     #[command(subcommand)]
     Lab(lab::LabCommand),
-    /// Judge a settings file, show the settings in force, or propose shapes for the links of an arm
+    /// Check a settings file, show the settings in force, or propose shapes for the links of an arm
     #[command(subcommand)]
     Config(config::ConfigCommand),
 }
