@@ -1,4 +1,4 @@
-"""Judges the JSON of a demo run: legal commands, nothing rejected, the arm followed. No time is judged."""
+"""Checks the JSON of a demo run: legal commands, nothing rejected, the arm followed. Times are not checked."""
 
 import json
 import math

@@ -37,7 +37,7 @@ def too_wide(line: str) -> bool:
 
 
 def anchors(text: str) -> set[str]:
-    """What links to a heading may say after `#`, as GitHub and mdBook make it of the heading."""
+    """The anchors of the headings, as GitHub and mdBook derive them."""
     found: dict[str, int] = {}
     for _, line in prose(text):
         if heading := re.match(r"#{1,6} (.*)", line):
@@ -50,7 +50,7 @@ def anchors(text: str) -> set[str]:
 def links(documents: dict[pathlib.Path, str]) -> tuple[list[str], int]:
     problems, count = [], 0
     for path, text in documents.items():
-        # Paragraphs whole: the text of a link may go over the end of a line. Code between backticks links to nothing.
+        # Whole paragraphs, because a link's text may wrap. Code between backticks holds no links.
         shown = re.sub(r"`[^`\n]*`", "code", "\n".join(line for _, line in prose(text)))
         for target in LINK.findall(shown):
             if re.match(r"\w+:", target):
@@ -127,7 +127,7 @@ def problems() -> list[str]:
     wrong_links, link_count = links(documents)
     wrong_keys, key_count = keys(documents)
     found += wrong_links + contents() + pages_that_code_names() + wrong_keys
-    # A pattern that finds nothing proves nothing.
+    # A pattern without matches proves nothing.
     if link_count < 150 or key_count < 40:
         found.append(f"only {link_count} links and {key_count} keys were found in the documents")
     return found

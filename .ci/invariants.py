@@ -12,7 +12,7 @@ import tables
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 OUR_FOLDERS = {"daemon", "client", "shm-schema", "config", "tests"}
 UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/src/os.rs", "client/cli/src/os.rs"}
-# Rooms inside a crate (source folder: its modules in order): each names only those before it. What is not listed is not checked.
+# Rooms inside a crate (source folder: its modules in order): each names only those before it. Others are not checked.
 ROOMS = {
     "shm-schema/src": ["os", "wire", "instance", "transport"],
     "daemon/control/src": [
@@ -30,7 +30,7 @@ LONG_LINES = {
     "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/page/sheet.rs", "client/cli/src/demo/page.rs",
     "tests/tests/processes/snippets.rs",
 }
-# 400 lines are the sign that a file may be about two things; here is where nobody may overlook it.
+# 400 lines are the sign that a file may be about two things; more than this is refused.
 MOST_LINES = 500
 # Different tests that documents name; it may grow.
 LEAST_PROMISED = 145
@@ -42,7 +42,7 @@ def sources(folder: str) -> list[pathlib.Path]:
 
 
 def nowhere_but(pattern: str, folder: str, allowed: set[str], claim: str) -> None:
-    """`pattern` stands in no code line below `folder`, tests aside, but in the allowed files."""
+    """`pattern` occurs in no code line below `folder`, tests aside, but in the allowed files."""
     for path in sources(folder):
         name = str(path.relative_to(ROOT))
         if name in allowed or "/tests" in name or "/examples/" in name:

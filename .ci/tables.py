@@ -59,7 +59,7 @@ def made(folder: pathlib.Path, declaration: str) -> str:
 
 
 def problems(bless: bool) -> list[str]:
-    """What of the tables is not as their files have it. With `bless` they are written instead."""
+    """The differences between the tables and their files. With `bless` the tables are rewritten instead."""
     found, count = [], 0
     for doc in sorted((ROOT / "docs").rglob("*.md")):
         text = doc.read_text(encoding="utf-8")

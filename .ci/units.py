@@ -34,7 +34,7 @@ def main() -> int:
             copy = pathlib.Path(folder) / unit.name
             copy.write_text(text, encoding="utf-8")
             copies.append(str(copy))
-        # Unknown keys and values are only warnings to systemd: whatever it says is an error here.
+        # Unknown keys and values are only warnings to systemd: any output is an error here.
         verified = subprocess.run(["systemd-analyze", "verify", "--man=no", *copies], capture_output=True, text=True)
         said = [line for line in verified.stderr.splitlines() if folder in line or any(unit.name in line for unit in units)]
         if verified.returncode or said:

@@ -2,7 +2,7 @@
 //!
 //! `cargo run -p foretrace-client --example hardware_interface [INSTANCE] [SECONDS]`
 //!
-//! The arm here is ideal: it is where it is told to be. Replace `Drive` with calls to your controller and
+//! The arm here is ideal: it follows its commands exactly. Replace `Drive` with calls to your controller and
 //! keep the loop: it shows every duty of a consumer. Commands of another boot, replayed or malformed never
 //! arrive (`Commands` refuses and counts them); a valid one is followed by q + q̇·(now − stamp) until
 //! `valid_until`; after that the arm brakes by itself, so that a daemon that dies is harmless.
@@ -62,7 +62,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
                 qd: drive.qd,
                 safety_mode: SafetyMode::Normal.into(),
                 robot_mode: RobotMode::Running.into(),
-                // The way back of the pen sample's identity: what was obeyed, and when it came.
+                // The echo of the pen sample's identity: the command obeyed, and when it arrived.
                 ..commands.echo()
             },
         )?;

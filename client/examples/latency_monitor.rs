@@ -50,7 +50,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         }
         if step.is_empty() {
             println!("no ticks; is the daemon up? {}", foretrace.daemon_is_up());
-            // Services made anew are only heard by handles made anew.
+            // New services need new handles.
             if let Ok(Attachment::Renewed) = foretrace.reattach_if_needed() {
                 telemetry = foretrace.telemetry()?;
             }

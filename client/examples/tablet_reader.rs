@@ -5,8 +5,7 @@
 //!
 //! Positions of the device are divided by its resolution (most pen tablets: 100 units per millimetre;
 //! `evtest` shows it). The kernel stamps events with wall time; it is mapped to the monotonic clock through
-//! the difference of both at the moment of reading, so that what the event waited for in the queue is not
-//! lost.
+//! the difference of both at the moment of reading, so that the event's time in the queue is accounted for.
 
 use std::fs::File;
 use std::io::{BufRead, Read};
@@ -95,12 +94,12 @@ fn read_device(mut feed: PenFeed, path: &str, units_per_m: f64) -> Result<(), Bo
     }
 }
 
-/// A single odd reading must not end the session; say it and go on.
+/// A single bad reading must not end the session: report it and go on.
 fn send(feed: &mut PenFeed, reading: PenReading) -> Result<(), FeedError> {
     match feed.send(reading) {
         Ok(true) => Ok(()),
         Ok(false) => {
-            eprintln!("nobody listens; is the daemon up?");
+            eprintln!("no daemon receives the pen; is it up?");
             Ok(())
         }
         Err(FeedError::Invalid(why)) => {

@@ -1,4 +1,5 @@
-//! The hardware interface's end: `Commands` in, `JointStates` out, and what a command asks for at an instant.
+//! For the hardware interface: `Commands` in, `JointStates` out, and the evaluation of a command at an
+//! instant.
 
 use std::sync::Arc;
 
@@ -29,7 +30,7 @@ pub struct JointStates {
     _leaving: Arc<Leaving>,
 }
 
-/// What a command asks of the arm at an instant.
+/// The demand of a command at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Demand {
     /// Be at these joint positions \[rad\], moving this fast \[rad/s\].
@@ -84,7 +85,7 @@ impl Foretrace {
 }
 
 impl Commands {
-    /// The largest buffer there is.
+    /// The largest buffer.
     pub const MAX_BUFFER: usize = JointCommand::QOS.buffer;
 
     /// The newest command ever received, unread or not. Does not allocate once connected.
@@ -133,7 +134,7 @@ impl Commands {
         self.subscriber.rejections()
     }
 
-    /// What the newest refused command was refused for.
+    /// Reason of the newest refusal.
     pub fn newest_refused(&self) -> Option<Rejection> {
         self.subscriber.newest_refused().map(|(rejection, _)| rejection)
     }
@@ -148,7 +149,7 @@ impl Commands {
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StateError {
     /// The daemon would refuse it.
-    #[error("the joint state makes no sense: {0}")]
+    #[error("the joint state is invalid: {0}")]
     Invalid(#[from] Rejection),
     /// It could not be delivered.
     #[error("the joint state was not sent: {0}")]

@@ -1,4 +1,4 @@
-//! `Foretrace`: the membership of this process in an instance, and what to do when the daemon comes and goes.
+//! `Foretrace`: the attachment of this process to an instance, and its renewal when the daemon restarts.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,19 +11,19 @@ const POLL: Duration = Duration::from_millis(20);
 /// An attachment to a running daemon. Makes the handles; may be shared between threads.
 #[derive(Debug)]
 pub struct Foretrace {
-    // In the order in which they have to go.
+    // In the order in which they must be dropped.
     pub(crate) services: Services,
     session: Session,
     daemon: DaemonMark,
     pub(crate) leaving: Arc<Leaving>,
 }
 
-/// Goes last of an attachment and of all its handles: where the daemon went first, the last peer to leave
-/// removes what is left.
+/// Dropped last of an attachment and all its handles: if the daemon has ended, the last peer removes what is
+/// left.
 #[derive(Debug)]
 pub(crate) struct Leaving(Instance);
 
-/// A clean-up that takes longer has met damaged files; the next daemon removes them.
+/// A clean-up that takes longer has hit damaged files; the next daemon removes them.
 const TIDYING: Duration = Duration::from_secs(1);
 
 impl Drop for Leaving {
@@ -34,7 +34,7 @@ impl Drop for Leaving {
         }
         let (done, tidied) = std::sync::mpsc::channel();
         let tidying = move || {
-            // Nobody may wait for it any more.
+            // The receiver may be gone.
             let _ = done.send(instance.tidy_up());
         };
         if std::thread::Builder::new().name("foretrace-tidies".to_owned()).spawn(tidying).is_ok() {
@@ -50,7 +50,7 @@ pub enum Attachment {
     Unchanged,
     /// Another daemon took over the services: the handles work on.
     TakenOver,
-    /// The services were made anew: drop all handles and make them again.
+    /// The services were recreated: drop all handles and make new ones.
     Renewed,
 }
 
@@ -95,7 +95,7 @@ impl Foretrace {
     }
 
     /// Look whether the daemon is still the one attached to, and attach to the new one if not. Cheap while
-    /// nothing changed: call it once per second, or when messages stay away.
+    /// nothing changed: call it once per second, or when no messages come.
     ///
     /// # Errors
     ///
@@ -107,8 +107,8 @@ impl Foretrace {
         }
         let renewed = Self::try_attach(self.instance())?;
         self.daemon = renewed.daemon;
-        // A daemon that finds living peers takes their services over; only where it did not are the old ports
-        // deaf.
+        // A daemon that finds living peers takes their services over; otherwise the old ports receive
+        // nothing.
         if renewed.services.are_same_as(&self.services) {
             return Ok(Attachment::TakenOver);
         }

@@ -25,14 +25,14 @@ pub enum GatewayError {
     Unreachable {
         /// The socket.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// The gateway does not want this client; its words.
+    /// The gateway refused this client, with its reason.
     #[error("the gateway says: {0}")]
     Refused(String),
     /// The gateway would refuse the reading.
-    #[error("the pen reading makes no sense: {0}")]
+    #[error("the pen reading is invalid: {0}")]
     Invalid(#[from] Rejection),
     /// The connection broke without a word.
     #[error("the gateway is gone: {0}")]
@@ -70,7 +70,7 @@ impl GatewayFeed {
     ///
     /// # Errors
     ///
-    /// `Invalid`, and nothing is sent; `Refused` or `Gone`, and the connection is over: connect anew.
+    /// `Invalid`, and nothing is sent; `Refused` or `Gone`, and the connection is over: connect again.
     pub fn send(&mut self, reading: PenReading) -> Result<(), GatewayError> {
         self.send_sample(reading.sample())
     }

@@ -20,8 +20,8 @@
 //! before it closes. One before it ends a connection, also after the client has shut down its sending side:
 //! `foretrace-gateway 1 closed: REASON`. Nothing in between: single samples are refused silently and counted.
 //!
-//! Contract: [`Frame::decode`] is pure, allocates nothing and is total for every bit pattern. It judges the
-//! envelope only; what a sample says is judged by `PenSample::validate` and by whoever knows the time.
+//! Contract: [`Frame::decode`] is pure, allocates nothing and is total for every bit pattern. It checks the
+//! envelope only; `PenSample::validate` checks the sample, and the gateway its stamp.
 
 use crate::PenSample;
 
@@ -31,7 +31,7 @@ pub const GATEWAY_VERSION: u16 = 1;
 /// Bytes of one frame, its length field included.
 pub const FRAME_BYTES: usize = 52;
 
-/// What the gateway says to a client that it lets in.
+/// The gateway's line to a client that it admits.
 pub const WELCOME: &str = "foretrace-gateway 1 ready";
 
 /// Kind of a frame that carries a pen sample.
@@ -39,7 +39,7 @@ const KIND_SAMPLE: u16 = 1;
 const LENGTH_BYTES: usize = 4;
 const BODY_BYTES: usize = FRAME_BYTES - LENGTH_BYTES;
 
-/// Why a frame is none; the sender speaks another language, so nothing after it can be trusted.
+/// Why a frame is malformed; the rest of the stream cannot be trusted either.
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Another length than version 1 has.
@@ -48,7 +48,7 @@ pub enum FrameError {
     /// Another version.
     #[error("protocol version {0}, expected {GATEWAY_VERSION}")]
     Version(u16),
-    /// Nothing that version 1 knows.
+    /// A kind that version 1 does not have.
     #[error("a frame of kind {0}, expected {KIND_SAMPLE}")]
     Kind(u16),
     /// The reserved field is in use.
@@ -56,7 +56,7 @@ pub enum FrameError {
     Reserved(u32),
 }
 
-/// A frame with a pen sample; the sample's header is left to whoever publishes it.
+/// A frame with a pen sample; its publisher fills in the sample's header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame(pub PenSample);
 
@@ -116,7 +116,7 @@ impl Frame {
         }))
     }
 
-    /// Judges a frame by its length field alone, so that a wrong one need not be waited for.
+    /// Checks a frame by its length field alone, so that a wrong one is refused at once.
     ///
     /// # Errors
     ///
@@ -280,7 +280,7 @@ mod tests {
             }
             if let Ok(frame) = Frame::decode(&bytes) {
                 accepted += 1;
-                // Bit for bit, whatever the numbers mean: NaN stays NaN for the next check to find.
+                // Bit for bit, whatever the values: the next check finds a NaN.
                 assert_eq!(frame.encode(), bytes);
             } else {
                 assert_ne!((&bytes[..8], &bytes[12..16]), (&good[..8], &good[12..16]));

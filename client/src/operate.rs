@@ -1,4 +1,4 @@
-//! The operator's end: `Requests` and `DeadMan`.
+//! For the operator: `Requests` and `DeadMan`.
 
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use crate::attach::Leaving;
 /// Why a request did not succeed.
 #[derive(Clone, PartialEq, thiserror::Error)]
 pub enum RequestError {
-    /// The request itself makes no sense and was not sent.
+    /// The request itself is invalid and was not sent.
     #[error("{0}")]
     Invalid(#[from] Rejection),
     /// No usable answer.
@@ -37,18 +37,18 @@ pub enum RequestError {
     },
 }
 
-/// How often a full house is looked at again.
+/// Pause before a free place is looked for again.
 const POLL: Duration = Duration::from_millis(5);
 
 /// Sends requests and waits for their answers. Holds one of the four places for operators only while it asks,
-/// so that idle programs, and frozen ones that were idle, keep nobody out.
+/// so that idle or frozen programs do not block others.
 #[derive(Debug)]
 pub struct Requests {
     topic: ControlTopic,
     _leaving: Arc<Leaving>,
 }
 
-/// The dead-man. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm.
+/// The dead-man switch. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm.
 #[derive(Debug)]
 pub struct DeadMan {
     publisher: Publisher<Enable>,
@@ -88,8 +88,8 @@ impl Requests {
         self.ask(ControlOp::Arm, 0.0, timeout)
     }
 
-    /// Move the arm home, slowly and straight in joint space; the answer comes when the way has been looked
-    /// along.
+    /// Move the arm home, slowly and straight in joint space; the answer comes when the path has been
+    /// checked.
     pub fn move_home(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::MoveHome, 0.0, timeout)
     }
@@ -120,13 +120,13 @@ impl Requests {
         self.ask(ControlOp::TrustAuto, 0.0, timeout)
     }
 
-    /// Predict with another predictor, by its name in the settings; which there are is the daemon's to say.
+    /// Predict with another predictor, by its name in the settings; the daemon decides which exist.
     pub fn switch_predictor(
         &mut self,
         name: &str,
         timeout: Duration,
     ) -> Result<ControlResponse, RequestError> {
-        // What is no name is refused as none before it is sent.
+        // A malformed name is refused before it is sent.
         let predictor = PredictorName::new(name).unwrap_or(PredictorName::NONE);
         self.ask_with(ControlOp::SwitchPredictor, predictor, 0.0, timeout)
     }
@@ -162,7 +162,7 @@ impl Requests {
     }
 }
 
-/// Asks in a thread that is given up after `timeout`.
+/// Asks in a thread that is abandoned after `timeout`.
 fn bounded(
     topic: &ControlTopic,
     request: ControlRequest,
@@ -170,7 +170,7 @@ fn bounded(
 ) -> Result<ControlResponse, RequestError> {
     let (answer, answered) = mpsc::channel();
     let topic = topic.clone();
-    // The thread is the first to lose patience, because it knows what it waits for.
+    // The thread's own timeout is shorter, because it knows what it waits for.
     let deadline = Instant::now() + timeout - (timeout / 10).min(Duration::from_millis(20));
     let asking = move || {
         let client = loop {
@@ -185,7 +185,7 @@ fn bounded(
         let asked = client
             .map_err(|error| RequestError::NotConnected(error.to_string()))
             .and_then(|mut client| Ok(client.ask(request, left)?));
-        // Nobody may wait for it any more.
+        // The receiver may be gone.
         let _ = answer.send(asked);
     };
     std::thread::Builder::new()
@@ -214,7 +214,7 @@ impl DeadMan {
     /// 50 times per second.
     pub const INTERVAL: Duration = Duration::from_millis(20);
 
-    /// Say "go on".
+    /// Sends "go on".
     ///
     /// # Errors
     ///
@@ -223,7 +223,7 @@ impl DeadMan {
         self.send(0)
     }
 
-    /// Say "stop".
+    /// Sends "stop".
     ///
     /// # Errors
     ///

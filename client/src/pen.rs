@@ -1,4 +1,4 @@
-//! The tablet reader's end: `PenFeed`.
+//! For tablet readers: `PenFeed`.
 
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ pub struct PenReading {
 }
 
 impl PenReading {
-    /// The sample that says the same, without a header.
+    /// The same reading as a sample, without a header.
     pub(crate) fn sample(&self) -> PenSample {
         let [tilt_x_rad, tilt_y_rad] = self.tilt_rad.unwrap_or_default();
         let touch = if self.contact { pen_flags::CONTACT | pen_flags::IN_RANGE } else { 0 };
@@ -50,7 +50,7 @@ impl PenReading {
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FeedError {
     /// The daemon would refuse it.
-    #[error("the pen reading makes no sense: {0}")]
+    #[error("the pen reading is invalid: {0}")]
     Invalid(#[from] Rejection),
     /// It could not be delivered.
     #[error("the pen reading was not sent: {0}")]

@@ -1,5 +1,4 @@
-//! `stop`: the way to stop the arm that needs nothing but the run directory. No attachment, no shared memory,
-//! no place.
+//! `stop`: stops the arm with nothing but the run directory: no attachment, no shared memory, no place.
 
 use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;
@@ -10,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_shm::{Instance, InstanceError, Mode, STOP_ANSWER_BYTES, SignalError, StopAnswer, StopFrame};
 
-/// The daemon notes a stop within microseconds; who hears nothing for so long tries the next way.
+/// The daemon notes a stop within microseconds; without an answer for this long, the next way is tried.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Pause before a full queue is tried again.
 const AGAIN: Duration = Duration::from_millis(2);
@@ -27,7 +26,7 @@ pub struct Stopped {
 /// Why it is not known that the arm stops. Use the arm's own stop then.
 #[derive(thiserror::Error)]
 pub enum StopError {
-    /// Nobody to ask: whoever obeyed commands brakes by itself.
+    /// No daemon: an arm that followed commands brakes by itself.
     #[error("no daemon running for instance {number} (looked in {})", root.display())]
     NoDaemon {
         /// Number of the instance.
@@ -38,7 +37,7 @@ pub enum StopError {
     /// The run directory is not this user's.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// It is noted, but the loop does not run; the next tick takes it.
+    /// Noted, but the loop does not run; its next tick takes the stop.
     #[error(
         "the daemon has noted the stop, but its loop has taken none within {} ms: it does not run, and the \
          arm brakes by \
@@ -60,7 +59,7 @@ pub enum StopError {
         /// How long it was waited for.
         waited: Duration,
     },
-    /// Neither way is open.
+    /// Neither way works.
     #[error("the daemon cannot be reached: its stop socket: {socket}; {signal}")]
     Unreachable {
         /// What the socket said.
@@ -73,9 +72,9 @@ pub enum StopError {
 /// Stop the arm of `instance` smoothly, and keep it stopped until it is armed again. Ends within `timeout`,
 /// whatever state the daemon, its shared memory and this machine's memory are in.
 ///
-/// First the datagram socket beside the daemon's lock file; where that says nothing, SIGUSR1 to the process
-/// that holds the lock. A stop may come twice by that, which is once. A request to arm that was sent before
-/// the stop came is refused.
+/// First the datagram socket beside the daemon's lock file; if that gives no answer, SIGUSR1 to the process
+/// that holds the lock. The daemon may receive a stop twice, which counts as one. A request to arm that was
+/// sent before the stop came is refused.
 ///
 /// # Errors
 ///
@@ -171,7 +170,7 @@ impl Drop for Asking<'_> {
 
 impl<'a> Asking<'a> {
     fn new(instance: &'a Instance) -> Self {
-        // Keys from the kernel: nobody can guess what the answer has to carry.
+        // Random keys from the kernel: the answer's key cannot be guessed.
         let token = RandomState::new().hash_one(foretrace_shm::monotonic_now_ns());
         let pid = std::process::id();
         let file = instance.root().join(format!("stop-{pid}-{:08x}", token >> 32));
@@ -190,7 +189,7 @@ impl<'a> Asking<'a> {
 
     /// Sends the frame and waits for the first answer.
     fn ask(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<Heard> {
-        // A full queue at the other end must not hold this program.
+        // A full queue at the other end must not block this program.
         socket.set_nonblocking(true)?;
         let path = self.instance.stop_socket();
         while let Err(error) = socket.send_to(&self.frame.encode(), &path) {

@@ -1,4 +1,4 @@
-//! The observer's end: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen
+//! For observers: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen
 //! sample), `JointWatch` (every joint state).
 
 use std::sync::Arc;

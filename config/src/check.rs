@@ -1,6 +1,6 @@
-//! What one key demands of another: contradictions between values that are legal alone.
+//! Constraints between keys: contradictions between values that are legal alone.
 //!
-//! Contract: every number that comes here is finite, because the reader refuses the others.
+//! Contract: every number here is finite, because the reader refuses non-finite ones.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ pub(crate) fn check(
     ranges(settings, &mut report);
     predictor(settings, &mut report);
     process(settings, &mut report);
-    // In a plane that contradicts itself there is nothing to reach.
+    // An inconsistent plane cannot be checked for reach.
     if report.problems.iter().any(|problem| problem.key().is_some_and(|key| key.starts_with("plane."))) {
         return None;
     }
@@ -261,7 +261,7 @@ fn predictor(s: &Settings, report: &mut Findings<'_>) {
 }
 
 fn process(s: &Settings, report: &mut Findings<'_>) {
-    /// What the sockets of the middleware leave of their 108 bytes.
+    /// What the middleware's sockets leave of their 108 bytes.
     const LONGEST: usize = 60;
     if let Some(root) = &s.instance.root_dir
         && (!Path::new(root).is_absolute() || root.len() > LONGEST)

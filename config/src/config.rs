@@ -1,4 +1,4 @@
-//! Loading: a draft collects layers of values, a config is what they mean once everything has been judged.
+//! Loading: a draft collects layers of values, a config is the checked result.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub struct Config {
 
 impl fmt::Debug for Config {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Robot and origins follow from the settings and would bury them.
+        // Robot and origins follow from the settings and would hide them.
         f.debug_struct("Config")
             .field("name", &self.name)
             .field("settings", &self.settings)
@@ -94,8 +94,7 @@ impl Config {
         &self.prior
     }
 
-    /// What these settings do without, or will be refused for later, although they are right; one line each,
-    /// for people.
+    /// Remarks on legal settings: what they lack, or what will refuse them later; one line each, for people.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         remarks::remarks(self)
@@ -114,7 +113,7 @@ impl Config {
     }
 }
 
-/// Layers of settings that have not been judged yet.
+/// Layers of settings that have not been checked yet.
 ///
 /// For programs that put command-line options over a file: `Draft::preset("ur5").set("loop.rate_hz",
 /// "125").finish()`.
@@ -127,7 +126,7 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Starts from a settings file; what is wrong with it is told by [`Draft::finish`].
+    /// Starts from a settings file; [`Draft::finish`] reports what is wrong with it.
     #[must_use]
     pub fn file(path: impl AsRef<Path>) -> Self {
         let path = path.as_ref();
@@ -227,7 +226,7 @@ impl Draft {
             let unknown_preset = problems.iter().any(|p| matches!(p, Problem::UnknownPreset { .. }));
             let settings = layers::settings(&found, &whole, &mut problems);
             if unknown_preset {
-                // Everything that the preset would have given is missing: one cause, one message.
+                // Without its preset every key is missing: report the one cause.
                 problems.retain(|problem| !matches!(problem, Problem::Missing { .. }));
             }
             if let Some(mut settings) = settings {

@@ -2,7 +2,7 @@
 //! only.
 //!
 //! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was
-//! judged.
+//! checked.
 
 use foretrace_control::arm::lag::Following;
 use foretrace_control::envelope::EnvelopeSettings;
@@ -77,7 +77,7 @@ impl Settings {
 }
 
 impl settings::TrustSection {
-    /// Who decides the trust, in the words of the control law.
+    /// How the trust is set, in the control law's types.
     #[must_use]
     pub fn request(&self) -> TrustRequest {
         match self.mode {
@@ -115,7 +115,7 @@ pub(crate) enum Refused {
     Learner(#[from] LearnError),
 }
 
-/// The keys behind a refusal that no single key is to blame for.
+/// The keys behind a refusal that has no single key.
 const fn keys(error: &FollowerError) -> &'static str {
     match error {
         FollowerError::Mpc(MpcError::Swings { .. }) => {
@@ -219,7 +219,7 @@ fn tracking(s: &settings::Tracking) -> TrackingSettings {
     }
 }
 
-/// The farthest that the dead time may follow, if nothing is said \[ms\].
+/// The largest dead time that following may reach, by default \[ms\].
 const FARTHEST_MS: f64 = 200.0;
 
 fn following(s: &Settings) -> Following {
@@ -229,7 +229,7 @@ fn following(s: &Settings) -> Following {
     let step_ms = f64::from(s.pen.step_ms);
     let plan_ms = s.plan_step_s() * 1e3 * f64::from(s.mpc.horizon);
     let room_ms = (MAX_PREVIEW as f64 - 2.0) * step_ms - plan_ms - s.mpc.response_ms - s.pen.stale_ms;
-    // Where there is no room for the dead time at start either, the check of the horizon says so.
+    // If there is no room for the initial dead time either, the check of the horizon reports it.
     let most_ms = room_ms.min(FARTHEST_MS).max(s.timing.dead_time_ms);
     let max_ms = s.timing.dead_time_max_ms.unwrap_or(most_ms);
     Following::Measured { max_ns: ns(max_ms), rate: s.timing.follow_rate }
@@ -245,7 +245,7 @@ fn plane(s: &Settings) -> Plane {
     }
 }
 
-/// The settings speak of the device, the tracker of the plane.
+/// Settings are in the device's frame, the tracker in the plane's.
 fn pen(s: &Settings) -> PenSettings {
     let plane = plane(s);
     let [[x_min, x_max], [y_min, y_max]] = s.pen.bounds_m;

@@ -1,6 +1,6 @@
 //! From text to settings: the default, the preset, the file and the caller's overrides, one over the other.
 //!
-//! Contract: every problem of the file is reported in one go; a key that is not in the table is a problem.
+//! Contract: all problems of the file are reported at once; a key that is not in the table is a problem.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock};
@@ -52,7 +52,7 @@ pub(crate) fn overlay(text: &str, place: &Place, found: &mut Found, problems: &m
     collect("", root, found, problems);
 }
 
-/// Judges the values and builds the settings; `None` exactly when a problem was pushed.
+/// Checks the values and builds the settings; `None` exactly when a problem was pushed.
 pub(crate) fn settings(found: &Found, whole: &Place, problems: &mut Vec<Problem>) -> Option<Settings> {
     Settings::read(&mut Reader { found, whole, problems }, "")
 }
@@ -103,7 +103,7 @@ fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut Found, problems: 
     }
 }
 
-/// What the writer of an unknown key may have meant.
+/// Suggests the key that may have been meant.
 fn hint(at: &str, name: &str) -> String {
     let here = table().keys.iter().filter(|key| key.section == at);
     let bare = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();

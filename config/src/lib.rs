@@ -1,4 +1,4 @@
-//! Settings of foretrace: as written in TOML, as meant in typed structs, judged with file and line.
+//! Settings of foretrace: read from TOML, checked with file and line, and turned into typed structs.
 //!
 //! Contract: [`Config::load`] gives settings that are complete and fit together, or *all* that is wrong with
 //! them. Units stand in the names of keys, unknown keys are errors, and what has to be tuned per installation

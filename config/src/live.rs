@@ -1,4 +1,4 @@
-//! Reloading: what of a new configuration may take effect while the arm follows.
+//! Reloading: which changes of a configuration may take effect while the arm follows.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ pub struct LiveChange {
 pub struct StartOnlyKey(pub KeyChange);
 
 impl Config {
-    /// What changes from `self`, which is in force, to `new`.
+    /// The changes from `self`, which is in force, to `new`.
     ///
     /// # Errors
     ///

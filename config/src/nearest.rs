@@ -1,13 +1,13 @@
 //! Suggestions for what the user may have meant: the nearest word, and the unit that a number looks like.
 
-/// Words of earlier versions, by what they are called now.
+/// Names of earlier versions with their present names.
 const RENAMED: [(&str, &str); 2] = [("ours", "mixture"), ("predictor.ours", "predictor.mixture")];
 
-/// What `word` is called now, or the candidate nearest to it, if it is near enough to be a slip (about a
-/// third of its letters).
+/// The present name of `word`, or the candidate nearest to it, if it is near enough to be a typing error
+/// (about a third of its letters).
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let renamed = RENAMED.iter().find(|(old, _)| *old == word).map(|(_, new)| *new);
-    // A hostile file may hold a key of megabytes: nothing that long is a slip of the pen.
+    // A hostile file may hold a key of megabytes, which is no typing error.
     const LONGEST: usize = 80;
     if word.len() > LONGEST {
         return None;
@@ -76,7 +76,7 @@ pub(crate) fn unit_of(key: &str) -> &'static str {
 
 /// The name of a key without its unit.
 pub(crate) fn without_unit(key: &str) -> &str {
-    // Also the units that foretrace does not use, because those are what people write by mistake.
+    // Also units that foretrace does not use, because people write them by mistake.
     const FOREIGN: [&str; 9] =
         ["_mm", "_cm", "_deg", "_degps", "_degrees", "_sec", "_seconds", "_mmps", "_khz"];
     UNITS
@@ -87,7 +87,7 @@ pub(crate) fn without_unit(key: &str) -> &str {
         .unwrap_or(key)
 }
 
-/// What a number outside `min..=max` of `unit` may have been meant as: `", 10 looks like ..."`.
+/// The unit that a number outside `min..=max` of `unit` may have been meant in: `", 10 looks like ..."`.
 pub(crate) fn unit_slip(value: f64, min: f64, max: f64, unit: &str) -> Option<String> {
     let slips: &[(&str, f64)] = match unit {
         "m" | "m/s" | "m/s^2" | "m/s^3" => &[("mm", 1e-3)],

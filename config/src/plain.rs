@@ -1,13 +1,13 @@
 //! Text that others wrote, made safe to print: file names, settings, robot descriptions, words of peers.
 //!
-//! A terminal obeys escape sequences and reorders text at bidirectional controls, so a name can hide what
-//! stands beside it, or write what was never said. What is printed or logged goes through here, escaped as
-//! TOML and JSON do (`\u001B`).
+//! A terminal obeys escape sequences and reorders text at bidirectional controls, so a name can hide the text
+//! beside it, or forge a message. What is printed or logged goes through here, escaped as TOML and JSON do
+//! (`\u001B`).
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// `text` on one line, with every character written out that a terminal would act upon.
+/// `text` on one line, with every character escaped that a terminal would act on.
 #[must_use]
 pub fn plain(text: &str) -> Cow<'_, str> {
     escaped(text, acts)

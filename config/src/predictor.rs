@@ -1,7 +1,7 @@
 //! The predictors: sizes and learning rules from the settings, trained networks and the start of refinement
 //! from their files.
 //!
-//! Contract: networks are loaded and judged when the settings are, so that a daemon that starts has networks
+//! Contract: networks are loaded and checked with the settings, so that a daemon that starts has networks
 //! that fit.
 
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use crate::written::Node;
 
 impl Value for PredictorKind {
     fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
-        // Whatever is legal by the rule is a name of the registry.
+        // The key's rule only accepts names of the registry.
         word(node, rule, problems).and_then(Self::from_name)
     }
 

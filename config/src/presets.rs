@@ -8,7 +8,7 @@ const PRESETS: &[(&str, &str)] =
 const ROBOTS: &[(&str, &str)] =
     &[("ur5", include_str!("../robots/ur5.urdf")), ("ur5e", include_str!("../robots/ur5e.urdf"))];
 
-/// The text of a preset, with its comments, as it stands; it may name another preset that it is put over.
+/// The text of a preset with its comments; it may name another preset as its base.
 #[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
     PRESETS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)

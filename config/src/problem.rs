@@ -102,7 +102,7 @@ pub enum Problem {
         key: String,
         /// Its section.
         section: String,
-        /// A line that would do.
+        /// An example line.
         example: String,
         /// What is legal.
         legal: String,

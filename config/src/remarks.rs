@@ -1,4 +1,5 @@
-//! What right settings cost, do without, or will be refused for later; one line each, for people.
+//! Remarks on legal settings: what they cost or lack, or what will refuse them later; one line each, for
+//! people.
 
 use foretrace_control::arm::Chain;
 use foretrace_control::follower::{FollowerSettings, Refusal};
@@ -10,9 +11,9 @@ use crate::predictor::NO_NETWORK;
 use crate::robot::JOINTS;
 use crate::settings::Settings;
 
-/// A limit that is lowered by less than this share is not worth a line.
+/// A limit that is lowered by less than this share is not reported.
 const WORTH: f64 = 0.01;
-/// Behind the rate of the presets plans are coarser.
+/// Below the presets' rate, plans are coarser.
 const USUAL_HZ: u32 = 500;
 
 pub(crate) fn remarks(config: &Config) -> Vec<String> {
@@ -25,7 +26,7 @@ pub(crate) fn remarks(config: &Config) -> Vec<String> {
     remarks
 }
 
-/// Says what a slow loop costs.
+/// Reports the cost of a slow loop.
 fn rate(settings: &Settings) -> Option<String> {
     let rate_hz = settings.control_loop.rate_hz;
     (rate_hz < USUAL_HZ).then(|| {
@@ -38,7 +39,7 @@ fn rate(settings: &Settings) -> Option<String> {
     })
 }
 
-/// Says which limits of the plan are not the ones that were asked for.
+/// Reports limits of the plan that are lowered to what the joints allow.
 fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
     let limits = match settings.mpc.horizon {
         10 => law.plan_limits::<10>(),
@@ -66,7 +67,7 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
     remarks
 }
 
-/// Says where `mixture` has to do without a network that nobody renounced.
+/// Reports a `mixture` without a network that the settings did not switch off.
 fn network(settings: &Settings, models: &Models) -> Option<String> {
     let Settings { predictor, pen, .. } = settings;
     let renounced = predictor.mixture.network.is_some();
@@ -87,8 +88,7 @@ fn network(settings: &Settings, models: &Models) -> Option<String> {
     ))
 }
 
-/// Says that an arm that stands at home, as the simulated one does, will not be armed there: home, pen and
-/// paper do not go together.
+/// Reports a home posture at which the arm cannot be armed, as home, pen and paper do not fit together.
 fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
     let refusal = law.may_arm_at(home).err()?;
     let kinematics = law.chain.forward(home);
@@ -107,8 +107,7 @@ fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> 
                  safety.arm_workspace_margin_m = {margin}"
             )
         }
-        // What else can be wrong with a place is outside of joint limits, which is told where the limits are
-        // read.
+        // Home outside the joint limits is reported where the limits are read.
         _ => return None,
     };
     Some(format!(
@@ -117,7 +116,7 @@ fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> 
     ))
 }
 
-/// Says that keeping clear of itself is on and has nothing, or not everything, to keep clear.
+/// Reports self-clearance that is on while some or all links have no shape.
 fn shapeless(settings: &Settings, chain: &Chain<JOINTS>) -> Option<String> {
     if !settings.clearance.itself {
         return None;

@@ -1,4 +1,4 @@
-//! Showing: the settings in force as a commented file, and the table of keys for the documents.
+//! Rendering: the settings in force as a commented file, and the table of keys for the documents.
 
 use std::fmt::Write as _;
 
@@ -17,8 +17,7 @@ pub fn keys() -> &'static [Key] {
 }
 
 impl Config {
-    /// The settings in force as TOML with comments, each value with where it comes from. Reads back as the
-    /// same settings.
+    /// The settings in force as TOML with comments, each value with its origin. Loads as the same settings.
     #[must_use]
     pub fn render(&self) -> String {
         let values = values(self.settings());
@@ -140,8 +139,8 @@ fn one_line(text: &str) -> String {
 }
 
 /// A preset's text: its own head (the comment up to the first empty line), then every key with its comment;
-/// keys that the preset leaves alone stand as comments. A preset that names another has only what it puts
-/// over that.
+/// keys that the preset does not set are commented out. A preset with a base has only the keys that it
+/// changes.
 #[cfg(test)]
 pub(crate) fn commented(text: &str, config: &Config) -> String {
     let values = values(config.settings());

@@ -1,7 +1,8 @@
 //! The arm: URDF and settings folded into one chain with one set of limits, and a writing plane it can reach.
 //!
-//! Contract: of two limits the narrower counts. Every corner of the workspace, at both ends of its height, is
-//! reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to tool.
+//! Contract: of two limits the narrower one holds. Every corner of the workspace, at both ends of its height,
+//! is reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to
+//! tool.
 
 use foretrace_control::arm::{Chain, ChainError, JointLimits, LimitError};
 use foretrace_control::clearance::ClearanceSettings;
@@ -62,15 +63,15 @@ pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Ro
         }
     }
     let clearance = clearance(settings, &chain, &limits, &home, report);
-    // Reach is only worth judging from a legal home in a legal plane.
+    // Reach is only checked from a legal home in a legal plane.
     if report.problems.len() == before {
         reach(&settings.plane, &chain, &limits, &home, report);
     }
     (report.problems.len() == before).then_some(Robot { chain, limits, home, clearance })
 }
 
-/// A preset's tool belongs to the preset's arm: under a description or a tip link of one's own it would be a
-/// pen too many.
+/// A preset's tool belongs to the preset's arm: with another description or tip link it would be a second
+/// pen.
 fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
     let preset = |key: &str| {
         report.found.get(key).is_none_or(|node| matches!(node.place, Place::Preset { .. } | Place::Default))
@@ -244,7 +245,7 @@ fn reach(
     let [x_range, y_range, z_range] = plane.workspace_m;
     let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
     let centre = [middle(x_range), middle(y_range), plane.lift_height_m];
-    // Corners are reached by way of the middle, lifted, as the arm itself would come.
+    // Corners are reached via the lifted middle, as the arm itself would.
     let Some(over) = at(home, centre) else {
         report.conflict(
             "plane.origin_m",

@@ -1,5 +1,4 @@
-//! The table of keys: each key is declared once, and reading, judging, showing and documenting all follow
-//! from that.
+//! The table of keys: each key is declared once; reading, checking, showing and documentation follow from it.
 //!
 //! Contract: a `section!` declares a struct of settings *as meant* together with the rule for each key *as
 //! written* (legal range, needed or not, live or only at start, a good starting point). The unit is the
@@ -27,14 +26,14 @@ pub enum Legal {
     Text,
 }
 
-/// Must a key be written?
+/// Whether a key must be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Presence {
     /// By the file or its preset: what has to be tuned per installation has no default.
     Required,
     /// Otherwise this value (as TOML).
     Default(&'static str),
-    /// May stay away; the meaning says what happens then.
+    /// May be absent; the meaning says what happens then.
     Optional,
 }
 
@@ -73,9 +72,9 @@ pub struct Key {
     pub legal: Legal,
     /// Shape and range in words, for example `3 numbers, -10 to 10 m`.
     pub legal_text: String,
-    /// Must it be written?
+    /// Whether it must be written.
     pub presence: Presence,
-    /// When does it take effect?
+    /// When a change takes effect.
     pub change: Change,
     /// A good starting point, and why.
     pub start_with: &'static str,
@@ -143,7 +142,7 @@ impl Legal {
     }
 }
 
-/// Very small and very large numbers are easier to read by their exponent.
+/// Very small and very large numbers are shown with an exponent.
 fn short(number: f64) -> String {
     let size = number.abs();
     if size != 0.0 && !(1e-4..1e6).contains(&size) { format!("{number:e}") } else { number.to_string() }
@@ -168,7 +167,7 @@ pub(crate) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads one key, judging it by its rule.
+    /// Reads one key and checks it by its rule.
     pub(crate) fn key<V: Value>(&mut self, at: &str, field: &Field) -> Option<V> {
         let path = joined(at, field.name);
         let rule =
@@ -190,7 +189,7 @@ impl Reader<'_> {
     }
 }
 
-/// How to judge one value.
+/// How to check one value.
 #[derive(Clone, Copy)]
 pub(crate) struct Rule<'a> {
     pub(crate) key: &'a str,
@@ -221,7 +220,7 @@ macro_rules! section {
         impl $crate::schema::Section for $Name {
             #[allow(unused_variables)]
             fn read(reader: &mut $crate::schema::Reader<'_>, at: &str) -> Option<Self> {
-                // Every key is read before the first `?`: all problems are reported in one go.
+                // Every key is read before the first `?`, so that all problems are reported at once.
                 $( let $field = reader.key::<$Type>(at, &$crate::schema::Field {
                     name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal,
                         presence: $presence,

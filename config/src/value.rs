@@ -1,6 +1,6 @@
 //! Values of keys: one reader and one writer per Rust type.
 //!
-//! Contract: `read` judges by the rule of the key and pushes one problem per wrong element; what `write`
+//! Contract: `read` checks by the rule of the key and pushes one problem per wrong element; what `write`
 //! gives reads back as the same value, bit for bit.
 
 use crate::nearest::{nearest, unit_slip};
@@ -185,7 +185,7 @@ fn elements<V: Value>(list: &[Node], rule: &Rule<'_>, problems: &mut Vec<Problem
             let before = problems.len();
             let value = V::read(node, &Rule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems);
             if list.iter().take(i).any(|earlier| earlier.text == node.text) {
-                // The same mistake in every element is one mistake.
+                // The same mistake in every element is reported once.
                 problems.truncate(before);
             }
             value

@@ -1,7 +1,7 @@
 //! A settings file as written: TOML parsed into nodes that remember where they stand.
 //!
-//! Contract: nothing is judged here but the syntax. Every value, also inside an array, keeps its source, its
-//! line and its text, so that whoever judges it later can point at it. No panic on any input.
+//! Contract: only the syntax is checked here. Every value, also inside an array, keeps its source, line and
+//! text, so that later checks can point at it. No panic on any input.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -85,7 +85,8 @@ impl Raw {
     }
 }
 
-/// Lines with errors of syntax that are told one by one: one open bracket makes all that follow wrong.
+/// Largest number of lines with syntax errors that are reported one by one: an open bracket makes all that
+/// follow wrong.
 const SYNTAX_ERRORS: usize = 8;
 
 /// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
@@ -120,7 +121,7 @@ pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> V
         );
         problems.push(Problem::Syntax { place: at_line(place, line), what });
     }
-    // A broken line leaves half-read values behind: judging them would bury the cause under its consequences.
+    // A broken line leaves half-read values: checking them would hide the cause among its consequences.
     if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }
 }
 

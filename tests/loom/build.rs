@@ -1,8 +1,6 @@
-//! Puts the very code that is shipped under loom: the ring's source as cargo fetched it, and the daemon's
-//! hand-over.
+//! Builds the shipped code under loom: the ring's source as cargo fetched it, and the daemon's hand-over.
 //!
-//! All that is changed in the text are paths: where atomics come from, and where the ring and its parts now
-//! stand.
+//! Only paths in the text are changed: those of the atomics, and those of the ring and its parts.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -39,7 +37,7 @@ fn main() {
     write(&out.join("handover.rs"), &body(handover).replace("use rtrb::", "use crate::rtrb::"));
 }
 
-/// A source file without what may only stand at the head of a file: it is put into a module.
+/// A source file without inner attributes, because it is put into a module.
 fn body(path: &Path) -> String {
     println!("cargo::rerun-if-changed={}", path.display());
     let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -56,7 +54,7 @@ fn body(path: &Path) -> String {
 fn ring_source() -> PathBuf {
     let cargo = env::var_os("CARGO").expect("cargo names itself");
     let target = env::var("TARGET").expect("cargo sets TARGET");
-    // Without the filter, packages of other systems would be missing: nobody ever fetched them.
+    // Without the filter, packages for other systems would be missing, which were never fetched.
     let words = ["metadata", "--format-version", "1", "--locked", "--offline", "--filter-platform", &target];
     let output = Command::new(cargo).args(words).output();
     let metadata =

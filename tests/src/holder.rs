@@ -1,5 +1,5 @@
-//! A process that attaches and does nothing; or takes a place for operators and keeps it, as no program of
-//! ours does any more.
+//! A process that attaches and does nothing; or takes a place for operators and keeps it, which no program of
+//! ours does.
 //!
 //! Contract: `hold-node` and `hold-place`, with `--instance=N --root=DIR`, print one line once they have it,
 //! then sleep for an hour.

@@ -1,7 +1,7 @@
 //! Judges joint commands as a hardware interface would, from the messages alone.
 //!
 //! Contract: shares no code with the guard, the arm or `CommandChecker`: limits, stamps and the consumer's
-//! rule are written down here once more. Counts and keeps the first examples, never alters. Absent: jerk,
+//! rule are defined here independently. Counts and keeps the first examples, never alters. Absent: jerk,
 //! which the preset does not limit.
 
 use std::collections::VecDeque;
@@ -19,7 +19,7 @@ const TURN: f64 = std::f64::consts::TAU;
 pub const VELOCITY: f64 = 3.1;
 /// \[rad/s²\]
 pub const ACCELERATION: f64 = 40.0;
-/// What the arm brakes with when commands stay away [rad/s²]: `robot.stale_deceleration_radps2`.
+/// Deceleration of an arm without commands [rad/s²]: `robot.stale_deceleration_radps2`.
 const DECELERATION: f64 = 20.0;
 /// A command may begin this far from where the arm was measured last before it was sent \[rad\].
 const BEGIN_RAD: f64 = 0.02;
@@ -31,9 +31,9 @@ const ROUNDING_RAD: f64 = 1e-9;
 const AHEAD_NS: u64 = 20_000_000;
 const VALID_NS: u64 = 1_000_000_000;
 const EXAMPLES: usize = 5;
-/// States kept: what a recorder that sleeps for a second may find at once.
+/// States kept: as many as a recorder may find after a second without CPU time.
 const STATES: usize = 1024;
-/// Where states are missing for longer than this, nobody knows where the arm was in between \[ns\].
+/// Longest gap in the states across which the arm's position counts as known \[ns\].
 const GAP_NS: u64 = 50_000_000;
 
 /// Memory and findings of one judge.
@@ -57,13 +57,13 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// What the arm says about itself, for the next command that begins.
+    /// Records the arm's state, for the next first command.
     pub fn state(&mut self, state: &JointState) {
         let stamp_ns = state.header.stamp_ns;
         if state.q.iter().any(|q| !q.is_finite()) {
             return self.measured.clear();
         }
-        // Before the first command nobody led the arm.
+        // Before the first command the arm had no commands.
         if self.seen > 0 {
             self.tip.see(&state.q);
         }
@@ -150,8 +150,7 @@ impl Judge {
 
     /// A first command stands where the arm stands.
     fn begin(&mut self, command: &JointCommand, broken: &mut Vec<&str>) {
-        // A recorder that was kept asleep reads states that are newer than the command: those say where it
-        // has led to.
+        // A delayed recorder reads states that are newer than the command: they already show its effect.
         let sent_ns = command.published_ns;
         let Some(place) = self.measured.iter().rposition(|(stamp_ns, _)| *stamp_ns <= sent_ns) else {
             self.begins_unjudged += 1;
@@ -194,7 +193,8 @@ impl Judge {
             let slow = v0.min(v1).min(rest) * span - ROUNDING_RAD;
             let quick = v0.max(v1).max(rest) * span + ROUNDING_RAD;
             torn |= !(slow <= way && way <= quick);
-            // Seen by who obeys: at the moment of sending, the old line and the new one are this far apart.
+            // As the consumer sees it: at the moment of sending, the old line and the new one are this far
+            // apart.
             let apart = (way - v1 * left - v0 * to_switch).abs();
             let allowed = ACCELERATION * span * (to_switch.abs() + span) + ROUNDING_RAD;
             jump |= !(apart <= allowed);
@@ -227,9 +227,8 @@ impl Judge {
     }
 }
 
-/// True when an arm that hears nothing after this command leaves its position limits: it goes on until the
-/// command is no longer valid, then brakes. A joint that is beyond a limit already is not judged by that one
-/// again.
+/// True when an arm without further commands would leave its position limits: it goes on until the command is
+/// no longer valid, then brakes. A joint that is beyond a limit already is not judged by that one again.
 fn ends_outside(command: &JointCommand) -> bool {
     let gliding = command.valid_until_ns.saturating_sub(command.header.stamp_ns) as f64 * 1e-9;
     command.q.iter().zip(command.qd).zip(POSITION_RAD).any(|((q, qd), limit)| {

@@ -1,4 +1,4 @@
-//! A process that says what an instance has left behind, as the user to whom it belongs.
+//! A process that reports what an instance has left behind, as the user that owns it.
 //!
 //! Contract: `leftovers --instance=N --root=DIR` prints `alive`, `dead`, `damaged`, `held`, `segments`.
 

@@ -1,4 +1,4 @@
-//! Helpers of the process-level tests: a world of its own per test, and processes that never outlive it.
+//! Helpers of the process-level tests: an isolated world per test, whose processes never outlive it.
 //!
 //! Contract: two tests at a time on this machine, or one that asks to be alone ([`turn`]), each with its own
 //! root, number and names in /dev/shm. All processes are killed and everything is removed when the [`World`]
@@ -58,7 +58,7 @@ impl World {
         Self::made(program, is_set("FORETRACE_TESTS_AS_ROOT"), Turn::beside_another())
     }
 
-    /// The same with no other test beside it: for what measures, and for what needs all cores.
+    /// The same with no other test beside it: for tests that measure or need all cores.
     ///
     /// # Panics
     /// As above.
@@ -137,7 +137,7 @@ impl World {
     /// This test's instance, for `World::state` and others that look into it.
     ///
     /// # Panics
-    /// The path is illegal, which it is not.
+    /// The path is illegal, which cannot happen.
     #[must_use]
     pub fn instance(&self, other: u32) -> Instance {
         Instance::at(self.number + other, self.root(other)).expect("a short plain path")
@@ -193,7 +193,7 @@ impl World {
         until("the daemon arms", || {
             arm.expect_alive();
             let asked = self.run(other, &["request", "arm"]);
-            // Refused for the time being, or no answer yet; anything else will not change by waiting.
+            // A transient refusal, or no answer yet; other errors are final.
             assert!(matches!(asked.status.code(), Some(0 | 1 | 4)), "{}", told(&asked));
             asked.status.success().then_some(())
         });
@@ -212,7 +212,7 @@ impl World {
         self.start_plain(&words).output()
     }
 
-    /// What `foretrace status --json -` says.
+    /// The output of `foretrace status --json -`.
     ///
     /// # Panics
     /// It says nothing.
@@ -253,7 +253,7 @@ impl World {
         command.args(arguments).current_dir(&self.folder);
         command.env_remove("XDG_RUNTIME_DIR").env("HOME", &self.folder);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // What goes through other programs changes its user by them.
+        // With a prefix, the prefix changes the user.
         if let Some(user) = user
             && self.through.is_empty()
         {

@@ -1,4 +1,4 @@
-//! A process that writes down every pen sample, command and tick record that passes through an instance.
+//! A process that records every pen sample, command and tick record of an instance.
 //!
 //! Contract: `observe SECONDS --instance=N --root=DIR` prints one JSON object: `pens` \[sequence, device
 //! stamp\], `commands` \[tick, pen sequence, pen stamp, published\], `ticks` (see `tick`), `lost`. Part of
@@ -51,7 +51,7 @@ fn run(arguments: &[String]) -> Result<Value, Box<dyn std::error::Error>> {
     Ok(json!({ "pens": pens, "commands": sent, "ticks": ticks, "lost": lost }))
 }
 
-/// What a tick record says about the chain.
+/// The fields of a tick record about the chain.
 fn tick(record: &TickRecord) -> Value {
     let chain = record.chain;
     let known = |ns: u64| (ns != u64::MAX).then_some(ns);

@@ -1,8 +1,8 @@
 //! The demo's report as a browser sees it: every tag, every figure with its place in the JSON, nothing from
 //! outside.
 //!
-//! Contract: reads the HTML strictly, as XML but for the void elements that HTML knows; whatever is not well
-//! formed is a panic that says where.
+//! Contract: reads the HTML strictly, as XML but for the void elements that HTML knows; malformed HTML is a
+//! panic with its place.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use serde_json::Value;
 
 const VOID: [&str; 2] = ["meta", "br"];
 
-/// What the page says.
+/// The contents of the page.
 #[derive(Debug, Default)]
 pub struct Page {
     /// Text of every `<desc>`: the pictures' figures.

@@ -1,4 +1,4 @@
-//! Processes of a test, and waiting for them: never without end.
+//! Processes of a test, and waiting for them with a bound.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -78,8 +78,7 @@ impl Process {
         Some((status, text))
     }
 
-    /// What can be told of it when a test failed: where its threads wait, or how it ended, and everything it
-    /// said. Kills it.
+    /// Diagnosis for a failed test: where its threads wait, or how it ended, and all its output. Kills it.
     ///
     /// # Panics
     /// It cannot be waited for.
@@ -116,7 +115,7 @@ impl Process {
         .into_iter()
         .flatten()
         {
-            // Whoever inherited the pipe must not hold the test: no more than a pipe holds.
+            // A process that inherited the pipe must not block the test: reads no more than a pipe holds.
             let mut bytes = Vec::new();
             let _ = pipe.take(1 << 16).read_to_end(&mut bytes);
             told += &format!("\n{}", String::from_utf8_lossy(&bytes));
@@ -158,7 +157,7 @@ impl Process {
     /// It hangs.
     #[must_use]
     pub fn output(mut self) -> Output {
-        // Pipes hold 64 KiB: readers of their own keep the child from waiting for us.
+        // Pipes hold 64 KiB: reader threads keep the child from blocking.
         let read = |pipe: Option<Box<dyn Read + Send>>| {
             std::thread::spawn(move || {
                 let mut bytes = Vec::new();
@@ -190,7 +189,7 @@ impl Drop for Process {
 /// Asks until there is an answer.
 ///
 /// # Panics
-/// There is none within a minute.
+/// No answer within a minute.
 pub fn until<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
     let since = Instant::now();
     loop {
@@ -213,8 +212,7 @@ pub fn told(output: &Output) -> String {
     )
 }
 
-/// Asserts that the program failed with `code`, said so in one sentence that holds all `words`, and did not
-/// panic.
+/// Asserts that the program failed with `code` and one sentence that holds all `words`, and did not panic.
 ///
 /// # Panics
 /// It did something else.
@@ -230,7 +228,7 @@ pub fn assert_refused(output: &Output, code: i32, words: &[&str]) {
 /// A process' own JSON report.
 ///
 /// # Panics
-/// There is none.
+/// No report.
 #[must_use]
 pub fn json(file: &Path) -> Value {
     let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));

@@ -1,4 +1,4 @@
-//! A process that sees and judges every joint command of an instance, whatever dies around it.
+//! A process that reads and judges every joint command of an instance, whatever other processes die.
 //!
 //! Contract: `recorder UNTIL --instance=N --root=DIR` reads commands as they lie in shared memory, without
 //! the receipt checks of foretrace-shm, and prints one JSON object per line: `at`, `mode`, `pen`, `published`
@@ -90,7 +90,7 @@ fn run(arguments: &[String]) -> Result<(), Box<dyn Error>> {
             if Path::new(until).exists() {
                 break;
             }
-            // Without a daemon there is nothing to do but look again.
+            // Without a daemon, retries.
             if let Ok(Attachment::Renewed) = foretrace.reattach_if_needed() {
                 // The old ports hold places that the new ones need.
                 tap = None;

@@ -1,4 +1,4 @@
-//! Another user beside the one that a world's processes run as, to try what strangers may do.
+//! A second user beside the one that a world's processes run as, to test what other users may do.
 
 use crate::{Process, World, runs_as, skipped};
 

@@ -1,7 +1,7 @@
-//! Where the tip of the preset `ur5`'s pen is, worked out from measured joints once more.
+//! Position of the tip of the preset `ur5`'s pen, computed independently from measured joints.
 //!
 //! Contract: shares no code with the control law: Denavit-Hartenberg parameters of the UR5, the preset's pen
-//! and plane are written down here. Keeps extremes, never alters.
+//! and plane are defined here. Keeps extremes, never alters.
 
 use foretrace_shm::JOINTS;
 use serde_json::{Value, json};

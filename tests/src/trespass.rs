@@ -1,4 +1,4 @@
-//! A process that tries to get into files that are not its own.
+//! A process that tries to access files of another user.
 //!
 //! Contract: `trespass PATH...` tries each path for reading, for writing without changing it, as a folder and
 //! as a socket, and prints `user`, `entered` (what worked), `denied` (attempts that the system forbade) and

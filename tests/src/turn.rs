@@ -1,4 +1,4 @@
-//! Who may start programs now. The machine has two places: a test takes one, a test that measures or computes
+//! Turns of the tests on the machine. It has two places: a test takes one, a test that measures or computes
 //! takes both.
 
 use std::fs::{File, TryLockError};

@@ -40,7 +40,7 @@ pub(crate) fn attach_within(instance: &Instance, wait: Duration) -> Result<Foret
     Foretrace::attach_within(instance, wait).map_err(unattached)
 }
 
-/// What a service's error means for the person at the keyboard.
+/// Translates an error of a service into a message with a remedy.
 pub(crate) fn unattached(error: ServiceError) -> Failure {
     let cause = match error {
         ServiceError::NoDaemon { .. } => Cause::NoDaemon,
@@ -49,12 +49,12 @@ pub(crate) fn unattached(error: ServiceError) -> Failure {
     Failure::new(cause, error, "")
 }
 
-/// Keeps an eye on the daemon for programs that outlive it.
+/// Watches the daemon for programs that outlive it.
 #[derive(Debug)]
 pub(crate) struct Lookout {
     next: Instant,
     away: bool,
-    /// Handles could not be made anew yet.
+    /// New handles could not be made yet.
     again: bool,
 }
 
@@ -67,7 +67,7 @@ pub(crate) enum News {
     Gone,
     /// A daemon is back, and the handles work on.
     Back,
-    /// A daemon is back, and all handles must be made anew.
+    /// A daemon is back, and all handles must be recreated.
     Renewed,
 }
 
@@ -76,7 +76,7 @@ impl Lookout {
         Self { next: Instant::now() + LOOK_EVERY, away: false, again: false }
     }
 
-    /// The new handles could not be made: the next look says so once more.
+    /// The new handles could not be made: the next look reports it again.
     pub(crate) fn again(&mut self) {
         self.again = true;
     }
@@ -98,7 +98,7 @@ impl Lookout {
                 self.away = false;
                 if back { News::Back } else { News::None }
             }
-            // Whatever stands in the way of a new daemon may pass: keep looking.
+            // The obstacle may be transient: keep looking.
             Err(_) if self.away => News::None,
             Err(_) => {
                 self.away = true;

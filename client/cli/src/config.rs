@@ -1,4 +1,4 @@
-//! `foretrace config`: judge a settings file, or show the settings in force.
+//! `foretrace config`: check a settings file, or show the settings in force.
 
 use std::path::PathBuf;
 
@@ -12,15 +12,15 @@ use crate::shapes::{self, ShapesArgs};
 /// `foretrace config ...`
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum ConfigCommand {
-    /// Judge a settings file: every problem with line, key, value and legal range
+    /// Check a settings file: every problem with line, key, value and legal range
     Check {
         /// Settings file (TOML)
         file: PathBuf,
     },
     Shapes(ShapesArgs),
-    /// Print the settings in force as a commented TOML file, each value with where it comes from
+    /// Print the settings in force as a commented TOML file, each value with its origin
     ///
-    /// The output reads back as the same settings: redirect it to begin a file of your own.
+    /// The output loads as the same settings: redirect it to start a file of your own.
     Show {
         /// A preset, as with --preset: ur5 or ur5e
         #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"],

@@ -7,12 +7,12 @@ use crate::settings::{SettingsArgs, wrong};
 
 /// Run the real-time daemon in the foreground
 ///
-/// It creates the instance's shared memory, waits for an arm and a pen, moves nothing before it is asked to
-/// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reads the settings
-/// again. Without real-time rights it runs on and says which are missing.
+/// It creates the instance's shared memory, waits for an arm and a pen, moves nothing until it is asked to
+/// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reloads the settings.
+/// Without real-time rights it runs on and reports which ones are missing.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DaemonArgs {
-    /// Ticks per second: 125, 250, 500 or 1000; the grid step follows where it has to
+    /// Rate of the loop [Hz]: 125, 250, 500 or 1000; the grid step is adapted where necessary
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
@@ -20,7 +20,7 @@ pub(crate) struct DaemonArgs {
     #[arg(long)]
     no_rights: bool,
 
-    /// What to log on stderr: error, warn, info, debug
+    /// Log level on stderr: error, warn, info, debug
     #[arg(long, value_name = "FILTER", default_value = "info")]
     log: String,
 

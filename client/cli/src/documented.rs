@@ -1,4 +1,4 @@
-//! Every command line of the documents is one that the program takes.
+//! Checks that the program accepts every command line in the documents.
 //!
 //! Lines of shell blocks must parse as they stand. Mentions in the text may leave out what is required
 //! (`foretrace request`), but not name commands or options that do not exist. Placeholders in capitals are
@@ -43,8 +43,7 @@ pub(crate) fn documents() -> Vec<(String, String)> {
     found
 }
 
-/// The words of a line as a shell makes them of it: what stands in quotes is one, and what begins a comment
-/// or goes to another program or file ends it.
+/// The words of a line as a shell splits it: quotes make one word; a comment, pipe or redirection ends it.
 fn words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
     for character in line.chars() {
@@ -99,7 +98,7 @@ fn lines(place: &str, text: &str) -> Vec<Line> {
     found
 }
 
-/// What a reader would put in the place of a word in capitals.
+/// An example value for a placeholder in capitals.
 fn filled(word: &str) -> &str {
     match word {
         "NAME" => "mixture",

@@ -1,4 +1,4 @@
-//! What the program says and returns when it cannot do what was asked.
+//! Failures of the program: the message and the exit code.
 //!
 //! Contract: one line on stderr, `foretrace: what was wrong; what to do`, and one of the exit codes below.
 

@@ -1,7 +1,7 @@
-//! What the prediction saves, out of a status: the loop beside its ghost, which only held (trust 0).
+//! What the prediction saves, from a status: the loop beside its ghost, which runs at trust 0.
 //!
-//! Contract: figures as the daemon measured them, nothing is computed anew but differences; what is not known
-//! is null in JSON and a dash in words.
+//! Contract: figures as the daemon measured them, only differences are computed; an unknown value is null in
+//! JSON and a dash in words.
 
 use foretrace_client::{GhostState, Status, Tracking};
 use serde::Serialize;

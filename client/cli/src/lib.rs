@@ -83,11 +83,11 @@ enum Command {
     Status(status::StatusArgs),
     Bench(bench::BenchArgs),
     Doctor(doctor::DoctorArgs),
-    /// The paper's experiments on a data set
+    /// Train, rank and benchmark predictors, and repeat the paper's experiments
     #[cfg(feature = "lab")]
     #[command(subcommand)]
     Lab(lab::LabCommand),
-    /// Judge a settings file, show the settings in force, or propose shapes for the links of an arm
+    /// Check a settings file, show the settings in force, or propose shapes for the links of an arm
     #[command(subcommand)]
     Config(config::ConfigCommand),
 }

@@ -1,8 +1,7 @@
 //! `foretrace move home`: let the daemon move the arm home, and stay until it is there.
 //!
-//! Contract: moves nothing without `--yes` or a `yes` on the terminal. Who leaves stops the arm: on Ctrl-C,
-//! and where the answer or the status stays away, it is stopped by the way that needs nothing of the
-//! middleware.
+//! Contract: moves nothing without `--yes` or a `yes` on the terminal. Leaving stops the arm: on Ctrl-C, and
+//! if the answer or the status does not come, it is stopped in the way that needs no middleware.
 
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -20,13 +19,13 @@ use crate::request::refused;
 use crate::settings::InstanceArgs;
 use crate::stopped;
 
-/// Longer than the daemon lets anybody wait.
+/// Longer than the daemon's own limit for an answer.
 const ANSWER: Duration = Duration::from_secs(3);
 /// Longest wait for a status, and for the confirmation of a stop.
 const PATIENCE: Duration = Duration::from_secs(2);
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// An arm whose farthest joint is so near is at home [rad]: as far as the presets let an arm be from its
-/// commands.
+/// Largest distance of a joint at which the arm counts as home [rad]: the presets' bound on the tracking
+/// error.
 const AT_HOME_RAD: f64 = 0.02;
 
 /// `foretrace move ...`
@@ -37,10 +36,11 @@ pub(crate) enum MoveCommand {
 
 /// Move the arm home from where it stands, slowly and straight in joint space
 ///
-/// No joint is faster than 0.25 rad/s. The daemon looks along the whole way before anything moves: where the
-/// arm would come too near itself, a plane or a box of [clearance], it refuses and names it. What is not in
-/// the settings, people among it, it does not see: stand at the arm's own stop button. Ctrl-C stops the arm,
-/// as `foretrace request stop` does. At home the arm is let go of; `foretrace request arm` takes it over.
+/// No joint is faster than 0.25 rad/s. The daemon checks the whole path before anything moves: if the arm
+/// would come too near itself, a plane or a box of [clearance], it refuses and names the obstacle. It does
+/// not see what is not in the settings, people among them: stand at the arm's own stop button. Ctrl-C stops
+/// the arm, as `foretrace request stop` does. At home the arm is disarmed; `foretrace request arm` takes it
+/// over.
 #[derive(Debug, clap::Args)]
 pub(crate) struct HomeArgs {
     /// Move without asking on the terminal
@@ -93,7 +93,7 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
     let begin = Instant::now();
     let answered = requests.move_home(ANSWER);
     if let Err(error @ (RequestError::NoAnswer(_) | RequestError::NotConnected(_))) = answered {
-        // It may move all the same.
+        // It may move nevertheless.
         return Err(halted(&instance, Cause::Failed, &refused(&error).to_string()));
     }
     answered.map_err(|error| refused(&error))?;
@@ -138,12 +138,12 @@ fn halted(instance: &Instance, cause: Cause, why: &str) -> Failure {
 struct Moving<'a> {
     instance: &'a Instance,
     interrupt: &'a Interrupt,
-    /// When the daemon had answered: older statuses tell of before.
+    /// When the daemon answered; older statuses are from before the motion.
     since_ns: u64,
 }
 
 impl Moving<'_> {
-    /// Waits until it is at home; what is left then.
+    /// Waits until it is at home; returns the remaining distance.
     fn watch(&self, reader: &mut StatusReader) -> Result<WayHome, Failure> {
         let (mut heard, mut told) = (Instant::now(), Instant::now());
         loop {
@@ -152,7 +152,7 @@ impl Moving<'_> {
             }
             let Some(status) = reader.next_within(LOOK_EVERY) else {
                 if heard.elapsed() > PATIENCE {
-                    return Err(halted(self.instance, Cause::Failed, "the daemon fell silent"));
+                    return Err(halted(self.instance, Cause::Failed, "the daemon stopped reporting"));
                 }
                 continue;
             };
@@ -172,7 +172,7 @@ impl Moving<'_> {
     }
 }
 
-/// What an arm that does not move home any more came to.
+/// Why an arm no longer moves home.
 fn ended(status: &Status) -> Result<WayHome, Failure> {
     let way = status.way_home;
     let left = format!("{:.2} rad from home", way.farthest_rad);

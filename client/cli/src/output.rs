@@ -1,7 +1,7 @@
-//! Where words and results go: people read stdout, machines read the JSON file.
+//! Output for people (stdout) and for machines (the JSON file).
 //!
-//! Contract: with `--json -` stdout carries the JSON and nothing else, and every word goes to stderr. A
-//! reader who closes the pipe ends the program quietly; no write ever panics.
+//! Contract: with `--json -` stdout carries the JSON and nothing else, and all text goes to stderr. A reader
+//! who closes the pipe ends the program quietly; no write ever panics.
 
 use std::borrow::Cow;
 use std::fmt::Arguments;
@@ -92,7 +92,7 @@ impl JsonArgs {
     }
 }
 
-/// JSON on stdout. It may be a terminal: what one acts upon is written out, which means the same.
+/// JSON on stdout. It may be a terminal, so control characters are escaped, which means the same in JSON.
 fn put(json: &str) {
     quietly(io::stdout().write_all(plain_lines(json).as_bytes()).and_then(|()| io::stdout().flush()));
 }
@@ -114,7 +114,7 @@ pub(crate) fn clear_screen() {
     }
 }
 
-/// Prints a line on stderr, lost if nobody listens.
+/// Prints a line on stderr, lost if stderr is closed.
 pub(crate) fn note_line(line: Arguments<'_>) {
     let line = line.to_string();
     let _ = writeln!(io::stderr(), "{}", plain_lines(&line));
@@ -129,7 +129,7 @@ pub(crate) fn command_line(answer: &clap::Error) -> ExitCode {
             std::env::args_os().map(|word| plain(&word.to_string_lossy()).into_owned()).collect::<Vec<_>>();
         note_line(format_args!("{}\nThe words were: {}", answer.render(), words.join(" ")));
     } else if answer.use_stderr() {
-        // Nobody may be there to read it.
+        // The reader may be gone.
         let _ = answer.print();
     } else {
         quietly(answer.print().and_then(|()| io::stdout().flush()));

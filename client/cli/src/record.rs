@@ -1,4 +1,4 @@
-//! `foretrace record`: the pen samples of a running instance as a recording.
+//! `foretrace record`: records the pen samples of a running instance.
 //!
 //! Contract: every sample that the daemon receives is written, or counted as lost; the recording appears
 //! under its name when it is whole, and what was recorded until then is beside it. Ctrl-C is the ordinary
@@ -20,7 +20,7 @@ use crate::settings::InstanceArgs;
 /// Between two looks; 256 samples are kept meanwhile.
 const NAP: Duration = Duration::from_millis(50);
 
-/// Record the pen of a running daemon until Ctrl-C
+/// Record pen samples of a running daemon until Ctrl-C
 ///
 /// The recording is CSV with the columns t_s,x_m,y_m,contact (metres in the pen's own plane) below a line
 /// with version, unit, rate and writer. It can be played, and a folder of recordings is a data set.
@@ -30,11 +30,11 @@ const NAP: Duration = Duration::from_millis(50);
                   test.csv --seconds 10"
 )]
 pub(crate) struct RecordArgs {
-    /// The recording; must not exist yet
+    /// File of the recording; must not exist yet
     #[arg(long, value_name = "FILE.csv")]
     pen: PathBuf,
 
-    /// Who holds the pen: one word
+    /// Name of the writer: one word
     #[arg(long, value_name = "NAME", default_value = "")]
     writer: String,
 
@@ -125,7 +125,7 @@ fn written(watch: &mut PenWatch, log: &mut PenLog) -> std::io::Result<u64> {
     failure.map_or(Ok(left_out), Err)
 }
 
-/// A new watch where a new daemon made the old one deaf.
+/// Makes a new watch after a new daemon has replaced the services.
 fn renewed(lookout: &mut Lookout, foretrace: &mut Foretrace) -> Option<PenWatch> {
     match lookout.look(foretrace) {
         News::None => None,

@@ -1,7 +1,7 @@
-//! `foretrace request`: ask the running daemon for something.
+//! `foretrace request`: sends a request to the running daemon.
 //!
-//! Contract: ends within `--timeout`. A stop takes the way that needs nothing of the middleware; everything
-//! else runs in a thread that is given up, because calls into damaged shared memory can hang.
+//! Contract: ends within `--timeout`. A stop needs no middleware; every other request runs in a thread that
+//! is abandoned at the timeout, because calls into damaged shared memory can hang.
 
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
@@ -35,26 +35,26 @@ pub(crate) struct RequestArgs {
 
 #[derive(Debug, Clone, PartialEq, clap::Subcommand)]
 enum Request {
-    /// Take over the arm at its measured joints; also the way out of a latched stop
+    /// Take over the arm at its measured joints; also clears a latched stop
     Arm,
-    /// Stop smoothly and let go of the arm
+    /// Stop smoothly and disarm
     Disarm,
     /// Stop smoothly and stay stopped until armed again
     Stop,
-    /// Fix the trust in the prediction by hand, or let the evidence decide
+    /// Set the trust in the prediction by hand, or let the evidence decide
     Trust {
         /// 0 (hold only) to 1 (prediction only), auto (evidence decides), or freeze (stays as it is)
         #[arg(value_name = "VALUE|auto|freeze", value_parser = trust)]
         value: Trust,
     },
-    /// Predict with another predictor; trust goes through 0
+    /// Switch to another predictor; trust goes through 0
     Predictor {
         #[arg(value_name = "NAME", help = values::predictors(), value_parser = values::predictor)]
         kind: PredictorKind,
     },
-    /// Read the settings file again; only live settings may have changed
+    /// Reload the settings file; only live settings may have changed
     Reload,
-    /// Ask for mode and trust, changing nothing
+    /// Show mode and trust, changing nothing
     Query,
 }
 
@@ -89,14 +89,14 @@ pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
 fn asked(args: &RequestArgs, wait: Duration) -> Result<Result<ControlResponse, RequestError>, Failure> {
     let (answer, answered) = mpsc::channel();
     let (instance, request) = (args.instance.clone(), args.request.clone());
-    // The daemon's silence is told by the thread itself, which has to be the first to lose patience.
+    // The thread itself reports the daemon's silence, so its timeout has to be the shorter one.
     let shorter = wait - (wait / 5).min(Duration::from_millis(100));
     let asking = move || {
         let asked = instance.attach().and_then(|foretrace| {
             let mut requests = foretrace.requests().map_err(unattached)?;
             Ok(ask(&mut requests, &request, shorter))
         });
-        // Nobody may wait for it any more.
+        // The receiver may be gone.
         let _ = answer.send(asked);
     };
     std::thread::Builder::new()
@@ -143,7 +143,7 @@ pub(crate) fn refused(error: &RequestError) -> Failure {
     }
 }
 
-/// A refusal to arm that waiting may cure: the arm has not reported yet, or is just about to.
+/// A refusal to arm that may be transient: the arm has not reported yet.
 pub(crate) fn may_pass(error: &RequestError) -> bool {
     match error {
         RequestError::NoAnswer(_) | RequestError::NotConnected(_) => true,

@@ -7,7 +7,7 @@ use serde::Serialize;
 #[derive(Debug, Clone)]
 pub(crate) struct Spread(Histogram<u64>);
 
-/// The quantiles people ask for [µs].
+/// Quantiles in reports [µs].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
 pub(crate) struct Quantiles {
     pub(crate) p50: f64,

@@ -1,8 +1,8 @@
-//! A latched stop in words: what fired, with what evidence, which setting bounds it, and what to do.
+//! A latched stop in words: the reason, its evidence, the setting that bounds it, and the remedy.
 
 use foretrace_client::{FaultReason, StopDetail};
 
-/// What fired and its evidence, one line without an end: `tracking error: joint 3 is 0.213 rad from ...`.
+/// Reason and evidence, one line without a full stop: `tracking error: joint 3 is 0.213 rad from ...`.
 pub(crate) fn reason(fault: FaultReason, detail: &StopDetail) -> String {
     let name = match fault {
         FaultReason::None => FaultReason::Requested.label(),
@@ -16,7 +16,7 @@ pub(crate) fn reason(fault: FaultReason, detail: &StopDetail) -> String {
 pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
     match fault {
         FaultReason::None | FaultReason::Requested => {
-            "somebody asked for it: `foretrace request arm` goes on"
+            "an operator requested it: `foretrace request arm` goes on"
         }
         FaultReason::TimeLost => {
             "the machine stood still for longer than safety.latch_after_ms: find what held it up with \
@@ -30,7 +30,7 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
             "the arm's own safety system stopped it: clear that at the arm, then arm again"
         }
         FaultReason::TrackingError => {
-            "the arm did not go where it was told (bounds: safety.tracking): look what holds, slows or \
+            "the arm did not follow its commands (bounds: safety.tracking): find what holds, slows or \
              drives it (brake, speed slider, another program), then disarm and arm again"
         }
         FaultReason::DeadMan => {

@@ -1,8 +1,8 @@
 //! Values of options that several commands take, judged while the command line is read.
 //!
-//! One rule for exit codes: what nothing but the command line can have got wrong (a number, a name of ours,
-//! two options that do not go together) is 2. What an input can have got wrong is 5: settings, also from
-//! `--set`, recordings, texts, data sets, files.
+//! Exit codes: an error that only the command line can cause (a number, a name of ours, two options that
+//! exclude each other) is 2. An error in an input is 5: settings, also from `--set`, recordings, texts, data
+//! sets, files.
 
 use foretrace_config::presets;
 use foretrace_control::predict::PredictorKind;

@@ -1,13 +1,13 @@
-//! Open loop: how well the pen is foreseen at the moment of a sample, without plan and arm.
+//! Open loop: how well the pen is predicted at the moment of a sample, without plan and arm.
 //!
 //! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT]]]`
 //!
 //! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default
 //! 25) of every EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared
 //! distance \[m²\], 4, 7, 17, 35, 37 and 55 ms after a sample, of: standing still; the shipped predictor's
-//! preview; a Kalman filter tuned for that lead; the preview with what `trust::Evidence` makes of it, with no
-//! arm at its limits. Points of a preview are joined by straight lines. Samples that the loop refuses, as the
-//! first of a jump, are not scored; the Kalman filter is told of them.
+//! preview; a Kalman filter tuned for that lead; the preview as corrected by `trust::Evidence`, with no joint
+//! saturated. Points of a preview are joined by straight lines. Samples that the loop refuses, as the first
+//! of a jump, are not scored; the Kalman filter observes them.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -98,8 +98,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         // The preview in force: its base, the point before, and the predicted points.
         let mut preview: Option<(Stamp, Point, [Point; SKILL_LEADS + 1])> = None;
-        // What the last sample left for the skill to learn from: a new preview was made, and what the sample
-        // said.
+        // Input of the skill from the last sample: whether a new preview was made, and the sample.
         let (mut made, mut look) = (false, None);
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;
@@ -123,7 +122,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, sums: &mut Sums) -> Fallibl
                     claim: None,
                 }
             });
-            // No arm, no limits: beginnings are believed as an arm that follows would.
+            // No arm, no limits: beginnings are trusted as with an arm that follows.
             let (at_limit, driven_ns) = (Some(false), stamp.since(heard).unsigned_abs());
             let happened =
                 Happened { preview: foreseen, look: look.take(), at_limit, driven_ns, closed: &closed };

@@ -1,13 +1,13 @@
-//! Tunes the baselines (`foretrace_lab::baselines`) in their own favour on the training writers of a set.
+//! Tunes the baselines (`foretrace_lab::baselines`) for least error on the training writers of a set.
 //!
 //! `cargo run --release -p foretrace-lab --example tune_baselines -- FOLDER [WAY [EVERY [limited]]]`
 //!
 //! FOLDER: a set such as `../shared/data/unipen-tos`; hover is kept, the median glyph is 0.1 m high. WAY: one
-//! of the ways, or `all`. EVERY: search on every n-th letter (default 5), what is found is then scored on all
-//! of them; 0 only scores the settings as they are. `limited`: glyphs 0.03 m high and the shipped limits of a
-//! tool before a UR5. Search for the least mean squared error at every budget of jerk: the servoj ways over
-//! the whole grid; the others one knob after another over its grid until nothing improves, from two starts,
-//! then on from budget to budget.
+//! of the baselines, or `all`. EVERY: search on every n-th letter (default 5); the result is then scored on
+//! all letters; 0 only scores the present settings. `limited`: glyphs 0.03 m high and the shipped tool limits
+//! for a UR5. Search for the least mean squared error at every budget of jerk: the servoj baselines over the
+//! whole grid; the others one knob after another over its grid until nothing improves, from two starts, then
+//! on from budget to budget.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use foretrace_sim::data::{DataSet, Split};
 use foretrace_sim::path::{PathSample, Placement};
 
 const PERIOD_S: f64 = 0.002;
-/// Limits of the shipped settings for a tool before a UR5.
+/// Tool limits of the shipped settings for a UR5.
 const UR5: Limits = Limits { velocity_mps: 1.0, acceleration_mps2: 15.0, jerk_mps3: 2000.0 };
 /// RMS jerk of the target for which the least error is searched, at glyphs of 0.1 m \[m/s³\].
 const BUDGETS: [f64; 8] = [f64::INFINITY, 3e5, 1e5, 3e4, 1e4, 3e3, 1e3, 300.0];
@@ -90,7 +90,7 @@ fn tune(
             let mut from = least(&tried, budget)?;
             from.otg.intercept = false;
             descend(kind, &from, budget, some, &mut tried)?;
-            // Interception costs ten plans a period: only the best is tried with it.
+            // Interception costs ten plans a period, so it is tried on the best settings only.
             let mut met = least(&tried, budget)?;
             if kind == BaselineKind::Otg && !met.otg.intercept {
                 met.otg.intercept = true;
@@ -127,7 +127,7 @@ fn report(
     Ok(())
 }
 
-/// One knob after another over its grid, again until nothing improves.
+/// Coordinate descent: one knob after another over its grid until nothing improves.
 fn descend(
     kind: BaselineKind,
     start: &BaselineSettings,
@@ -244,7 +244,7 @@ fn knobs(kind: BaselineKind) -> &'static [Knob] {
                     p.kalman.post_filter = Some(PostFilter::OneEuro(knobs));
                 }));
             }
-            // A servo comes with the further reach that makes up for it, wholly or in part.
+            // A servo comes with a longer prediction that compensates for it, wholly or in part.
             for share in [0.25, 0.5, 0.75, 1.0] {
                 points.extend(each(s, &[0.005, 0.01, 0.02, 0.03, 0.05, 0.1], |p, look_ahead_s| {
                     p.kalman.post_filter = Some(PostFilter::Servo(look_ahead_s));

@@ -1,5 +1,5 @@
-//! The lab: what foretrace is compared with, the paper's experiments, closed-loop benchmarks, prediction
-//! tables, training.
+//! The lab: training, ranking of predictors, closed-loop benchmarks against baselines, and the paper's
+//! experiments.
 //!
 //! Contract: nothing here runs in the real-time loop, and no product command needs it. Data sets, paths,
 //! arms, metrics and pictures come from [`foretrace_sim`]. The same seed and inputs give the same numbers on

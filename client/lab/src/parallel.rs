@@ -6,7 +6,7 @@ use std::sync::mpsc;
 /// A whole control law is built on the worker's stack.
 const STACK_BYTES: usize = 16 << 20;
 
-/// Runs `work` on every job; `done` hears of each finished one.
+/// Runs `work` on every job; calls `done` after each.
 pub(crate) fn map<J: Sync, R: Send>(
     jobs: &[J],
     work: impl Fn(&J) -> R + Sync,
@@ -37,7 +37,7 @@ pub(crate) fn map<J: Sync, R: Send>(
             }
             done();
         }
-        // Where the machine had no thread to give, this one does what is left.
+        // If no thread could be started, this one does the remaining jobs.
         while let Some((index, job)) = take(jobs, &next) {
             if let Some(slot) = results.get_mut(index) {
                 *slot = Some(work(job));

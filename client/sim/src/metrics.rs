@@ -5,7 +5,7 @@
 
 use crate::path::PathSample;
 
-/// Gaps in the pen longer than this are not interpolated: nobody knows where the pen was.
+/// Gaps in the pen longer than this are not interpolated: its position is unknown.
 pub const PEN_GAP_MAX_S: f64 = 0.05;
 
 const LAG_FIRST_MS: i32 = -50;
@@ -69,9 +69,9 @@ pub struct Smoothness {
 
 /// Scores `tool` against `pen`: e(t) = |tool(t) − pen(t)| at every tool stamp where the pen was down.
 ///
-/// Both in order of time. Samples of the tool with no pen around them (before, after, in a gap, hovering) do
-/// not count. `None` when nothing counts. The lag is the minimum of the mean squared error over a 1 ms grid,
-/// refined by a parabola through its neighbours; at a border of the range the border is returned.
+/// Both are in order of time. Samples of the tool with no pen around them (before, after, in a gap, hovering)
+/// do not count. `None` when nothing counts. The lag is the minimum of the mean squared error over a 1 ms
+/// grid, refined by a parabola through its neighbours; at a border of the range the border is returned.
 #[must_use]
 pub fn tracking(pen: &[PathSample], tool: &[ToolSample]) -> Option<Tracking> {
     let now = shifted_error(pen, tool, 0.0)?;

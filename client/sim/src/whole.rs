@@ -9,12 +9,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Neighbours that are being written at the moment.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// For a program that is about to end: removes what is half-written. Nothing is written afterwards; who wants
-/// to waits for the end.
+/// For a program that is about to end: removes what is half-written. Later writers block until the program
+/// ends.
 pub fn give_up() {
     let unfinished = unfinished();
     for partial in unfinished.iter() {
-        // What cannot be removed now cannot be removed at all.
+        // A file that cannot be removed now is left.
         let _ = std::fs::remove_file(partial);
     }
     std::mem::forget(unfinished);
@@ -40,8 +40,8 @@ impl Drop for Partial {
     }
 }
 
-/// Fills `file` by `write`, so that no reader ever sees half of it. What is no ordinary file (a device, a
-/// pipe) is written in place.
+/// Fills `file` by `write`, so that no reader ever sees half of it. A special file (a device, a pipe) is
+/// written in place.
 ///
 /// # Errors
 /// Whatever the file system or `write` says; the file is then as it was.
@@ -51,7 +51,7 @@ pub fn write(file: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result
     }
     let partial = Partial::begin(neighbour(file));
     fill(&partial.0, write).and_then(|()| std::fs::rename(&partial.0, file)).inspect_err(|_| {
-        // The first failure is what counts; a left-over is only untidy.
+        // The first error is reported; a left-over file does no harm.
         let _ = std::fs::remove_file(&partial.0);
     })
 }

@@ -1,11 +1,11 @@
 //! The safetensors container: names, shapes and bytes of tensors, and text metadata.
 //!
-//! Contract: reads what the format's reference reader reads and refuses what it refuses (holes, overlaps,
-//! duplicate names), with byte positions; borrows from the file's bytes. Writing sorts metadata and tensors,
-//! so that equal content gives equal bytes (the `safetensors` crate writes metadata in random order). Only
-//! `F32` and `F64` can be turned into numbers; tensors of other types pass through unread. *Source*: format
-//! description in the README of `huggingface/safetensors`: header length (u64, little-endian), JSON header,
-//! data; offsets count from the end of the header.
+//! Contract: accepts and refuses the same files as the format's reference reader (holes, overlaps, duplicate
+//! names), with byte positions; borrows from the file's bytes. Writing sorts metadata and tensors, so that
+//! equal content gives equal bytes (the `safetensors` crate writes metadata in random order). Only `F32` and
+//! `F64` can be turned into numbers; tensors of other types pass through unread. *Source*: format description
+//! in the README of `huggingface/safetensors`: header length (u64, little-endian), JSON header, data; offsets
+//! count from the end of the header.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,4 +1,4 @@
-//! `LstmModel`: an LSTM as a file describes it, with the notes that came along.
+//! `LstmModel`: an LSTM loaded from a file, with the file's notes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ const MAX_BYTES: u64 = 16 << 20;
 /// Metadata with a meaning.
 const KEYS: [&str; 5] = ["input_scale", "step_ns", "input_clip", "residual", "leads"];
 
-/// What a file without such metadata (a bare `state_dict`) is taken to mean; `None` = refuse it.
+/// Values for missing metadata (a bare `state_dict`); `None` = refuse the file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Assumed {
     /// For a missing `input_scale`.
@@ -30,7 +30,7 @@ pub struct Assumed {
 pub struct LstmModel {
     /// The file, or the name of the shipped model: for messages.
     pub file: String,
-    /// Judged weights.
+    /// Checked weights.
     pub weights: Arc<LstmWeights>,
     /// Metadata without meaning here: provenance, licence, citation.
     pub notes: BTreeMap<String, String>,
@@ -61,7 +61,7 @@ impl LstmModel {
         Self::load_assuming(path, Assumed::default())
     }
 
-    /// As `load`, with what to take for missing metadata.
+    /// As `load`, with values for missing metadata.
     ///
     /// # Errors
     ///
@@ -148,7 +148,7 @@ fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         .and_then(|mut file| std::io::Write::write_all(&mut file, bytes).and_then(|()| file.sync_all()))
         .and_then(|()| std::fs::rename(&partial, path));
     if written.is_err() {
-        // The failure is what counts; a left-over is only untidy.
+        // The first error is reported; a left-over file does no harm.
         let _ = std::fs::remove_file(&partial);
     }
     written
@@ -163,7 +163,7 @@ fn needed() -> String {
     LstmTensors::NAMES.join(", ")
 }
 
-/// A file under judgement.
+/// A file being checked.
 struct Reader<'a> {
     file: &'a str,
     container: &'a Container<'a>,
@@ -190,7 +190,7 @@ impl Reader<'_> {
         })
     }
 
-    /// H stands nowhere but in the shape of the recurrent weights.
+    /// Only the shape of the recurrent weights gives H.
     fn hidden(&self) -> Result<usize, ModelError> {
         let [_, name, ..] = LstmTensors::NAMES;
         let tensor = self.tensor(name)?;
@@ -207,7 +207,7 @@ impl Reader<'_> {
     }
 
     fn tensors(&self, spec: &LstmSpec) -> Result<LstmTensors, ModelError> {
-        // An absurd size is refused by the law; here it must only not be allocated.
+        // The control law refuses absurd sizes; here they must not be allocated.
         let shapes = LstmTensors::shapes(spec.hidden.min(1 << 16), spec.leads.min(1 << 16)).map(wanted);
         let mut tensors = LstmTensors::default();
         for ((numbers, name), wanted) in tensors.all_mut().into_iter().zip(LstmTensors::NAMES).zip(shapes) {

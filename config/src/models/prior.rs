@@ -1,8 +1,8 @@
 //! Where refinement starts: coefficients from a TOML file, [`RefinePrior`] out.
 //!
-//! Contract: what is loaded is complete, has no key that means nothing, and every number is finite and
-//! bounded, or the error names file, place, what was found and what is legal. No file content panics, and no
-//! more than [`MAX_BYTES`] of a file are read. The format is explained at the top of the shipped file,
+//! Contract: what is loaded is complete, has no unknown key, and every number is finite and bounded, or the
+//! error names file, place, what was found and what is legal. No file content panics, and no more than
+//! [`MAX_BYTES`] of a file are read. The format is explained at the top of the shipped file,
 //! `config/models/refine-prior.toml`; what its numbers are, in the card beside it.
 
 use std::fs::File;
@@ -22,7 +22,7 @@ const LONGEST: usize = 200;
 /// The prior that is part of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ShippedPrior {
-    /// As one asks for it.
+    /// Its name in settings.
     pub name: &'static str,
     /// The TOML file.
     pub text: &'static str,
@@ -53,7 +53,7 @@ pub fn find_prior(name_or_path: &str) -> Result<RefinePrior, ModelError> {
         remedy: format!("name a readable .toml file, or the shipped {}", SHIPPED_PRIOR.name),
     };
     let mut bytes = Vec::new();
-    // Not the size that the file claims to have: devices claim none.
+    // Not by the file's metadata: devices have no size.
     File::open(Path::new(name_or_path))
         .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
         .map_err(|error| failed(&error))?;
@@ -77,7 +77,7 @@ pub fn parse_prior(file: &str, bytes: &[u8]) -> Result<RefinePrior, ModelError> 
     Ok(prior)
 }
 
-/// What the parser says, with the line.
+/// The parser's message, with the line.
 fn told(text: &str, error: &toml::de::Error) -> String {
     let start = error.span().map_or(0, |span| span.start);
     let line = 1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count();

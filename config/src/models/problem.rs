@@ -122,7 +122,7 @@ pub enum ModelError {
         /// What is legal.
         legal: &'static str,
     },
-    /// Metadata whose key is almost one with a meaning.
+    /// Metadata whose key is close to a known one.
     #[error(
         "{file}: metadata key `{key}` is unknown but looks like `{meant}`: correct it, or name the note \
          otherwise"
@@ -143,8 +143,7 @@ pub enum ModelError {
         /// By the control law.
         why: LstmError,
     },
-    /// Not the coefficients that refinement starts from: syntax, a key that is missing or means nothing, a
-    /// word.
+    /// Not a file of coefficients for refinement: syntax, a missing or unknown key, a wrong type.
     #[error(
         "{file}: not where refinement can start, {what}: take config/models/refine-prior.toml as a pattern"
     )]

@@ -6,7 +6,7 @@ use super::problem::ModelError;
 /// One shipped model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shipped {
-    /// As one asks for it.
+    /// Its name in settings.
     pub name: &'static str,
     /// The safetensors file.
     pub bytes: &'static [u8],

@@ -9,7 +9,7 @@ section! {
         /// Share of the tool's pose error that is removed per second; at most the rate of the loop. Not set:
         /// half the rate of the loop.
         gain_hz: Option<f64> = Between(0.1, 1000.0), Optional, AtStart, "nothing: leave it out";
-        /// Who solves for the joint velocities: "exact" (bounded time, no allocation), "clarabel" or
+        /// Solver of the joint velocities: "exact" (bounded time, no allocation), "clarabel" or
         /// "clarabel-tuned" (for comparison; they allocate).
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
         /// A turn of the tool counts like a displacement at this distance from its tip.
@@ -52,21 +52,21 @@ section! {
         base_link: Option<String> = Text, Optional, AtStart, "\"base_link\" for a UR";
         /// Link that carries the tool; its z axis is the pen. Not set: the only leaf of the URDF.
         tip_link: Option<String> = Text, Optional, AtStart, "\"tool0\" for a UR";
-        /// Where the pen's tip is, seen from `tip_link`. It has to be right: the tool may tilt
+        /// Position of the pen's tip in the frame of `tip_link`. It must be accurate: the tool may tilt
         /// (`ik.tilt_weight`), and it tilts about this point.
         tool_m: [f64; 3] = Between(-0.5, 0.5), Default("[0.0, 0.0, 0.0]"), AtStart,
             "[0.0, 0.0, length] for a pen of that length below the flange";
         /// Posture from which the plane is reached without passing a singularity.
         home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart,
             "the posture with the tool above the middle of the paper";
-        /// Largest speed per joint; the smaller one of this and the URDF's counts.
+        /// Largest speed per joint; the smaller of this and the URDF's holds.
         velocity_radps: Vec<f64> = Between(0.01, 10.0), Required, AtStart, "3.1 for a UR; 1.0 on a first run";
         /// Largest acceleration per joint.
         acceleration_radps2: Vec<f64> = Between(0.1, 500.0), Required, AtStart,
             "40 for a UR, all its controller gives; 5 on a first run";
         /// Largest jerk per joint. Not set: the tool's jerk limit is the only one.
         jerk_radps3: Option<Vec<f64>> = Between(1.0, 1e6), Optional, AtStart, "nothing: leave it out";
-        /// Deceleration per joint with which the hardware interface brakes by itself when commands stay away.
+        /// Deceleration per joint with which the hardware interface brakes by itself when no commands come.
         /// Not set: the largest acceleration.
         stale_deceleration_radps2: Option<Vec<f64>> = Between(0.1, 500.0), Optional, AtStart,
             "nothing: leave it out";
@@ -82,24 +82,24 @@ section! {
 section! {
     /// Delays of the world around the loop.
     pub struct Timing {
-        /// From a command to the motion of the arm, all of it, `servo_filter_ms` included; the prediction
-        /// looks this far ahead in addition. With `follow_lag` the value at start, and the one by which the
-        /// learner chooses how far ahead it compares.
+        /// Whole time from a command to the motion of the arm, `servo_filter_ms` included; the prediction
+        /// looks this far ahead in addition. With `follow_lag` this is the initial value, and the learner
+        /// compares predictions this far ahead.
         dead_time_ms: f64 = Between(0.0, 200.0), Required, AtStart,
             "what `foretrace calibrate lag` says; servoj with look-ahead 0.03 s: 35 at 500 Hz, 42 at 125 Hz \
              (one controller cycle more, and waiting for it)";
-        /// Part of the dead time that is the arm's servo behaving as a critically damped filter with this
-        /// group delay: the plan then brings the arm behind it to the pen, not the command, inside all
-        /// limits. 0: all of it is taken for pure delay.
+        /// Part of the dead time that is due to the arm's servo, a critically damped filter with this group
+        /// delay: the plan then accounts for the filter, inside all limits. 0: all of the dead time is taken
+        /// as pure delay.
         servo_filter_ms: f64 = Between(0.0, 150.0), Default("0.0"), AtStart,
             "0 for letters near the arm's limits; for slower motion what `foretrace calibrate lag` says";
-        /// Measure the arm's lag while it works, from commands and joint states, and let the dead time follow
-        /// it. `false`: the dead time stays as configured; the lag is measured and shown all the same.
+        /// Measure the arm's lag online, from commands and joint states, and let the dead time follow it.
+        /// `false`: the dead time stays as configured; the lag is still measured and shown.
         follow_lag: bool = Flag, Default("true"), AtStart, "true";
-        /// The dead time follows no faster than this many seconds per second.
+        /// Largest rate at which the dead time follows, in seconds per second.
         follow_rate: f64 = Between(0.001, 0.1), Default("0.02"), AtStart, "0.02: 20 ms per second";
-        /// The dead time follows no farther than this. Not set: as far as there is room for predicted steps,
-        /// at most 200 ms.
+        /// Largest dead time that following may reach. Not set: what the number of predicted steps allows, at
+        /// most 200 ms.
         dead_time_max_ms: Option<f64> = Between(0.0, 200.0), Optional, AtStart, "nothing: leave it out";
     }
 }
@@ -113,18 +113,18 @@ section! {
         enable_required: bool = Flag, Required, AtStart, "true with people near the arm; false in simulation";
         /// Age of the dead-man signal beyond which the arm stops (it is sent 50 times per second).
         enable_timeout_ms: f64 = Between(20.0, 2000.0), Default("100.0"), AtStart, "100";
-        /// Time lost in one piece beyond which the stop is latched and the arm has to be armed again.
+        /// Longest single stall of the loop; a longer one latches a stop, and the arm has to be armed again.
         latch_after_ms: f64 = Between(10.0, 5000.0), Required, AtStart, "200";
         /// Share of the recent periods that the loop's own work may overrun (their tick took longer than a
         /// period, or never ran because of one that did). Above half of it the loop solves in every second
         /// tick only, above all of it the stop is latched.
         late_ticks_max: f64 = Between(0.01, 1.0), Default("0.5"), AtStart, "0.5; 0.05 on a machine of its \
                                         own";
-        /// How far back that looks.
+        /// Window of that share.
         late_ticks_window_ms: f64 = Between(50.0, 2000.0), Default("1000.0"), AtStart, "1000";
-        /// Fastest joint with which the arm may be armed: arming wants an arm at rest.
+        /// Largest joint speed when arming: the arm must be at rest.
         arm_max_speed_radps: f64 = Between(0.0001, 1.0), Default("0.02"), AtStart, "0.02";
-        /// Farthest that the tool may stand outside the workspace when arming.
+        /// Largest distance of the tool outside the workspace when arming.
         arm_workspace_margin_m: f64 = Between(0.0, 0.5), Default("0.02"), AtStart, "0.02";
         /// Largest angle between the tool's axis and the plane's normal when arming.
         arm_max_tilt_rad: f64 = Between(0.01, 1.5), Default("0.3"), AtStart, "0.3";
@@ -137,7 +137,7 @@ section! {
         previous_plan_max_ms: f64 = Between(2.0, 200.0), Default("50.0"), AtStart, "50: the length of a plan";
     }
     sections {
-        /// When the arm is not where it was told to be.
+        /// Bounds of the tracking monitor.
         tracking @ "tracking": Tracking;
         /// How far the tool may go.
         envelope @ "envelope": EnvelopeSection;
@@ -145,7 +145,7 @@ section! {
 }
 
 words! {
-    /// What becomes of the tool in front of a slow arm.
+    /// What happens with an arm that is slower than commanded.
     pub enum SlowArmChoice {
         /// It slows with the arm.
         SlowDown = "slow-down",
@@ -155,24 +155,25 @@ words! {
 }
 
 section! {
-    /// How far the arm may be from where it was told to be. Measured joints are compared with all commands
-    /// that they may be answering, back to `timing.dead_time_max_ms` and what a servo filter spreads: the
-    /// smaller that is, the sooner an arm that stands still is noticed. What is wrong latches a stop,
-    /// "tracking-error", with joint, amount and limit.
+    /// How far the arm may be from its commands. Measured joints are compared with all commands that may have
+    /// caused them, back to `timing.dead_time_max_ms` and the spread of a servo filter: the smaller that is,
+    /// the sooner an arm that stands still is noticed. A violation latches a stop, "tracking-error", with
+    /// joint, amount and limit.
     pub struct Tracking {
-        /// Farthest that a measured joint may be from all of those commands. A joint that is half as far
-        /// outside and moving away stops the arm as well.
+        /// Largest distance of a measured joint from all of those commands. A joint at half of it that moves
+        /// away stops the arm as well.
         joint_rad: f64 = Between(0.002, 0.5), Default("0.02"), AtStart, "0.02";
         /// The same for the tool, along the axes of the plane: several small joint errors add up.
         tool_m: f64 = Between(0.001, 0.2), Default("0.015"), AtStart, "0.015";
-        /// Commands that move a joint by this much within a quarter of a second have to show: a joint that
-        /// stands still then stops the arm.
+        /// Commanded motion of a joint within a quarter of a second that must show in the measurement: a
+        /// joint that then stands still stops the arm.
         still_rad: f64 = Between(0.002, 0.5), Default("0.006"), AtStart, "0.006";
-        /// A joint that leaves its commands faster than this runs away.
+        /// Largest speed at which a joint may move away from its commands.
         runaway_radps: f64 = Between(0.02, 3.0), Default("0.1"), AtStart, "0.1";
-        /// What is wrong for this long, and in two joint states, stops the arm; less is a glitch.
+        /// A violation that lasts this long, and at least two joint states, stops the arm; a shorter one is
+        /// ignored.
         hold_ms: f64 = Between(0.0, 200.0), Default("10.0"), AtStart, "10";
-        /// An arm that moves at less than three quarters of the speed that is asked for (a speed slider):
+        /// With an arm that moves at less than three quarters of the commanded speed (a speed slider):
         /// "slow-down", the tool slows with it; "stop", a stop is latched.
         slow_arm: SlowArmChoice = Words(SlowArmChoice::WORDS), Default("\"slow-down\""), AtStart,
             "\"slow-down\"";
@@ -180,10 +181,10 @@ section! {
 }
 
 section! {
-    /// How far the tool may go while the pen leads, whatever the plan is: judged from the commanded joints in
-    /// every tick. Near a bound the tool gets no faster than the joints can stop it; beyond it a stop is
-    /// latched. An arm that was armed outside (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`)
-    /// may only come in.
+    /// Bounds of the tool while the pen leads, whatever the plan is: checked on the commanded joints in every
+    /// tick. Near a bound the tool gets no faster than the joints can stop it; beyond it a stop is latched.
+    /// An arm that was armed outside (`safety.arm_workspace_margin_m`, `safety.arm_max_tilt_rad`) may only
+    /// come in.
     pub struct EnvelopeSection {
         /// Beyond `plane.workspace_m` (also into the paper) by more than this, a stop is latched; commands
         /// keep half of it.
@@ -192,7 +193,7 @@ section! {
         /// Largest angle between the tool's axis and the plane's normal.
         max_tilt_rad: f64 = Between(0.02, 1.5), Default("0.35"), AtStart, "0.35: letters tilt the preset's \
                                         pen by 0.1, leaps by 0.25";
-        /// Fastest tool. Not set: what the limits of the plan and `ik.correction_mps` amount to together.
+        /// Largest speed of the tool. Not set: norm of the plan's velocity limits plus `ik.correction_mps`.
         max_speed_mps: Option<f64> = Between(0.005, 20.0), Optional, AtStart, "nothing: leave it out; 0.25 \
                                         near people";
     }

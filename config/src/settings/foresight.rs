@@ -27,7 +27,7 @@ words! {
 }
 
 words! {
-    /// Who sets the trust.
+    /// How the trust is set.
     pub enum TrustMode {
         /// From the evidence of past predictions.
         Auto = "auto",
@@ -39,14 +39,13 @@ words! {
 section! {
     /// The predictor of the hand.
     pub struct Predictor {
-        /// Who predicts.
+        /// The predictor.
         kind: PredictorKind = Words(&PredictorKind::LIVE_NAMES), Required, Live, "\"mixture\"";
         /// The network of "lstm": a shipped one by name, or a .safetensors file relative to the settings
         /// file; made for this pen.step_ms. Not set: the shipped one for this step; where there is none, or
         /// with "none", there is no predictor "lstm".
         lstm: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
-        /// No predicted step may be longer than this many times the recent peak: a hand does not suddenly get
-        /// faster.
+        /// Largest predicted step, as a multiple of the recent peak: a hand does not suddenly get faster.
         limit_factor: f64 = Between(1.0, 10.0), Default("1.25"), AtStart, "1.25";
         /// Factor per step by which the recent peak fades; 0.98 is half in a third of a second at 10 ms.
         peak_fade: f64 = Between(0.5, 0.999), Default("0.98"), AtStart, "0.98";
@@ -62,7 +61,7 @@ section! {
         ar_rls @ "ar_rls": ArRlsSection;
         /// The mixture.
         mixture @ "mixture": MixtureSection;
-        /// What newer samples say.
+        /// Refinement by newer samples.
         refine @ "refine": RefineSection;
     }
 }
@@ -79,7 +78,7 @@ section! {
         max_m: f64 = Between(1e-9, 1.0), Default("1e-2"), AtStart, "1e-2";
         /// Moving steps over which the scale forgets.
         memory_steps: f64 = Between(10.0, 1e6), Default("500.0"), AtStart, "500";
-        /// Displacements below this are standing still.
+        /// Displacements below this count as rest.
         still_m: f64 = Between(0.0, 0.01), Default("5e-6"), AtStart, "5e-6";
         /// Largest relative change of the scale per step.
         max_change: f64 = Between(0.001, 1.0), Default("0.05"), AtStart, "0.05";
@@ -100,9 +99,9 @@ section! {
         rate: f64 = Between(0.0, 10.0), Required, AtStart, "0.01 for adagrad, 0.001 for rmsprop and adam";
         /// "adagrad", "rmsprop" or "adam".
         optimiser: Optimiser = Words(Optimiser::WORDS), Required, AtStart, "\"adagrad\"";
-        /// Strength of the pull of weights to exactly 0.
+        /// L1 regularisation: pulls weights to exactly 0.
         l1: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0";
-        /// Strength of the shrinking of weights.
+        /// L2 regularisation: shrinks weights.
         l2: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0";
     }
 }
@@ -111,7 +110,7 @@ section! {
     /// The echo state network beside the DyBM (predictor.kind = "dybm-esn"): 50 units, fixed and random, with
     /// a read-out that learns by AdaGrad.
     pub struct EsnSection {
-        /// Of the random numbers; the same seed gives the same network.
+        /// Seed of the random weights; the same seed gives the same network.
         seed: u32 = Between(0.0, 4294967295.0), Default("0"), AtStart, "0";
         /// Share of the new state per step.
         leak: f64 = Between(0.0, 1.0), Default("0.7"), AtStart, "0.7, as in the paper";
@@ -137,7 +136,7 @@ section! {
 
 section! {
     /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out, a
-    /// trained network, and that network corrected online, weighed anew at every step and for every lead.
+    /// trained network, and that network corrected online, reweighted at every step and for every lead.
     pub struct MixtureSection {
         /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24
         /// direct leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is
@@ -147,17 +146,17 @@ section! {
         forgetting: f64 = Between(0.99, 1.0), Default("0.99985"), AtStart, "0.99985";
         /// How fast the weights of the experts follow their errors.
         rate: f64 = Between(0.0, 10.0), Default("0.1"), AtStart, "0.1";
-        /// Part of the weights that is dealt out anew at every step, so that no expert is given up for good.
+        /// Part of the weights that is redistributed at every step, so that no expert is lost for good.
         share: f64 = Between(0.0, 0.1), Default("0.001"), AtStart, "0.001";
     }
 }
 
 section! {
-    /// How samples newer than the grid move the preview (trust.per_step): learned from the hand, from weights
-    /// that other hands taught.
+    /// How samples newer than the grid move the preview (trust.per_step): learned online, starting from
+    /// weights fitted to other hands.
     pub struct RefineSection {
-        /// The weights from which that starts: the shipped "refine-prior", or a .toml file relative to the
-        /// settings file. Not set: the shipped ones.
+        /// The initial weights: the shipped "refine-prior", or a .toml file relative to the settings file.
+        /// Not set: the shipped ones.
         prior: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
     }
 }
@@ -165,13 +164,13 @@ section! {
 section! {
     /// Online learning, in its own thread on copies of the weights. A candidate learns; it replaces the live
     /// weights only when it did better on recent motion (or, for models that learn at once, no worse), and is
-    /// taken back when it then does worse than what it replaced. They are compared by their predictions as
-    /// far ahead as the plan looks: from the dead time to the horizon behind it.
+    /// rolled back when it then does worse than its predecessor. They are compared by their predictions over
+    /// the leads that the plan uses: from the dead time to the horizon behind it.
     pub struct Learner {
         /// Learn while running. Off: the weights stay as they are.
         enabled: bool = Flag, Default("true"), Live, "true";
-        /// Weights before anything was learned: the last displacement goes on, fading by this factor per
-        /// step. 0 starts from zero weights, as in the paper.
+        /// Initial weights: they repeat the last displacement, decaying by this factor per step. 0 starts
+        /// from zero weights, as in the paper.
         initial_persistence: f64 = Between(0.0, 1.0), Default("0.95"), AtStart, "0.95";
         /// Moving steps over which the comparison forgets.
         memory_steps: f64 = Between(10.0, 1e6), Default("300.0"), AtStart,
@@ -197,16 +196,15 @@ section! {
         mode: TrustMode = Words(TrustMode::WORDS), Required, Live, "\"auto\"";
         /// The trust in manual mode; too little history or a stale pen still overrule it.
         value: f64 = Between(0.0, 1.0), Default("1.0"), Live, "1.0";
-        /// The trust that a healthy prediction gets in automatic mode.
+        /// Largest trust in automatic mode.
         ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
-        /// Steps of motion whose previews have to be judged before automatic mode believes in any.
+        /// Steps of motion whose previews must have been scored before automatic mode trusts any.
         proof_cases: u32 = Between(0.0, 10000.0), Default("1"), AtStart, "1: the record begins with cases of \
                                         doubt anyway; 20 to wait for a fifth of a second at 10 ms";
-        /// Automatic mode believes each step of the preview as far as it paid, and moves the preview by
-        /// samples newer than the grid's. Off: one trust for the whole preview, as in the paper and in manual
-        /// mode.
+        /// Automatic mode trusts each step of the preview by its past skill, and moves the preview by samples
+        /// newer than the grid's. Off: one trust for the whole preview, as in the paper and in manual mode.
         per_step: bool = Flag, Default("true"), AtStart, "true";
-        /// Steps that the trust takes from 0 to 1, at least.
+        /// Least number of steps in which the trust goes from 0 to 1.
         ramp_steps: u32 = Between(1.0, 1000.0), Required, AtStart, "10, as in the paper";
         /// Steps of motion that are needed before there is any trust.
         warmup_steps: u32 = Between(0.0, 1000.0), Required, AtStart, "5";

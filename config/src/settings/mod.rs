@@ -1,8 +1,7 @@
-//! The settings as meant: one struct per section, every key declared once with its rule.
+//! The typed settings: one struct per section, every key declared once with its rule.
 //!
-//! Contract: values here have passed their own range test; what one key demands of another is tested in
-//! `check`. A declaration reads: name: type = legal range, needed or not, live or only at start, where to
-//! start from.
+//! Contract: values here have passed their own range test; `check` tests constraints between keys. A
+//! declaration reads: name: type = legal range, needed or not, live or only at start, where to start from.
 
 mod process;
 mod hand;
@@ -33,7 +32,7 @@ section! {
         instance @ "instance": Instance;
         /// The tick.
         control_loop @ "loop": Loop;
-        /// What the pen may do.
+        /// The pen's path and its limits.
         pen @ "pen": Pen;
         /// The writing plane.
         plane @ "plane": PlaneSection;
@@ -49,13 +48,13 @@ section! {
         ik @ "ik": Ik;
         /// The arm.
         robot @ "robot": RobotSection;
-        /// What not to touch.
+        /// Obstacles.
         clearance @ "clearance": ClearanceSection;
         /// Delays.
         timing @ "timing": Timing;
-        /// When to stop, when to start.
+        /// Conditions for arming and stops.
         safety @ "safety": Arming;
-        /// What the daemon tells others.
+        /// Telemetry.
         telemetry @ "telemetry": Telemetry;
     }
 }

@@ -3,7 +3,7 @@
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 words! {
-    /// Who solves the quadratic programmes.
+    /// Solver of the quadratic programmes.
     pub enum QpBackend {
         /// The built-in exact solver: microseconds, no allocation.
         Exact = "exact",
@@ -24,22 +24,20 @@ section! {
         /// Step of the plan; not longer than pen.step_ms, not shorter than the loop's period. Shorter answers
         /// new samples sooner. Not set: a quarter of pen.step_ms, or the period where that is longer.
         step_ms: Option<f64> = Between(1.0, 20.0), Optional, AtStart, "nothing: leave it out";
-        /// How much farther ahead than the dead time references lie: what the plan itself needs to answer a
-        /// new sample. More follows sooner and overshoots more.
+        /// Extra lead of the references beyond the dead time, for the plan's own response to a new sample.
+        /// More follows sooner and overshoots more.
         response_ms: f64 = Between(0.0, 50.0), Default("0.0"), AtStart, "0; about 8 with an arm fast enough \
                                         for sharp gains";
-        /// The arm is led this much of the predicted velocity ahead of where the pen is predicted.
-        /// Predictions of hands that are hard to foresee come late, and limits make an arm late; this takes
-        /// the lag out, beyond the preset for more error.
+        /// Time by which references lead the predicted pen along its predicted velocity. It removes the lag
+        /// that late predictions and limits cause; values above the preset increase the error.
         velocity_lead_ms: f64 = Between(0.0, 100.0), Default("7.0"), AtStart, "7; 0 for an arm that no \
                                         limits hold up, or a known future";
         /// "exact": built-in, for real work; "clarabel", "clarabel-tuned": for comparison.
         backend: QpBackend = Words(QpBackend::WORDS), Default("\"exact\""), AtStart, "\"exact\"";
-        /// Weight beta on the jerk: less follows sharper corners, more writes rounder.
+        /// Weight beta on the jerk: less follows sharper corners, more rounds them.
         effort: f64 = Between(1e-6, 1000.0), Required, AtStart, "10";
         /// Iterations of the exact solver per axis before the previous plan is used, and the next one is
-        /// asked for less. Where the tool cannot help leaving the workspace, a tick may take half as many
-        /// again.
+        /// asked for less. Where the tool cannot stay in the workspace, a tick may take half as many again.
         max_iterations: u32 = Between(1.0, 10000.0), Default("100"), AtStart,
             "100: enough for the presets, whatever the pen does";
     }
@@ -48,7 +46,7 @@ section! {
         feedback @ "feedback": Gains;
         /// Gains on the error against the prediction.
         feedforward @ "feedforward": Gains;
-        /// The price of leaving the soft limits.
+        /// Prices of violating the soft limits.
         penalty @ "penalty": Penalty;
         /// Limits per axis.
         limits @ "limits": Limits;
@@ -72,8 +70,8 @@ section! {
 }
 
 section! {
-    /// What one unit of violation of a soft limit costs, per step, in the units of the gains. Where the
-    /// limits exclude each other, the dearest is kept.
+    /// Cost of one unit of violation of a soft limit, per step, in the units of the gains. If limits exclude
+    /// each other, the one with the highest price is kept.
     pub struct Penalty {
         /// Price of acceleration above its limit.
         acceleration: f64 = Between(1.0, 1e9), Default("1e6"), AtStart, "1e6";

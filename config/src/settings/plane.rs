@@ -6,7 +6,7 @@ section! {
     /// The writing plane, calibrated in the robot's base frame. Its x axis and its normal are given; y =
     /// normal × x. The tool points along -normal.
     pub struct PlaneSection {
-        /// Point of the base frame where the plane's zero lies.
+        /// The plane's origin in the base frame.
         origin_m: [f64; 3] = Between(-3.0, 3.0), Required, AtStart,
             "the tool position at the middle of the paper";
         /// Direction of the pen's x in the base frame, a vector of length 1.
@@ -14,7 +14,7 @@ section! {
             "a measured direction along the lower edge of the paper";
         /// Direction away from the paper in the base frame, a vector of length 1 at right angles to x_axis.
         normal: [f64; 3] = Between(-1.0, 1.0), Required, AtStart, "[0.0, 0.0, 1.0] for a table";
-        /// Point of the pen device that lies on the plane's origin.
+        /// Point of the pen device that maps to the plane's origin.
         pen_origin_m: [f64; 2] = Between(-5.0, 5.0), Default("[0.0, 0.0]"), AtStart, "[0.0, 0.0]";
         /// Plane metres per pen metre.
         scale: f64 = Between(0.01, 100.0), Required, AtStart, "1.0: the arm writes as large as the hand";

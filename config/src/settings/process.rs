@@ -17,9 +17,9 @@ section! {
 
 section! {
     /// The tick: its rate, how it wakes up, and the rights it asks for. Without a right the daemon runs on
-    /// and says which one is missing.
+    /// and reports which one is missing.
     pub struct Loop {
-        /// Ticks per second. Faster means fresher commands; the cost is processor time.
+        /// Ticks per second. A higher rate gives fresher commands and costs processor time.
         rate_hz: u32 = OneOf(&[125.0, 250.0, 500.0, 1000.0]), Required, AtStart, "500";
         /// Time before each tick that is spent spinning instead of sleeping. More gives a steadier start of
         /// the tick and burns spin_us * rate_hz of a core.
@@ -39,7 +39,7 @@ section! {
 }
 
 section! {
-    /// What the daemon tells others while it runs.
+    /// What the daemon publishes while it runs.
     pub struct Telemetry {
         /// Every n-th tick is published as a record; 1 = every tick. Recordings for replay need 1.
         every_ticks: u32 = Between(1.0, 1000.0), Default("1"), AtStart, "1";

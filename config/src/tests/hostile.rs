@@ -1,5 +1,4 @@
-//! Anything at all as a settings file: an answer, never a panic. FORETRACE_FUZZ_CASES=N asks for N answers to
-//! each question.
+//! Arbitrary settings files: an error, never a panic. FORETRACE_FUZZ_CASES=N runs N cases of each test.
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -7,7 +6,7 @@ use proptest::test_runner::RngSeed;
 use super::over_ur5;
 use crate::{Config, Draft, keys};
 
-/// Values that are likely to upset somebody.
+/// Values at the edges of types and ranges.
 fn value() -> impl Strategy<Value = String> {
     prop_oneof![
         Just("nan".to_owned()),

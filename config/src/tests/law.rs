@@ -1,4 +1,4 @@
-//! What the control law is built from: units and frames change as they should, and measured presets are kept.
+//! What the control law is built from: conversion of units and frames, and the presets' values.
 
 use foretrace_control::follower::Follower;
 use foretrace_control::ik::{IkBackend, IkSettings};
@@ -150,7 +150,7 @@ fn weights_are_compared_as_far_ahead_as_the_plan_looks() {
     assert_eq!(ideal, Leads::new(1, 10).unwrap());
     let lagging = leads("[timing]\ndead_time_ms = 41.0\n[mpc]\nhorizon = 20\nstep_ms = 10\n");
     assert_eq!(lagging, Leads::new(5, 25).unwrap());
-    // What the plan models as the arm's servo need not be foreseen; twenty plan steps of 2.5 ms are five grid
+    // The servo filter that the plan models need not be predicted; twenty plan steps of 2.5 ms are five grid
     // steps.
     let inverted = leads("[timing]\ndead_time_ms = 34.0\nservo_filter_ms = 30.0\n[mpc]\nresponse_ms = 0\n");
     assert_eq!(inverted, Leads::new(1, 6).unwrap());
@@ -207,7 +207,7 @@ fn nobody_loses_the_network_of_the_mixture_without_being_told() {
     let told = remarks("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n");
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told.iter().all(|r| r.contains("pen.step_ms = 6 ") && r.contains("5, 8, 10 ms")), "{told:?}");
-    // Who renounces it, or predicts otherwise, knows.
+    // Switched off in the settings, or another predictor: no remark.
     for text in ["[predictor.mixture]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
         let quiet =
             remarks(&format!("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n{text}"));

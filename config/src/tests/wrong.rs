@@ -1,4 +1,4 @@
-//! Files with a mistake: what is said about each.
+//! Files with a mistake, and the message about each.
 
 use super::{over_ur5, problems};
 use crate::{Config, Problem};
@@ -103,7 +103,7 @@ fn not_a_number_and_infinity_are_refused() {
 fn wrong_word_suggests_the_nearest() {
     let text = message("[predictor]\nkind = \"dybn\"\n");
     assert!(text.contains("did you mean \"dybm\"?"), "{text}");
-    // What it was called before.
+    // Its earlier name.
     let text = message("[predictor]\nkind = \"ours\"\n");
     assert!(text.contains("did you mean \"mixture\"?"), "{text}");
     let text = message("[predictor.ours]\nrate = 1.0\n");

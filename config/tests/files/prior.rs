@@ -124,7 +124,7 @@ fn what_is_no_such_file_at_all_is_refused_in_few_words() {
             && error.ends_with("refine-prior"),
         "{error}"
     );
-    // It never ends; nor does it say how long it is.
+    // It never ends, and has no size.
     let endless = find_prior("/dev/zero").unwrap_err().to_string();
     assert!(endless.contains("longer than"), "{endless}");
 }

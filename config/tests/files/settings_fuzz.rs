@@ -145,7 +145,7 @@ fn drive<const N: usize>(config: &Config, random: &mut Pcg64) -> bool {
     moved
 }
 
-/// Judges a config or its refusal; whether it was accepted, and whether the arm moved then.
+/// Checks a config or its refusal; returns whether it was accepted, and whether the arm moved.
 fn judge(
     case: u32,
     parsed: Result<Config, foretrace_config::ConfigError>,

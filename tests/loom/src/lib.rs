@@ -2,15 +2,14 @@
 //! checker loom.
 //!
 //! `RUSTFLAGS="--cfg loom" cargo test -p foretrace-loom --target-dir target/loom`; without `--cfg loom` this
-//! crate is empty. Contract: the code that runs here is the code that is shipped (`build.rs`). Absent:
-//! crossbeam's channels, which no real-time thread uses once it runs, and single flags and counters, which
-//! order nothing else.
+//! crate is empty. Contract: the code here is the shipped code (`build.rs`). Absent: crossbeam's channels,
+//! which no real-time thread uses once it runs, and single flags and counters, which order nothing else.
 
 #[cfg(loom)]
 extern crate alloc;
 
 #[cfg(loom)]
-// Not our text: its style is its author's.
+// Third-party source: its style is its author's.
 #[allow(warnings, clippy::all, clippy::multiple_unsafe_ops_per_block, clippy::undocumented_unsafe_blocks)]
 mod rtrb {
     include!(concat!(env!("OUT_DIR"), "/rtrb.rs"));

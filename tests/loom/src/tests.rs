@@ -1,4 +1,4 @@
-//! Every order in which two threads may meet at a ring, and every value that a load may then see.
+//! Every interleaving of two threads at a ring, and every value that a load may then return.
 
 use loom::cell::UnsafeCell;
 use loom::sync::Arc;
@@ -7,7 +7,7 @@ use loom::thread;
 use crate::handover::handover;
 use crate::rtrb::RingBuffer;
 
-/// Runs `meeting` in every order, and says how many there were.
+/// Runs `meeting` in every interleaving, and returns their number.
 fn every_order(meeting: impl Fn() + Send + Sync + 'static) {
     let orders = std::sync::Arc::new(std::sync::atomic::AtomicU64::new(0));
     let seen = orders.clone();
@@ -28,13 +28,13 @@ const PLACES: usize = 2;
 #[derive(Default)]
 struct Places([UnsafeCell<u64>; PLACES]);
 
-// SAFETY: what this allows is what the tests are about; loom stops them at the first unordered access.
+// SAFETY: the tests check exactly this; loom fails them at the first unordered access.
 unsafe impl Sync for Places {}
 
 impl Places {
     /// Writes the `k`-th item (from 0) into the place that the ring gives it.
     fn write(&self, k: usize, value: u64) {
-        // SAFETY: loom has checked that nobody else is at this place when the pointer is handed out.
+        // SAFETY: loom has checked that no other thread is at this place when the pointer is handed out.
         self.0[k % PLACES].with_mut(|place| unsafe { *place = value });
     }
 

@@ -1,4 +1,4 @@
-//! A perfect arm that turns bad.
+//! An ideal arm that turns faulty.
 
 use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -14,7 +14,7 @@ use super::{Forge, bad_states, pace};
 const HOME: [f64; foretrace_shm::JOINTS] = [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0];
 const CYCLE_NS: u64 = 8_000_000;
 
-/// Is where it was told to be; in the last half of `time` every state makes no sense.
+/// Follows its commands exactly; in the last half of `time` every state is invalid.
 pub(super) fn forge(
     instance: &Instance,
     foretrace: &Foretrace,

@@ -1,4 +1,4 @@
-//! A process that sends what no honest peer sends: forged numbers, headers, rates, layouts.
+//! A process that sends invalid messages: forged numbers, headers, rates, layouts.
 //!
 //! Contract: `forge KIND SECONDS --instance=N --root=DIR` writes messages into shared memory without the
 //! checks of foretrace-shm, and prints at the end one JSON object: `sent` by kind, and the daemon's counters
@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 
 use crate::instance_of;
 
-/// The daemon says its status ten times per second.
+/// The daemon publishes its status ten times per second.
 const STATUS: Duration = Duration::from_secs(5);
 
 /// The forger, with the arguments after `forge`.
@@ -130,7 +130,7 @@ fn deaf(foretrace: &Foretrace, time: Duration) -> Result<Value, Box<dyn Error>> 
     Ok(json!({ "read": 0 }))
 }
 
-/// Sits on the pen's service as a program of another version would, with another layout.
+/// Occupies the pen's service as a program of another version would, with another layout.
 fn squat(instance: &Instance, time: Duration) -> Result<Value, Box<dyn Error>> {
     // Makes the folder, as a daemon of that version would have.
     drop(instance.lock()?);
@@ -156,7 +156,7 @@ fn pace(begin: Instant, due_ns: u64) {
     std::thread::sleep(due.saturating_sub(begin.elapsed()));
 }
 
-/// States of joints that make no sense, one after the other.
+/// Invalid joint states, one after the other.
 fn bad_states(good: JointState) -> [(&'static str, JointState); 7] {
     let joint = |value: f64| {
         let mut state = good;

@@ -1,4 +1,4 @@
-//! Pens that lie.
+//! Pens that send forged samples.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -9,16 +9,16 @@ use serde_json::{Value, json};
 
 use super::{Forge, boot, earlier, later, pace};
 
-/// What a pen lies about.
+/// What a pen forges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Nothing.
     Honest,
-    /// Numbers, between honest samples.
+    /// Numbers, between valid samples.
     Values,
     /// Numbers, always.
     Poison,
-    /// Headers and stamps, between honest samples.
+    /// Headers and stamps, between valid samples.
     Headers,
     /// The clock: the time of day.
     WallClock,
@@ -26,8 +26,8 @@ pub(super) enum Kind {
     Pixels,
     /// How many there are: 20 000 per second.
     Flood,
-    /// Each message makes sense, all together do not: noise as fast as the gate for jumps allows, jumps
-    /// across the device.
+    /// Each sample is valid, the sequence is not: noise as fast as the gate for jumps allows, jumps across
+    /// the device.
     Mad,
 }
 
@@ -131,7 +131,7 @@ fn mad(pen: &mut Pen, turn: u64, good: PenSample) -> (&'static str, PenSample) {
     }
 }
 
-/// A header that is right and numbers that are not.
+/// A valid header with invalid numbers.
 fn bad_value(forge: &mut Forge<PenSample>, pen: &mut Pen, turn: u64) -> Result<(), Box<dyn Error>> {
     let good = pen.sample(monotonic_now_ns());
     pen.sequence += 1;
@@ -150,11 +150,11 @@ fn bad_value(forge: &mut Forge<PenSample>, pen: &mut Pen, turn: u64) -> Result<(
     forge.send("bad", bad[turn as usize % bad.len()])
 }
 
-/// Numbers that are right under a header, or a device stamp, that is not.
+/// Valid numbers with an invalid header or device stamp.
 fn bad_header(forge: &mut Forge<PenSample>, pen: &mut Pen, turn: u64) -> Result<(), Box<dyn Error>> {
     let now_ns = monotonic_now_ns();
     let good = pen.sample(now_ns);
-    // A refused header is not remembered: the next honest sample has the same number.
+    // A refused header is not remembered: the next valid sample has the same number.
     match turn % 8 {
         0 => forge.send("foreign boot", PenSample { header: boot(good.header), ..good }),
         1 => forge.send("future", PenSample { header: later(good.header), ..good }),

@@ -1,4 +1,4 @@
-//! `foretrace calibrate lag` against simulated arms whose lag is known, and against what goes wrong.
+//! `foretrace calibrate lag` against simulated arms of known lag, and its failures.
 
 use std::process::Output;
 use std::time::Duration;
@@ -7,8 +7,7 @@ use foretrace_tests::{Process, World, assert_refused, json, told, until};
 
 use crate::PROGRAM;
 
-/// A machine that stalls for long makes the daemon stop the arm, which is right, and no matter here: then
-/// once more.
+/// A long stall of the machine makes the daemon stop the arm, correctly: repeats the run.
 fn calibrated(world: &World, options: &[&str]) -> Output {
     let mut tried = 0;
     loop {
@@ -64,7 +63,7 @@ fn the_lag_of_a_servo_and_of_a_pure_delay_is_found_within_three_milliseconds() {
         assert!(report["heard"]["states"].as_u64() > Some(100), "{report}");
         let picture = std::fs::read_to_string(world.file("foretrace-lag.svg")).expect("a picture");
         assert!(picture.starts_with("<svg") && picture.contains("How late the arm is"));
-        // What it armed it let go of.
+        // It disarmed the arm that it had armed.
         world.wait_for_mode(0, "idle");
     }
     daemon.end();

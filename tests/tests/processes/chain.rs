@@ -83,7 +83,7 @@ fn every_sample_keeps_its_identity_from_the_device_to_the_command_and_back() {
     let (mut behind, mut echoed, mut timed) = (BTreeSet::new(), BTreeSet::new(), 0);
     for tick in list("ticks") {
         let (index, pen) = (number(&tick["tick"]), identity(&tick["pen"]));
-        // What was sent before the observer listened it cannot know.
+        // The observer does not know samples from before it attached.
         if pen.0 >= first {
             assert!(pens.contains(&pen), "{tick} names a sample that was never sent");
             behind.insert(pen);
@@ -129,7 +129,7 @@ fn a_killed_daemon_comes_back_while_arm_and_player_live_on() {
     player.expect_alive();
 
     let daemon = world.daemon(0);
-    // A daemon that comes back moves nothing before it is asked to.
+    // A restarted daemon moves nothing until it is asked to.
     assert_eq!(world.status(0)["mode"], "idle");
     world.arm(0, &mut arm);
     world.wait_for_mode(0, "following");

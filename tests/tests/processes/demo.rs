@@ -96,7 +96,7 @@ fn at_trust_0_the_demo_and_its_ghost_agree_and_both_with_the_records() {
     let (real, ghost) = (number("/ghost/session/rms_m"), number("/ghost/session/ghost_rms_m"));
     assert!((ghost / real - 1.0).abs() < 0.03, "{}", report["ghost"]);
     assert!(number("/ghost/session/saved_ms").abs() < 2.0, "{}", report["ghost"]);
-    // The daemon measured live what the demo works out afterwards from the records of arm and player.
+    // The daemon measured online what the demo computes from the records of arm and player.
     let afterwards = number("/tracking/rmse_m");
     assert!((real / afterwards - 1.0).abs() < 0.05, "{real} m live, {afterwards} m afterwards");
     let lag_ms = number("/ghost/session/lag_ms");
@@ -123,7 +123,7 @@ fn a_demo_that_is_stopped_reports_up_to_there_and_says_what_fired_and_what_to_do
     let lines: Vec<&str> = alert.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     assert!(lines[0].starts_with("The daemon stopped the arm by itself after"), "{lines:?}");
     assert!(lines[1].starts_with("What fired: tracking error: "), "{lines:?}");
-    assert!(lines[2].starts_with("What to do: the arm did not go where it was told"), "{lines:?}");
+    assert!(lines[2].starts_with("What to do: the arm did not follow its commands"), "{lines:?}");
     assert!(!page.pictures.is_empty(), "what was seen up to there is drawn");
 }
 

@@ -1,4 +1,4 @@
-//! `foretrace doctor`: a whole report whatever the machine is like, and leftovers removed of the dead only.
+//! `foretrace doctor`: a whole report on any machine, and removal of leftovers of dead processes only.
 
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
@@ -178,7 +178,7 @@ fn damaged_leftovers_are_removed_too() {
     damage(&instance.root().join("iox2"));
     for entry in std::fs::read_dir("/dev/shm").unwrap().map(Result::unwrap) {
         if entry.file_name().to_string_lossy().starts_with(instance.prefix()) {
-            // What a process leaves that is killed between making a segment and giving it a size.
+            // The leftovers of a process killed between making a segment and setting its size.
             std::fs::File::create(entry.path()).unwrap();
             std::fs::set_permissions(entry.path(), Permissions::from_mode(0o200)).unwrap();
         }

@@ -1,4 +1,4 @@
-//! `lab closed-loop` as somebody types it, on a small made-up set.
+//! `lab closed-loop` from the command line, on a small synthetic set.
 
 use std::path::Path;
 
@@ -135,7 +135,7 @@ fn names_that_nobody_has_are_answered_with_those_that_there_are() {
     let cases = [
         (["--predictors", "hold,ruckig"], 2, "ruckig", "servoj-gello servoj-ros otg kalman oracle"),
         (["--arms", "ur10"], 2, "ur10", "ideal delay30 ur5 slow"),
-        // Which parts there are, the set says.
+        // The parts come from the set.
         (["--split", "tset"], 5, "tset", "all"),
     ];
     for (wrong, code, value, legal) in cases {

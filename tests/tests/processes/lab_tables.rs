@@ -1,4 +1,4 @@
-//! `lab table1`, `lab evaluate` and `lab leadtime` as somebody types them, on a small made-up set.
+//! `lab table1`, `lab evaluate` and `lab leadtime` from the command line, on a small synthetic set.
 
 use std::path::Path;
 

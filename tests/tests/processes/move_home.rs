@@ -1,5 +1,5 @@
-//! `foretrace move home` over processes: asked for, refused with what is in the way, interrupted, and
-//! orphaned in the middle.
+//! `foretrace move home` over processes: confirmed, refused with the obstacle, interrupted, and orphaned in
+//! the middle.
 
 use foretrace_tests::{Process, World, assert_refused, json, told, until};
 
@@ -37,7 +37,7 @@ fn an_arm_far_away_comes_home_through_a_stop_and_a_killed_daemon() {
     let arm = world.start(0, &["arm", "sim", TURNED, "--json", &file]);
     heard(&world);
     assert_refused(&world.run(0, &["request", "arm"]), 4, &["outside the workspace", "foretrace move home"]);
-    // Nobody agreed, and there is no terminal to ask on.
+    // No confirmation, and no terminal to ask on.
     assert_refused(&world.run(0, &["move", "home"]), 2, &["no terminal", "--yes"]);
     assert_eq!(world.status(0)["mode"], "idle");
 
@@ -91,7 +91,7 @@ fn without_a_daemon_or_with_joints_that_are_none_nothing_begins() {
 #[test]
 fn a_box_in_the_way_is_named_and_nothing_moves() {
     let world = World::new(PROGRAM);
-    // Where the pen comes by when the base has turned half of the way.
+    // Position of the pen when the base has turned half of the way.
     let pillar = "clearance.boxes_m=[[[0.537, -0.169, 0.3], [0.05, 0.05, 0.6], [0.0, 0.0, 0.0]]]";
     let daemon = world.daemon_with(0, &["--set", pillar]);
     let arm = world.start(0, &["arm", "sim", TURNED]);

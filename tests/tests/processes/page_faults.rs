@@ -1,5 +1,5 @@
-//! Once an arm is armed and everybody has connected, the real-time thread takes no page fault: all its memory
-//! is there and locked.
+//! Once an arm is armed and all peers have connected, the real-time thread takes no page fault: all its
+//! memory is mapped and locked.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ const TICKS: u64 = 4000;
 #[test]
 fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
     let world = World::with_rights_kept(PROGRAM);
-    // The mildest rights that come with locked memory, so that other tests are not in its way.
+    // The lowest priority that comes with locked memory, so that it disturbs other tests least.
     let mild = ["loop.priority=1", "loop.spin_us=0", "safety.joint_state_timeout_ms=500"];
     let words: Vec<&str> =
         std::iter::once("daemon").chain(mild.iter().flat_map(|set| ["--set", *set])).collect();

@@ -1,19 +1,19 @@
-//! Whatever the daemon refuses is told, with field, value, bound and a guess, in the status, in the log and
-//! in the answer to who asks for the arm.
+//! The daemon reports every refusal, with field, value, bound and a guess, in the status, in the log and in
+//! the answer to a request to arm.
 
 use foretrace_tests::{World, assert_refused, until};
 use serde_json::Value;
 
 use crate::PROGRAM;
 
-/// The newest refusal of `what` that the status tells.
+/// The newest refusal of `what` in the status.
 fn refused(status: &Value, what: &str) -> Value {
     let all = status["refused"].as_array().unwrap_or_else(|| panic!("refused: {status}"));
     all.iter().find(|refused| refused["what"] == what).cloned().unwrap_or_else(|| panic!("{what}: {all:?}"))
 }
 
-/// Lets a forger lie until the status tells of a refusal of `what` for its `field`; the refusal, and the
-/// status for people.
+/// Runs a forger until the status shows a refusal of `what` for its `field`; the refusal, and the status for
+/// people.
 fn told_of(world: &World, kind: &str, what: &str, field: &str) -> (Value, String) {
     let mut liar = world.start(0, &["forge", kind, "600"]);
     let seen = until(&format!("a refusal of {what}"), || {
@@ -48,7 +48,7 @@ fn units_and_clocks_that_are_wrong_are_recognised() {
         assert!(told, "{kind}: no line of {text}");
         println!("{kind}: {why}");
     }
-    // Each reason is told when it is new, whatever else the log said in that second.
+    // Each new reason is logged, whatever else the log reported in that second.
     let log = daemon.testify();
     for guess in ["pixels?", "degrees?", "CLOCK_MONOTONIC"] {
         let told =

@@ -1,5 +1,4 @@
-//! What other users can do: nothing with the shared memory, and only what the gateway lets through with the
-//! pen.
+//! What other users can do: nothing with the shared memory, and only through the gateway with the pen.
 //!
 //! Started as root, the daemon runs as `nobody` and the stranger as another user. Without root there is only
 //! one user at hand: then the modes are still checked, and the rest says that it was skipped.
@@ -87,7 +86,7 @@ fn another_user_can_open_no_segment_no_file_and_no_socket_and_cannot_attach() {
     assert_eq!(report["entered"], serde_json::json!([]), "{report}");
     let (denied, gone) = (report["denied"].as_u64().unwrap(), report["gone"].as_u64().unwrap());
     assert!(denied > 40, "{report}");
-    // As its own user, everything is open: the same words find what they look for.
+    // As its own user, everything is accessible: the same attempts succeed.
     let own = world.start_plain(&words).output();
     let own: serde_json::Value = serde_json::from_slice(&own.stdout).unwrap();
     assert!(
@@ -241,7 +240,7 @@ impl Drop for Planted {
 #[test]
 fn a_segment_that_another_user_planted_keeps_the_daemon_from_starting_and_is_told_while_it_runs() {
     let world = World::new(PROGRAM);
-    // Without another user at hand there is nobody to plant one.
+    // Without another user the file cannot be planted.
     if world.stranger().is_none() {
         return;
     }

@@ -1,7 +1,7 @@
 //! Every Rust snippet of the documents is compiled, and is what the document says.
 //!
 //! The functions below are the documents' snippets with what their readers bring themselves (a tablet, an
-//! arm, a proposal). Nobody calls them: they would need a daemon and never end. A snippet that no function
+//! arm, a proposal). They are not called: they would need a daemon and never end. A snippet that no function
 //! here has, letter for letter, fails the test; one that does not compile fails the build. Settings must be
 //! accepted, dependencies be crates of this workspace, and blocks are of a kind that is checked. Shell:
 //! [`crate::snippets_shell`].
@@ -231,7 +231,7 @@ fn every_rust_snippet_of_the_documents_is_compiled_here_letter_for_letter() {
             .lines()
             .map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") })
             .collect();
-        // From the start of a line: an example must not be found in the midst of one.
+        // From the start of a line: an example must not match in the middle of one.
         let example = || EXAMPLES.iter().any(|file| format!("\n{file}").contains(&format!("\n{snippet}")));
         assert!(
             compiled.contains(&indented) || example(),

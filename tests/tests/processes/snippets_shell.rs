@@ -1,4 +1,4 @@
-//! Every shell line of the documents is one that a shell takes, of programs that are known here.
+//! Checks every shell line of the documents: syntax, and known programs only.
 //!
 //! Blocks go through `bash -n`. Lines of cargo, in blocks and in the text, name packages, tests, examples and
 //! programs of this workspace, and filters that its sources have; scripts exist. Lines of foretrace go

@@ -1,5 +1,4 @@
-//! What the real-time thread asks of the kernel while it moves an arm: it is traced, and every system call
-//! counted.
+//! The system calls of the real-time thread while it moves an arm: it is traced, and every call counted.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;

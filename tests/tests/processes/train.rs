@@ -80,7 +80,7 @@ fn a_training_whose_picture_cannot_be_written_says_that_the_model_is_saved() {
     let world = World::alone(PROGRAM);
     let data = spirals(&world);
     let out = world.file("m.safetensors");
-    // In the place of the picture, as good as a disk that is full by then.
+    // A folder in place of the picture, as a stand-in for a full disk.
     std::fs::create_dir(world.file("m.svg")).unwrap();
     let words = |more: &[&str]| {
         world.run_plain(&options(&data, out.to_str().unwrap(), &[&["--epochs", "2"], more].concat()))
@@ -120,7 +120,7 @@ fn wrong_options_and_data_are_answered_with_what_is_legal() {
     assert!(!world.file("m.safetensors").exists());
 }
 
-/// Only agreement is judged: the program under test need not be a release build.
+/// Only agreement is tested: the program under test need not be a release build.
 #[test]
 fn pytorch_computes_the_same_training() {
     let python = std::env::var("FORETRACE_PYTHON").unwrap_or_else(|_| "python3".to_owned());

@@ -1,4 +1,5 @@
-//! What the simulated arm makes of the commands it receives: which it refuses, and where it wants its joints.
+//! How the simulated arm treats the commands it receives: which ones it refuses, and where its joints should
+//! be.
 //!
 //! Contract: time is an argument, nothing here touches the shared memory. A command is refused when it is
 //! malformed, of another boot, older than another one, past its validity, or more than 20 rad/s away from the
@@ -238,7 +239,7 @@ mod tests {
         let refused = *intake.refused();
         assert_eq!([refused.header, refused.malformed, refused.stale, refused.jump], [1; 4]);
         let told = refused.to_string();
-        assert!(told.contains("newest: joint 0 is told to be 0.5000 rad from"), "{told}");
+        assert!(told.contains("newest: joint 0 is commanded 0.5000 rad away from"), "{told}");
         assert_eq!(intake.target(at(5)), [0.0; JOINTS]);
         assert!(receive(&mut intake, &command(6, 0.0, 0.0), at(6)));
     }

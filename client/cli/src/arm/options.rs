@@ -1,26 +1,24 @@
-//! What kind of arm to simulate: how late, how unevenly late, how fast.
+//! The properties of the simulated arm: delay, jitter and speed.
 
 use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
 
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub(crate) struct LagArgs {
-    /// Pure delay before the servo, in milliseconds, 0 to 500; the controller's cycle, the look-ahead and 2
-    /// ms of joint loop come on top
+    /// Pure delay before the servo [ms], 0 to 500; the controller's cycle, the look-ahead and 2 ms of joint
+    /// loop are added to it
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = delay)]
     pub(crate) lag_ms: f64,
 
-    /// Look-ahead of the servo in milliseconds, 0 to 200 (a UR's servoj: 30 to 200); 0 is an arm without a
-    /// servo filter
+    /// Look-ahead of the servo [ms], 0 to 200 (a UR's servoj: 30 to 200); 0 is an arm without a servo filter
     #[arg(long, value_name = "MS", alias = "look-ahead", default_value_t = 30.0, value_parser = look_ahead)]
     pub(crate) look_ahead_ms: f64,
 
-    /// Let the delay vary from cycle to cycle by up to this many milliseconds, 0 to 100; commands stay in
-    /// order
+    /// Vary the delay from cycle to cycle by up to this much [ms], 0 to 100; commands stay in order
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = jitter)]
     pub(crate) jitter_ms: f64,
 
-    /// Where the jitter begins: the same number gives the same jitter
+    /// Seed of the jitter: the same seed gives the same jitter
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub(crate) jitter_seed: u64,
 
@@ -33,9 +31,9 @@ pub(crate) struct LagArgs {
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = scaling)]
     pub(crate) speed_scaling: f64,
 
-    /// Break down when so many seconds have passed since the arm began to cycle: stuck, paused; locked,
-    /// frozen (in its report), flipped or wrapped (a turn) with a joint as VALUE; offset, runaway, slow,
-    /// oscillation with a size
+    /// Inject a fault this many seconds after the arm's first cycle: stuck, paused; locked, frozen (in its
+    /// report), flipped or wrapped (by a turn) with a joint as VALUE; offset, runaway, slow, oscillation with
+    /// a size
     #[arg(long, value_name = "KIND@S[:VALUE]")]
     pub(crate) fault: Option<Fault>,
 }
@@ -59,18 +57,18 @@ impl LagArgs {
     }
 }
 
-/// The same for programs that start an arm; what is not given stays as `foretrace arm sim` has it.
+/// The same for programs that start an arm; options not given keep the defaults of `foretrace arm sim`.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct StartedArmArgs {
-    /// Pure delay of the simulated arm before its servo, in milliseconds, 0 to 500 [default: 0]
+    /// Pure delay of the simulated arm before its servo [ms], 0 to 500 [default: 0]
     #[arg(long, value_name = "MS", value_parser = delay)]
     arm_lag_ms: Option<f64>,
 
-    /// Look-ahead of the arm's servo in milliseconds, 0 to 200 [default: 30]
+    /// Look-ahead of the arm's servo [ms], 0 to 200 [default: 30]
     #[arg(long, value_name = "MS", value_parser = look_ahead)]
     arm_look_ahead_ms: Option<f64>,
 
-    /// Jitter of the arm's delay in milliseconds, 0 to 100 [default: 0]
+    /// Jitter of the arm's delay [ms], 0 to 100 [default: 0]
     #[arg(long, value_name = "MS", value_parser = jitter)]
     arm_jitter_ms: Option<f64>,
 
@@ -82,7 +80,7 @@ pub(crate) struct StartedArmArgs {
     #[arg(long, value_name = "F", value_parser = scaling)]
     arm_speed_scaling: Option<f64>,
 
-    /// Break the arm on purpose: KIND@SECONDS[:VALUE], as `foretrace arm sim --fault`
+    /// Inject a fault into the arm: KIND@SECONDS[:VALUE], as `foretrace arm sim --fault`
     #[arg(long, value_name = "KIND@S[:VALUE]", value_parser = fault)]
     arm_fault: Option<String>,
 }
@@ -121,7 +119,7 @@ fn scaling(text: &str) -> Result<f64, String> {
     within(text, 1.0).ok_or_else(|| "a number from 0 to 1".to_owned())
 }
 
-/// Judged here as well, so that a demo does not start with what its arm would refuse.
+/// Checked here as well, so that a demo does not start with options that its arm would refuse.
 fn fault(text: &str) -> Result<String, String> {
     text.parse::<Fault>().map(|_| text.to_owned()).map_err(|error| error.to_string())
 }

@@ -33,7 +33,7 @@ impl fmt::Display for Refusal {
             ),
             Self::Jump { joint, away, reach } => write!(
                 f,
-                "joint {joint} is told to be {away:.4} rad from where it is wanted, more than {reach:.4} \
+                "joint {joint} is commanded {away:.4} rad away from its target, more than {reach:.4} \
                  rad, which is {JUMP_RADPS} rad/s for a cycle"
             ),
         }
@@ -47,7 +47,7 @@ pub(crate) struct Refused {
     pub(crate) header: u64,
     /// Numbers or flags that make no sense.
     pub(crate) malformed: u64,
-    /// Valid no longer on arrival.
+    /// No longer valid on arrival.
     pub(crate) stale: u64,
     /// Too far from the present target.
     pub(crate) jump: u64,
@@ -101,8 +101,7 @@ impl fmt::Display for Refused {
     }
 }
 
-/// Says so on stderr when commands are refused: the first at once, then with counts, every ten seconds at
-/// most.
+/// Reports refused commands on stderr: the first at once, then counts, at most every ten seconds.
 #[derive(Debug, Default)]
 pub(super) struct Teller {
     told: u64,

@@ -1,4 +1,4 @@
-//! What the simulated arm says about its run.
+//! The report of a run of the simulated arm.
 
 use serde::Serialize;
 
@@ -43,7 +43,7 @@ pub(super) struct ViolationReport {
 pub(super) struct ArmReport {
     pub(super) rate_hz: f64,
     pub(super) cycles: u64,
-    /// Cycles that the machine slept through and that were made up for.
+    /// Cycles that the machine missed and that were made up for.
     pub(super) late_cycles: u64,
     pub(super) daemons: u64,
     /// From a target to its motion at low frequency, without jitter, when the run began and when it ended
@@ -61,7 +61,7 @@ pub(super) struct DelayReport {
     pub(super) max: f64,
 }
 
-/// The pure delays that were.
+/// The pure delays that occurred.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct DelaySeen {
     sum_s: f64,

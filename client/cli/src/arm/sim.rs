@@ -1,7 +1,7 @@
 //! `foretrace arm sim`: a simulated UR5 controller as a process of its own.
 //!
-//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine slept through are made up
-//! for, each with the command that was due then, because a real controller would not have slept. Outlives the
+//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine missed are made up for, each
+//! with the command that was due then, because a real controller would not have missed them. Outlives the
 //! daemon: without commands it brakes and stays, and follows again when a daemon comes back.
 
 use std::fs::File;
@@ -33,8 +33,8 @@ use crate::settings::SettingsArgs;
 ///
 /// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically
 /// damped servo with the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34
-/// rad/s and 40 rad/s². It brakes by itself when commands stay away. Every command received is checked
-/// against the settings' limits; the result is printed at the end.
+/// rad/s and 40 rad/s². It brakes by itself when no commands come. Every command received is checked against
+/// the settings' limits; the result is printed at the end.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -58,7 +58,7 @@ pub(crate) struct SimArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
 
-    /// Stand at these joints in the beginning, base first [rad], for example --from=0.5,-1.9,-1.7,-1.1,1.6,0
+    /// Start at these joint positions, base first [rad], for example --from=0.5,-1.9,-1.7,-1.1,1.6,0
     /// [default: home]
     #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1..)]
     from: Option<Vec<f64>>,
@@ -120,7 +120,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     args.json.write(&report)
 }
 
-/// Where an arm is to stand that is given as `from` [rad].
+/// Parses the joint positions of `--from` [rad].
 fn standing(from: &[f64], limits: &JointLimits<JOINTS>) -> Result<[f64; JOINTS], Failure> {
     let wrong =
         |why: String| Failure::new(Cause::Usage, why, "give --from=Q1,...,Q6, base first, in radians");
@@ -240,7 +240,7 @@ impl Simulation {
             }
         }
         if let Some(ports) = &mut self.ports {
-            // Without a daemon nobody listens; the lookout takes care of that.
+            // Without a daemon there is no receiver; the lookout handles that.
             let _ = ports.states.publish(due, state);
         }
         if let Some(record) = &mut self.record {
@@ -251,7 +251,7 @@ impl Simulation {
         self.delay.add(self.model.delay_s());
     }
 
-    /// The client library refuses first; what it refused never came to the intake.
+    /// The client library refuses first; those commands never reach the intake.
     fn refused(&self) -> Refused {
         let commands = self.ports.as_ref().map(|ports| &ports.commands);
         let (count, newest) = commands.map_or((0, None), |c| (c.rejections().total(), c.newest_refused()));

@@ -1,10 +1,10 @@
-//! Trust evidence under the clock: what judging, correcting and shortening the preview add to a tick of the
+//! Times the trust evidence: what scoring, correcting and shortening the preview add to a tick of the
 //! recorded loop.
 //!
 //! Contract: the same calls as in a tick of the follower, with a preview of constant velocity. Every tick
-//! takes its newest sample in and works out gain and share of every lead; where a grid step closed, waiting
-//! previews are judged and a new one is put beside them as well. Absent: reading the pen and predicting,
-//! which have lines of their own.
+//! takes its newest sample in and works out gain and share of every lead; where a grid step closed, pending
+//! previews are also scored and a new one is stored. Absent: reading the pen and predicting, which have lines
+//! of their own.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -30,7 +30,7 @@ pub(super) struct EvidenceCost {
     pub(super) closing: Cost,
 }
 
-/// Metres per normalised unit: of the size that writing has, and fixed, since only the cost counts.
+/// Metres per normalised unit: typical of writing, and fixed, because only the cost is measured.
 const UNIT_M: f64 = 1e-4;
 
 /// Times it on `samples` ticks that close a grid step, and on those between.

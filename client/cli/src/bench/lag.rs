@@ -1,7 +1,7 @@
-//! The lag estimator under the clock: what it adds to every tick of the recorded loop.
+//! Times the lag estimator: what it adds to every tick of the recorded loop.
 //!
-//! Contract: one number per tick, of a joint state and a command taken in. In most ticks they are only put
-//! down; every grid step one instant is worked in, and every fifth the figures are worked out anew: the tail.
+//! Contract: one number per tick, of a joint state and a command taken in. Most ticks only store them; every
+//! grid step adds one instant to the sums, and every fifth of these updates the estimate, which is the tail.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -17,7 +17,7 @@ use super::{Cost, cost, elapsed_us};
 pub(super) struct LagCost {
     #[serde(flatten)]
     pub(super) per_tick: Cost,
-    /// The median of the ticks that work an instant in, one in five at 500 Hz.
+    /// The median of the ticks that add an instant to the sums, one in five at 500 Hz.
     pub(super) p90: f64,
 }
 
@@ -30,7 +30,7 @@ pub(super) fn lag<const N: usize>(workload: &Workload<N>, samples: u32) -> LagCo
             if times.len() >= samples as usize {
                 break 'laps;
             }
-            // The arm of the workload is where it was sent: its next joints are this tick's command.
+            // The workload's arm is perfect: its next joint state is this tick's command.
             let (measured, command) = (black_box(tick.joints.q), black_box(next.joints.q));
             let begin = Instant::now();
             estimator.measured(tick.now, &measured);

@@ -1,7 +1,7 @@
 //! `foretrace bench`: what the parts of a tick cost on this machine, the exact path beside Clarabel.
 //!
-//! Contract: for every instance each backend is timed once, in turning order, so that all see the same
-//! machine and about the same caches. The clock's own cost is reported, not subtracted. Percentiles are over
+//! Contract: every backend is timed once per instance, in rotating order, so that all see the same machine
+//! and about the same caches. The clock's own cost is reported, not subtracted. Percentiles are over
 //! instances.
 
 mod evidence;
@@ -28,12 +28,12 @@ use crate::play::source::{self, PathArgs};
 use crate::settings::{SettingsArgs, judged};
 use workload::{J, Workload};
 
-/// Time the parts of a tick on this machine, exact path beside Clarabel
+/// Time the parts of a tick on this machine, the exact path beside Clarabel
 ///
-/// Runs a loop on handwriting (the settings' horizon, DyBM believed fully), then times every problem that
+/// Runs a loop on handwriting (the settings' horizon, DyBM at trust 1), then times every problem that
 /// occurred in it with each backend in turn: planning without and with 3 to 8 active limits, one step of
 /// inverse kinematics, one roll-out of the predictor, and the whole step from pen samples to a legal command.
-/// Release builds only tell the truth.
+/// Only release builds give meaningful figures.
 #[derive(Debug, clap::Args)]
 pub(crate) struct BenchArgs {
     /// Instances per row
@@ -113,7 +113,7 @@ struct BenchReport {
     learn_us: Cost,
     /// The lag estimator's part of a tick.
     lag_us: lag::LagCost,
-    /// Trust evidence: judging previews, and correcting the newest.
+    /// Trust evidence: scoring previews, and correcting the newest.
     evidence_us: evidence::EvidenceCost,
     /// One observation and one preview each.
     predictors_us: Vec<predictors::PredictorCost>,
@@ -163,7 +163,7 @@ fn measured<const N: usize>(args: &BenchArgs, config: &Config) -> Result<BenchRe
     })
 }
 
-/// DyBM, believed fully, whatever the settings say; who asked for something else is told.
+/// DyBM at trust 1, whatever the settings say; a setting that differs is reported.
 fn configured(args: &SettingsArgs) -> Result<Config, Failure> {
     let fixed = [("predictor.kind", "dybm"), ("trust.mode", "manual"), ("trust.value", "1.0")];
     for (key, value) in fixed {
@@ -174,7 +174,7 @@ fn configured(args: &SettingsArgs) -> Result<Config, Failure> {
     judged(&fixed.iter().fold(args.source()?, |source, (key, value)| source.with(key, value)))
 }
 
-/// Planning problems whose exact solution has `active` limits.
+/// Planning problems whose exact solution has this many active limits (`active`).
 fn planning<const N: usize>(
     config: &Config,
     workload: &Workload<N>,
@@ -258,7 +258,7 @@ fn predicting<const N: usize>(config: &Config, workload: &Workload<N>, samples: 
             times.push(elapsed_us(begin));
         }
         if tick.now == workload.ticks[workload.ticks.len() - 1].now {
-            // The recording begins anew: so does time.
+            // The recording restarts, and time with it.
             tracker = PenTracker::new(settings.pen).map_err(|error| refused(&error))?;
             previewer.forget();
         }
@@ -266,8 +266,8 @@ fn predicting<const N: usize>(config: &Config, workload: &Workload<N>, samples: 
     Ok(Row { exact: cost(times), clarabel: None, clarabel_tuned: None })
 }
 
-/// Times `solve` for every way on `samples` of `problems`, in an order that neither a cache nor a prefetcher
-/// knows.
+/// Times `solve` for every backend on `samples` of `problems`, in an order that neither cache nor prefetcher
+/// can predict.
 fn interleaved<T>(problems: &[T], samples: u32, mut solve: impl FnMut(Way, &T) -> f64) -> Row {
     let mut times = [const { Vec::new() }; 3];
     let mut dice = 0x9e37_79b9_7f4a_7c15_u64;

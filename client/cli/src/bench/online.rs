@@ -1,4 +1,4 @@
-//! The models that learn online under the clock: as predictors, and learning.
+//! Times the models that learn online: predicting, and learning.
 //!
 //! Contract: a learner's row costs one `learn`: the prediction before the displacement is seen, the update,
 //! the memory. The DyBM is that of the reference tables (delay 2, decay 0.5, AdaGrad 0.1) and starts at zero;

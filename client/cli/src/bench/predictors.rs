@@ -1,9 +1,9 @@
-//! One row per predictor: what taking in a displacement and predicting from it costs.
+//! One row per predictor: the cost of observing a displacement and predicting from it.
 //!
 //! Contract: every predictor sees the same displacements of the recorded pen, normalised like the loop's, one
-//! after the other, and is timed in turning order. A cost is one `observe` and one `preview`, or one `learn`.
-//! The numbers of a network do not change its time, so sizes for which no trained weights are shipped run on
-//! made-up ones.
+//! after the other, and is timed in rotating order. A cost is one `observe` and one `preview`, or one
+//! `learn`. The values of a network's weights do not change its time, so sizes without shipped weights run on
+//! random ones.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ use super::workload::Workload;
 use super::{Cost, cost, elapsed_us};
 use crate::failure::Failure;
 
-/// A predictor under the clock.
+/// A predictor to be timed.
 pub(super) struct Candidate {
     pub(super) name: String,
     /// Steps it previews; none for one that learns instead.
@@ -100,7 +100,7 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
     Ok(candidates)
 }
 
-/// Those with rows of their own above, or with nothing to time; all others get theirs from the registry.
+/// Predictors that have rows of their own, or nothing to time; the registry provides all others.
 const HAVE_ROWS: [PredictorKind; 6] = [
     PredictorKind::HOLD,
     PredictorKind::CONSTANT_VELOCITY,

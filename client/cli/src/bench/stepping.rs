@@ -1,7 +1,7 @@
-//! The whole step under the clock: with every solver, and with every predictor.
+//! Times the whole step: with every solver, and with every predictor.
 //!
-//! Contract: all run through the same recorded ticks, in turning order. With a predictor, the learner learns
-//! beside the loop, outside the clock, and its weights come in as they do in the daemon.
+//! Contract: all run through the same recorded ticks, in rotating order. With a predictor, the learner runs
+//! beside the loop and is not timed; its weights arrive as they do in the daemon.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -22,7 +22,7 @@ pub(super) struct PredictorSteps {
     pub(super) predictor: &'static str,
     /// Any tick.
     pub(super) any: Cost,
-    /// Ticks in which a grid step closed: the predictor observes and predicts anew.
+    /// Ticks in which a grid step closed: the predictor observes and predicts.
     pub(super) new_preview: Cost,
     /// Ticks in which weights came in as well.
     pub(super) new_weights: Cost,

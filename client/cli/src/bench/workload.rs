@@ -22,7 +22,7 @@ pub(crate) const J: usize = 6;
 /// The loop starts here, so that ages before it exist.
 const BEGIN_NS: u64 = 10_000_000_000;
 
-/// Everything one tick saw.
+/// The inputs of one tick.
 #[derive(Debug, Clone)]
 pub(crate) struct Tick {
     pub(crate) now: Stamp,
@@ -174,7 +174,7 @@ impl Pen {
         }
     }
 
-    /// Readings not given yet that are stamped up to `now`.
+    /// Readings stamped up to `now` that have not been given yet.
     fn until(&mut self, now: Stamp) -> Vec<PenReading> {
         let mut out = Vec::new();
         while let Some(reading) = self.nth(self.sent).filter(|reading| reading.stamp <= now) {

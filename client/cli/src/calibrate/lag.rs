@@ -1,8 +1,7 @@
-//! `foretrace calibrate lag`: a small test motion, and how late the arm made it.
+//! `foretrace calibrate lag`: a small test motion, and the lag with which the arm follows it.
 //!
-//! Contract: the motion goes the ordinary way, as a pen that hovers, so all limits and stops of the loop
-//! hold. Whatever happens, the pen comes to rest where it is before this ends, and an arm that was armed here
-//! is let go of.
+//! Contract: the motion enters the loop as a hovering pen, so all limits and stops of the loop hold. Before
+//! this ends, in whatever way, the pen comes to rest where it is, and an arm that was armed here is released.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -33,16 +32,16 @@ const ANSWER: Duration = Duration::from_secs(2);
 /// How long an arm may take to report, and the daemon to arm.
 const PATIENCE: Duration = Duration::from_secs(10);
 const STRIDE: Duration = Duration::from_millis(20);
-/// A pen that will move soon: time to get ready.
+/// Time before the pen moves, for the loop to get ready.
 const LEAD_NS: u64 = 50_000_000;
 /// The loop may take this long to notice a pen.
 const NOTICE_S: f64 = 0.3;
 /// Samples of rest after an interruption, 5 ms apart.
 const REST_SAMPLES: u64 = 60;
 
-/// Measure how late the arm is: make a small test motion and compare commands with joint states
+/// Measure the arm's lag: make a small test motion and compare commands with joint states
 ///
-/// Plays a gentle, hovering pen motion about where the tool stands, a few frequencies at once, from rest to
+/// Plays a gentle, hovering pen motion around the tool's position, a few frequencies at once, from rest to
 /// rest. The daemon must be armed (or give --arm). Fits a pure delay and a delay with a servo behind it to
 /// all joints that move, and says which one the arm is, how certain that is, and what to write into the
 /// settings. No pen may be feeding the loop. Needs the settings that the daemon runs with.
@@ -53,19 +52,19 @@ const REST_SAMPLES: u64 = 60;
                   --seconds 10 --json lag.json"
 )]
 pub(crate) struct LagArgs {
-    /// Arm the daemon for the motion and let go of the arm afterwards
+    /// Arm the daemon for the motion, and disarm it at the end
     #[arg(long)]
     arm: bool,
 
-    /// Farthest from the middle of the motion along each axis, in millimetres at the tool, 1 to 50
+    /// Amplitude of the motion along each axis, at the tool [mm], 1 to 50
     #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = amplitude)]
     amplitude_mm: f64,
 
-    /// Length of the motion in seconds, 2 to 120
+    /// Length of the motion [s], 2 to 120
     #[arg(long, value_name = "S", default_value_t = 6.0, value_parser = seconds)]
     seconds: f64,
 
-    /// Where the picture goes
+    /// File for the picture
     #[arg(long, value_name = "FILE.svg", default_value = "foretrace-lag.svg")]
     plot: PathBuf,
 
@@ -90,12 +89,12 @@ pub(crate) fn run(args: &LagArgs) -> Result<(), Failure> {
     let heard = listener.heard();
     let found = identify(&listener.commanded, &listener.measured).map_err(|error| match error {
         LagError::NotCommanded { .. } if listener.disabled() > 0 => Failure::failed(
-            format_args!("{error} ({} commands told the arm to stand still)", listener.disabled()),
+            format_args!("{error} ({} commands had the arm disabled)", listener.disabled()),
             "",
         ),
         error => Failure::failed(
             format_args!(
-                "{error} (heard {} commands, {} lost; {} joint states, {} lost)",
+                "{error} (received {} commands, {} lost; {} joint states, {} lost)",
                 heard.commands, heard.commands_lost, heard.states, heard.states_lost
             ),
             "",
@@ -265,7 +264,7 @@ impl Stage {
         self.last = Some(*sample);
     }
 
-    /// Lets go of an arm that was armed here.
+    /// Releases an arm that was armed here.
     fn let_go(&mut self) -> Result<(), Failure> {
         match &mut self.requests {
             Some(requests) if self.armed_here => {

@@ -1,4 +1,4 @@
-//! Everything that goes to the arm and comes back from it while the test motion runs.
+//! Records the commands to the arm and its joint states while the test motion runs.
 
 use foretrace_client::{Commands, Foretrace, JointCommand, JointWatch, command_flags};
 use foretrace_sim::lag::Sample;
@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::attach::unattached;
 use crate::failure::Failure;
 
-/// Both ears and what they heard.
+/// Both subscriptions and what they received.
 pub(super) struct Listener {
     commands: Commands,
     states: JointWatch,
@@ -20,7 +20,7 @@ pub(super) struct Listener {
     lost_before: (u64, u64),
 }
 
-/// How much came, and how much did not.
+/// Counts of messages received and lost.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub(super) struct Heard {
     pub(super) commands: u64,
@@ -28,7 +28,7 @@ pub(super) struct Heard {
     pub(super) commands_lost: u64,
     /// Malformed, foreign or replayed.
     pub(super) commands_refused: u64,
-    /// Refused by the arm meanwhile, as it says itself.
+    /// Refused by the arm meanwhile, as it reports.
     pub(super) commands_refused_by_arm: u64,
     pub(super) states: u64,
     pub(super) states_lost: u64,
@@ -49,7 +49,7 @@ impl Listener {
         })
     }
 
-    /// Forgets what was heard so far; `zero_ns` is time 0 from now on.
+    /// Forgets everything received so far; `zero_ns` is time 0 from now on.
     pub(super) fn begin(&mut self, zero_ns: u64) {
         self.listen();
         self.zero_ns = zero_ns;
@@ -59,7 +59,7 @@ impl Listener {
         self.lost_before = (self.commands.dropped(), self.states.lost());
     }
 
-    /// Takes in what came since the last look; at most 200 ms may lie between two looks.
+    /// Takes in what came since the last call; at most 200 ms may lie between two calls.
     pub(super) fn listen(&mut self) {
         let seconds = |stamp_ns: u64| (i128::from(stamp_ns) - i128::from(self.zero_ns)) as f64 * 1e-9;
         let (commanded, disabled) = (&mut self.commanded, &mut self.disabled);
@@ -90,7 +90,7 @@ impl Listener {
         }
     }
 
-    /// Commands that told the arm to stand still.
+    /// Commands with the arm disabled.
     pub(super) fn disabled(&self) -> u64 {
         self.disabled
     }

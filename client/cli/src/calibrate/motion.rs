@@ -1,7 +1,7 @@
-//! The pen's test motion: gentle, about where the tool stands, from rest to rest, hovering.
+//! The pen's test motion: gentle, around the tool's position, from rest to rest, hovering.
 //!
-//! Contract: begins at the tool's position, stays inside the workspace, and asks for frequencies from 0.7 to
-//! 4.1 Hz, so that a filter shows as what it is. Peak speed is about 9 amplitudes per second and axis.
+//! Contract: begins at the tool's position, stays inside the workspace, and has frequencies from 0.7 to 4.1
+//! Hz, so that a filter can be told from a pure delay. Peak speed is about 9 amplitudes per second and axis.
 
 use std::f64::consts::TAU;
 
@@ -10,21 +10,21 @@ use foretrace_sim::path::PathSample;
 
 use crate::failure::Failure;
 
-/// Rate of the made-up pen [Hz].
+/// Rate of the synthetic pen [Hz].
 const RATE_HZ: f64 = 200.0;
-/// Rest before, between and after [s]: the loop gets used to the pen, the arm comes to a stand, the last
-/// motion arrives.
+/// Rest before, between and after [s]: the loop locks on to the pen, the arm settles, the last motion
+/// arrives.
 const REST_S: [f64; 3] = [0.4, 0.5, 0.8];
 /// Time in which the motion fades in and out [s].
 const FADE_S: f64 = 0.5;
-/// Peak speed of the way to where there is room [m/s].
+/// Peak speed of the travel to where there is room [m/s].
 const TRAVEL_MPS: f64 = 0.1;
 /// Distance to the border of the workspace that is kept [m].
 const MARGIN_M: f64 = 0.005;
 /// Frequencies along x and y [Hz]; amplitudes fall with them, so that each has the same part in the speed.
 const FREQUENCIES_HZ: [[f64; 3]; 2] = [[0.7, 1.9, 3.3], [1.1, 2.6, 4.1]];
 
-/// Where the motion goes, in the plane frame.
+/// Bounds of the motion, in the plane frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     /// The tool [m].
@@ -35,8 +35,7 @@ pub(super) struct Place {
     pub(super) amplitude_m: f64,
 }
 
-/// The motion as a pen feels it [m of the pen's plane], times from 0; lasts `seconds` without rest and
-/// travel.
+/// The motion in the pen's own plane [m], times from 0; lasts `seconds` without rest and travel.
 ///
 /// # Errors
 ///

@@ -5,12 +5,12 @@ use std::path::Path;
 use foretrace_sim::lag::{Identified, Sample, Servo, modelled};
 use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels_and_curve};
 
-/// Length of the motion that is shown [s]: in a longer one nobody sees milliseconds.
+/// Length of the motion that is shown [s]: short enough to see milliseconds.
 const SHOWN_S: f64 = 2.0;
 /// Shifts farther from the best are not shown [s].
 const NEAR_S: f64 = 0.08;
 
-/// Draws the middle of the motion, what both models leave of it, and the error against the shift.
+/// Draws the middle of the motion, the residuals of both models, and the error against the shift.
 ///
 /// # Errors
 ///
@@ -39,7 +39,7 @@ pub(super) fn draw(
     let shifted = modelled(commands, joint, &delay, &times);
     let filtered = modelled(commands, joint, &found.servo, &times);
 
-    // Each model's constant offset to the measurement was left free: it is taken out here too.
+    // Each model was fitted with a free constant offset, which is subtracted here too.
     let offset = |model: &[f64]| {
         let sum: f64 = measured.iter().zip(model).map(|((_, q), model)| q - model).sum();
         sum / measured.len().max(1) as f64

@@ -1,4 +1,4 @@
-//! What a calibration says: words, settings, JSON.
+//! The report of a calibration: text, settings, JSON.
 
 use std::path::Path;
 
@@ -8,15 +8,14 @@ use serde::Serialize;
 use super::listen::Heard;
 use crate::output::{note, say};
 
-/// What making up for the filter costs: it commands ahead of the planned motion, with more acceleration than
-/// that has.
-const HEADROOM: &str = "needs acceleration to spare: where writing is so fast that the arm is at its \
-                        acceleration limit, the pure shift follows better";
+/// The cost of compensating for the filter: it commands ahead of the planned motion, with more acceleration.
+const HEADROOM: &str = "needs acceleration to spare: where fast writing saturates the arm's \
+                        acceleration, the pure shift follows better";
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 pub(super) struct CalibrationReport {
-    /// From a command's instant to its motion, by the model that the verdict believes, at low frequency.
+    /// From a command's instant to its motion at low frequency, by the chosen model.
     pub(super) lag_ms: f64,
     /// Interquartile range of that over blocks of the motion.
     pub(super) lag_interquartile_ms: f64,
@@ -34,7 +33,7 @@ pub(super) struct CalibrationReport {
 #[derive(Debug, Serialize)]
 pub(super) struct PureDelay {
     pub(super) delay_ms: f64,
-    /// What it leaves unexplained.
+    /// Residual.
     pub(super) rms_mrad: f64,
     pub(super) spread: SpreadReport,
 }
@@ -44,12 +43,12 @@ pub(super) struct ServoReport {
     pub(super) delay_ms: f64,
     /// Group delay of the critically damped second order.
     pub(super) filter_ms: f64,
-    /// First order behind it; 0 where it cannot be told apart.
+    /// First order behind it; 0 if it cannot be identified.
     pub(super) joint_loop_ms: f64,
     /// Sum of the three.
     pub(super) lag_ms: f64,
     pub(super) rms_mrad: f64,
-    /// So many times less than the pure delay leaves.
+    /// Ratio of the pure delay's residual to this one.
     pub(super) times_better: f64,
     /// Of `lag_ms`.
     pub(super) spread: SpreadReport,
@@ -65,7 +64,7 @@ pub(super) struct SpreadReport {
 /// Values for the section `[timing]` of the settings.
 #[derive(Debug, Serialize)]
 pub(super) struct SettingsReport {
-    /// For a loop that only shifts: the shift that leaves least.
+    /// For a loop that only shifts: the shift with the smallest residual.
     pub(super) dead_time_ms: f64,
     /// For a loop that compensates the servo's filter, where there is one.
     pub(super) compensated: Option<Compensated>,
@@ -76,9 +75,9 @@ pub(super) struct SettingsReport {
 pub(super) struct Compensated {
     /// The whole lag, filter included.
     pub(super) dead_time_ms: f64,
-    /// The part of it that the loop makes up for.
+    /// The part of it that the loop compensates for.
     pub(super) servo_filter_ms: f64,
-    /// What that needs.
+    /// What that requires.
     pub(super) condition: &'static str,
 }
 
@@ -171,7 +170,7 @@ impl CalibrationReport {
             .collect();
         say!("joints        {}", joints.join(", "));
         say!(
-            "heard         {} commands ({} lost), {} joint states ({} lost)",
+            "received      {} commands ({} lost), {} joint states ({} lost)",
             heard.commands,
             heard.commands_lost,
             heard.states,

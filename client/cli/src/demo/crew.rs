@@ -1,4 +1,4 @@
-//! The demo's processes on their way through a run: up, armed, following, let go, down.
+//! The demo's processes over a run: up, armed, following, disarmed, down.
 //!
 //! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew
 //! ends them all, the newest first.
@@ -33,10 +33,10 @@ pub(crate) struct Watch {
     stopped_ns: u64,
 }
 
-/// How the time of following ended.
+/// How following ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Followed {
-    /// For as long as was asked for.
+    /// After the time asked for.
     Whole,
     /// A stop latched.
     Stopped,
@@ -73,7 +73,7 @@ impl Watch {
         }
     }
 
-    /// From here on nothing of what was before counts.
+    /// Discards everything recorded before this moment.
     fn begin(&mut self) {
         self.read();
         self.gathered.ticks.clear();
@@ -81,7 +81,7 @@ impl Watch {
         self.gathered.joints = JointUse::default();
     }
 
-    /// The last words of the daemon about itself.
+    /// The daemon's last status.
     pub(crate) fn last_words(mut self) -> Gathered {
         let last = self.status.next_within(ANSWER);
         self.read();
@@ -134,7 +134,7 @@ impl Crew {
         }
     }
 
-    /// Asks to arm until the arm has reported for duty.
+    /// Asks to arm until the arm has reported its joints.
     pub(crate) fn arm(&mut self, watch: &mut Watch) -> Result<(), Failure> {
         let deadline = Instant::now() + STARTING;
         loop {
@@ -183,7 +183,7 @@ impl Crew {
         }
     }
 
-    /// Has the arm stopped smoothly and let go of.
+    /// Stops the arm smoothly and disarms it.
     pub(crate) fn let_go(&mut self, watch: &mut Watch) -> Result<(), Failure> {
         watch.read();
         let stops = watch.gathered.stops.len();
@@ -197,12 +197,12 @@ impl Crew {
             watch.read();
             std::thread::sleep(STRIDE);
         }
-        // The stop that the demo itself has just asked for is none that anybody wants to hear of.
+        // The stop that the demo itself has just asked for is not reported.
         watch.gathered.stops.truncate(stops);
         Ok(())
     }
 
-    /// Ends one child in order and passes on what it said.
+    /// Ends one child in order and returns what it printed.
     pub(crate) fn end(&mut self, name: &str) -> Result<(), Failure> {
         let Some(index) = self.children.iter().position(|(known, _)| *known == name) else { return Ok(()) };
         let (name, mut child) = self.children.remove(index);

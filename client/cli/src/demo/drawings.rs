@@ -1,7 +1,7 @@
-//! The pictures of a demo, one per claim, from what the run left behind.
+//! The pictures of a demo, one per claim, from the records of the run.
 //!
-//! Contract: time starts at 0 where the way to the paper is over; what came before is in no picture, so that
-//! it rules no axis. The ghost stands beside the arm wherever both are known.
+//! Contract: time starts at 0 where the approach to the paper ends; what came before is in no picture, so
+//! that it does not stretch an axis. The ghost stands beside the arm wherever both are known.
 
 use foretrace_client::Stage;
 use foretrace_control::extent::ExtentBounds;
@@ -57,7 +57,7 @@ impl Drawings {
     }
 }
 
-/// The figures that stand in the pictures' descriptions: the same in all of them.
+/// The figures in the pictures' descriptions: the same in all of them.
 fn about(figures: &Figures) -> String {
     let words = |name, against: Option<Against>| {
         against.map_or_else(
@@ -71,7 +71,7 @@ fn about(figures: &Figures) -> String {
     format!("{}; {}", words("arm", arm(figures)), words("ghost", ghost(figures)))
 }
 
-/// The run from where the way to the paper is over.
+/// The run from the end of the approach to the paper.
 struct Run<'a> {
     gathered: &'a Gathered,
     tool: Vec<ToolSample>,
@@ -143,7 +143,7 @@ impl<'a> Run<'a> {
         curves("Error over time", about, "time [s]", &panels, ("", &[]))
     }
 
-    /// The fraction of a second in which the pen wrote most, along the axis in which it moved most.
+    /// The fraction of a second in which the pen wrote most, along the axis of its largest motion.
     fn lag(&self, about: &str) -> Option<Picture> {
         let (from, to) = self.liveliest()?;
         let pen = self.pen(from, to);

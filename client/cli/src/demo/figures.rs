@@ -1,8 +1,8 @@
 //! The numbers of a demo run.
 //!
 //! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the
-//! pen as the loop demands before it lowers it (safety.approach_distance_m): what comes before is the way to
-//! the paper.
+//! pen as the loop demands before it lowers it (safety.approach_distance_m): what comes before is the
+//! approach to the paper.
 
 use foretrace_client::{FaultReason, Mode, Stage, Status, health};
 use foretrace_config::{Config, JOINTS, Settings};
@@ -65,7 +65,7 @@ pub(crate) struct StopFigures {
     pub(crate) reason: &'static str,
     /// After arming [s].
     pub(crate) at_s: f64,
-    /// The evidence in words; empty where there is none.
+    /// The evidence in words; empty without evidence.
     pub(crate) detail: String,
 }
 
@@ -100,7 +100,7 @@ pub(crate) struct TrackingFigures {
     pub(crate) samples: usize,
 }
 
-/// The loop beside its ghost, which only held.
+/// The loop beside its ghost, which runs at trust 0.
 #[derive(Debug, Serialize)]
 pub(crate) struct GhostFigures {
     #[serde(flatten)]
@@ -197,7 +197,7 @@ pub(crate) fn scored(gathered: &Gathered, settings: &Settings) -> Option<Scored>
     Some(Scored { tool, errors: errors.to_vec() })
 }
 
-/// Recomputes everything that people ask about.
+/// Recomputes the derived figures.
 pub(crate) fn figures(
     gathered: &Gathered,
     scored: Option<&Scored>,
@@ -205,9 +205,9 @@ pub(crate) fn figures(
     setting: SettingFigures,
 ) -> Result<Figures, Failure> {
     let settings = config.settings();
-    let status = gathered.status.ok_or_else(|| {
-        Failure::failed("the daemon said nothing about itself", "look at its messages above")
-    })?;
+    let status = gathered
+        .status
+        .ok_or_else(|| Failure::failed("the daemon reported no status", "look at its messages above"))?;
     let counts = &status.counters;
     let score = scored.and_then(|scored| tracking(&gathered.pen, &scored.tool));
     let armed_s = gathered.ticks.first().map_or(0.0, |tick| tick.t_s);
@@ -272,7 +272,7 @@ pub(crate) fn figures(
     })
 }
 
-/// What the daemon says about its ghost, and how far apart the two were.
+/// What the daemon reports about its ghost, and how far apart the two were.
 fn ghost(gathered: &Gathered, status: &Status) -> GhostFigures {
     let following = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (mut followed, mut compared, mut apart_m) = (0_u64, 0_u64, None);

@@ -1,4 +1,4 @@
-//! What a demo run left behind: tick records, the last status, and the records of arm and player.
+//! The records of a demo run: ticks, the last status, and those of arm and player.
 
 use std::path::Path;
 
@@ -22,11 +22,11 @@ pub(crate) struct Gathered {
     pub(crate) stops: Vec<StopNote>,
     /// Where the measured tool has been.
     pub(crate) extent: Option<Extent>,
-    /// How near the commands came to the joints' limits.
+    /// How close the commands came to the joints' limits.
     pub(crate) joints: JointUse,
     /// Records that did not arrive here.
     pub(crate) ticks_lost: u64,
-    /// The daemon's last words about itself.
+    /// The daemon's last status.
     pub(crate) status: Option<Status>,
     /// The pen as it was sent, in the plane frame, host's clock.
     pub(crate) pen: Vec<PathSample>,

@@ -1,8 +1,7 @@
 //! `foretrace demo`: the whole loop on this machine, every part a process of its own.
 //!
 //! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and
-//! everything is cleaned up whatever happens. The numbers come from the processes' own records, not from what
-//! the demo hoped for.
+//! everything is cleaned up whatever happens. The numbers come from the processes' own records.
 
 mod scratch;
 mod children;
@@ -50,7 +49,7 @@ use verdict::Finding;
                   foretrace demo --pen data/unipen-ced --label K --rate 1000 --json -"
 )]
 pub(crate) struct DemoArgs {
-    /// How long the arm follows, in seconds
+    /// How long the arm follows [s]
     #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = duration)]
     seconds: f64,
 
@@ -102,8 +101,7 @@ pub(crate) struct DemoArgs {
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
     let stage = Stage::set(args)?;
-    // A folder that cannot be written is better known before the run than after it, and one that nobody needs
-    // is not made.
+    // Checks before the run that the folder can be written; it is made only if it is needed.
     folder::prepare(&args.out)?;
     let (figures, drawings, findings) = stage.performed(args)?;
     for (name, value) in told::rows(&figures) {
@@ -141,7 +139,7 @@ impl Stage {
 
     /// Figures, pictures and findings of a run, without a report.
     ///
-    /// Nothing of the run is left but this: printing it may end the program, where nobody listens any more.
+    /// Everything else is cleaned up by now: printing to a closed pipe ends the program.
     pub(crate) fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
         let Self { interrupt, scratch, source, config, turn_s } = self;
         let gathered = evidence_of(args, &source, &config, &scratch, &interrupt)?;
@@ -239,8 +237,7 @@ fn evidence_of(
     player.extend(words(&["--", &args.pen]));
     crew.start("player", &player)?;
     let followed = crew.follow(&mut watch, args.seconds)?;
-    // After a stop it is what was gathered that counts: what cannot be let go of in order any more must not
-    // cost the report.
+    // After a stop the records count: a failure to disarm in order must not cost the report.
     let let_go = |crew: &mut Crew, watch: &mut Watch| match (followed, crew.let_go(watch)) {
         (Followed::Whole, Err(failure)) => Err(failure),
         _ => Ok(()),
@@ -263,7 +260,7 @@ fn evidence_of(
     Ok(gathered)
 }
 
-/// `source` as the options that lead to it, but for the rate, which only the daemon needs.
+/// The options that select `source`, without the rate, which only the daemon needs.
 fn settings_arguments(source: &Source) -> Vec<String> {
     let mut out = match &source.base {
         Base::File(file) => words(&["--config", &file.display().to_string()]),

@@ -1,4 +1,4 @@
-//! A private folder for one run of the demo: removed at the end, however that comes.
+//! A private folder for one run of the demo: removed at the end, however the run ends.
 
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
@@ -43,7 +43,8 @@ impl Drop for Scratch {
     }
 }
 
-/// Dropping it, after all processes ended, removes what killed ones left of a private instance in /dev/shm.
+/// Dropped after all processes have ended, it removes what killed ones left in /dev/shm of a private
+/// instance.
 #[derive(Debug)]
 pub(crate) struct Leftovers(pub(crate) Instance);
 

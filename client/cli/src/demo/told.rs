@@ -1,5 +1,4 @@
-//! The table of a demo for people: each quantity once, under one name, with its counterpart of the ghost
-//! beside it.
+//! The table of a demo for people: each quantity once, under one name, with the ghost's value beside it.
 
 use serde_json::Value;
 
@@ -42,7 +41,7 @@ const fn told(at: &'static str, value: Option<f64>) -> Told {
     Told { at, value }
 }
 
-/// The arm. Judged together with its ghost where there was one, else by the records of arm and pen alone.
+/// The arm. Scored together with its ghost where one ran, else from the records of arm and pen alone.
 pub(crate) fn arm(figures: &Figures) -> Option<Against> {
     let (ghost, tracking) = (&figures.ghost, &figures.tracking);
     let session = &ghost.comparison.session;
@@ -71,7 +70,7 @@ pub(crate) fn ghost(figures: &Figures) -> Option<Against> {
     })
 }
 
-/// What and how much.
+/// Label and value.
 pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let Figures { control_loop, envelope, commands, pen, learner, trust, .. } = figures;
     let spread = |q: &Quantiles| {

@@ -1,4 +1,4 @@
-//! Whether a run went as it should: what stopped the arm, where its tool was, which limits were kept.
+//! The verdict on a run: what stopped the arm, where its tool was, which limits were kept.
 //!
 //! Contract: pure. The program ends with the worst finding, the one that comes first; the report has them
 //! all.
@@ -47,7 +47,7 @@ pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) 
     let breach = gathered.extent.and_then(|extent| bounds.broken_by(&extent)).map(|breach| {
         Finding::new(
             format!("the tool left its envelope: {breach}"),
-            "lower the speed of the pen or of plane.scale, or give the plan back its mpc.limits; the report \
+            "lower the speed of the pen or of plane.scale, or restore the preset's mpc.limits; the report \
              has the picture",
         )
     });

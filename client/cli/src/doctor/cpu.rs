@@ -1,4 +1,4 @@
-//! The processors: their speed, how deep they sleep, and whether one is kept free for the loop.
+//! The processors: frequency scaling, idle states, and whether a core is isolated for the loop.
 
 use super::finding::{Finding, Need};
 use super::kernel::if_there;
@@ -88,7 +88,7 @@ fn idle_fix(need: &Need) -> String {
     )
 }
 
-/// Cores kept free of everybody else, and whether the loop is on one.
+/// Isolated cores, and whether the loop is on one.
 pub(super) fn isolation(machine: &Machine, need: &Need) -> Finding {
     let online = match machine.online() {
         Ok(online) if !online.is_empty() => online,

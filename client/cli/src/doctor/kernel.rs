@@ -1,4 +1,4 @@
-//! The kernel: how it pre-empts, whether it throttles real-time threads, what it reads the time from.
+//! The kernel: pre-emption, throttling of real-time threads, clock source.
 
 use super::finding::{Finding, Need};
 use super::machine::{Machine, Silent};
@@ -14,7 +14,7 @@ enum Model {
     RealTime,
     /// At the end of the spinlock or interrupt at hand.
     Full,
-    /// As full for real-time threads.
+    /// As with full pre-emption for real-time threads.
     Lazy,
     /// At marked places.
     Voluntary,
@@ -64,7 +64,7 @@ fn model(machine: &Machine, version: &str) -> Model {
         return Model::RealTime;
     }
     if flags.contains(&"PREEMPT_DYNAMIC") {
-        // What runs, what was asked for at boot, what the kernel was built with: the first that can be seen.
+        // The running model, the boot parameter, the build option: the first that can be read.
         return running(machine)
             .or_else(|| asked(machine))
             .or_else(|| built(machine))
@@ -196,7 +196,7 @@ fn is_word(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte))
 }
 
-/// What a file that may rightly be absent says.
+/// The content of a file that may legitimately be absent.
 pub(super) fn if_there<T>(read: Result<T, Silent>) -> Result<Option<T>, Silent> {
     match read {
         Ok(value) => Ok(Some(value)),

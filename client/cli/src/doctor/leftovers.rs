@@ -1,7 +1,7 @@
 //! What dead instances left behind, and its removal on request.
 //!
-//! Contract: nothing that a living process may use is removed, so files whose instance nobody can tell are
-//! only named. The middleware can hang on damaged files: every call of it has a limit of time.
+//! Contract: nothing that a living process may use is removed, so files of an unknown instance are only
+//! named. The middleware can hang on damaged files: every call of it has a timeout.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver};
@@ -66,7 +66,7 @@ pub(super) fn daemon(instances: &[Instance]) -> Option<(u32, u32)> {
     instances.iter().find_map(|instance| instance.daemon().map(|mark| (instance.number(), mark.pid)))
 }
 
-/// Removes what the dead left behind, and tells of each instance at once: a later one may fail.
+/// Removes what dead processes left behind, and reports each instance at once: a later one may fail.
 pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, Failure> {
     let mut removed = Vec::new();
     for instance in &scope.instances {
@@ -157,7 +157,7 @@ fn judged(found: &[Found], strangers: &[Prefixed]) -> Finding {
             Some(Err(error)) => {
                 values.push(format!("instance {}: {error}", instance.number()));
                 fixes.push(format!("see to {}", instance.root().display()));
-                // Where the settings point, the daemon would meet the same.
+                // The daemon of these settings would hang in the same way.
                 worst = worst.or((place == 0).then_some(()));
             }
             None => {
@@ -210,8 +210,8 @@ fn strangers(machine: &Machine, folder: &Path, instances: &[Instance], user: u32
             Ok(maps) => groups.retain(|group| !maps.contains(&format!("/{}", group.prefix))),
             // Ended meanwhile.
             Err(Silent::Missing) => {}
-            // Somebody else's process, who is refused the instances of this user, unless it cannot be told
-            // whose it is.
+            // A process of another user, which has no access to this user's instances; an unknown owner
+            // counts as a user.
             Err(Silent::Wrong(_)) if owner_differs(machine, process, user) => {}
             Err(Silent::Wrong(_)) => return Vec::new(),
         }
@@ -235,7 +235,7 @@ fn within<T: Send + 'static>(patience: Duration, ask: impl FnOnce() -> T + Send 
 fn asked<T: Send + 'static>(ask: impl FnOnce() -> T + Send + 'static) -> Option<Receiver<T>> {
     let (answer, answered) = mpsc::channel();
     let asking = move || {
-        // Nobody may wait for it any more.
+        // The receiver may be gone.
         let _ = answer.send(ask());
     };
     let spawned = std::thread::Builder::new().name("foretrace-bounded".to_owned()).spawn(asking);
@@ -305,7 +305,7 @@ mod tests {
         assert!(
             found.level == Level::Warning && found.fix.contains(&format!("rm /dev/shm/{}*", lost.prefix()))
         );
-        // A folder in place of the maps cannot be read: whoever that is may use the files.
+        // A folder in place of the maps cannot be read: that process may use the files.
         made.put("proc/14/maps/x", b"");
         assert!(names(&made, me).is_empty());
         made.put("proc/14/status", format!("Uid:\t1\t{}\t1\t1\n", me + 5).as_bytes());

@@ -1,6 +1,6 @@
 //! What others took while the rehearsal ran: CPU time stolen by the hypervisor, interrupts of devices.
 //!
-//! Contract: counters are read before and after; what cannot be read, or runs backwards, is said and not
+//! Contract: counters are read before and after; what cannot be read, or runs backwards, is reported and not
 //! guessed.
 
 use std::collections::BTreeMap;

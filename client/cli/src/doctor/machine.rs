@@ -1,7 +1,7 @@
-//! What the machine says about itself in /proc and /sys, read below a root that tests put elsewhere.
+//! The machine's description of itself in /proc and /sys, read below a root that tests replace.
 //!
-//! Contract: every file may be missing, unreadable or garbage, and each of these is told apart; nothing here
-//! fails or panics, and no file is read beyond a bound.
+//! Contract: every file may be missing, unreadable or garbage, and each of these is distinguished; nothing
+//! here fails or panics, and no file is read beyond a bound.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -19,10 +19,10 @@ pub(super) struct Machine {
     root: PathBuf,
 }
 
-/// Why a file says nothing.
+/// Why a file gave no value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Silent {
-    /// There is none: the kernel does not have what it is about.
+    /// Absent: the kernel does not have this feature.
     Missing,
     /// It is there, and this is what is wrong with it, its path included.
     Wrong(String),
@@ -39,7 +39,7 @@ impl Machine {
         Self { root: root.into() }
     }
 
-    /// The text of `path` (without a leading slash), trimmed; bytes that are no text are replaced.
+    /// The text of `path` (without a leading slash), trimmed; bytes that are not UTF-8 are replaced.
     pub(super) fn text(&self, path: &str) -> Result<String, Silent> {
         let mut bytes = Vec::new();
         let read =
@@ -70,7 +70,7 @@ impl Machine {
         self.cpus("sys/devices/system/cpu/online")
     }
 
-    /// The CPU of the loop, or, where it is not pinned, all that run; CPU 0 where nobody knows.
+    /// The CPU of the loop, or, where it is not pinned, all that run; CPU 0 if unknown.
     pub(super) fn cpus_of_loop(&self, pinned: Option<u32>) -> Vec<u32> {
         pinned.map(|cpu| vec![cpu]).or_else(|| self.online().ok()).unwrap_or_else(|| vec![0])
     }
@@ -92,7 +92,7 @@ impl Machine {
     }
 }
 
-/// `text` stands where something else was expected.
+/// `text` was found where something else was expected.
 pub(super) fn garbage(path: &str, text: &str) -> Silent {
     let shown: String = text.chars().take(40).filter(|c| !c.is_control()).collect();
     Silent::Wrong(format!("/{path} says `{shown}`, which is not understood"))
@@ -129,7 +129,7 @@ pub(super) fn listed(cpus: &[u32]) -> String {
     runs.iter().map(run).collect::<Vec<_>>().join(",")
 }
 
-/// A made-up machine.
+/// A fake machine.
 #[cfg(test)]
 pub(super) mod made_up {
     use super::Machine;

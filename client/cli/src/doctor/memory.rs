@@ -43,7 +43,7 @@ fn judged(
         Ok(space) => space,
         Err(error) => return Finding::bad(SHM, format!("{FOLDER} cannot be asked: {error}"), mount),
     };
-    let room = "`ls -lhS /dev/shm` and remove what nobody uses, or `sudo mount -o remount,size=256m \
+    let room = "`ls -lhS /dev/shm` and remove unused files, or `sudo mount -o remount,size=256m \
                 /dev/shm`; in a \
                 container: `docker run --shm-size=64m`";
     let value = match reserved {
@@ -53,8 +53,7 @@ fn judged(
             space.total / 1024,
             bytes / 1024
         ),
-        // A segment that is not reserved takes its pages at first touch, and the toucher dies of SIGBUS if
-        // there is none.
+        // An unreserved segment gets its pages at first access; the process dies of SIGBUS if memory is full.
         Err(error) => return Finding::bad(SHM, error, room),
     };
     match kind {

@@ -27,21 +27,21 @@ use load::Snapshot;
 use machine::Machine;
 use rehearsal::{Lateness, Restraint, Shown};
 
-/// Tell whether this machine is fit for the loop at its rate, and what to do where it is not
+/// Check whether this machine is fit for the loop at its rate, and say what to do where it is not
 ///
-/// Looks at the kernel, the rights of this user, processors, shared memory and leftovers of dead instances,
-/// then runs the loop's own clock on a real-time thread for a few seconds and measures how late it wakes up.
-/// Run it as the user of the daemon, with the other programs of the machine running and no daemon. Exit code
-/// 6: unfit.
+/// Checks the kernel, the rights of this user, processors, shared memory and leftovers of dead instances,
+/// then runs the loop's clock on a real-time thread for a few seconds and measures its wake-up latency. Run
+/// it as the user of the daemon, with the other programs of the machine running and no daemon. Exit code 6:
+/// unfit.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  foretrace doctor\n  foretrace doctor --rate 1000 --seconds 60 --json \
                   doctor.json\n  foretrace doctor --clean")]
 pub(crate) struct DoctorArgs {
-    /// How long to measure wake-ups
+    /// How long to measure wake-ups [s]
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
     seconds: f64,
 
-    /// Ticks per second instead of the settings': 125, 250, 500 or 1000
+    /// Rate of the loop instead of the settings' [Hz]: 125, 250, 500 or 1000
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
@@ -153,7 +153,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         Verdict::Unfit => {
             let bad = names(&report.checks, Level::Bad);
             let what = format!("this machine is unfit for {} Hz: {bad}", report.rate_hz);
-            Err(Failure::new(Cause::Unfit, what, "do what stands beneath each, then run again"))
+            Err(Failure::new(Cause::Unfit, what, "apply the remedy below each finding, then run again"))
         }
     }
 }

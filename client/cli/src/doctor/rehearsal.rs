@@ -1,4 +1,4 @@
-//! The loop's clock and thread without its work: how late its releases come on this machine.
+//! The loop's clock and thread without its work: the wake-up latency of this machine.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,7 +43,7 @@ pub(super) struct Lateness {
     pub(super) page_faults: u64,
 }
 
-/// What the rehearsal showed.
+/// The result of the rehearsal.
 #[derive(Debug)]
 pub(super) struct Shown {
     pub(super) lateness: Lateness,
@@ -157,8 +157,8 @@ pub(super) fn law(config: &Config) -> Result<Finding, Failure> {
     })
 }
 
-/// Lateness against the period. A late start eats the time of the tick's own work; a missed period is a
-/// command that never was.
+/// Lateness against the period. A late start shortens the time for the tick's work; a missed period is a
+/// missing command.
 pub(super) fn lateness(need: &Need, seen: &Lateness) -> Finding {
     let Quantiles { p50, p99, p99_9, max } = seen.quantiles;
     let period = need.period_us as f64;
@@ -169,7 +169,7 @@ pub(super) fn lateness(need: &Need, seen: &Lateness) -> Finding {
         seen.ticks + seen.missed
     );
     let fix = format!(
-        "first what stands above; then find who holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` beside \
+        "first the remedies above; then find what holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` beside \
          your other \
          programs, `sudo trace-cmd record -e sched_switch -e irq`; or a slower loop: --set loop.rate_hz={}",
         need.priority,

@@ -1,5 +1,4 @@
-//! Which samples of a client pass: finite, in range, later than the one before, of this moment, and not too
-//! many.
+//! Which samples of a client pass: finite, in range, later than the one before, current, and within the rate.
 //!
 //! Contract: pure (time is an argument), no allocation, total for every bit pattern. What passes is stamped
 //! strictly later than everything that passed before, also from an earlier client, and `rate` and `burst`
@@ -15,9 +14,9 @@ pub(crate) const AGE_NS: u64 = 1_000_000_000;
 /// Why a sample did not pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {
-    /// The sample itself is wrong.
+    /// The sample itself is invalid.
     Wrong(Rejection),
-    /// Too many in too short a time.
+    /// Over the rate.
     OverTheRate,
 }
 
@@ -30,7 +29,7 @@ impl Refusal {
     }
 }
 
-/// A token bucket in integers: what a sample costs and what may be saved up, as time [ns].
+/// A token bucket in integers: the cost of a sample and the capacity, as time [ns].
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
     cost_ns: u64,

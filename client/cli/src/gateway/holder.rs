@@ -1,8 +1,8 @@
-//! Whether the client that holds the only place still has a use for it, once another asks.
+//! Whether the client that holds the only place keeps it when another asks.
 //!
 //! Contract: pure (time is an argument), memory of fixed size. A pen sends many samples per second, also
-//! while it hovers or rests; what comes more seldom than the loop bridges (`pen.max_gap_ms`, 100 ms as
-//! shipped) is no stroke, and keeps nobody else out.
+//! while it hovers or rests; samples farther apart than the gap that the loop bridges (`pen.max_gap_ms`, 100
+//! ms as shipped) are no stroke, and do not keep the place.
 
 use std::time::{Duration, Instant};
 

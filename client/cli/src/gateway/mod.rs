@@ -1,8 +1,8 @@
-//! `foretrace gateway`: pen samples from programs of other users, who may not touch the shared memory.
+//! `foretrace gateway`: pen samples from programs of other users, which have no access to the shared memory.
 //!
 //! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames
 //! are well formed, and each sample is finite, in range, of this moment, later than the one before and within
-//! the rate. Everything that is refused is counted by reason and told. In the order of a sample's way:
+//! the rate. Everything that is refused is counted by reason and reported. In the order of a sample's way:
 //! `socket`, `serve`, `admission`; `tally` counts.
 
 mod admission;
@@ -24,45 +24,45 @@ use crate::settings::InstanceArgs;
 use serve::{Delivery, Gateway, Policy};
 use socket::Socket;
 
-/// Let programs of other users feed the pen, over a socket and through checks
+/// Accept pen samples from programs of other users, over a socket, checked
 ///
 /// One client at a time, `foretrace play --gateway PATH` or any program that speaks the protocol
 /// (documentation of foretrace_client::gateway_frame). The kernel tells which user a client is; only those of
-/// --allow-uid come in. Run it as the daemon's user. Holds the instance's only place for a pen. Outlives the
-/// daemon; ends on Ctrl-C.
+/// --allow-uid are let in. Run it as the daemon's user. Holds the instance's only place for a pen. Outlives
+/// the daemon; ends on Ctrl-C.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid 1001 --mode \
                   666\n  foretrace play glyphs:Hello --gateway /tmp/foretrace-pen.socket      # as user 1001"
 )]
 pub(crate) struct GatewayArgs {
-    /// Where to make the socket, in a folder that only its owner may write to
+    /// Path of the socket, in a folder that only its owner may write to
     #[arg(long, value_name = "PATH")]
     socket: PathBuf,
 
-    /// Numbers of the users that may send; see `id -u NAME`
+    /// Numeric IDs of the users that may send; see `id -u NAME`
     #[arg(long, value_name = "N", value_delimiter = ',', required = true)]
     allow_uid: Vec<u32>,
 
-    /// Permissions of the socket; 666 where the list of users is enough
+    /// Permissions of the socket; 666 if the list of users is enough
     #[arg(long, value_name = "OCTAL", default_value = "660", value_parser = octal)]
     mode: u32,
 
-    /// Number of the group that the socket is given to
+    /// Numeric ID of the group that the socket is given to
     #[arg(long, value_name = "N")]
     group: Option<u32>,
 
-    /// Samples per second that pass in the long run
+    /// Largest sustained rate of samples [1/s]
     #[arg(long, value_name = "HZ", default_value_t = 2000, value_parser = clap::value_parser!(u32)
         .range(1..=100_000))]
     rate: u32,
 
-    /// Samples that may come at once
+    /// Largest burst of samples
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32)
         .range(1..=100_000))]
     burst: u32,
 
-    /// Say what came through at most this often, and only when it has changed
+    /// Shortest time between two reports of the counts [s]; reports only changes
     #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = crate::play::source::positive)]
     status_every: f64,
 
@@ -81,9 +81,9 @@ pub(crate) struct GatewayArgs {
     json: JsonArgs,
 }
 
-/// A half frame after this long is an attack or a bug.
+/// An incomplete frame after this long is an attack or a bug.
 const FRAME_TIME: Duration = Duration::from_secs(1);
-/// A pen that has nothing, or too little, to say for this long gives way.
+/// A pen that sends nothing, or too little, for this long gives way.
 const SILENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
@@ -146,7 +146,7 @@ fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
     }
 }
 
-/// The way into shared memory.
+/// The feed into shared memory.
 struct Pen {
     feed: Option<PenFeed>,
     told: bool,
@@ -168,7 +168,7 @@ impl Pen {
     }
 }
 
-/// What has been said about the counts.
+/// The counts reported last.
 struct Told {
     every: Duration,
     last: Instant,
@@ -184,8 +184,9 @@ impl Told {
         if self.last.elapsed() < self.every || *gateway.tally() == self.tally {
             return;
         }
-        let who =
-            gateway.user().map_or_else(|| "nobody is in".to_owned(), |user| format!("user {user} is in"));
+        let who = gateway
+            .user()
+            .map_or_else(|| "no client connected".to_owned(), |user| format!("user {user} connected"));
         note!("gateway: {who}; {}", gateway.tally());
         self.last = Instant::now();
         self.tally = gateway.tally().clone();

@@ -1,4 +1,4 @@
-//! The gateway at work: who may come in, one at a time, and what becomes of the bytes they send.
+//! The gateway's connections: admits one client at a time and turns its bytes into samples.
 //!
 //! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read.
 //! Whatever a client sends or leaves out, the gateway goes on; only a listener that fails ends it.
@@ -17,16 +17,16 @@ use super::socket::Socket;
 use super::tally::{Samples, Tally};
 use crate::os;
 
-/// Longest wait for bytes of the client, and so for a look at who else knocks.
+/// Longest wait for bytes of the client, and so between two looks at new connections.
 const WAIT: Duration = Duration::from_millis(20);
-/// A client that sends more than it may is read no faster than once per this.
+/// A client over its rate is read no faster than once per this time.
 const THROTTLE: Duration = Duration::from_millis(1);
 /// Bytes read at once.
 const CHUNK: usize = 4096;
 /// Clients that are answered in one round.
 const KNOCKS: usize = 16;
 
-/// What the gateway puts up with.
+/// The gateway's limits.
 #[derive(Debug, Clone)]
 pub(crate) struct Policy {
     /// Users that may come in.
@@ -37,8 +37,8 @@ pub(crate) struct Policy {
     pub(crate) burst: u32,
     /// Longest time from the first byte of a frame to its last.
     pub(crate) frame_time: Duration,
-    /// A client of whom nothing, or too little for a pen, passed for this long gives way to the next that
-    /// knocks.
+    /// A client of which nothing, or too little for a pen, passed for this long gives way to the next one
+    /// that connects.
     pub(crate) silence: Duration,
 }
 
@@ -50,7 +50,7 @@ pub(crate) enum Delivery {
     Failed,
 }
 
-/// The client that is in.
+/// The connected client.
 #[derive(Debug)]
 struct Client {
     stream: UnixStream,
@@ -91,7 +91,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
         self.client.as_ref().map(|client| client.user)
     }
 
-    /// One round: answers those who knock, then waits for bytes of the client, at most [`WAIT`].
+    /// One round: answers new connections, then waits for bytes of the client, at most [`WAIT`].
     ///
     /// # Errors
     ///
@@ -147,13 +147,13 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
                 let reason = refusal.unwrap_or("gone before it was let in");
                 self.tally.turned_away.count(reason);
                 let who = user.map_or_else(|_| String::new(), |user| format!(" (user {user})"));
-                // Whoever is turned away may not listen, and need not.
+                // A client that is turned away need not read the reason.
                 let _ = say(&mut stream, &format!("foretrace-gateway 1 refused: {reason}{who}"));
             }
         }
     }
 
-    /// Keeps the place for the client that is in, unless it makes no use of it.
+    /// Keeps the place for the connected client, unless it is silent.
     fn refuse_a_second(&mut self) -> Option<&'static str> {
         let client = self.client.take()?;
         match client.holder.gives_way(Instant::now(), self.policy.silence) {
@@ -242,7 +242,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     }
 }
 
-/// Words for the counts; the numbers of a broken frame are the sender's business.
+/// Reasons as counted, without the numbers of the broken frame.
 const fn frame_reason(error: foretrace_client::gateway_frame::FrameError) -> &'static str {
     use foretrace_client::gateway_frame::FrameError;
     match error {

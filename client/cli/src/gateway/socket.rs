@@ -1,8 +1,8 @@
 //! The gateway's socket in the file system: made, given its mode and group, taken away at the end.
 //!
-//! Contract: nothing that exists is replaced but a dead socket of the own user. Between `bind` and `chmod`
-//! the socket has the umask's mode; that lets nobody in, because every client is judged by the user whom the
-//! kernel names.
+//! Contract: replaces nothing that exists, except a dead socket of the own user. Between `bind` and `chmod`
+//! the socket has the umask's mode; that admits nobody, because every client is checked by the user ID from
+//! the kernel.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -107,7 +107,7 @@ impl Drop for Socket {
     }
 }
 
-/// Makes room: removes a socket of `user` that nobody listens at.
+/// Makes room: removes a socket of `user` without a listener.
 fn clear(path: &Path, user: u32) -> Result<(), SocketError> {
     let found = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
@@ -123,7 +123,7 @@ fn clear(path: &Path, user: u32) -> Result<(), SocketError> {
     }
     match UnixStream::connect(path) {
         Ok(_) => {
-            Err(wrong(path, "somebody listens there already", "end that gateway, or choose another path"))
+            Err(wrong(path, "another gateway listens there", "end that gateway, or choose another path"))
         }
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => fs::remove_file(path)
             .map_err(|error| wrong(path, error, "remove the dead socket, or choose another path")),
@@ -145,7 +145,7 @@ mod tests {
         let path = folder.path().join("pen");
         let socket = Socket::open(&path, 0o660, None).unwrap();
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o660);
-        assert!(what(Socket::open(&path, 0o660, None)).contains("somebody listens"));
+        assert!(what(Socket::open(&path, 0o660, None)).contains("another gateway listens"));
         drop(socket);
         assert!(!path.exists());
     }

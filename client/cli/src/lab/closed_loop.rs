@@ -1,4 +1,4 @@
-//! `foretrace lab closed-loop`: the benchmark with predictors in the loop, and arms behind it.
+//! `foretrace lab closed-loop`: the benchmark of predictors and baselines in closed loop with simulated arms.
 
 mod pictures;
 
@@ -21,24 +21,24 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
-    /// Which part of the set: a word of its split.tsv, or all [default: test where there is one, else all]
+    /// Part of the set: a word of its split.tsv, or all [default: test if there is one, else all]
     #[arg(long, value_name = "WORD")]
     split: Option<Split>,
 
-    /// Which take part, comma-separated; a baseline with -legal behind its name keeps its commands inside the
-    /// joints' limits [default: all, none of them -legal]
+    /// Predictors and baselines to run, comma-separated; a baseline with -legal behind its name keeps its
+    /// commands inside the joints' limits [default: all, none of them -legal]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,
 
-    /// In front of which arms, comma-separated
+    /// Arms to run them on, comma-separated
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "ideal,delay30,ur5,slow")]
     arms: Vec<String>,
 
-    /// Lifts that nobody recorded: the leap of one sample that they are in the recording, or a made-up travel
+    /// Lifts without recorded hover: keep the jump of one sample, or insert a synthetic travel
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
 
-    /// Error against jerk instead of the table: every method swept over its own tuning [default: hold,
+    /// Plot error against jerk instead of the table: sweep every method over its tuning [default: hold,
     /// mixture and the baselines]
     #[arg(long)]
     pareto: bool,
@@ -47,11 +47,11 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "N", value_parser = super::count)]
     limit: Option<usize>,
 
-    /// Every sequence's own scores in the JSON too, for paired comparisons
+    /// Add every sequence's scores to the JSON, for paired comparisons
     #[arg(long, requires = "json", conflicts_with = "pareto")]
     each: bool,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
 
@@ -142,8 +142,8 @@ struct Set {
 }
 
 impl Set {
-    /// The part to be written, and the one scale: the median glyph of the train part, or of all where there
-    /// is none.
+    /// The part to be written, and the one scale: the median glyph of the train part, or of all files without
+    /// one.
     fn load(args: &ClosedLoopArgs) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")

@@ -1,4 +1,4 @@
-//! `foretrace lab evaluate`: any model on any set, for devices never seen.
+//! `foretrace lab evaluate`: any model on any set, also from devices without training data.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub(crate) struct EvaluateArgs {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
 
@@ -23,14 +23,14 @@ pub(crate) struct EvaluateArgs {
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 
-    /// Which part of the set to score: a word of its split.tsv, or all
+    /// Part of the set to score: a word of its split.tsv, or all
     ///
-    /// Models that learn online are trained on the part `train` first, unless that is scored itself (train,
-    /// all) or there is none: then they start cold.
+    /// Models that learn online are trained on the part `train` first. They start cold if the set has no such
+    /// part, or if it is scored itself (train, all).
     #[arg(long, value_name = "WORD", default_value = "all")]
     split: Split,
 
-    /// No training passes and no trained weights: everything is learned while it is scored
+    /// Use no training passes and no trained weights: models learn only while they are scored
     #[arg(long)]
     cold: bool,
 

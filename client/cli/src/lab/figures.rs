@@ -21,7 +21,7 @@ pub(crate) struct Fig2Args {
     #[command(flatten)]
     pub(super) lab: LabArgs,
 
-    /// Who predicts, comma-separated: hold (trust 0), mixture (automatic trust); all others with trust 1
+    /// Predictors, comma-separated: hold (trust 0), mixture (automatic trust); all others with trust 1
     /// [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,
@@ -32,7 +32,7 @@ pub(crate) struct Fig3Args {
     #[command(flatten)]
     pub(super) lab: LabArgs,
 
-    /// Who predicts once trust has come
+    /// Predictor that the ramp of trust switches to
     #[arg(long, value_name = "NAME", default_value = PredictorKind::MIXTURE.name())]
     predictor: String,
 }
@@ -99,7 +99,7 @@ impl Session {
         }))
     }
 
-    /// Those that were named; all that the settings have a network for where nobody was.
+    /// The named ones; without names, all that the settings have a network for.
     fn entrants(&self, names: &[String]) -> Result<Vec<LawEntrant>, Failure> {
         let has = |entrant: &LawEntrant| self.config.models().has(entrant.predictor());
         if names.is_empty() {
@@ -149,7 +149,7 @@ impl Session {
         let subtitle =
             format!("{}; shown: a typical one ({:?}, writer {})", self.title, letter.label, letter.writer);
         std::fs::create_dir_all(out).map_err(failed)?;
-        letter_grid(&out.join("fig2.svg"), "Figure 2: who predicts", &subtitle, &cells).map_err(failed)?;
+        letter_grid(&out.join("fig2.svg"), "Figure 2: predictors", &subtitle, &cells).map_err(failed)?;
         say!("\npicture  {}", out.join("fig2.svg").display());
         Ok(())
     }

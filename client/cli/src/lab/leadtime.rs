@@ -1,4 +1,4 @@
-//! `foretrace lab leadtime`: error against look-ahead time, an open leaderboard.
+//! `foretrace lab leadtime`: ranks predictors by error against look-ahead time.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
 
-/// Look-ahead times that the text shows [ms].
+/// Look-ahead times in the text [ms].
 const SHOWN_MS: [u32; 5] = [10, 20, 50, 100, 200];
 
 #[derive(Debug, clap::Args)]
@@ -24,7 +24,7 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long, value_name = "DIR", value_delimiter = ',', required = true)]
     data: Vec<PathBuf>,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
 
@@ -32,11 +32,11 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 
-    /// Which part of the sets: a word of split.tsv, or all [default: test where there is one, else all]
+    /// Part of the sets: a word of split.tsv, or all [default: test if there is one, else all]
     #[arg(long, value_name = "WORD")]
     split: Option<Split>,
 
-    /// Write each set's points and targets as CSV to DIR and stop: what somebody needs to predict elsewhere
+    /// Write each set's points and targets as CSV to DIR and stop, for predictors that run elsewhere
     #[arg(long, value_name = "DIR")]
     export_targets: Option<PathBuf>,
 
@@ -249,7 +249,7 @@ fn draw(args: &LeadtimeArgs, boards: &[Board]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where a panel ends: a model that runs away would press all others flat.
+/// Upper end of a panel: a diverging model would compress all others.
 fn ceiling(lanes: &[Drawn<'_>]) -> f64 {
     let last = lanes.iter().filter_map(|(_, points)| Some(points.last()?.1)).filter(|y| y.is_finite());
     let lowest = last.fold(f64::INFINITY, f64::min);

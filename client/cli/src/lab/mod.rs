@@ -1,4 +1,5 @@
-//! `foretrace lab`: the paper's experiments through the daemon's own control law.
+//! `foretrace lab`: train, rank and benchmark predictors, and the paper's experiments, with the daemon's own
+//! control law.
 
 mod closed_loop;
 mod figures;
@@ -27,45 +28,45 @@ use crate::settings::SettingsArgs;
 /// `foretrace lab ...`
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum LabCommand {
-    /// Figure 2 of the paper: feedback only, prediction and perfect foresight on letters of a data set
+    /// Make figure 2 of the paper: feedback only, prediction and perfect foresight on letters of a data set
     ///
-    /// Every letter of the test writers is written by the control law with each predictor, in front of an
-    /// ideal arm and in front of the simulated UR5. Errors are between tool and pen at the same instant, pen
-    /// down. The picture shows hold, constant-velocity, dybm, mixture and oracle, or everybody where
-    /// --predictors names at most five.
+    /// The control law writes every letter of the test writers with each predictor, on an ideal arm and on
+    /// the simulated UR5. Errors are between tool and pen at the same instant, pen down. The picture shows
+    /// hold, constant-velocity, dybm, mixture and oracle, or all of --predictors if it names at most five.
     Fig2(figures::Fig2Args),
-    /// Figure 3 of the paper: switching from feedback to prediction in steps 30 to 40 of a letter
+    /// Make figure 3 of the paper: switch from feedback to prediction in steps 30 to 40 of a letter
     ///
     /// Ratios compare the ramp with the rest of the same letter: the largest jerk, and the largest step of
     /// the error.
     Fig3(figures::Fig3Args),
-    /// The closed-loop benchmark: every sequence of a set in real time, predictors and trust against
-    /// baselines, four arms
+    /// Benchmark in closed loop: every sequence of a set, predictors with trust against baselines, on four
+    /// simulated arms
     ///
-    /// Tool against pen at the same instant, hover included. `ideal` and `delay30` have no motion limits and
-    /// letters of 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of 0.03 m.
+    /// Errors are between tool and pen at the same instant, hover included. `ideal` and `delay30` have no
+    /// motion limits and letters of 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of
+    /// 0.03 m.
     ClosedLoop(closed_loop::ClosedLoopArgs),
-    /// Table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
+    /// Make table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
     /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are
     /// the shares of sequences with a smaller error than constant velocity and than the reference LSTM(10).
     Table1(table1::Table1Args),
-    /// Any predictor on any part of any data set, also without a train part
+    /// Score any predictor on any part of any data set, also without a train part
     Evaluate(evaluate::EvaluateArgs),
-    /// Error against look-ahead time, 10 to 200 ms, on devices of any rate: a leaderboard for pen prediction
+    /// Rank predictors by error against look-ahead time, 10 to 200 ms, on devices of any rate
     ///
-    /// Others take part with an LSTM (lstm:FILE.safetensors) or with predictions (file:PREDICTIONS.csv) for
-    /// the targets that --export-targets writes.
+    /// Your own predictors take part as an LSTM (lstm:FILE.safetensors) or as predictions
+    /// (file:PREDICTIONS.csv) for the targets that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
     /// Train an LSTM on recorded handwriting
     ///
     /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same
     /// seed, data and options give the same file. An interrupted training continues with --resume.
     Train(train::TrainArgs),
-    /// Make every picture of README and docs anew
+    /// Make every picture of README and docs again
     ///
-    /// Those of the demo from a run of it; those of recordings where --recordings says where the data sets
-    /// lie. What cannot be made is named with the command that makes it. Prints each picture's figures.
+    /// Runs the demo for its pictures; pictures of recordings need --recordings, the folder of the data sets.
+    /// Names each picture that cannot be made, with the command that makes it. Prints each picture's figures.
     Pictures(pictures::PicturesArgs),
 }
 
@@ -75,11 +76,11 @@ pub(crate) struct LabArgs {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
-    /// Which part of the set: a word of its split.tsv, or all
+    /// Part of the set: a word of its split.tsv, or all
     #[arg(long, value_name = "WORD", default_value = "test")]
     split: Split,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
 
@@ -91,7 +92,7 @@ pub(crate) struct LabArgs {
     #[arg(long, value_name = "N", value_parser = count)]
     limit: Option<usize>,
 
-    /// Height of a median letter in metres of the pen's plane
+    /// Height of a median letter in the pen's plane [m]
     #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = crate::play::source::positive)]
     height: f64,
 
@@ -107,7 +108,7 @@ pub(crate) struct LabArgs {
 }
 
 pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
-    // A training ends in order, with what it has learned saved.
+    // Training handles the signal itself and saves its state.
     if !matches!(command, LabCommand::Train(_)) {
         ends_at_once()?;
     }

@@ -1,5 +1,4 @@
-//! `foretrace lab pictures`: every picture of the documents anew, each by the command that a reader can type
-//! too.
+//! `foretrace lab pictures`: makes every picture of the documents, each by a command that a reader can type.
 //!
 //! Contract: the table below is the only place that says which picture comes from what. A picture that cannot
 //! be made here is named with its command and left as it is; one that can is written whole or not at all.

@@ -1,7 +1,7 @@
-//! How far a long command is, and how long it will take: always on stderr, never in the result.
+//! Progress of a long command and the time left: always on stderr, never in the result.
 //!
-//! Contract: a bar in place on a terminal; a line every ten seconds where stderr is none, also while a single
-//! step lasts longer. Steps may come from any thread. Nothing is said about what ends within ten seconds, and
+//! Contract: a bar in place on a terminal, else a line every ten seconds, also while a single step lasts
+//! longer. Steps may come from any thread. Prints nothing for a command that ends within ten seconds, and
 //! nothing after the end.
 
 use std::fmt::Arguments;
@@ -15,7 +15,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::output::{may_draw, note, note_line};
 
-/// Between two lines where nobody sees a bar.
+/// Time between two lines without a terminal.
 const EVERY: Duration = Duration::from_secs(10);
 /// Between two looks of a bar at its clock.
 const TICK: Duration = Duration::from_millis(500);
@@ -81,11 +81,11 @@ impl Drop for Progress {
     }
 }
 
-/// A thread that tells the share from time to time.
+/// A thread that prints the progress from time to time.
 #[derive(Debug)]
 pub(crate) struct Lines {
     done: Arc<AtomicUsize>,
-    /// What an earlier run had done: no measure of how fast this one is.
+    /// Steps of an earlier run, which do not count for the speed of this one.
     before: Arc<AtomicUsize>,
     end: Option<Sender<()>>,
     teller: Option<JoinHandle<()>>,
@@ -103,7 +103,7 @@ impl Lines {
                 tell(&words(done, before, steps, since.elapsed()));
             }
         };
-        // Without the thread the command is silent, and otherwise as good.
+        // Without the thread the command works, but is silent.
         let teller = std::thread::Builder::new().name("foretrace-tells".to_owned()).spawn(told).ok();
         Self { done, before, end: Some(end), teller }
     }
@@ -113,7 +113,7 @@ impl Drop for Lines {
     fn drop(&mut self) {
         drop(self.end.take());
         if let Some(teller) = self.teller.take() {
-            // A teller that failed has nothing more to tell.
+            // A failed thread has nothing more to print.
             let _ = teller.join();
         }
     }

@@ -1,5 +1,5 @@
-//! What the commands about prediction tables share: loading a set, choosing models, the table as text, JSON
-//! and picture.
+//! Shared by the commands for prediction tables: loading a set, choosing models, the table as text, JSON and
+//! picture.
 
 use std::path::Path;
 
@@ -12,13 +12,13 @@ use super::progress::Progress;
 use crate::failure::Failure;
 use crate::output::{note, say};
 
-/// Loads a set and says what was left out of it; strict: nothing may be.
+/// Loads a set and reports the files left out; strict: a bad file is an error.
 pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Result<Set, Failure> {
     let set = Set::load(folder, split, cold).map_err(|error| {
         Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
     })?;
     if let Some(first) = set.refused.first().filter(|_| strict) {
-        return Err(Failure::bad_input(first, "mend the file, or leave --strict out to do without it"));
+        return Err(Failure::bad_input(first, "correct the file, or leave out --strict to skip it"));
     }
     for error in &set.refused {
         note!("lab: left out: {error}");
@@ -35,7 +35,7 @@ pub(super) fn models(names: &str) -> Result<Vec<Model>, Failure> {
     Model::list(names).map_err(|error| unknown(&error))
 }
 
-/// A name or a repetition is the command line's fault, what a file holds is not.
+/// A wrong or repeated name is a usage error; a bad file is bad input.
 pub(super) fn unknown(error: &ModelError) -> Failure {
     match error {
         ModelError::Unknown { .. } | ModelError::Twice { .. } => Failure::usage(error, ""),
@@ -43,7 +43,7 @@ pub(super) fn unknown(error: &ModelError) -> Failure {
     }
 }
 
-/// Scores the models with a progress bar where somebody watches.
+/// Scores the models, with a progress bar on a terminal.
 pub(super) fn scored(models: &[Model], set: &Set) -> Result<Scored, Failure> {
     let progress = Progress::of("lab", work(models, set));
     score(models, set, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))
@@ -56,7 +56,7 @@ pub(super) fn title(set: &Set) -> String {
     format!("{}{part}: {} sequences, {steps} steps", set.name, set.scored.len())
 }
 
-/// The table, then what has to be known about single rows.
+/// The table, then the notes on single rows.
 pub(super) fn print(set: &Set, scored: &Scored) {
     let wide = width(scored.rows.iter().map(|row| row.model.as_str()));
     say!("{}\n", title(set));
@@ -118,7 +118,7 @@ pub(super) fn json(set: &Set, scored: &Scored) -> Value {
     })
 }
 
-/// What has to be known about single models, those that the others are measured against included.
+/// Notes on single models, including the references.
 fn notes(scored: &Scored) -> impl Iterator<Item = (&str, &str)> {
     scored.runs.iter().filter_map(|run| Some((run.model.as_str(), run.note.as_deref()?)))
 }

@@ -1,4 +1,4 @@
-//! `foretrace lab table1`: the paper's Table 1 with more columns, and its analysis by symbol.
+//! `foretrace lab table1`: the paper's Table 1 with further columns, and its analysis by symbol.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ const FAVOURED: [&str; 3] = ["lstm10", "lstm10-reference", "lstm32"];
 /// Symbols shown at either end.
 const ENDS: usize = 12;
 
-/// Where this table and the paper's part.
+/// Where this table differs from the paper's.
 const FOOTER: &str = "
 Differences from the paper (Agravante et al. 2018, Table 1). Its numbers, on LaViola's symbols, which cannot \
 be had any
@@ -42,7 +42,7 @@ pub(crate) struct Table1Args {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
 
@@ -50,11 +50,11 @@ pub(crate) struct Table1Args {
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 
-    /// Also compare the models symbol by symbol: where curvy ones favour the LSTM
+    /// Also compare the models symbol by symbol: do curvy ones favour the LSTM
     #[arg(long)]
     by_label: bool,
 
-    /// Train lstm10 (the paper's recipe) and lstm32 (the robust one) anew on the train part, instead of their
+    /// Train lstm10 (the paper's recipe) and lstm32 (the robust one) on the train part, instead of their
     /// shipped weights
     #[arg(long)]
     train: bool,
@@ -80,7 +80,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
             "name each model once",
         ));
     }
-    // Wrong names are told before anything is loaded or trained.
+    // Wrong names are reported before anything is loaded or trained.
     let mut models = if shipped.is_empty() { Vec::new() } else { table::models(&shipped.join(","))? };
     let set = table::load(&args.data, &Split::test(), false, args.strict)?;
     for (place, name) in names.iter().enumerate() {
@@ -116,7 +116,7 @@ fn names(args: &Table1Args) -> Vec<String> {
         .collect()
 }
 
-/// Cells of a network that is to be trained anew.
+/// Cells of a network that is to be trained.
 fn anew(args: &Table1Args, name: &str) -> Option<usize> {
     TRAINABLE.into_iter().find(|(known, _)| args.train && *known == name).map(|(_, cells)| cells)
 }
@@ -135,7 +135,7 @@ fn trained(name: &str, cells: usize, set: &Set) -> Result<Model, Failure> {
 struct Symbols {
     rows: Vec<LabelRow>,
     correlations: Vec<Correlation>,
-    /// Whose gain is looked at, and over whom the picture shows it.
+    /// The model whose gain is analysed, and the one it is compared with in the picture.
     pair: Option<(String, String)>,
 }
 

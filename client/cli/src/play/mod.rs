@@ -1,4 +1,4 @@
-//! `foretrace play`: handwriting as if a pen wrote it now.
+//! `foretrace play`: plays handwriting in real time.
 //!
 //! Contract: every sample carries the instant at which the pen was there and is sent at that instant, by
 //! absolute sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do.
@@ -24,7 +24,7 @@ use crate::settings::SettingsArgs;
 use source::PathArgs;
 use way::{Sent, Way};
 
-/// A pen that will write soon: time to get ready.
+/// Time before the pen writes, for the loop to get ready.
 const LEAD_NS: u64 = 50_000_000;
 /// Longest sleep without looking for Ctrl-C.
 const NAP_NS: u64 = 100_000_000;
@@ -34,7 +34,7 @@ const NAP_NS: u64 = 100_000_000;
 /// SOURCE is one or more recordings (UNIPEN, InkML, Character Trajectories), a data-set folder (its test
 /// part, or all where it has none), one CSV with the columns t_s,x_m,y_m,contact, or glyphs:TEXT for the
 /// built-in writer. Recorded ink is recentred into the workspace of the settings; where a recording has no
-/// hover between two strokes, a lift and travel is put in.
+/// hover between two strokes, a lift and travel is inserted.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -49,7 +49,7 @@ pub(crate) struct PlayArgs {
     #[command(flatten)]
     path: PathArgs,
 
-    /// Begin again at the end, until --seconds are over or Ctrl-C
+    /// Repeat until --seconds are over or Ctrl-C
     #[arg(long = "loop")]
     repeat: bool,
 
@@ -189,7 +189,7 @@ impl Player {
     }
 }
 
-/// Sleeps in naps; false when the user wants to end.
+/// Sleeps in short pieces; false when the program shall end.
 fn slept_until(due: u64, interrupt: &Interrupt) -> bool {
     loop {
         if interrupt.is_set() {

@@ -1,7 +1,7 @@
 //! Where a pen path comes from: recordings, a data-set folder, a plain CSV, or the built-in writer.
 //!
 //! Contract: recorded ink is recentred into the workspace, one scale for all of it; a CSV is taken as it
-//! stands. Whatever had to be left out is said in `notes`.
+//! stands. What had to be left out is reported in `notes`.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -17,10 +17,10 @@ use crate::failure::Failure;
 
 const REMEDY: &str = "give a recording, a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
 
-/// How to lay ink into the plane.
+/// Placement of ink in the plane.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct PathArgs {
-    /// Height of a median glyph in metres of the pen's plane; for recorded ink and glyphs
+    /// Height of a median glyph in the pen's plane [m]; for recorded ink and glyphs
     #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = positive)]
     pub(crate) height: f64,
 
@@ -28,19 +28,19 @@ pub(crate) struct PathArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = positive)]
     pub(crate) scale: f64,
 
-    /// Play faster (2) or slower (0.5) than recorded
+    /// Play this many times as fast as recorded
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = positive)]
     pub(crate) speed: f64,
 
-    /// Hand of the built-in writer: another number writes the same text another way
+    /// Seed of the built-in writer's hand
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub(crate) style: u64,
 
-    /// Only characters with this label, for example --label K
+    /// Play only characters with this label, for example --label K
     #[arg(long, value_name = "LABEL")]
     pub(crate) label: Option<String>,
 
-    /// Only characters FIRST to LAST of the recording, counted from 0
+    /// Play only characters FIRST to LAST of the recording, counted from 0
     #[arg(long, value_name = "FIRST[-LAST]", value_parser = segments)]
     pub(crate) segments: Option<(usize, usize)>,
 }
@@ -58,7 +58,7 @@ pub(crate) struct Source {
     pub(crate) notes: Vec<String>,
 }
 
-/// Loads what the `names` on the command line stand for into the workspace of `settings`.
+/// Loads the sources `names` of the command line into the workspace of `settings`.
 ///
 /// # Errors
 ///

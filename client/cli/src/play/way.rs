@@ -1,4 +1,4 @@
-//! The two ways of a played sample: into shared memory, or through a gateway of another user.
+//! The two outputs of a player: shared memory, or the gateway of another user.
 
 use std::path::Path;
 use std::time::Duration;
@@ -17,7 +17,7 @@ pub(super) enum Way {
     Gateway(GatewayFeed),
 }
 
-/// What became of a reading.
+/// The outcome of a reading.
 pub(super) enum Sent {
     Heard,
     Unheard,
@@ -61,7 +61,7 @@ impl Way {
         })
     }
 
-    /// Looks whether the daemon is still there.
+    /// Checks whether the daemon is still up.
     pub(super) fn look(&mut self) {
         let Self::Shared { foretrace, feed, lookout } = self else { return };
         match lookout.look(foretrace) {
@@ -83,7 +83,7 @@ impl Way {
         }
     }
 
-    /// Ends the connection; what the gateway says of it.
+    /// Ends the connection; returns the gateway's last line.
     pub(super) fn finish(self) -> Option<String> {
         match self {
             Self::Shared { .. } => None,

@@ -186,7 +186,7 @@ impl Fit {
     }
 }
 
-/// The least `cost` that a simplex finds from `begin`, begun anew a few times where it has shrunk.
+/// The least `cost` that a simplex finds from `begin`, restarted a few times where it has shrunk.
 fn simplex(begin: [f64; SEARCHED], cost: impl Fn(&[f64; SEARCHED]) -> f64) -> ([f64; SEARCHED], f64) {
     let mut best = (begin, cost(&begin));
     for step in [0.3, 0.1, 0.03] {

@@ -1,6 +1,6 @@
 //! Meshes of a robot description: found in the file system, read, and measured.
 //!
-//! Contract: a file that is not there, too large, or no mesh is a sentence, never a panic.
+//! Contract: a file that is missing, too large, or not a mesh gives an error message, never a panic.
 //! `package://NAME/...` is looked for where `--package` says, in the folders above the description, and in
 //! ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
 
@@ -73,7 +73,7 @@ impl Search {
     }
 }
 
-/// What is needed of a mesh.
+/// The vertices and volume of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mesh {
     pub(super) vertices: Vec<Vector3<f64>>,

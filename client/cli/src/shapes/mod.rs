@@ -1,7 +1,7 @@
 //! `foretrace config shapes`: capsules around the meshes of a robot description, as URDF to paste.
 //!
 //! Contract: every capsule holds every vertex of its mesh, with the numbers as they are written. All or
-//! nothing: a mesh that cannot be had refuses the whole, with every reason. A cylinder is what foretrace
+//! nothing: one mesh that cannot be read refuses the whole, with every reason. A cylinder is what foretrace
 //! reads as a capsule (`ik/clearance/bodies.rs`): its ends get half-spheres there, so no spheres are written
 //! beside it.
 
@@ -24,8 +24,8 @@ use mesh::{Mesh, Search};
 ///
 /// foretrace keeps the arm clear of itself and of keep-outs by capsules; meshes have no size for it. This
 /// reads the STL and OBJ meshes of the links' collision geometry (of the visual one where a link has none),
-/// puts a nearly smallest capsule around each, and says how much larger it is. Look at the result before you
-/// rely on it: a capsule around a bent link is wide.
+/// puts a nearly minimal capsule around each, and reports how much larger it is. Look at the result before
+/// you rely on it: a capsule around a bent link is wide.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ShapesArgs {
     /// Robot description (URDF)
@@ -35,12 +35,12 @@ pub(crate) struct ShapesArgs {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    /// Where a package of package:// is; may be given several times
+    /// Folder of a package of package:// URLs; may be given several times
     #[arg(long = "package", value_name = "NAME=DIR", value_parser = package)]
     packages: Vec<(String, PathBuf)>,
 }
 
-/// One mesh and what was put around it.
+/// One mesh and its capsule.
 struct Proposal {
     link: String,
     file: String,
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
         }
     }
     if !refused.is_empty() {
-        let what = format!("{} meshes cannot be had:\n  {}", refused.len(), refused.join("\n  "));
+        let what = format!("{} meshes cannot be used:\n  {}", refused.len(), refused.join("\n  "));
         return Err(Failure::bad_input(what, "nothing was written"));
     }
     if proposals.is_empty() {

@@ -1,8 +1,8 @@
 //! `--alarm 'pen_to_command.p99_us>5000'`: a bound on a figure of the status, which ends the program when it
 //! is broken.
 //!
-//! Contract: the figure is named as in `status --json`, with dots between keys. What is not there is refused
-//! before anything is watched; what is not known at the moment (null) breaks no bound.
+//! Contract: the figure is named as in `status --json`, with dots between keys. A figure that does not exist
+//! is refused at start; an unknown value (null) breaks no bound.
 
 use std::fmt;
 
@@ -74,7 +74,7 @@ impl Alarm {
         if at.is_number() || at.is_null() {
             return Ok(());
         }
-        Err(format!("--alarm {self}: that is no number"))
+        Err(format!("--alarm {self}: that is not a number"))
     }
 
     /// The figure, where it breaks the bound.
@@ -126,6 +126,6 @@ mod tests {
         assert_eq!(check("loop.rate_hz<400"), Ok(()));
         assert!(check("loop.late>3").unwrap_err().contains("it has overruns, rate_hz"));
         assert!(check("loop>3").unwrap_err().contains("name one of overruns, rate_hz"));
-        assert!(check("mode>3").unwrap_err().contains("no number"));
+        assert!(check("mode>3").unwrap_err().contains("not a number"));
     }
 }

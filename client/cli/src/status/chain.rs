@@ -1,4 +1,4 @@
-//! The chain from pen to arm: where the time goes, how late the arm is, and what the plan makes of it.
+//! The chain from pen to arm: where the time goes, the arm's lag, and how the plan accounts for it.
 //!
 //! Contract: medians of about the last second, as the status carries them; what is not known is left out of
 //! the words and null in JSON.
@@ -43,7 +43,7 @@ pub(crate) fn json(status: &Status) -> Value {
     })
 }
 
-/// How late the arm is, and what the plan makes of it.
+/// The arm's lag, and how the plan accounts for it.
 pub(crate) fn lag_json(status: &Status) -> Value {
     let lag = &status.arm_lag;
     let known = |s: f64| lag.is_known().then_some(s * 1e3);

@@ -1,4 +1,4 @@
-//! `foretrace status`: what the daemon says about itself.
+//! `foretrace status`: shows the daemon's status.
 
 mod alarm;
 mod chain;
@@ -19,7 +19,7 @@ use crate::output::{JsonArgs, clear_screen, say};
 use crate::settings::InstanceArgs;
 use alarm::Alarm;
 
-/// The daemon speaks ten times per second.
+/// The daemon publishes its status ten times per second.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Show the daemon's mode, rates, latencies, losses, trust and learner
@@ -31,7 +31,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
                   .pen_to_command.p99_us\n  foretrace status --watch --alarm 'pen_to_command.p99_us>5000' \
                   --alarm 'loop.overruns>100'")]
 pub(crate) struct StatusArgs {
-    /// Show it anew until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` a line of JSON per
+    /// Refresh until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` one line of JSON per
     /// second instead
     #[arg(long)]
     watch: bool,
@@ -114,6 +114,6 @@ fn judged(alarms: &[Alarm], figures: &Value) -> Result<(), Failure> {
 
 fn silent(foretrace: &Foretrace) -> Failure {
     let number = foretrace.instance().number();
-    let what = format!("the daemon of instance {number} says nothing");
+    let what = format!("the daemon of instance {number} reports no status");
     Failure::new(Cause::NoDaemon, what, "it is starting, ending or stuck: look at its own messages")
 }

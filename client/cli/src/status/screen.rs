@@ -11,7 +11,7 @@ use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
 
-/// The least screen that there is.
+/// The smallest supported screen.
 pub(crate) const COLUMNS: usize = 80;
 /// One less than 24, so that the last line does not scroll the first one away.
 pub(crate) const LINES: usize = 23;
@@ -34,7 +34,7 @@ pub(crate) fn page(status: &Status, age_ns: u64) -> String {
     }
     lines.extend(wrapped("to do", &to_do(status, mode, fault)));
     for (who, refused) in refusals(status) {
-        // What was refused long ago is mended.
+        // Old refusals are no longer shown.
         let ago_ns = status.header.stamp_ns.saturating_sub(refused.at_ns);
         if refused.at_ns != 0 && ago_ns < 10_000_000_000 {
             lines.extend(wrapped("refused", &format!("{who}: {refused}")));
@@ -145,7 +145,7 @@ fn mode_and_way(status: &Status) -> String {
     }
 }
 
-/// What the person before the screen can do now.
+/// What the operator can do now.
 fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
     match mode {
         Some(Mode::Stopped | Mode::Fault) => stopped::remedy(fault).to_owned(),
@@ -158,7 +158,7 @@ fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
             "start the pen, or `foretrace play glyphs:hello --loop`".to_owned()
         }
         _ if (0.0..0.95).contains(&status.arm_speed_share) => format!(
-            "the arm moves at about {:.0} % of what is asked: look at its speed slider",
+            "the arm moves at about {:.0} % of the commanded speed: look at its speed slider",
             status.arm_speed_share * 100.0
         ),
         _ => "nothing".to_owned(),
@@ -288,6 +288,6 @@ mod tests {
         assert!(at(Mode::Holding).contains("start the pen"));
         assert!(at(Mode::Following).contains("to do     nothing"));
         let slow = Status { mode: Mode::Following.into(), arm_speed_share: 0.3, ..Status::default() };
-        assert!(page(&slow, 0).contains("about 30 % of what is asked"));
+        assert!(page(&slow, 0).contains("about 30 % of the commanded speed"));
     }
 }

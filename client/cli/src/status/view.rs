@@ -11,7 +11,7 @@ use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
 
-/// The stages of this daemon: trust and preview are one, told as `predict`.
+/// The stages of this daemon: trust and preview are one, shown as `predict`.
 const SHOWN: [Stage; 9] = [
     Stage::Wakeup,
     Stage::Receive,
@@ -46,7 +46,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     if status.stop.at_ns != 0 {
         let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
         let stopped = matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault));
-        // Of a stop that is over only what was seen is left.
+        // Of a past stop only its evidence is shown.
         if stopped {
             line(format_args!("stopped     {}", stopped::reason(fault, &status.stop)));
             line(format_args!("to do       {}", stopped::remedy(fault)));
@@ -295,10 +295,10 @@ pub(super) fn refusals(status: &Status) -> [(&'static str, &Refused); 4] {
     ]
 }
 
-/// An arm that does not do all that is asked of it.
+/// An arm that moves less than it is commanded to.
 fn slow(share: f64) -> String {
     if (0.0..0.95).contains(&share) {
-        format!("   the arm moves at about {:.0} % of what is asked", share * 100.0)
+        format!("   the arm moves at about {:.0} % of the commanded speed", share * 100.0)
     } else {
         String::new()
     }

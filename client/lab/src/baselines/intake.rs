@@ -1,18 +1,18 @@
-//! Which pen samples a way takes, and what a gap is.
+//! Which pen samples a baseline accepts, and what a gap is.
 
 use foretrace_sim::path::PathSample;
 
-/// A pen that was silent for longer starts anew: Chromium's predictors forget everything after 20 ms.
+/// A longer silence resets the filter: Chromium's predictors forget everything after 20 ms.
 pub(super) const GAP_S: f64 = 0.020;
 /// How far a stamp may lie in the future [s]: clocks are read one after another.
 const FUTURE_S: f64 = 0.010;
 
-/// What a sample is to a filter.
+/// The role of a sample for a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Arrival {
     /// The first one, or the first after a gap.
     First,
-    /// So much later than the last one \[s\].
+    /// Time since the last one \[s\].
     Next(f64),
     /// Not to be used.
     Dropped,
@@ -25,7 +25,7 @@ pub(super) struct Intake {
 }
 
 impl Intake {
-    /// Takes or drops `sample`, heard of at `now_s`.
+    /// Accepts or drops `sample`, received at `now_s`.
     pub(super) fn take(&mut self, now_s: f64, sample: &PathSample) -> Arrival {
         let PathSample { t_s, x_m, y_m, .. } = *sample;
         if !(x_m.is_finite() && y_m.is_finite() && t_s <= now_s + FUTURE_S && t_s.is_finite()) {
@@ -42,7 +42,7 @@ impl Intake {
         }
     }
 
-    /// Where the pen was last.
+    /// The last position of the pen.
     pub(super) fn position(&self) -> Option<[f64; 2]> {
         self.newest.map(|(_, position)| position)
     }

@@ -1,13 +1,13 @@
-//! Constant-acceleration Kalman filter per axis, predicting to where the pen will be: as browsers draw ink.
+//! Constant-acceleration Kalman filter per axis, predicting the pen as browsers do for ink.
 //!
-//! Filter and rules follow what Chromium's `ui/base/prediction` (BSD-3) documents and does, in own words and
-//! code: state \[position, velocity, acceleration\], noise enters as a random change of acceleration g·w with
-//! g = \[½dt², dt, 1\], the measurement is the position; a prediction starts at the newest sample, needs four
-//! samples, everything is forgotten after 20 ms of silence, predictions reach at most 25 ms. For delegated
-//! ink trails two more rules are on there: no prediction that would turn back, and acceleration only where
-//! the path turned by more than 15° in its last 40 ms. Chromium counts in pixels and milliseconds: process
-//! 0.1 px/ms², measurement 1 px. Only their ratio matters, and it is free of lengths: 1e5 s⁻². The first
-//! covariance is scaled likewise.
+//! Filter and rules follow what Chromium's `ui/base/prediction` (BSD-3) documents and implements, in code of
+//! our own: state \[position, velocity, acceleration\], noise enters as a random change of acceleration g·w
+//! with g = \[½dt², dt, 1\], the measurement is the position; a prediction starts at the newest sample, needs
+//! four samples, everything is forgotten after 20 ms of silence, predictions reach at most 25 ms. For
+//! delegated ink trails Chromium adds two rules: no prediction that would turn back, and acceleration only
+//! where the path turned by more than 15° in its last 40 ms. Chromium counts in pixels and milliseconds:
+//! process 0.1 px/ms², measurement 1 px. Only their ratio matters, which has no unit of length: 1e5 s⁻². The
+//! first covariance is scaled likewise.
 
 use std::collections::VecDeque;
 
@@ -19,9 +19,9 @@ use super::{Baseline, BaselineSettings, KalmanKnobs, OneEuro, Origin, PostFilter
 
 /// Samples before the first prediction.
 const SETTLED: u32 = 4;
-/// How far back the turn of the path is looked at \[s\].
+/// Window over which the turn of the path is measured \[s\].
 const TURN_WINDOW_S: f64 = 0.040;
-/// Less turn than this is straight \[rad\].
+/// A smaller turn counts as straight \[rad\].
 const TURN_MIN_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// More samples than the turn window holds at 1 kHz.
 const RECENT: usize = 64;
@@ -74,7 +74,7 @@ impl KalmanWay {
         }
     }
 
-    /// Where the pen is expected when the arm will be there.
+    /// Where the pen is expected when the arm gets there.
     fn predict(&self, now_s: f64) -> Option<[f64; 2]> {
         let newest = self.intake.position()?;
         if self.axes.iter().any(|axis| axis.samples < SETTLED) {

@@ -1,10 +1,10 @@
 //! The baselines: what foretrace is compared with in closed loop.
 //!
-//! Contract: a [`Baseline`] hears the pen's samples as they arrive and says once per control period where the
-//! tool shall be at the end of that period, in the plane \[m\]. Deterministic; no clock, no file. Each is
-//! implemented from its published description with its published defaults, then tuned on training data in its
-//! own favour ([`BaselineSettings::new`]). Samples that are not finite, not later than the last one taken, or
-//! stamped in the future are dropped. Absent: the arm, inverse kinematics, and the daemon; nothing here is
+//! Contract: a [`Baseline`] receives the pen's samples as they arrive and gives once per control period the
+//! tool's target for the end of that period, in the plane \[m\]. Deterministic; no clock, no file. Each is
+//! implemented from its published description with its published defaults, then tuned for least error on
+//! training data ([`BaselineSettings::new`]). Samples that are non-finite, not later than the last one taken,
+//! or stamped in the future are dropped. Absent: the arm, inverse kinematics, and the daemon; nothing here is
 //! linked into the real-time loop.
 
 mod settings;
@@ -31,25 +31,25 @@ pub use sweep::sweep;
 
 use foretrace_sim::path::PathSample;
 
-/// A baseline: pen samples in, where the tool is to be, once per control period.
+/// A baseline: pen samples in, a tool target out, once per control period.
 pub trait Baseline: Send {
     /// The tool's target in the plane \[m\] for the end of the period that begins at `now_s`.
     ///
     /// `pen`: samples received since the last call, in order. `None` before the first sample.
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]>;
 
-    /// Periods in which the way's own solver failed and it went on with the last safe motion.
+    /// Periods in which the baseline's own solver failed and it continued the last safe motion.
     fn failures(&self) -> u64 {
         0
     }
 
-    /// The last target was held back by a limit of speed or acceleration of the way's own.
+    /// The baseline's own limit on speed or acceleration was active in the last target.
     fn limited(&self) -> bool {
         false
     }
 }
 
-/// The way `kind` with these settings; those of other kinds in `settings` are not looked at.
+/// The baseline `kind` with these settings; those of other kinds in `settings` are ignored.
 ///
 /// # Errors
 ///
@@ -63,7 +63,8 @@ pub fn build(kind: BaselineKind, settings: &BaselineSettings) -> Result<Box<dyn 
     })
 }
 
-/// Look-ahead and gain that a way with these settings gives to the arm's servo, where the arm takes `servoj`.
+/// Look-ahead and gain that a baseline with these settings sends to the arm's servo, where the arm takes
+/// `servoj`.
 #[must_use]
 pub fn servo(settings: &BaselineSettings) -> ServoKnobs {
     settings.servo

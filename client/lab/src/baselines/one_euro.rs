@@ -1,8 +1,8 @@
 //! The 1€ filter: a low-pass whose cut-off grows with speed. Little jitter at rest, little lag in motion.
 //!
 //! Source: Casiez, Roussel, Vogel, "1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in
-//! Interactive Systems", CHI 2012, equations 1 to 6 and appendix A. Own code. Per axis, as is usual for
-//! positions.
+//! Interactive Systems", CHI 2012, equations 1 to 6 and appendix A. Code of our own. Per axis, as is usual
+//! for positions.
 
 use std::f64::consts::TAU;
 
@@ -23,7 +23,7 @@ struct Axis {
 }
 
 impl OneEuro {
-    /// A filter that has heard nothing.
+    /// A filter without samples.
     #[must_use]
     pub fn new(knobs: OneEuroKnobs) -> Self {
         Self { knobs, axes: None }

@@ -1,10 +1,10 @@
-//! How well a way aims, without an arm: its target for an instant against where the pen was at that instant.
+//! Accuracy of a baseline without an arm: its target for an instant against the pen at that instant.
 //!
-//! Contract: each path is played in real time from a resting pen, samples are heard at the first period at or
+//! Contract: each path is played in real time from a resting pen, samples arrive at the first period at or
 //! after their stamp, and the target made at `now` is scored against the pen (linear between samples, gaps
 //! left out) at `now + period + dead time`, the instant at which an arm that takes the dead time would be
-//! there. Ways that smooth in the arm's servo are scored behind a [`SoftServo`](super::SoftServo). Absent:
-//! limits of an arm, inverse kinematics.
+//! there. Baselines that smooth in the arm's servo are scored behind a [`SoftServo`](super::SoftServo).
+//! Absent: limits of an arm, inverse kinematics.
 
 use super::{BaselineError, BaselineKind, BaselineSettings, build, soften};
 use crate::parallel;

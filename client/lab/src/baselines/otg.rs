@@ -1,13 +1,13 @@
-//! Online trajectory generation towards a moving target: the usual answer of arms that must not jerk.
+//! Online trajectory generation towards a moving target: the usual choice for arms with jerk limits.
 //!
 //! Every period the pen's state is estimated from its last samples, extrapolated with constant acceleration
 //! by its age, the period and the dead time, and a jerk-limited time-optimal trajectory from the tool's
-//! commanded state to that state is planned anew (crate `rsruckig`, a port of Ruckig: Berscheid and Kröger,
+//! commanded state to that state is planned again (crate `rsruckig`, a port of Ruckig: Berscheid and Kröger,
 //! RSS 2021; its tracking interface clamps targets that the limits cannot reach). Axes are independent. A
 //! period without a plan follows the last plan, and where that has ended, brakes; both are counted.
 //!
-//! A trajectory to where the pen is now arrives when the pen is elsewhere. With `intercept` the target is
-//! taken as much later as the way there takes: the shortest such time is searched.
+//! A trajectory to the pen's present position arrives when the pen has moved on. With `intercept` the target
+//! is the pen at the time of arrival: the shortest such time is searched.
 
 use foretrace_sim::path::PathSample;
 use rsruckig::prelude::{
@@ -96,11 +96,11 @@ impl Baseline for OtgWay {
 
 type Tracker = Trackig<1, IgnoreErrorHandler>;
 
-/// One axis: its commanded state and who plans on from it.
+/// One axis: its commanded state and the planner that continues from it.
 struct Generator {
     period_s: f64,
     tracker: Tracker,
-    /// Asks how long a way would take without disturbing the tracker's own last plan.
+    /// Computes the duration of a motion without disturbing the tracker's last plan.
     probe: Tracker,
     brake: Ruckig<1, IgnoreErrorHandler>,
     input: InputParameter<1>,
@@ -125,7 +125,7 @@ impl Generator {
         }
     }
 
-    /// At its largest speed or acceleration. Jerk is not asked: a time-optimal motion always uses all of it.
+    /// Saturated in speed or acceleration. Jerk does not count: a time-optimal motion always uses all of it.
     fn limited(&self) -> bool {
         let at = |value: f64, most: f64| value.abs() >= 0.999 * most;
         at(self.input.current_velocity[0], self.input.max_velocity[0])
@@ -159,9 +159,9 @@ impl Generator {
         planned
     }
 
-    /// The shortest time \[s\], counted from the beginning of the period, in which the pen can be met on its
-    /// way: doubling, then halving. Where it cannot be met in time, the period: the tool then follows as
-    /// without interception.
+    /// The shortest time \[s\], counted from the beginning of the period, in which the pen can be met:
+    /// doubling, then bisection. Where it cannot be met in time, the period: the tool then follows as without
+    /// interception.
     fn meeting_s(&mut self, pen: &AxisTrend, knobs: &OtgKnobs) -> f64 {
         let (mut early, mut met) = (0.0, self.period_s);
         while !self.arrives_within(pen, met, knobs) {
@@ -210,7 +210,7 @@ impl Generator {
     }
 }
 
-/// The pen further ahead than this is anybody's guess \[s\].
+/// Longest extrapolation of the pen \[s\].
 const MEETING_MAX_S: f64 = 0.1;
 
 /// The pen `later_s` on, as the generator's target.

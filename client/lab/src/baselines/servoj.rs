@@ -1,4 +1,4 @@
-//! The servoj ways: a 1€ filter on the pen, its value sent to the arm's servo, which smooths by its
+//! The servoj baselines: a 1€ filter on the pen, its value sent to the arm's servo, which smooths by its
 //! look-ahead.
 //!
 //! [`SoftServo`] is that servo in software, for arms that have none: per axis a critically damped second
@@ -53,7 +53,7 @@ impl Baseline for ServojWay {
     }
 }
 
-/// What servoj's look-ahead does to a stream of targets, in the plane.
+/// The effect of servoj's look-ahead on a stream of targets, in the plane.
 #[derive(Debug, Clone, Copy)]
 pub struct SoftServo {
     period_s: f64,
@@ -79,7 +79,7 @@ impl SoftServo {
     /// Where the tool is at the end of a period in which the target went straight from the last one to
     /// `target` \[m\].
     ///
-    /// A target that is not finite counts as the last one.
+    /// A non-finite target counts as the last one.
     pub fn step(&mut self, target: [f64; 2]) -> [f64; 2] {
         let mut state = self.state.unwrap_or(target.map(|target| Follower { target, x: target, v: 0.0 }));
         for (axis, target) in state.iter_mut().zip(target) {

@@ -1,11 +1,11 @@
-//! Which ways there are, their knobs, and what they are set to.
+//! The baselines, their parameters and settings.
 
 use std::fmt;
 use std::str::FromStr;
 
 use super::tuned::{self, TUNED_HEIGHT_M};
 
-/// Which way.
+/// Which baseline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum BaselineKind {
     /// 1€ filter, then `servoj` as most teleoperation scripts call it: look-ahead 0.1 s, gain 300.
@@ -19,10 +19,10 @@ pub enum BaselineKind {
 }
 
 impl BaselineKind {
-    /// Every way.
+    /// Every baseline.
     pub const ALL: [Self; 4] = [Self::ServojGello, Self::ServojRos, Self::Otg, Self::Kalman];
 
-    /// As users write it.
+    /// Name on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl BaselineKind {
         }
     }
 
-    /// The arm's own servo is where this way smooths: before an arm without one it needs a
+    /// This baseline smooths in the arm's own servo: on an arm without one it needs a
     /// [`SoftServo`](super::SoftServo).
     #[must_use]
     pub fn smooths_in_the_servo(self) -> bool {
@@ -58,7 +58,7 @@ impl FromStr for BaselineKind {
     }
 }
 
-/// What a way may ask of the tool, per axis of the plane; infinite: no limit.
+/// Limits of a baseline's tool motion, per axis of the plane; infinite: no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// \[m/s\]
@@ -109,7 +109,7 @@ pub struct OneEuroKnobs {
 pub struct OtgKnobs {
     /// Pen samples of this last time make the estimate \[s\].
     pub window_s: f64,
-    /// How much of the estimated acceleration is believed, 0 (constant velocity) to 1.
+    /// Factor on the estimated acceleration, 0 (constant velocity) to 1.
     pub acceleration_share: f64,
     /// The target state's acceleration is handed to the generator; else 0 is.
     pub target_acceleration: bool,
@@ -122,7 +122,7 @@ pub struct OtgKnobs {
     pub limits: Limits,
 }
 
-/// Where the Kalman prediction starts from.
+/// Start of the Kalman prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
     /// The newest sample, as in Chromium.
@@ -153,7 +153,7 @@ pub struct KalmanKnobs {
     pub origin: Origin,
     /// Longest prediction \[s\]. Chromium: 0.025.
     pub horizon_max_s: f64,
-    /// Predicts so much further \[s\], to make up for a post-filter's lag. Chromium: 0.
+    /// Additional prediction \[s\], to compensate for a post-filter's lag. Chromium: 0.
     pub lead_extra_s: f64,
     /// Factor on ½at². Chromium: 1.
     pub acceleration_share: f64,
@@ -181,20 +181,20 @@ impl KalmanKnobs {
     };
 }
 
-/// Everything a way needs.
+/// All settings of a baseline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaselineSettings {
     /// Control period \[s\].
     pub period_s: f64,
-    /// What the arm behind is known to take from command to motion \[s\]. The servoj ways do not use it.
+    /// Known dead time of the arm, from command to motion \[s\]. The servoj baselines do not use it.
     pub dead_time_s: f64,
     /// Height of a median glyph that the knobs are meant for \[m\].
     pub height_m: f64,
-    /// What may be asked of the tool. Only the trajectory generator obeys; for the others the arm clips.
+    /// Limits of the tool. Only the trajectory generator uses them; for the others the arm clamps.
     pub limits: Limits,
     /// servoj.
     pub servo: ServoKnobs,
-    /// 1€ filter of the servoj ways.
+    /// 1€ filter of the servoj baselines.
     pub one_euro: OneEuroKnobs,
     /// When it takes a step.
     pub feed: Feed,
@@ -205,10 +205,10 @@ pub struct BaselineSettings {
 }
 
 impl BaselineSettings {
-    /// The way as tuned in its own favour: least error with limits off; before limits, the Kalman way as
-    /// smooth as the jerk limit calls for.
+    /// The baseline tuned for least error: with limits off, least error; with limits on, the Kalman baseline
+    /// as smooth as the jerk limit requires.
     ///
-    /// `height_m`: height of a median glyph \[m\]; knobs that carry a length go with it. See
+    /// `height_m`: height of a median glyph \[m\]; parameters with a length scale with it. See
     /// [`super::sweep`].
     #[must_use]
     pub fn new(kind: BaselineKind, period_s: f64, dead_time_s: f64, limits: Limits, height_m: f64) -> Self {
@@ -232,7 +232,7 @@ impl BaselineSettings {
         tuned.for_height(height_m)
     }
 
-    /// The same settings for glyphs of another height: knobs that carry a length go with it, `limits` stay.
+    /// The same settings for glyphs of another height: parameters with a length scale with it, `limits` stay.
     #[must_use]
     pub fn for_height(mut self, height_m: f64) -> Self {
         let scale = height_m / self.height_m;
@@ -252,7 +252,7 @@ impl BaselineSettings {
 
     /// # Errors
     ///
-    /// The first number of this way that is outside its range.
+    /// The first parameter of this baseline that is outside its range.
     pub(super) fn check(&self, kind: BaselineKind) -> Result<(), BaselineError> {
         let positive = f64::MIN_POSITIVE;
         let mut ranges = vec![
@@ -309,12 +309,12 @@ fn one_euro_ranges(knobs: &OneEuroKnobs) -> [(&'static str, f64, f64, f64); 3] {
     ]
 }
 
-/// A way that cannot be had.
+/// A baseline that cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BaselineError {
-    /// A name that is none.
-    #[error("there is no way {name:?}; there are servoj-gello, servoj-ros, otg, kalman")]
+    /// An unknown name.
+    #[error("there is no baseline {name:?}; there are servoj-gello, servoj-ros, otg, kalman")]
     NoSuchWay {
         /// As given.
         name: String,
@@ -322,7 +322,7 @@ pub enum BaselineError {
     /// A knob.
     #[error("{kind}: {name} is {value}; legal: {low} to {high}")]
     Range {
-        /// Of which way.
+        /// Of which baseline.
         kind: BaselineKind,
         /// The field.
         name: &'static str,

@@ -1,12 +1,12 @@
-//! Each way along its own knob between smoothness and lag, for a picture of error against jerk.
+//! Each baseline along its own trade-off between smoothness and lag, for a picture of error against jerk.
 
 use super::tuned::{self, BUDGETS, TUNED_HEIGHT_M};
 use super::{BaselineKind, BaselineSettings, KalmanKnobs, OneEuroKnobs, ServoKnobs};
 
 /// Settings of `kind` from quick to smooth, each with a name; one of them is `settings` itself, "default".
 ///
-/// The predicting ways run along the rows they were tuned to, one for each budget of jerk; the servoj ways
-/// along the 1€ filter's opening at their own look-ahead, then along servoj's look-ahead.
+/// The predicting baselines take the rows they were tuned to, one for each budget of jerk; the servoj
+/// baselines vary the 1€ filter's cut-off at their own look-ahead, then servoj's look-ahead.
 #[must_use]
 pub fn sweep(kind: BaselineKind, settings: &BaselineSettings) -> Vec<(String, BaselineSettings)> {
     let mut points = vec![("default".to_owned(), *settings)];

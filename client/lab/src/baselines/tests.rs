@@ -1,4 +1,4 @@
-//! Claims about the ways on motions whose answer is known.
+//! Claims about the baselines on motions with a known answer.
 
 use super::otg::OtgWay;
 use super::*;
@@ -90,7 +90,7 @@ fn a_number_out_of_range_is_refused_by_name_value_and_range() {
     bad.kalman.process_mps2 = f64::NAN;
     let error = build(BaselineKind::Kalman, &bad).map(|_| ()).unwrap_err().to_string();
     assert!(error.contains("kalman: kalman.process_mps2 is NaN; legal:"), "{error}");
-    // It is no business of the others.
+    // The others ignore it.
     assert!(build(BaselineKind::Otg, &bad).is_ok());
     bad.period_s = 0.0;
     assert!(build(BaselineKind::Otg, &bad).is_err());

@@ -1,10 +1,10 @@
-//! What the ways are set to, and along which settings each trades smoothness for error.
+//! The tuned settings of the baselines, one row per trade-off between smoothness and error.
 //!
 //! Source: `client/lab/examples/tune_baselines.rs` on the training writers of unipen-tos, hover kept, median
 //! glyph 0.1 m high, period 2 ms: for each budget of RMS jerk the settings with the least mean squared error,
-//! separately for dead times of 0, 30 and 100 ms. The servoj ways cannot predict, so one row serves every
-//! dead time; theirs is the smoothest within 2 % of the least RMS error. Budgets are of the way's target
-//! without an arm, so they only order the rows: what an arm makes of them is for the benchmark to measure.
+//! separately for dead times of 0, 30 and 100 ms. The servoj baselines cannot predict, so one row serves
+//! every dead time; theirs is the smoothest within 2 % of the least RMS error. Budgets are of the baseline's
+//! target without an arm, so they only order the rows: the benchmark measures them with an arm.
 
 use super::{BaselineKind, KalmanKnobs, Limits, OneEuroKnobs, Origin, OtgKnobs, PostFilter};
 
@@ -20,14 +20,13 @@ pub(super) fn one_euro(kind: BaselineKind) -> OneEuroKnobs {
     OneEuroKnobs { min_cutoff_hz: 20.0, beta_hz_per_mps, speed_cutoff_hz }
 }
 
-/// The row for the smoothness that a jerk limit of `jerk_mps3` at the tuned height calls for.
+/// The row for the smoothness that a jerk limit of `jerk_mps3` at the tuned height requires.
 pub(super) fn kalman(dead_time_s: f64, jerk_mps3: f64) -> KalmanKnobs {
     kalman_rows(dead_time_s)[nearest(jerk_mps3)]
 }
 
 /// Least error. Where the arm's jerk limit is finite the generator keeps it anyway, and the estimate in front
-/// of it was tuned under the shipped limits of a tool before a UR5 (1 m/s, 15 m/s², 2000 m/s³; glyphs 0.03 m
-/// high).
+/// of it was tuned under the shipped tool limits for a UR5 (1 m/s, 15 m/s², 2000 m/s³; glyphs 0.03 m high).
 pub(super) fn otg(dead_time_s: f64, jerk_mps3: f64) -> OtgKnobs {
     match (jerk_mps3.is_finite(), dead_time_s < 0.015) {
         (false, _) => otg_rows(dead_time_s)[0],

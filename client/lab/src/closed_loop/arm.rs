@@ -1,4 +1,4 @@
-//! The arms of the benchmark, each with the loop in front of it.
+//! The arms of the benchmark, each with its settings of the loop.
 
 use foretrace_config::Config;
 use foretrace_control::arm::JointLimits;
@@ -14,7 +14,7 @@ use crate::experiments::{ArmKind, ur5_at};
 /// An arm and the size of the letters written with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BenchArm {
-    /// Is where the command says; motion limits off.
+    /// Follows commands exactly; motion limits off.
     Ideal,
     /// 30 ms of pure delay; motion limits off.
     Delay30,
@@ -30,21 +30,21 @@ const DELAY_S: f64 = 0.030;
 const SLOW_S: f64 = 0.100;
 /// Largest gain that a plan may have.
 pub(super) const FREE_GAIN: f64 = 1e3;
-/// "Off" for the way the IK takes back to the commanded tool: velocity \[m/s\] and acceleration \[m/s²\].
+/// "Off" for the IK's correction back to the commanded tool: velocity \[m/s\] and acceleration \[m/s²\].
 const FREE_CORRECTION: [f64; 2] = [1e3, 1e6];
 /// Shortest step that a plan may have \[s\], and the part of its effort that is left: least error on UNIPEN
 /// train writers.
 const FREE_STEP_S: f64 = 1e-3;
 const FREE_EASE: f64 = 0.1;
-/// Plans on these arms do not follow the settings, so that what is measured on them can be compared over the
-/// years: effort and gains, for steps of this length \[s\].
+/// Plans on these arms do not follow the settings, so that measurements stay comparable between versions:
+/// effort and gains, for steps of this length \[s\].
 const FREE_REFERENCE_S: f64 = 5e-3;
 const FREE_EFFORT: f64 = 10.0;
 const FREE_FEEDBACK: Gains = Gains { position: 1.0, velocity: 3.5, acceleration: 0.0, decay: 1.0 };
 const FREE_FEEDFORWARD: Gains = Gains { position: FREE_GAIN, velocity: 0.1, acceleration: 0.0, decay: 1.0 };
 /// "Off" for the joints: velocity \[rad/s\] and acceleration \[rad/s²\]. 30 times a UR5's velocity, and no
-/// more: the IK is linear over a period, and an arm that may turn a joint by half a turn in one is thrown by
-/// a leap of the pen.
+/// more: the IK is linear over a period, and fails if a jump of the pen may turn a joint by half a turn in
+/// one.
 const FREE_JOINTS: [f64; 2] = [100.0, 1e6];
 /// Half the width and height of the paper in front of an unlimited arm \[m\].
 const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
@@ -91,8 +91,8 @@ impl BenchArm {
         }
     }
 
-    /// The same arm behind a baseline: `ur5` takes the look-ahead that it gives its servo. `slow` is a servo
-    /// that takes 100 ms and that nobody can change, so it stays as it is.
+    /// The same arm behind a baseline: `ur5` takes the look-ahead that it gives its servo. `slow` has a fixed
+    /// servo of 100 ms, so it stays as it is.
     #[must_use]
     pub(super) fn kind_for_baseline(self, config: &Config, servo: ServoKnobs) -> ArmKind {
         match (self, self.kind(config)) {
@@ -117,9 +117,9 @@ impl BenchArm {
         [0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])]
     }
 
-    /// The plan as sharp as this arm lets it be, with `gain` towards the prediction: without limits its steps
-    /// are so short that a jump of the prediction is over within a tick. Who is never led by a prediction has
-    /// steps of the control period: Hold stays what it is.
+    /// The sharpest plan for this arm, with `gain` towards the prediction: without limits its steps are so
+    /// short that a jump of the prediction is followed within a tick. Feedback only (Hold) keeps steps of the
+    /// control period.
     pub(super) fn sharpen(self, settings: &mut FollowerSettings<JOINTS>, gain: f64) {
         if self.limited() {
             return;
@@ -127,7 +127,7 @@ impl BenchArm {
         let hold = settings.trust_request == TrustRequest::Manual(Trust::NONE);
         let (step_s, ease) =
             if hold { (settings.period_ns as f64 * 1e-9, 1.0) } else { (FREE_STEP_S, FREE_EASE) };
-        // The same motion costs as much in steps of any length.
+        // Scales the cost so that it does not depend on the length of the steps.
         let finer = FREE_REFERENCE_S / step_s;
         settings.mpc.step_s = step_s;
         settings.mpc.effort = FREE_EFFORT * ease * finer.powi(6);

@@ -1,11 +1,10 @@
-//! A baseline at the desk: its target in the plane becomes joints, which go to the same arms as the law's.
+//! A baseline in closed loop: its target in the plane becomes joints, which go to the same arms as the law's.
 //!
-//! Contract: the way hears the pen as the law does (same wait, samples at the first tick at or after their
-//! stamp). The tool keeps the height and the orientation that it has at home; joints are found by damped
-//! least squares, without limits of ours, since that is how they are used: what an arm cannot do, its own
-//! clamps hold back. Before an arm without a servo, ways that smooth in the servo get one in software. Told
-//! to be legal, its joints are kept inside velocity and acceleration limits ([`Legal`]). Absent: lift,
-//! workspace, guard.
+//! Contract: the baseline receives the pen as the law does (same wait, samples at the first tick at or after
+//! their stamp). The tool keeps the height and the orientation that it has at home; joints are found by
+//! damped least squares, without limits of ours, as baselines are used in practice: the arm's own clamps
+//! apply. On an arm without a servo, baselines that smooth in the servo get one in software. With `-legal`,
+//! joints are kept inside velocity and acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
 
 use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
@@ -26,7 +25,7 @@ use crate::experiments::{
     AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
 };
 
-/// What the way `kind` is set to before `arm`.
+/// The settings of the baseline `kind` on `arm`.
 #[must_use]
 pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKind) -> BaselineSettings {
     let period_s = config.settings().period_ns() as f64 * 1e-9;
@@ -55,7 +54,7 @@ fn dead_time_s(arm: ArmKind) -> f64 {
     }
 }
 
-/// A way and its arm.
+/// A baseline and its arm.
 pub(super) struct BaselineDesk {
     way: Box<dyn Baseline>,
     reach: Reach,
@@ -73,7 +72,7 @@ pub(super) struct BaselineDesk {
 }
 
 impl BaselineDesk {
-    /// An arm at home in front of `kind`; `law` is whose plane and chain it has.
+    /// An arm at home behind the baseline `kind`, with the plane and chain of `law`.
     ///
     /// # Errors
     /// A setting outside its range.
@@ -141,7 +140,7 @@ impl BaselineDesk {
             setpoint,
             reference: setpoint,
             acceleration: [0, 1].map(|axis| (moved[axis] - velocity[axis]) / period_s),
-            // Nobody is trusted here.
+            // Baselines have no trust.
             alpha: f64::NAN,
             limited: self.arm.clamped() || self.way.limited(),
             illegal,
@@ -150,7 +149,7 @@ impl BaselineDesk {
 }
 
 impl Desk for BaselineDesk {
-    /// `requests` are for the law and are not heard.
+    /// `requests` are for the law and are ignored.
     fn write(
         &mut self,
         path: &[PathSample],
@@ -189,10 +188,10 @@ fn seconds(stamp: Stamp) -> f64 {
     stamp.0 as f64 * 1e-9
 }
 
-/// Farthest that one step of the solver goes [m]: what lies beyond is approached in several.
+/// Longest step of the solver [m]: a farther target takes several.
 const STEP_M: f64 = 0.05;
 const STEPS: usize = 100;
-/// Error of the pose that counts as none \[m, rad\].
+/// Tolerance of the pose \[m, rad\].
 const REACHED: f64 = 1e-10;
 /// Damping of the least squares; with a reach of a metre it only shows at singularities.
 const DAMPING: f64 = 1e-9;
@@ -218,8 +217,8 @@ impl Reach {
         PathSample { t_s: seconds(sample.stamp), x_m, y_m, contact: sample.contact }
     }
 
-    /// Joints \[rad\] near `q` with the tool at `target` \[m\] in the plane; as near as the steps lead where
-    /// it is out of reach.
+    /// Joints \[rad\] near `q` with the tool at `target` \[m\] in the plane; as near as the steps get if it
+    /// is out of reach.
     fn joints(&self, mut q: [f64; JOINTS], target: [f64; 2]) -> [f64; JOINTS] {
         let goal = self.plane.point_to_base(&Vector3::new(target[0], target[1], self.height_m));
         for _ in 0..STEPS {

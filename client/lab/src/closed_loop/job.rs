@@ -1,4 +1,4 @@
-//! Runs rivals in front of arms, over all hands, on all cores.
+//! Runs methods on arms, over all hands, on all cores.
 
 use foretrace_config::Config;
 
@@ -19,15 +19,15 @@ pub enum BenchError {
     Run {
         /// The file.
         file: String,
-        /// Who wrote.
+        /// The writer.
         writer: String,
         /// Place among what they wrote in it, from 0.
         index: usize,
         /// Its label.
         label: String,
-        /// Who.
+        /// The method.
         rival: &'static str,
-        /// In front of what.
+        /// The arm.
         arm: &'static str,
         /// What went wrong.
         error: Box<RunError>,
@@ -44,22 +44,22 @@ pub struct Benchmark<'a> {
     pub config: &'a Config,
     /// The arms, each with its hands.
     pub arms: Vec<(BenchArm, Vec<Hand>)>,
-    /// Who.
+    /// The method.
     pub rivals: Vec<Rival>,
 }
 
-/// One rival in front of one arm.
+/// One method on one arm.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// Who.
+    /// The method.
     pub rival: Rival,
-    /// In front of what.
+    /// The arm.
     pub arm: BenchArm,
     /// Per sequence, hand after hand.
     pub scores: Vec<Option<Score>>,
 }
 
-/// One rival with its tuning in front of the arm with this index, over all its hands.
+/// One method with its tuning on the arm with this index, over all its hands.
 pub(super) struct Task {
     pub(super) arm: usize,
     pub(super) rival: Rival,
@@ -80,7 +80,7 @@ impl Benchmark<'_> {
         self.arms.iter().map(|(_, hands)| hands.len()).sum::<usize>() * self.rivals.len()
     }
 
-    /// Writes everything; `done` hears of each finished hand.
+    /// Writes everything; calls `done` after each hand.
     ///
     /// # Errors
     /// The first sequence that could not be run.
@@ -95,7 +95,7 @@ impl Benchmark<'_> {
         Ok(outcomes.collect())
     }
 
-    /// The scores of each task, hand after hand; `done` hears of each finished hand.
+    /// The scores of each task, hand after hand; calls `done` after each hand.
     pub(super) fn all(
         &self,
         tasks: &[Task],
@@ -124,8 +124,8 @@ impl Benchmark<'_> {
             .collect()
     }
 
-    /// Writes one sequence again with everything that its hand wrote before, so that learners know what they
-    /// knew.
+    /// Writes one sequence again after everything that its hand wrote before, so that learners have the same
+    /// state.
     ///
     /// # Errors
     /// A sequence that could not be run.

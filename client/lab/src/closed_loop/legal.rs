@@ -1,7 +1,7 @@
-//! What of a joint target a command inside the joints' velocity and acceleration limits can be.
+//! Clamps joint targets to the joints' velocity and acceleration limits.
 //!
-//! Contract: on the target while that is legal; else after it as fast as each joint can still brake to the
-//! target's own velocity. One joint at a time; no jerk limit; positions are the target's business.
+//! Contract: on the target while that is legal; else follows it as fast as each joint can still brake to the
+//! target's own velocity. One joint at a time; no jerk limit; no position limits.
 
 use foretrace_control::arm::JointLimits;
 use foretrace_sim::arm::JOINTS;

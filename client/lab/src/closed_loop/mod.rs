@@ -3,10 +3,10 @@
 //!
 //! Contract: one constant scale per set and arm (its median *train* glyph becomes
 //! [`BenchArm::glyph_height_m`]), no scaling per letter. Hover paths are kept where they were recorded; a
-//! lift that nobody recorded stays the leap of one sample that it is in the recording, and what lies within
-//! [`LEAP_S`] behind it is scored apart, because nobody can foresee it. What learns starts cold with every
-//! writer of a file (a new hand) and carries over from letter to letter; where writers take turns in a file,
-//! each goes on where they were. The same data and settings give the same numbers on any number of cores.
+//! lift without recorded hover stays the jump of one sample that it is in the recording, and the [`LEAP_S`]
+//! behind it are scored apart, because it cannot be predicted. Learners start cold with every writer of a
+//! file (a new hand) and carry over from letter to letter; where writers alternate in a file, each keeps its
+//! own state. The same data and settings give the same numbers on any number of cores.
 
 mod arm;
 mod rival;

@@ -2,9 +2,9 @@
 //!
 //! Contract: the baselines along [`baselines::sweep`](crate::baselines::sweep). The law on arms without
 //! limits along one factor on its gains for position and velocity, feedback and feed-forward alike, which is
-//! the same as dividing the price of jerk by the factor's square; behind limits, where that changes little,
+//! the same as dividing the price of jerk by the factor's square; with limits, where that changes little,
 //! along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the shipped settings is marked;
-//! others that the law refuses, as a swinging one, are left out. Absent: tuning of predictors.
+//! others that the law refuses, for example as unstable, are left out. Absent: tuning of predictors.
 
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
@@ -18,7 +18,7 @@ use super::job::Task;
 use super::{BenchArm, BenchError, Benchmark, Rival, rows};
 use crate::baselines::{BaselineSettings, sweep};
 
-/// Behind limits: most trust, and a factor on the damping of feedback, smooth to stiff.
+/// With limits: the ceiling of trust, and a factor on the damping of feedback, smooth to stiff.
 const SOFTER: [(f64, f64); 9] = [
     (0.1, 8.0),
     (0.1, 4.0),
@@ -30,7 +30,7 @@ const SOFTER: [(f64, f64); 9] = [
     (0.7, 1.0),
     (0.9, 1.0),
 ];
-/// The same where nothing is ever believed.
+/// The same for feedback only (trust 0).
 const HELD: [(f64, f64); 6] = [(0.0, 8.0), (0.0, 4.0), (0.0, 2.0), (0.0, 1.4), (0.0, 0.5), (0.0, 0.2)];
 /// Without limits: factors on the law's gains, then with the gains towards the prediction up to that of the
 /// benchmark.
@@ -39,31 +39,31 @@ const FREE_GAINS: [f64; 5] = [3.0, 10.0, 30.0, 100.0, 300.0];
 /// Feedback alone has no gain towards a prediction.
 const HOLD_FACTORS: [f64; 7] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0];
 
-/// With which settings a rival takes part.
+/// The settings of a method in the sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Tuning {
-    /// Those that it is shipped with.
+    /// The shipped ones.
     Default,
     /// The law in the plan's own steps, its gains multiplied.
     Gains(f64),
     /// The law with at most this trust, the gain of feedback on velocity multiplied.
     Softer(f64, f64),
-    /// As sharp as an arm without limits lets it be, but for the gain towards the prediction.
+    /// The sharpest plan for an arm without limits, with this gain towards the prediction.
     Sharp(f64),
-    /// A way with these settings.
+    /// A baseline with these settings.
     Baseline(Box<BaselineSettings>),
 }
 
-/// A method with one tuning in front of one arm.
+/// A method with one tuning on one arm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParetoPoint {
-    /// Who.
+    /// The method.
     pub method: &'static str,
     /// How it was tuned.
     pub label: String,
-    /// In front of what.
+    /// The arm.
     pub arm: &'static str,
-    /// Root of the mean over sequences of the mean squared 2-D error, hover included, leaps left out \[m\].
+    /// Root of the mean over sequences of the mean squared 2-D error, hover included, jumps left out \[m\].
     pub rms_m: f64,
     /// Root of the mean over sequences of the squared RMS jerk of the tool \[m/s³\].
     pub rms_jerk: f64,
@@ -80,7 +80,7 @@ pub(super) fn scale_gains(mpc: &mut MpcSettings, factor: f64) {
     }
 }
 
-/// Believes at most `ceiling`, and damps feedback by `damping`.
+/// Limits the trust to `ceiling`, and scales the damping of feedback by `damping`.
 pub(super) fn soften(settings: &mut FollowerSettings<JOINTS>, ceiling: f64, damping: f64) {
     let least = |trust: Trust| Trust::new(trust.alpha().min(ceiling));
     settings.trust.auto_ceiling = least(settings.trust.auto_ceiling);
@@ -100,7 +100,7 @@ impl Benchmark<'_> {
         self.points().iter().map(|(task, _)| hands(task.arm)).sum()
     }
 
-    /// Sweeps every rival before every arm; `done` hears of each finished hand.
+    /// Sweeps every method on every arm; calls `done` after each hand.
     ///
     /// # Errors
     /// The first sequence that could not be run.
@@ -123,8 +123,8 @@ impl Benchmark<'_> {
         Ok(scored.filter_map(point).collect())
     }
 
-    /// Points of the sweep that are left out, each with what the law has against its settings. Those as
-    /// shipped never are: [`Self::pareto`] fails of them.
+    /// Points of the sweep that are left out, each with the law's reason. The shipped settings are never left
+    /// out: [`Self::pareto`] fails if they are refused.
     #[must_use]
     pub fn pareto_refused(&self) -> Vec<String> {
         let told = |(task, label): (Task, String)| {
@@ -176,7 +176,7 @@ impl Benchmark<'_> {
         let shipped = baseline_settings(self.config, arm, kind);
         sweep(kind, &shipped)
             .into_iter()
-            // Nobody can change the servo of the slow arm: those points would all be the same.
+            // The slow arm's servo is fixed: those points would all be the same.
             .filter(|(_, settings)| arm != BenchArm::Slow || settings.servo == shipped.servo)
             .map(|(label, settings)| {
                 let tuning =

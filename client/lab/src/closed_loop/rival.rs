@@ -1,4 +1,4 @@
-//! What takes part: predictors in the daemon's control law, and the baselines.
+//! The methods of the benchmark: predictors in the daemon's control law, and the baselines.
 
 use foretrace_control::predict::PredictorKind;
 
@@ -12,11 +12,11 @@ pub enum Rival {
     Law(LawEntrant),
     /// A baseline instead of the law.
     Baseline(BaselineKind),
-    /// The same, where the arm has limits with commands inside them.
+    /// The same, with commands inside the limits of an arm that has some.
     Legal(BaselineKind),
 }
 
-/// A name that nobody has.
+/// An unknown name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
 pub struct UnknownRival {
@@ -32,8 +32,7 @@ impl Rival {
     /// The daemon as it is shipped.
     pub const AS_SHIPPED: Self = Self::Law(LawEntrant::Mixture);
 
-    /// Who takes part if nobody is named, in the order of the table: the law, the baselines, and what knows
-    /// the future.
+    /// The methods by default, in the order of the table: the law, the baselines, and the oracle.
     pub fn all() -> impl Iterator<Item = Self> {
         let oracle = |law: &LawEntrant| law.predictor() == PredictorKind::ORACLE;
         let law = LawEntrant::all();
@@ -64,10 +63,10 @@ impl Rival {
         }
     }
 
-    /// The rival called `name`.
+    /// The method called `name`.
     ///
     /// # Errors
-    /// A name that nobody has.
+    /// An unknown name.
     pub fn named(name: &str) -> Result<Self, UnknownRival> {
         let known = || Self::all().chain(BaselineKind::ALL.map(Self::Legal));
         known()

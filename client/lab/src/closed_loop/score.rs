@@ -14,11 +14,11 @@ const WORSE_M: f64 = 2e-4;
 /// How one sequence was written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
-    /// Mean squared 2-D error, hover included, leaps left out \[m²\].
+    /// Mean squared 2-D error, hover included, jumps left out \[m²\].
     pub mse_m2: f64,
     /// The same with the pen down \[m²\]; NaN where it never is.
     pub pen_down_mse_m2: f64,
-    /// Behind leaps \[m²\]; NaN without.
+    /// After jumps \[m²\]; NaN without.
     pub leap_mse_m2: f64,
     /// Largest error of what `mse_m2` counts \[m\].
     pub max_m: f64,
@@ -60,7 +60,7 @@ impl Score {
         })
     }
 
-    /// Worse than `hold` by more than is noise.
+    /// Worse than `hold` by more than noise.
     #[must_use]
     pub fn worse_than(&self, hold: &Self) -> bool {
         self.mse_m2 > (1.0 + WORSE_SHARE) * hold.mse_m2 && self.rms_beyond(hold) > WORSE_M
@@ -73,16 +73,16 @@ impl Score {
     }
 }
 
-/// How one rival wrote one sequence in front of one arm: for paired comparisons.
+/// The scores of one method on one arm for one sequence: for paired comparisons.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Each<'a> {
-    /// Who.
+    /// The method.
     pub predictor: &'static str,
-    /// In front of what.
+    /// The arm.
     pub arm: &'static str,
     /// The file.
     pub file: &'a str,
-    /// Who wrote.
+    /// The writer.
     pub writer: &'a str,
     /// Place among what they wrote in it, from 0.
     pub index: usize,
@@ -93,12 +93,12 @@ pub struct Each<'a> {
     pub score: Score,
 }
 
-/// One rival in front of one arm, over all sequences.
+/// One method on one arm, over all sequences.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// Who.
+    /// The method.
     pub predictor: String,
-    /// In front of what.
+    /// The arm.
     pub arm: &'static str,
     /// Mean over sequences of the mean squared 2-D error \[m²\].
     pub mse_m2: f64,
@@ -106,7 +106,7 @@ pub struct Row {
     pub median_mse_m2: f64,
     /// Mean over sequences with the pen down \[m²\].
     pub pen_down_mse_m2: f64,
-    /// Mean over sequences with leaps, behind them \[m²\]; absent without.
+    /// Mean over sequences with jumps, after them \[m²\]; absent without.
     pub leap_mse_m2: Option<f64>,
     /// Largest error of any sequence \[m\].
     pub max_m: f64,
@@ -120,7 +120,7 @@ pub struct Row {
     pub illegal_pct: f64,
     /// Sequences worse than `hold` by more than 2 % and by more than 0.2 mm RMS \[%\]; absent without `hold`.
     pub worse_than_hold_pct: Option<f64>,
-    /// The sequence that is worst beside `hold`: RMS error above its \[m\]; absent without `hold`.
+    /// Largest RMS error of a sequence above that of `hold` \[m\]; absent without `hold`.
     pub worst_beyond_hold_m: Option<f64>,
     /// Sequences scored.
     pub sequences: usize,

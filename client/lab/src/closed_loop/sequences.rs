@@ -6,8 +6,8 @@ use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenP
 
 use super::BenchArm;
 
-/// What lies within this behind a leap is scored apart \[s\]: the time a hand would have needed, and the arm
-/// needs, to get there.
+/// Time after a jump that is scored apart \[s\]: what a hand would have needed, and the arm needs, to get
+/// there.
 pub const LEAP_S: f64 = 0.15;
 
 /// One character to be written.
@@ -17,7 +17,7 @@ pub struct Sequence {
     pub label: String,
     /// Its path.
     pub path: PenPath,
-    /// Behind a leap, per sample of the path.
+    /// After a jump, per sample of the path.
     pub behind_leap: Vec<bool>,
 }
 
@@ -26,7 +26,7 @@ pub struct Sequence {
 pub struct Hand {
     /// The file.
     pub file: String,
-    /// Who wrote, as the file names them.
+    /// The writer, as the file names them.
     pub writer: String,
     /// Their characters in order.
     pub sequences: Vec<Sequence>,
@@ -82,13 +82,13 @@ pub fn hands(
 }
 
 impl Sequence {
-    /// The path with `contact` where `keep` says so: what [`foretrace_sim::metrics`] scores.
+    /// The path with `contact` set where `keep` is true: the samples that [`foretrace_sim::metrics`] scores.
     pub(super) fn scored(&self, keep: impl Fn(&PathSample, bool) -> bool) -> Vec<PathSample> {
         let samples = self.path.samples.iter().zip(&self.behind_leap);
         samples.map(|(sample, behind)| PathSample { contact: keep(sample, *behind), ..*sample }).collect()
     }
 
-    /// There is a leap in it.
+    /// It has a jump.
     pub(super) fn leaps(&self) -> bool {
         self.behind_leap.contains(&true)
     }

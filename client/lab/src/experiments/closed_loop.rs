@@ -1,8 +1,8 @@
 //! Pen paths through the whole control law in simulated time: the same `Follower::step` as the daemon's.
 //!
 //! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared
-//! memory with no delay. The learner, if there is one, takes each closed step at once, and its weights go
-//! live at the next tick.
+//! memory with no delay. The learner, if there is one, takes each closed step at once, and its weights take
+//! effect at the next tick.
 
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, NoClock, Refusal, Request, StepInput,
@@ -72,19 +72,19 @@ pub(crate) const AWAY_NS: u64 = 700_000_000;
 /// Spacing of the samples while the pen waits \[s\].
 const WAIT_STEP_S: f64 = 0.005;
 
-/// Who predicts, learns and obeys at a desk.
+/// The predictor, learner and arm of a desk.
 #[derive(Debug)]
 pub struct DeskOptions {
     /// The arm.
     pub arm: ArmKind,
     /// Know the recorded future.
     pub oracle: bool,
-    /// Learns on along the way.
+    /// Learns online.
     pub learner: Option<Learner>,
 }
 
-/// A loop and its arm, at which one path after the other is written: nothing is forgotten between them but
-/// what the loop itself forgets when the pen was away.
+/// A loop and its arm that write one path after the other: between them only the loop's own reset for an
+/// absent pen happens.
 pub trait Desk {
     /// Writes `path` from beginning to end, and 0.3 s of a resting pen behind it. The pen rests above its
     /// first sample for `wait_s` \[s\] before. `requests` are made at the path times \[s\] given with them,
@@ -117,7 +117,7 @@ pub fn desk(
     }
 }
 
-/// On a stack frame of its own: three loops side by side are too large for small stacks.
+/// In a stack frame of its own: three loops together are too large for small stacks.
 #[inline(never)]
 fn built<const N: usize>(
     settings: &FollowerSettings<JOINTS>,
@@ -198,7 +198,7 @@ impl<const N: usize> LoopDesk<N> {
 }
 
 impl<const N: usize> LoopDesk<N> {
-    /// Whether the command asks for more than the joints may do after the one before.
+    /// Whether the command exceeds the joints' limits, given the one before.
     fn judge(&mut self, output: &StepOutput<JOINTS>) -> bool {
         let Some(command) = &output.command else { return false };
         let settings = self.follower.settings();
@@ -267,7 +267,7 @@ impl ClosedLoop {
     }
 }
 
-/// The pen as the loop hears it: waiting above the first sample, the path, resting at the last one.
+/// The pen as the loop receives it: waiting above the first sample, the path, resting at the last one.
 pub(crate) fn feed(
     path: &[PathSample],
     first: &PathSample,
@@ -285,7 +285,7 @@ pub(crate) fn feed(
     waiting.chain(written).chain(resting).collect()
 }
 
-/// The pen's displacements on the loop's own grid, as its tracker will see them: linear between samples.
+/// The pen's displacements on the loop's grid, as its tracker computes them: linear between samples.
 fn recorded_future<const N: usize>(
     pen: &[PenReading],
     step_ns: u64,

@@ -1,4 +1,4 @@
-//! The arm at a desk, and what its joints may be asked for.
+//! The arm at a desk, and the limits of its joints.
 
 use std::collections::VecDeque;
 
@@ -11,9 +11,9 @@ use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
 /// The arm at the other end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArmKind {
-    /// Is where the command says, without delay.
+    /// Follows commands exactly, without delay.
     Ideal,
-    /// Is where the command said this long ago \[s\]; no limits.
+    /// Follows commands with this delay \[s\]; no limits.
     Delayed(f64),
     /// A simulated UR5 behind its servo.
     Ur5(ArmSettings),
@@ -27,7 +27,7 @@ pub(crate) fn exceeds(
     after: &[f64; JOINTS],
     period_s: f64,
 ) -> bool {
-    // What rounding adds is no demand.
+    // Tolerance for rounding.
     const ROUNDING: f64 = 1.0 + 1e-6;
     let allowed = limits.velocity().iter().zip(limits.acceleration());
     before.iter().zip(after).zip(allowed).any(|((before, after), (velocity, acceleration))| {
@@ -61,7 +61,7 @@ impl Arm {
         JointReading { stamp, q: self.q, qd: self.qd, motion_allowed: true }
     }
 
-    /// Lives through one period with the command made at its beginning.
+    /// Moves through one period with the command made at its beginning.
     pub(crate) fn obey(&mut self, command: &JointCommand<JOINTS>) {
         if let Some((delay_s, underway)) = &mut self.delay {
             underway.push_back(*command);

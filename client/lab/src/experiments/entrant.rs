@@ -1,4 +1,4 @@
-//! Who takes part in closed loop with the daemon's own control law.
+//! The predictors in closed loop with the daemon's own control law.
 
 use foretrace_control::predict::{Needs, PredictorKind};
 use foretrace_control::trust::TrustRequest;
@@ -8,20 +8,20 @@ use foretrace_control::units::Trust;
 const PAPERS: [PredictorKind; 3] =
     [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM, PredictorKind::DYBM_ESN];
 
-/// Who predicts, and who decides the trust in it.
+/// A predictor, and how its trust is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LawEntrant {
     /// Feedback only: trust 0.
     Hold,
     /// A predictor with trust 1.
     Believed(PredictorKind),
-    /// `mixture` with automatic trust: the daemon as it is shipped.
+    /// `mixture` with automatic trust: the daemon as shipped.
     Mixture,
 }
 
 impl LawEntrant {
     /// All, in the order of figures and tables: feedback only, the paper's baseline and its own, the others
-    /// as the registry has them, the daemon as it is shipped, and last what knows the future.
+    /// in the registry's order, the daemon as shipped, and last the oracle.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let others = PredictorKind::LIVE.into_iter();
         let others = others.filter(|kind| *kind != PredictorKind::HOLD && !PAPERS.contains(kind));
@@ -30,7 +30,7 @@ impl LawEntrant {
         std::iter::once(Self::Hold).chain(believed).chain([Self::Mixture]).chain(knowing.map(Self::Believed))
     }
 
-    /// Who predicts.
+    /// The predictor.
     #[must_use]
     pub const fn predictor(self) -> PredictorKind {
         match self {
@@ -40,7 +40,7 @@ impl LawEntrant {
         }
     }
 
-    /// Who decides the trust in it.
+    /// How its trust is set.
     #[must_use]
     pub const fn trust(self) -> TrustRequest {
         match self {

@@ -1,8 +1,8 @@
 //! The paper's figure 2: feedback only (Hold), prediction, and perfect prediction (the recorded future).
 //!
 //! Every letter is written in real time from rest; scored where the pen is down, arm's tool against pen at
-//! the same instant. Trust is 0 for feedback only, automatic for `mixture`, 1 for all others. What learns
-//! online learns on from letter to letter, as in the daemon.
+//! the same instant. Trust is 0 for feedback only, automatic for `mixture`, 1 for all others. Online learners
+//! keep their state from letter to letter, as in the daemon.
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
@@ -17,16 +17,16 @@ use crate::parallel;
 /// With and without the arm's lag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fig2Arm {
-    /// Is where the command says.
+    /// Follows commands exactly.
     Ideal,
     /// The simulated UR5 behind its servo; references are taken a dead time ahead.
     Ur5,
 }
 
-/// One predictor in front of one arm, over all letters.
+/// One predictor on one arm, over all letters.
 #[derive(Debug, Clone)]
 pub struct Fig2Row {
-    /// Who predicts, and who decides the trust in it.
+    /// The predictor, and how its trust is set.
     pub entrant: LawEntrant,
     /// The arm.
     pub arm: Fig2Arm,
@@ -84,11 +84,11 @@ pub fn fig2_names() -> String {
     LawEntrant::all().map(name).collect::<Vec<_>>().join(", ")
 }
 
-/// So many fit the picture.
+/// Most entrants that fit the picture.
 const PICTURED: usize = 5;
 
-/// `entrant` is drawn: everybody where there is room, else the paper's three cases, its baseline, and mixture
-/// as shipped.
+/// `entrant` is drawn: all where there is room, else the paper's three cases, its baseline, and mixture as
+/// shipped.
 fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
     const PAPERS: [PredictorKind; 3] =
         [PredictorKind::CONSTANT_VELOCITY, PredictorKind::DYBM, PredictorKind::ORACLE];
@@ -99,7 +99,7 @@ fn pictured(entrant: LawEntrant, entrants: &[LawEntrant]) -> bool {
         }
 }
 
-/// Writes every letter with every entrant in front of both arms; `done` hears of each finished row.
+/// Writes every letter with every entrant on both arms; calls `done` after each row.
 ///
 /// # Errors
 ///

@@ -43,13 +43,13 @@ pub struct Fig3 {
     pub max_jerk_ratio: f64,
     /// Median over letters.
     pub irregularity: f64,
-    /// Share of letters with a jerk ratio of at most 1: no more jerk in the ramp than writing asks for
-    /// anyway.
+    /// Share of letters with a jerk ratio of at most 1: no more jerk in the ramp than in the rest of the
+    /// letter.
     pub unnoticed: f64,
 }
 
-/// Writes every letter with the switch in the middle; ideal arm; `kind` predicts, and has learned from the
-/// letters before if it learns. Trust is set by hand, 0 and then 1, so that the ramp alone is judged.
+/// Writes every letter with the switch in the middle; ideal arm; `kind` predicts, and keeps what it learned
+/// from earlier letters. Trust is set by hand, 0 and then 1, so that the ramp alone is tested.
 ///
 /// # Errors
 ///

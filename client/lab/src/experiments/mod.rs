@@ -32,7 +32,7 @@ pub enum ExperimentError {
     Run {
         /// The letter.
         label: String,
-        /// Who wrote it.
+        /// The writer.
         writer: String,
         /// What went wrong.
         error: RunError,
@@ -51,16 +51,16 @@ pub enum ExperimentError {
     Nothing,
 }
 
-/// The loop makes up for a servo that is a filter: the arms' own servo is known here.
+/// The loop compensates for a servo filter: the arms' own servo is known here.
 fn settings_of_servo(config: &Config) -> bool {
     config.settings().timing.servo_filter_ms > 0.0
 }
 
-/// The loop of `config` in front of one of the experiments' arms.
+/// The loop of `config` for one of the experiments' arms.
 pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::ORACLE { PredictorKind::HOLD } else { kind };
-    // A lead that nobody asked for is for what a real arm and doubt make late.
+    // The default velocity lead is for the lag of real arms and uncertain predictions.
     let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
     let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::ORACLE;
     if !asked && !late {

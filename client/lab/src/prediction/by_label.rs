@@ -90,7 +90,7 @@ pub fn by_label(sequences: &[Sequence], runs: &[Run]) -> Vec<LabelRow> {
     rows
 }
 
-/// How `favoured` does against every other model as symbols get curvier.
+/// The gain of `favoured` on every other model against curviness.
 #[must_use]
 pub fn correlations(rows: &[LabelRow], favoured: &str) -> Vec<Correlation> {
     let models = rows.first().map(|row| row.within.keys()).into_iter().flatten();

@@ -1,4 +1,4 @@
-//! Prediction tables: recorded characters as displacement sequences, the contestants, and their scores.
+//! Prediction tables: recorded characters as displacement sequences, the models, and their scores.
 //!
 //! Contract: everything is in the set's raw units per sample, exactly as the reference tables were made.
 //! Models reset their state before each sequence and carry parameters over. Networks are trained in

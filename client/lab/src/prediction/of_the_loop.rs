@@ -1,5 +1,5 @@
-//! [`OfTheLoop`]: a predictor of the control law's registry as the loop has it, for tables that have no row
-//! of its own for it.
+//! [`OfTheLoop`]: a predictor of the control law's registry as the loop configures it, for tables without a
+//! row of its own for it.
 //!
 //! Contract: what learns online learns as it is scored, from the loop's own start and with the preset's
 //! rules; inputs are normalised as the loop does it.
@@ -23,7 +23,7 @@ const HAVE_ROWS: [PredictorKind; 7] = [
     PredictorKind::MIXTURE,
 ];
 
-/// All others that need nothing but the pen.
+/// All others that need only the pen.
 pub(super) fn others() -> impl Iterator<Item = PredictorKind> {
     PredictorKind::ALL.into_iter().filter(|kind| kind.needs() == Needs::Nothing && !HAVE_ROWS.contains(kind))
 }

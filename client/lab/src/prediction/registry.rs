@@ -1,9 +1,9 @@
 //! The contestants by name.
 //!
 //! DyBM rows: delay 2, decay 0.5, AdaGrad 0.1, three training passes over the train split in its own order,
-//! raw units. Models whose numbers only fit displacements of a certain size (networks, gates) see the set's
-//! raw units where these are of that size, else the running scale of the loop ([`Scaled`]); the row's note
-//! says so.
+//! raw units. Models with parameters for displacements of a certain size (networks, gates) get the set's raw
+//! units if these are of that size, else the running scale of the loop ([`Scaled`]); the row's note tells
+//! which.
 
 use std::fmt;
 use std::path::Path;
@@ -40,10 +40,10 @@ pub(super) const REFERENCE_RMS: f64 = 10.13;
 pub(super) const REFERENCE_MOVING_RMS: f64 = 6.24;
 /// Raw units are taken as they are up to this ratio to what a model was made for, either way.
 const SAME_SIZE: f64 = 2.0;
-/// AdaGrad's first step is 0.1: displacements far from its order would never be learned, or never settle.
+/// AdaGrad's first step is 0.1: with displacements of another magnitude it would not learn, or not converge.
 const LEARNABLE_RMS: std::ops::RangeInclusive<f64> = 0.05..=500.0;
 
-/// What is known of the set before it starts.
+/// Properties of the set known before scoring.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
     /// RMS per component of all displacements to be scored \[raw units\].
@@ -74,7 +74,7 @@ impl Setting {
     }
 }
 
-/// A model that is not there or cannot start.
+/// An unknown model, or one that cannot start.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
@@ -146,7 +146,7 @@ pub struct Model {
     kind: Kind,
 }
 
-/// A model ready to be scored, and what the reader must know about it.
+/// A model ready to be scored, with notes for the reader.
 pub type Built = (Box<dyn Contestant>, Option<String>);
 
 /// The names that a table may have, in its order; not every build has every network.
@@ -233,7 +233,7 @@ impl Model {
         match self.kind {
             Kind::Dybm(_) | Kind::DybmEsn => PASSES,
             Kind::ArRls => 1,
-            // What it has to learn it learns within a page.
+            // It learns within a page of writing.
             Kind::Zero
             | Kind::ConstantVelocity
             | Kind::Mixture
@@ -245,7 +245,7 @@ impl Model {
         }
     }
 
-    /// It is of no use without training: weights from a file, or parameters that stay as training left them.
+    /// It needs training: weights from a file, or parameters that stay fixed after it.
     #[must_use]
     pub fn needs_training(&self) -> bool {
         matches!(
@@ -296,7 +296,7 @@ impl Model {
                 .map_err(|error| ModelError::Refused { model: self.name.clone(), error })?,
             Kind::Shipped => {
                 let mut model = LstmModel::find(&self.name)?;
-                // The reference was trained elsewhere, before the key was thought of.
+                // The reference file has no such key.
                 model.notes.entry("units".to_owned()).or_insert_with(|| "raw".to_owned());
                 network(&model, setting, &mut notes)
             }

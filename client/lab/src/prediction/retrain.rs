@@ -1,4 +1,4 @@
-//! Networks trained anew on the train part of a set, by the recipes behind the reference rows.
+//! Networks trained again on the train part of a set, by the recipes behind the reference rows.
 //!
 //! The paper's recipe for 10 cells, the robust one for more; seed 0, all train writers, no epoch chosen by
 //! scores.
@@ -13,7 +13,7 @@ use foretrace_control::predict::LstmError;
 use super::Set;
 use crate::train::{Augment, Fit, FitError, Plan, Recipe, Setup, Strokes, corpus, model};
 
-/// The names that can be trained anew, with their cells.
+/// The names that can be trained, with their cells.
 pub const TRAINABLE: [(&str, usize); 2] = [("lstm10", 10), ("lstm32", 32)];
 
 /// A network and what an epoch of its training took.
@@ -25,7 +25,7 @@ pub struct Retrained {
     pub train_s_per_epoch: f64,
 }
 
-/// A training that led to nothing.
+/// A failed training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RetrainError {
@@ -49,7 +49,7 @@ pub fn retrain_epochs(cells: usize) -> usize {
     recipe(cells).epochs(cells)
 }
 
-/// Trains `name` with `cells` cells on the train part of `set`; `done` hears of every epoch.
+/// Trains `name` with `cells` cells on the train part of `set`; calls `done` after every epoch.
 ///
 /// # Errors
 /// [`RetrainError`]: no train part, or a training that diverged.

@@ -22,7 +22,7 @@ pub struct Run {
     pub us_per_step: Option<f64>,
     /// One training pass, mean over the passes made here \[s\].
     pub train_s_per_epoch: Option<f64>,
-    /// What the reader must know about this row.
+    /// Notes on this row.
     pub note: Option<String>,
 }
 
@@ -103,7 +103,7 @@ impl Row {
     }
 }
 
-/// Trains and scores `models` on `set`, one thread per model; `done` hears of every sequence trained on or
+/// Trains and scores `models` on `set`, one thread per model; calls `done` after every sequence trained on or
 /// scored.
 ///
 /// Constant velocity and the reference LSTM(10) run in any case, for PS-B and PS-LSTM; they get rows only

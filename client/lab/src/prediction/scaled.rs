@@ -2,8 +2,8 @@
 //! of the loop.
 //!
 //! The scale is the daemon's own [`SpeedScale`] with raw units in place of metres. It starts from the first
-//! moving step of the set, since nothing else is known of an unknown device, and carries over from sequence
-//! to sequence.
+//! moving step of the set, since an unknown device gives no better guess, and carries over from sequence to
+//! sequence.
 
 use foretrace_control::pen::{GridStep, Motion, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 
@@ -15,7 +15,7 @@ const MAX_CHANGE: f64 = 0.25;
 /// How far the scale may move from its first value, either way.
 const RANGE: f64 = 1e6;
 
-/// The running scale of a device of which nothing is known.
+/// The running scale of an unknown device.
 #[derive(Debug, Clone, Default)]
 pub struct RunningScale(Option<SpeedScale>);
 
@@ -101,7 +101,7 @@ mod tests {
     use crate::prediction::model::constant_velocity;
     use proptest::prelude::*;
 
-    /// Remembers what it was fed.
+    /// Records its inputs.
     #[derive(Default)]
     struct Listener(Vec<[f64; 2]>);
 

@@ -1,4 +1,4 @@
-//! Ranking: nothing leaks from what is scored, and names, units and models that cannot train are told.
+//! Ranking: no leak from the scored part, and messages about names, units and models that cannot train.
 
 use super::*;
 use foretrace_sim::data::Split;

@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 use super::corpus::Strokes;
 use super::resample;
 
-/// What is changed, and how much.
+/// The augmentations and their sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Augment {
     /// Factor on all displacements, log-uniform between these.

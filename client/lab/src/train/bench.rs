@@ -1,7 +1,6 @@
-//! What training costs per step, and everything that another implementation needs to do the same work beside
-//! it.
+//! The cost of training per step, and all data that another implementation needs to repeat the work.
 //!
-//! The paper's network on given or made-up sequences, one thread, the same batches in the same order each
+//! The paper's network on given or synthetic sequences, one thread, the same batches in the same order each
 //! epoch. Times are per real step: the padding that a batch adds is work, but no steps.
 
 use std::sync::Arc;

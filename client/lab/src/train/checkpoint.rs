@@ -75,7 +75,7 @@ pub fn save(file: &Path, plan: &str, state: &State) -> Result<(), CheckpointErro
     name.push(format!(".{}.partial", std::process::id()));
     let partial = file.with_file_name(name);
     std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, file)).map_err(|error| {
-        // The first failure is what counts; a left-over is only untidy.
+        // The first error is reported; a left-over file does no harm.
         let _ = std::fs::remove_file(&partial);
         CheckpointError::File { file: file.display().to_string(), what: "write", why: error.to_string() }
     })

@@ -75,7 +75,7 @@ pub enum Units {
 pub struct Item {
     /// The displacements.
     pub strokes: Strokes,
-    /// Who wrote it, the set's name in front.
+    /// The writer, with the set's name in front.
     pub writer: String,
     /// Device samples per second.
     pub rate_hz: f64,
@@ -217,8 +217,8 @@ pub fn rms<'a>(strokes: impl IntoIterator<Item = &'a Strokes>) -> f64 {
 /// Puts the items into the loop's normalised units: over the running speed scale, which hears each writer in
 /// order.
 ///
-/// The scale starts where that writer's moving steps put it: a loop that has run for a while. Jumps do not
-/// move it.
+/// The scale starts at the RMS of that writer's moving steps, as in a loop that has run for a while. Jumps do
+/// not move it.
 pub fn normalise(items: &mut [Item]) {
     let writers: BTreeSet<String> = items.iter().map(|item| item.writer.clone()).collect();
     for writer in writers {

@@ -15,7 +15,7 @@ use super::loss::{Objective, Padding, PreparedLoss};
 use super::parameters::{Network, Packed, PackedGradient};
 use super::real::{LANES, Real};
 
-/// What a training computes with, the same for each batch.
+/// The parts of a training that are the same for each batch.
 #[derive(Debug, Clone)]
 pub struct Setup {
     /// The network.
@@ -182,7 +182,7 @@ impl<F: Real> Engine<F> {
                 let (mut worker, results) = (Worker::new(&setup), sender.clone());
                 let thread = std::thread::spawn(move || {
                     for job in inbox {
-                        // Nobody listens any more: the engine is gone.
+                        // The receiver is gone: the engine was dropped.
                         if results.send(worker.work(job)).is_err() {
                             return;
                         }
@@ -295,7 +295,7 @@ impl<F> Drop for Engine<F> {
     fn drop(&mut self) {
         for (jobs, thread) in self.helpers.drain(..) {
             drop(jobs);
-            // A helper that panicked has nothing left to say.
+            // A panicked helper sends nothing.
             let _ = thread.join();
         }
     }

@@ -146,7 +146,7 @@ impl Fit {
         self.train.len().div_ceil(self.plan.batch)
     }
 
-    /// One epoch; `watch` hears of each finished batch and may end it, which leaves the state as it was
+    /// One epoch; calls `watch` after each batch, which may end the epoch and leave the state as it was
     /// before.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ use super::loss::{Objective, Padding, PreparedLoss};
 use super::parameters::{Network, Packed, PackedGradient, Shape};
 use super::real::{LANES, Lanes, Real};
 
-/// Up to eight sequences and everything that their steps leave behind for the way back.
+/// Up to eight sequences and the activations of their steps for the backward pass.
 #[derive(Debug, Clone)]
 pub(super) struct Group<F> {
     shape: Shape,
@@ -25,7 +25,7 @@ pub(super) struct Group<F> {
     horizon: Vec<[u16; LANES]>,
     /// Steps x (3 + H): cut input x, y, then 1, then the state h that the step starts from.
     input: Vec<Lanes<F>>,
-    /// Steps x 4H: activated gates, on the way back the derivatives of their arguments; `[cell][gate]`.
+    /// Steps x 4H: activated gates, in the backward pass the derivatives of their arguments; `[cell][gate]`.
     gates: Vec<Lanes<F>>,
     /// Steps + 1 x H: cell state before each step, last after the last.
     cell: Vec<Lanes<F>>,
@@ -33,7 +33,7 @@ pub(super) struct Group<F> {
     squashed: Vec<Lanes<F>>,
     /// Steps x (1 + H): 1, then h after the step.
     output: Vec<Lanes<F>>,
-    /// Steps x 2K: predictions, on the way back the loss's derivatives.
+    /// Steps x 2K: predictions, in the backward pass the loss's derivatives.
     y: Vec<Lanes<F>>,
     /// Derivatives carried from step to step, by h and by the cell state; a whole number of blocks of four.
     by_h: Vec<Lanes<F>>,
@@ -84,7 +84,7 @@ impl<F: Real> Group<F> {
         self.keep.resize(self.steps, Lanes::splat(F::ONE));
         self.horizon.clear();
         self.horizon.resize(self.steps, [0; LANES]);
-        // Every entry of these is written on the way forward before it is read.
+        // The forward pass writes every entry of these before it is read.
         self.input.resize(self.steps * inputs, zero);
         self.gates.resize(self.steps * 4 * self.shape.cells, zero);
         self.cell.resize(length.max(1) * self.shape.cells, zero);
@@ -307,7 +307,7 @@ fn outer_sums<F: Real, const R: usize>(
 
 /// Sums over the lanes.
 ///
-/// Never inlined: seeing these sums, the compiler turns the loop before them around, at half its speed.
+/// Never inlined: with these sums in sight the compiler reorders the loop before them, at half the speed.
 #[inline(never)]
 fn over_lanes<F: Real, const R: usize>(sums: &[[Lanes<F>; R]; 2]) -> [[F; R]; 2] {
     sums.map(|column| column.map(Lanes::sum))

@@ -1,4 +1,4 @@
-//! The closed-loop benchmark on made-up handwriting: who is compared with whom, and what is counted.
+//! The closed-loop benchmark on synthetic handwriting: comparisons and counts.
 
 use foretrace_config::{Config, Draft};
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
@@ -44,7 +44,7 @@ fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Bench
     }
 }
 
-/// Targets of a way that hears `path` behind 1.2 s of a resting pen, as the benchmark's desks do.
+/// Targets of a baseline that receives `path` after 1.2 s of a resting pen, as at the benchmark's desks.
 fn targets(kind: BaselineKind, settings: &BaselineSettings, path: &[PathSample]) -> Vec<ToolSample> {
     let mut way = build(kind, settings).unwrap();
     if kind.smooths_in_the_servo() {
@@ -83,7 +83,7 @@ fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
         for (tool, wanted) in run.tool.iter().zip(&wanted) {
             assert!((tool.t_s - wanted.t_s).abs() < 1e-6, "{tool:?} {wanted:?}");
             let off_m = (tool.x_m - wanted.x_m).hypot(tool.y_m - wanted.y_m);
-            // Time-optimal motion makes much of the last digit of a clock; a period off would be 0.2 mm and
+            // Time-optimal motion amplifies rounding of the clock; an error of one period would be 0.2 mm and
             // more.
             let most_m = if kind == BaselineKind::Otg { 1e-4 } else { 1e-6 };
             assert!(off_m < most_m, "{kind} at {}: {off_m}", tool.t_s);
@@ -128,13 +128,13 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
     }
     let [free, legal] = ["servoj-ros", "servoj-ros-legal"].map(|name| find(&rows, BenchArm::Ur5, name));
     assert!(free.illegal_pct > 5.0);
-    // It still is that way, only with less freedom.
+    // It is the same baseline, with tighter limits.
     assert!((0.9..2.0).contains(&(legal.mse_m2 / free.mse_m2)), "{} {}", legal.mse_m2, free.mse_m2);
     for row in &rows {
         assert_eq!(row.sequences, 3);
         let json = serde_json::to_value(row).unwrap();
         assert!(json["predictor"].is_string() && json["arm"] == "ur5", "{json}");
-        // Beside `hold`, in front of one arm and without leaps, nothing is unknown.
+        // Beside `hold`, on one arm and without jumps, every score is known.
         let unknown = json.as_object().unwrap().iter().filter(|(_, value)| value.is_null());
         let unknown: Vec<_> = unknown.map(|(key, _)| key.as_str()).collect();
         assert!(unknown.is_empty() || unknown == ["leap_mse_m2"], "{unknown:?}: {json}");
@@ -159,7 +159,7 @@ fn many_threads_give_the_numbers_of_one() {
             })
             .collect();
         assert_eq!(alone.len(), 3);
-        // Absent parts of a score are no numbers and equal nothing.
+        // Absent parts of a score are NaN, which equals nothing.
         let text = |scores: &[Option<Score>]| format!("{scores:?}");
         assert_eq!(text(&alone), text(&outcome.scores), "{}", outcome.rival.name());
     }
@@ -233,7 +233,7 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
     };
     let apart = scores([(2, 0), (2, 1), (2, 2), (1, 0), (1, 1), (1, 2)]);
     assert_eq!(scores([(2, 0), (1, 0), (2, 1), (1, 1), (1, 2), (2, 2)]), apart);
-    // What was written before counts.
+    // Earlier sequences matter.
     assert_ne!(scores([(2, 1), (2, 0), (2, 2), (1, 0), (1, 1), (1, 2)])[2], apart[2]);
 }
 
@@ -260,7 +260,7 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
     let rivals =
         ["mixture", "dybm-online", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
     for row in Outcome::table(&Benchmark { config: &config, arms, rivals }.run(|| {}).unwrap()) {
-        // The leap itself is 0.4 m.
+        // The jump itself is 0.4 m.
         println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);
         assert!(row.max_m < 0.45, "{} {}: {} m", row.arm, row.predictor, row.max_m);
     }
@@ -282,7 +282,7 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
             ("mixture", "ideal") => 12,
             ("mixture", _) => 11,
             ("hold", _) => 8,
-            // Nobody can change the servo of the slow arm.
+            // The slow arm's servo is fixed.
             ("servoj-ros", "slow") => 6,
             ("servoj-ros", _) => 10,
             _ => 9,

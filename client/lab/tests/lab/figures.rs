@@ -1,4 +1,4 @@
-//! The paper's figures on built-in handwriting: what they claim has to come out.
+//! The paper's figures on built-in handwriting: their claims must hold.
 
 use foretrace_config::Config;
 use foretrace_control::predict::PredictorKind;
@@ -65,7 +65,7 @@ fn every_predictor_has_its_row_and_the_picture_stays_readable() {
             assert!(row.mse_m2 > 0.0 && row.letters_mse_m2.len() == letters.len(), "{row:?}");
         }
     }
-    // At trust 1 no two predictors write the same, or one of them was not what wrote.
+    // At trust 1 no two predictors write the same; else one of them was not in use.
     let mut errors: Vec<u64> = figure.rows.iter().map(|row| row.mse_m2.to_bits()).collect();
     errors.sort_unstable();
     errors.dedup();

@@ -1,5 +1,5 @@
-//! The loop measures the lag of simulated arms while it writes with them: the acceptance figures, by the
-//! daemon's own law.
+//! The loop measures the lag of simulated arms while it writes: the acceptance figures, with the daemon's own
+//! law.
 
 use foretrace_config::Config;
 use foretrace_control::arm::lag::Following;
@@ -169,8 +169,8 @@ fn behind_a_slow_servo_following_the_shift_costs_who_foresees_badly_less_than_it
         }
         sum / count
     };
-    // Whose prediction goes on straight pays for every millisecond of lead that the arm, a filter, did not
-    // need. Whose prediction turns with the pen hardly minds which of the two it is given.
+    // A predictor that goes on straight loses accuracy with every millisecond of lead that the arm, a filter,
+    // did not need. One that turns with the pen is hardly affected.
     for (kind, legal) in [(PredictorKind::CONSTANT_VELOCITY, 0.0..0.8), (PredictorKind::MIXTURE, 0.95..1.05)]
     {
         let fixed = mse(kind, Following::Fixed);

@@ -1,4 +1,4 @@
-//! The lab from outside, one file a subject. One binary: what they share is compiled once.
+//! Tests of the lab's interface, one file per subject. One binary, so that shared code is compiled once.
 
 mod closed_loop;
 mod desk;

@@ -1,5 +1,5 @@
-//! Arms that do not do what they are told, or do not say what they do, in simulated time: the daemon's law
-//! stops, soon, with the reason; and arms that do obey, however late and uneven, are never blamed.
+//! Arms that do not follow their commands, or report wrongly, in simulated time: the daemon's law stops soon,
+//! with the reason; and arms that do follow, however large their lag and jitter, are never stopped.
 //!
 //! The table of docs/results/not-following.md: `cargo test --release -p foretrace-lab --test lab
 //! not_following -- --nocapture`.
@@ -12,7 +12,7 @@ use foretrace_control::monitor::SlowArm;
 use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, FaultKind};
 
-/// The arm breaks so long after the pen began [s]: by then the lag is known.
+/// Time of the fault after the pen began [s]: by then the lag is known.
 const AT_S: f64 = 3.0;
 /// Faults are found within this time, if there is motion that shows them [s]: the longest lag that the
 /// settings allow, what the servo spreads, the window in which motion has to show.
@@ -110,7 +110,7 @@ fn an_arm_that_holds_still_may_not_move_by_itself() {
 
 #[test]
 fn arming_again_waits_for_the_cause_to_go_or_for_an_operator() {
-    // Beside where it is held: only an operator can say that this is right.
+    // Away from where it is held: only an operator can accept that.
     let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Offset(0.1), at_s: AT_S }), ..late(0.0) };
     let mut desk = Desk::armed(arm);
     assert!(desk.wait(AT_S + 1.0).is_some());
@@ -118,7 +118,7 @@ fn arming_again_waits_for_the_cause_to_go_or_for_an_operator() {
     assert_eq!(desk.ask(Request::Disarm), Ok(()));
     assert_eq!(desk.ask(Request::Arm), Ok(()));
 
-    // Moving: nobody can.
+    // Moving: cannot be armed.
     let arm = ArmSettings { fault: Some(Fault { kind: FaultKind::Runaway(0.1), at_s: AT_S }), ..late(0.0) };
     let mut desk = Desk::armed(arm);
     assert!(desk.wait(AT_S + 2.0).is_some());
@@ -197,7 +197,7 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
         let pen = Pen { radius_m: 0.06, speed_mps };
         let (mut desk, stop) = slowed(arm_share, pen, SlowArm::SlowDown);
         let (share, off_m) = (desk.seen.share.expect("the arm has moved"), desk.seen.off_m);
-        // What is asked for then is what the arm can do: it is where it was told to be.
+        // The commands are then within the arm's ability: it is at its commanded position.
         desk.seen = Seen::default();
         let later = stop.or_else(|| desk.write(pen, 16.0));
         println!(
@@ -229,7 +229,8 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
     assert_eq!((reason, detail.cause), (StopReason::TrackingError, StopCause::SlowArm));
 }
 
-/// The paper's law, a scalar trust over a plan with steps of 10 ms, asks more of an arm than the preset does.
+/// The paper's law, a scalar trust over a plan with steps of 10 ms, demands more of an arm than the preset
+/// does.
 #[test]
 fn an_arm_behind_a_slow_servo_is_not_blamed_for_a_plan_in_a_hurry() {
     let arm = ArmSettings::ur5(0.002, 0.1);

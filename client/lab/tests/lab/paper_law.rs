@@ -6,8 +6,8 @@ use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
-/// Trust per step shortens by itself what was foreseen too far ahead, and would hide the lead. Nothing of the
-/// plan follows the preset.
+/// Trust per step shortens predictions that lead too far, and would hide the lead. No part of the plan
+/// follows the preset.
 pub(crate) fn set(settings: &mut FollowerSettings<JOINTS>) {
     settings.trust_request = TrustRequest::Manual(Trust::FULL);
     settings.mpc.step_s = 0.01;

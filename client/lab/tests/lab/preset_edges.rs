@@ -1,5 +1,5 @@
-//! The shipped law led by pens that leave the paper, race and leap: it always has a plan, and knows when to
-//! lift.
+//! The shipped law with pens that leave the paper, race and jump: it always has a plan, and lifts when it
+//! should.
 
 use foretrace_config::Config;
 use foretrace_control::arm::lag::Following;
@@ -93,7 +93,7 @@ fn follow(
     seen
 }
 
-/// A pen that leaps to anywhere within `half` \[m\] of the middle at random times, up to `longest` \[s\]
+/// A pen that jumps to anywhere within `half` \[m\] of the middle at random times, up to `longest` \[s\]
 /// apart.
 fn leaps(half: f64, longest: f64, seed: u64) -> impl Fn(f64) -> [f64; 2] {
     let mut random = Pcg64::seed_from_u64(seed);
@@ -148,7 +148,7 @@ fn pens_that_race_and_leap_never_leave_a_tick_without_a_plan() {
     }
 }
 
-/// Less is asked for until there is a plan. An arm at rest without one would be asked for the same, and fail,
+/// The demand is reduced until there is a plan. Otherwise an arm at rest would get the same infeasible demand
 /// for ever.
 #[test]
 fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
@@ -165,8 +165,8 @@ fn too_few_steps_make_the_arm_slow_but_never_stand_for_good() {
             ("leaps", auto, most, &leaps(0.35, 0.5, 2)),
             ("circles", auto, most, &circles),
             ("corners, believed", full, most, &corners),
-            // Three steps do not brake from full speed: the last plan grows too old, it stops, and begins
-            // anew.
+            // Three steps do not brake from full speed: the last plan expires, the arm stops, and starts
+            // again.
             ("leaps, believed", full, 2 * most, &leaps(0.35, 0.5, 2)),
             ("circles, believed", full, most, &circles),
         ] {

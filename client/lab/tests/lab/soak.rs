@@ -1,6 +1,6 @@
-//! A long time at the desk, simulated: the daemon's law and its learner, an arm with a servo, texts of many
-//! hands, and troubles between them. Every command is judged, every trouble is got over, and the end is as
-//! good as the middle.
+//! A long simulated run: the daemon's law and its learner, an arm with a servo, texts of many hands, and
+//! faults between them. Every command is checked, the loop recovers from every fault, and the end is as good
+//! as the middle.
 //!
 //! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes); 10 000 000 are
 //! five and a half hours: `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab
@@ -29,7 +29,7 @@ const TICKS: u64 = 120_000;
 /// Below this the envelope latches a stop: the workspace's 0.5 mm and the margin's 1 mm \[m\].
 const HEIGHT_LIMIT_M: f64 = -0.0015;
 
-/// What goes wrong in the middle of a text.
+/// A fault in the middle of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trouble {
     Leaps,
@@ -126,7 +126,7 @@ impl Desk {
         }
     }
 
-    /// One tick; the arm is silent, or the loop is short of time, where `trouble` says so.
+    /// One tick; `trouble` makes the arm silent or the loop short of time.
     fn tick(
         &mut self,
         pen: &[PenReading],
@@ -265,8 +265,8 @@ impl Desk {
                 tracking.count += 1;
             }
         }
-        // Consumers go on while a command is valid and then brake, each joint by itself: an arm that is left
-        // alone while it lowers the pen ends in the paper, and that stop is due.
+        // Consumers go on while a command is valid and then brake, each joint by itself: an arm without
+        // commands while it lowers the pen ends in the paper, and that stop is correct.
         let carried_out = trouble == Some(Trouble::TicksLost)
             && stopped == Some(StopReason::Envelope)
             && detail.is_some_and(|detail| detail.cause == StopCause::Height && self.low_m < HEIGHT_LIMIT_M);
@@ -325,7 +325,7 @@ fn writing_and_trouble_leave_nothing_behind() {
         desk.write(&path, Some(Trouble::ALL[troubles % Trouble::ALL.len()]));
         troubles += 1;
     }
-    // The first quarter is where a new hand is learned.
+    // In the first quarter a new hand is learned.
     let quarters = quiet.chunks(quiet.len().div_ceil(4)).map(median_mm).collect::<Vec<_>>();
     let (middle, end) = (quarters[1], quarters[quarters.len() - 1]);
     let seen = desk.judge.statistics();

@@ -1,14 +1,14 @@
 //! The jerk-limited stop against an online trajectory generator (crate `rsruckig`): in the limit of short
-//! ticks they are one.
+//! ticks they agree.
 //!
 //! Both bring velocity and acceleration to zero under the same limits of acceleration and jerk; the
 //! generator's answer is the time-optimal one in continuous time. In ticks the acceleration of a whole tick
 //! is that at its end, so that from (v, a) to rest Σ a·h = ∫ a dt − a·h/2: the stop in ticks is the
 //! continuous one from v − a·h/2, and that is what the generator is asked for. (Asked from v it is the same
 //! in the limit, but where a stop is nearly one fading of the acceleration, duration depends on the square
-//! root of velocity, and half a tick of it is many ticks of time.) What remains is that each of the at most
-//! three pieces of constant jerk begins and ends on a tick. So duration and distance differ by a tick or two,
-//! whatever the tick: asked at two, one a tenth of the other.
+//! root of velocity, and half a tick of it is many ticks of time.) The remaining difference: each of the at
+//! most three pieces of constant jerk begins and ends on a tick. So duration and distance differ by a tick or
+//! two, whatever the tick: tested at two, one a tenth of the other.
 
 use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::guard::{Commanded, StopProfile};

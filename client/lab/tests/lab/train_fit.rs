@@ -1,4 +1,4 @@
-//! Whole trainings: what they reach, that they can be interrupted anywhere, and what they refuse.
+//! Whole trainings: their scores, interruption at any point, and refusals.
 
 use crate::shared::shared;
 use foretrace_lab::train::checkpoint::{self, CheckpointError};

@@ -120,7 +120,7 @@ fn three_adam_steps_are_those_of_pytorch() {
     assert_near(&weights, &parameters(&numbers["adam"]["parameters_after_3_steps"]), 1e-9, "parameter");
 }
 
-/// Made-up strokes of different lengths with leaps in them.
+/// Synthetic strokes of different lengths with jumps.
 fn scribbles(seed: u64, count: usize) -> Vec<Strokes> {
     let mut rng = Pcg64::seed_from_u64(seed);
     (0..count)

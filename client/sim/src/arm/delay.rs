@@ -1,11 +1,11 @@
-//! The way of a target from the sender to the servo: a pure delay, constant, jittering or changing in
-//! mid-run.
+//! The transport of a target from the sender to the servo: a pure delay, constant, jittering or changing
+//! during the run.
 //!
 //! Contract: in each cycle the servo reads the target of `delay` ago, linear between two cycles' targets. It
-//! never reads backwards: where the delay grows it reads the same target again, where it shrinks targets are
-//! skipped, as by a controller that keeps the newest that arrived. Deterministic: the jitter is drawn from
-//! the seed, one number a cycle. Absent: loss (the consumer of commands bridges it), a limit on how fast the
-//! delay may change.
+//! never reads backwards: when the delay grows it reads the same target again, when it shrinks targets are
+//! skipped, as by a controller that keeps the newest one. Deterministic: the jitter is drawn from the seed,
+//! one number a cycle. Absent: loss (the consumer of commands bridges it), a limit on how fast the delay may
+//! change.
 
 use std::collections::VecDeque;
 
@@ -17,7 +17,7 @@ use super::JOINTS;
 /// Longest delay that is kept \[s\]; longer ones count as this.
 pub const MAX_DELAY_S: f64 = 1.0;
 
-/// How late targets reach the servo. Values that are negative or no numbers count as 0.
+/// How late targets reach the servo. Negative or non-finite values count as 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DelaySettings {
     /// Delay \[s\], at most [`MAX_DELAY_S`]; any fraction of a cycle.
@@ -27,13 +27,13 @@ pub struct DelaySettings {
     /// The newest target that arrived counts: jitter of more than a cycle therefore shortens the delay in the
     /// mean.
     pub jitter_s: f64,
-    /// Where the jitter begins.
+    /// Seed of the jitter.
     pub seed: u64,
     /// Another delay from some instant on.
     pub change: Option<DelayChange>,
 }
 
-/// A change of the delay in mid-run.
+/// A change of the delay during the run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DelayChange {
     /// When, since the arm began to cycle \[s\].
@@ -68,7 +68,7 @@ fn legal(seconds: f64) -> f64 {
     if seconds.is_nan() { 0.0 } else { seconds.clamp(0.0, MAX_DELAY_S) }
 }
 
-/// Targets on their way.
+/// Targets in transport.
 #[derive(Debug, Clone)]
 pub(super) struct DelayLine {
     settings: DelaySettings,
@@ -101,7 +101,7 @@ impl DelayLine {
         let drawn = if jitter_s > 0.0 { jitter_s * self.rng.random_range(-1.0..=1.0) } else { 0.0 };
         let wanted = legal(self.settings.at(t_s) + drawn) / self.cycle_s;
         let most = (self.targets.len() - 2) as f64;
-        // Everything before the first cycle stood at rest, so the first delay need not be grown into.
+        // The arm rested before the first cycle, so the initial delay holds at once.
         let never_back = if self.cycles == 0 { wanted } else { self.age + 1.0 };
         self.age = wanted.min(never_back).min(most);
         self.cycles += 1;

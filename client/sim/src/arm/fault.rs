@@ -1,4 +1,4 @@
-//! Ways in which the simulated arm stops doing what it is told, or stops telling what it does.
+//! Faults of the simulated arm: in its motion, or in its reports.
 //!
 //! Contract: nothing changes before the fault begins; from then on it stays. Joints are counted from 0 at the
 //! base.
@@ -16,25 +16,25 @@ const SWING_RAD: f64 = 1e-3;
 /// What breaks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FaultKind {
-    /// All joints stand where they are, at once.
+    /// All joints stop at once.
     Stuck,
-    /// One joint stands where it is.
+    /// One joint stops.
     Locked(usize),
-    /// One joint is reported where it was; it moves all the same.
+    /// The report of one joint freezes; it still moves.
     Frozen(usize),
-    /// The base joint is reported this much beside where it is \[rad\].
+    /// The base joint is reported with this offset \[rad\].
     Offset(f64),
-    /// One joint moves the other way.
+    /// One joint moves in the opposite direction.
     Flipped(usize),
-    /// One joint is reported a turn farther than it is.
+    /// One joint is reported with an offset of one turn.
     Wrapped(usize),
-    /// The base joint turns at this speed whatever it is told \[rad/s\].
+    /// The base joint turns at this speed whatever its commands are \[rad/s\].
     Runaway(f64),
-    /// The program is paused: no target is taken any more, the servo settles.
+    /// The program is paused: no more targets are accepted, the servo settles.
     Paused,
     /// Speed scaling as by a slider, in \[0, 1\].
     Slow(f64),
-    /// The base joint swings about where it ought to be, farther by this rate \[1/s\].
+    /// The base joint oscillates about its commanded position, growing at this rate \[1/s\].
     Oscillation(f64),
 }
 
@@ -104,7 +104,7 @@ impl Broken {
         Self { kind, from: joints.q, since_s: 0.0 }
     }
 
-    /// Speed scaling, if that is what broke.
+    /// Speed scaling, if that is the fault.
     pub(super) fn scaling(&self) -> Option<f64> {
         match self.kind {
             FaultKind::Paused => Some(0.0),
@@ -130,7 +130,7 @@ impl Broken {
         }
     }
 
-    /// Where joints really are that ought to be at `joints`.
+    /// True positions of joints that a healthy arm would have at `joints`.
     pub(super) fn really(&self, joints: Joints) -> Joints {
         let Joints { mut q, mut qd } = joints;
         match self.kind {
@@ -153,7 +153,7 @@ impl Broken {
         Joints { q, qd }
     }
 
-    /// What is said of joints that really are at `joints`.
+    /// Reported positions of joints that truly are at `joints`.
     pub(super) fn reported(&self, joints: Joints) -> Joints {
         let Joints { mut q, mut qd } = joints;
         match self.kind {
@@ -188,7 +188,7 @@ mod tests {
         }
     }
 
-    /// Where the base joint is said to be, and is, 0.2 s after a fault amid a motion of 0.5 rad/s.
+    /// Reported and true position of the base joint 0.2 s after a fault during a motion of 0.5 rad/s.
     fn after(kind: FaultKind) -> [f64; 3] {
         let settings =
             ArmSettings { fault: Some(Fault { kind, at_s: 0.5 }), ..ArmSettings::delayed(0.002, 0.002) };

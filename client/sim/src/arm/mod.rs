@@ -1,4 +1,4 @@
-//! The simulated UR5 controller as mathematics: what its joints do with a stream of joint targets.
+//! A mathematical model of a UR5 controller: the response of its joints to a stream of joint targets.
 //!
 //! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure
 //! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight
@@ -9,9 +9,9 @@
 //!
 //! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets
 //! report: a target meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so
-//! that only the share s of the way is gone and the rest of that way is skipped (a lag of (1/s − 1) cycles
-//! that is slowly made up for at the end); and no joint is faster than s times its limit, so that a fast path
-//! is left behind. Not modelled: how a controller scales the acceleration. s = 0 is a paused program: the arm
+//! that the joint moves only the share s of each step and skips the rest (a lag of (1/s − 1) cycles that
+//! slowly decays at the end); and no joint is faster than s times its limit, so that the arm falls behind a
+//! fast path. Not modelled: how a controller scales the acceleration. s = 0 is a paused program: the arm
 //! stays.
 
 mod delay;
@@ -28,15 +28,14 @@ use servo::{Clamp, JointMotion, follow, settle};
 /// Joints of the simulated arm.
 pub const JOINTS: usize = 6;
 
-/// What the arm is made of.
+/// Parameters of the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {
     /// Controller cycle \[s\]: 0.002 for e-series, 0.008 for CB3.
     pub cycle_s: f64,
     /// How late targets reach the servo.
     pub delay: DelaySettings,
-    /// Speed scaling s in \[0, 1\], 1: none. Values outside, and no numbers, count as the nearest legal
-    /// value, 1.
+    /// Speed scaling s in \[0, 1\], 1: none. A value outside counts as the nearest legal one, NaN as 1.
     pub speed_scaling: f64,
     /// Group delay of the servo, servoj's `lookahead_time` \[s\]; 0: no servo filter.
     pub look_ahead_s: f64,
@@ -67,7 +66,7 @@ impl ArmSettings {
         }
     }
 
-    /// An arm that repeats its targets `lag_s` later and is nothing else: no servo, no joint loop, no limits.
+    /// An arm that is a pure delay of `lag_s`: no servo, no joint loop, no limits.
     ///
     /// The cycle of delay that every arm here has is part of `lag_s`, which therefore is at least one cycle.
     #[must_use]
@@ -117,7 +116,7 @@ pub struct Joints {
     pub qd: [f64; JOINTS],
 }
 
-/// The arm: six independent joints and the targets on their way to them.
+/// The arm: six independent joints and the targets in transport to them.
 #[derive(Debug, Clone)]
 pub struct ArmModel {
     settings: ArmSettings,
@@ -125,7 +124,7 @@ pub struct ArmModel {
     delay: Option<DelayLine>,
     /// The last one that was given.
     newest_target: [f64; JOINTS],
-    /// Where the servo was sent in the previous cycle.
+    /// Target of the servo in the previous cycle.
     previous_target: [f64; JOINTS],
     servo: [JointMotion; JOINTS],
     joint: [JointMotion; JOINTS],
@@ -154,8 +153,7 @@ impl ArmModel {
     }
 
     /// Moves through one controller cycle with `target` \[rad\], where the joints ought to be when the cycle
-    /// starts, and returns the joints at its end. A target that is not finite counts as "stay where the last
-    /// one was".
+    /// starts, and returns the joints at its end. A non-finite target counts as a repetition of the last one.
     pub fn cycle(&mut self, target: [f64; JOINTS]) -> Joints {
         let dt = self.settings.cycle_s;
         self.break_down();
@@ -175,7 +173,7 @@ impl ArmModel {
             let mut v = self.settings.velocity_radps[axis];
             if self.scaling < 1.0 {
                 to = from + self.scaling * (to - from);
-                // A paused arm never moves; and 0 times an infinite limit is no number.
+                // A paused arm never moves; and 0 times an infinite limit is NaN.
                 v = if self.scaling > 0.0 { v * self.scaling } else { v };
             }
             let clamp = Clamp { v, a: self.settings.acceleration_radps2[axis], dt };
@@ -215,14 +213,14 @@ impl ArmModel {
         self.broken.map_or(really, |broken| broken.reported(really))
     }
 
-    /// Where the joints are, whatever is said about them.
+    /// True positions of the joints, whatever is reported.
     #[must_use]
     pub fn really(&self) -> Joints {
         let obeying = self.obeying();
         self.broken.map_or(obeying, |broken| broken.really(obeying))
     }
 
-    /// Where the joints would be of an arm that does what it is told, as far as they can.
+    /// Positions of the joints of the same arm without its fault.
     fn obeying(&self) -> Joints {
         Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
     }

@@ -14,7 +14,7 @@ pub(super) struct JointMotion {
 /// cycle.
 ///
 /// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and
-/// exact: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Closing speed is bounded by what can still be braked, so
+/// exact: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). The closing speed is bounded by the braking distance, so
 /// that a large step meets the acceleration clamp without overshoot.
 pub(super) fn follow(
     state: JointMotion,
@@ -54,7 +54,7 @@ fn pass(state: JointMotion, from: f64, to: f64, clamp: &Clamp) -> JointMotion {
         return JointMotion { q: to, qd: slope };
     }
     let gap = from - state.q;
-    // What is left when this cycle has gone by.
+    // The remainder after this cycle.
     let left = (gap.abs() - 0.5 * (state.qd - slope).abs() * dt).max(0.0);
     with(slope + gap.signum() * clamp.brakeable(left).min(gap.abs() / dt))
 }

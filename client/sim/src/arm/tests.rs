@@ -1,4 +1,4 @@
-//! Claims about the simulated arm: how late it is, that it is gentle, and that its limits hold.
+//! Claims about the simulated arm: its lag, its smoothness, and its limits.
 
 use super::*;
 use std::f64::consts::TAU;
@@ -248,7 +248,7 @@ fn numbers_that_make_no_sense_do_no_harm() {
 
 #[test]
 fn arm_without_the_new_options_moves_as_it_always_did() {
-    // Computed by the model before it had delay, jitter and speed scaling.
+    // Reference values of the model without delay, jitter and speed scaling.
     let mut arm = ArmModel::at_rest(ArmSettings::ur5(0.002, 0.03), [0.1; JOINTS]);
     let mut last = arm.joints();
     for k in 0..700 {

@@ -1,4 +1,4 @@
-//! A file as bytes, and how it is refused: what the loaders stand on.
+//! A file as bytes, and its refusal: shared by the loaders.
 
 use std::fmt;
 use std::io::Read as _;

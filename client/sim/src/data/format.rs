@@ -1,4 +1,4 @@
-//! The formats of recordings: told apart by contents, loaded into one form. Stands above the loaders.
+//! The formats of recordings: recognised by contents, loaded into one form.
 
 use super::csv::{begins_csv, parse_csv_recording};
 use super::file::{Refusal, open, read_limited, unreadable};
@@ -10,7 +10,7 @@ use std::fmt;
 use std::io::Read as _;
 use std::path::Path;
 
-/// How much of a file decides what it is.
+/// Bytes of a file that decide its format.
 const SNIFFED_BYTES: usize = 64 << 10;
 
 /// A format of recordings.
@@ -110,7 +110,7 @@ impl Format {
         }
     }
 
-    /// What the beginning of a file says; `None` when it is no recording. Errors where the file cannot be
+    /// The format by a file's first bytes; `None` when it is no recording. Errors where the file cannot be
     /// read.
     pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
         let file = open(path)?;

@@ -1,9 +1,9 @@
 //! Recorded handwriting as it comes from files, and sets of such files with their splits.
 //!
 //! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats
-//! included and finite; whatever is wrong with a file is said with file, line and reason. Scaling into the
-//! writing plane is [`crate::path`]'s business. Modules point upwards in their order here: files and lines,
-//! one loader per format, the formats, sets.
+//! included and finite; every error of a file is reported with file, line and reason. [`crate::path`] scales
+//! into the writing plane. Each module uses only those before it: files and lines, one loader per format, the
+//! formats, sets.
 
 mod file;
 mod csv_lines;
@@ -40,7 +40,7 @@ pub struct Recording {
     pub rate_assumed: bool,
     /// Device units per metre along x and y, where the file states both.
     pub units_per_m: Option<[f64; 2]>,
-    /// What the device or its publisher wrote down.
+    /// The quantity that was recorded.
     pub quantity: Quantity,
     /// The characters, in file order.
     pub segments: Vec<Character>,
@@ -61,8 +61,7 @@ pub enum Quantity {
 pub struct Character {
     /// What was written; may be longer than one `char`; empty where the file has no label.
     pub label: String,
-    /// Who wrote it, unique within a set; empty where nothing says so. A split table's word goes before the
-    /// file's.
+    /// The writer, unique within a set; empty if unknown. A split table's word goes before the file's.
     pub writer: String,
     /// The n-th character of its file, from 0.
     pub segment_index: usize,

@@ -8,8 +8,8 @@
 //! ```
 //!
 //! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`,
-//! which is a readable recording itself and stays behind if the recorder is killed. Nothing that exists is
-//! written over.
+//! which is a readable recording itself and stays behind if the recorder is killed. Existing files are never
+//! overwritten.
 
 use super::csv_lines::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 /// Steps from which the rate is taken.
 const STEPS_MAX: usize = 1_000_000;
-/// So much may be lost when the machine dies \[µs of the recording\].
+/// Largest loss when the machine dies \[µs of the recording\].
 const FLUSH_EVERY_US: i64 = 1_000_000;
 
 /// Writes a recording, sample by sample.
@@ -48,7 +48,7 @@ pub struct PenLogSummary {
 }
 
 impl PenLog {
-    /// Begins the recording `target`. `writer` names who holds the pen: no blanks, or empty.
+    /// Begins the recording `target`. `writer` is the writer's name: no blanks, or empty.
     ///
     /// # Errors
     /// Illegal writer; `target` or `target.part` exists already; the folder cannot be written.
@@ -141,7 +141,7 @@ impl PenLog {
         self.head(&format!("{rate_hz:.3}"))?;
         self.file.flush()?;
         self.file.get_ref().sync_all()?;
-        // `rename` would write over what came into being meanwhile.
+        // `rename` would overwrite a file made meanwhile.
         if self.target.symlink_metadata().is_ok() {
             return Err(exists(&self.target, "the recording is beside it, in the .part file"));
         }

@@ -1,4 +1,4 @@
-//! Least squares: which delay, and which filter behind it, turn the commanded path into the measured one.
+//! Least squares for the delay, and the filter behind it, that turn the commanded path into the measured one.
 //!
 //! Contract: residuals over all joints that move, a constant offset per joint taken out (calibration,
 //! gravity); gain 1. Levenberg-Marquardt within bounds, from several starts, because a filter and a delay
@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::Sample;
 use super::response::Path;
 
-/// Lags that are looked at \[s\]; stamps that are off can make the arm seem early.
+/// Range of lags \[s\]; wrong stamps can make the arm seem early.
 pub(super) const SHIFTS_S: (f64, f64) = (-0.05, 0.4);
 /// Spacing of the first search \[s\].
 const SCAN_S: f64 = 0.002;
@@ -38,7 +38,7 @@ pub(super) struct Fit {
 }
 
 impl LagProblem<'_> {
-    /// (shift \[s\], RMS of what it leaves unexplained \[rad\]) over the whole range.
+    /// (shift \[s\], RMS of the residual \[rad\]) over the whole range.
     pub(super) fn curve(&self) -> Vec<(f64, f64)> {
         let count = ((SHIFTS_S.1 - SHIFTS_S.0) / SCAN_S).round() as usize;
         let shift = |index: usize| SHIFTS_S.0 + index as f64 * SCAN_S;

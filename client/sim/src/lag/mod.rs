@@ -1,12 +1,12 @@
-//! How late an arm is, found off-line from the commands sent and the joint states received while it moved.
+//! Off-line estimate of an arm's lag, from the commands sent and the joint states received while it moved.
 //!
 //! Contract: pure. The lag is the time by which the measured motion trails the instant that a command is
 //! stamped for. Two models are fitted to all joints that move, by least squares:
 //!
-//! 1. a pure delay: q(t) = c(t − d) + o, the shift of the commanded path c that leaves least;
+//! 1. a pure delay: q(t) = c(t − d) + o, the shift of the commanded path c with the smallest residual;
 //! 2. a delay and a servo: a critically damped second order of group delay L (servoj's look-ahead) behind the
-//!    delay d, and a first-order joint loop τ where the motion tells it apart. The lag at low frequency is d
-//!    + L + τ.
+//!    delay d, and a first-order joint loop τ if the motion identifies it. The lag at low frequency is
+//!    d + L + τ.
 //!
 //! A filter delays fast motion less than slow motion, so the shift of model 1 is at most the lag of model 2.
 //! Absent: clock drift between command and state stamps (one clock is assumed), limits, friction, gains other
@@ -28,7 +28,7 @@ pub struct Sample {
     pub q: [f64; JOINTS],
 }
 
-/// A delay and what it leaves unexplained.
+/// A delay and its residual.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Shift {
     /// \[s\]
@@ -37,14 +37,14 @@ pub struct Shift {
     pub rms_rad: f64,
 }
 
-/// A delay with a servo behind it, and what they leave unexplained.
+/// A delay with a servo behind it, and the residual.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Servo {
     /// Pure delay d \[s\].
     pub delay_s: f64,
     /// Group delay L of the critically damped second order \[s\].
     pub filter_s: f64,
-    /// Time constant τ of the first order \[s\]; 0 where the motion does not tell it from the others.
+    /// Time constant τ of the first order \[s\]; 0 if the motion does not identify it.
     pub joint_loop_s: f64,
     /// RMS over all moving joints \[rad\].
     pub rms_rad: f64,
@@ -69,7 +69,7 @@ pub struct Spread {
     pub interquartile_s: f64,
 }
 
-/// Which model the figures speak for.
+/// The model that the figures support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -79,24 +79,24 @@ pub enum Verdict {
     Servo,
 }
 
-/// What was found.
+/// The result.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
     /// Model 1.
     pub shift: Shift,
     /// Model 2.
     pub servo: Servo,
-    /// Which of them to believe.
+    /// The chosen model.
     pub verdict: Verdict,
     /// Model 1, block by block.
     pub shift_spread: Spread,
-    /// The lag of model 2 (its filter kept, its delay fitted anew), block by block.
+    /// The lag of model 2 (its filter fixed, its delay refitted), block by block.
     pub lag_spread: Spread,
     /// Joints that moved enough to count, the one that moved most first.
     pub joints: Vec<usize>,
     /// How far each joint was commanded, peak to peak \[rad\].
     pub moved_rad: [f64; JOINTS],
-    /// (shift \[s\], RMS of what it leaves \[rad\]).
+    /// (shift \[s\], RMS of its residual \[rad\]).
     pub curve: Vec<(f64, f64)>,
     /// From the first to the last instant that counted \[s\], on the samples' clock.
     pub window_s: (f64, f64),
@@ -141,7 +141,7 @@ pub enum LagError {
         /// Its measured travel.
         measured_rad: f64,
     },
-    /// No lag makes sense of it.
+    /// No lag explains the motion.
     #[error(
         "the arm moves, but not as commanded: at the best shift ({:.1} ms) {:.0} % of the motion remain \
          unexplained; see that its speed is not scaled down and that it is the arm that the settings \
@@ -180,12 +180,12 @@ const MAX_REMAINING: f64 = 0.35;
 const BLOCKS: usize = 10;
 /// A filter counts where it is longer than this \[s\],
 const MIN_FILTER_S: f64 = 0.003;
-/// explains what a shift leaves so many times better,
+/// reduces a shift's residual by this factor,
 const MIN_BETTER: f64 = 1.02;
-/// and that was more than this share of the motion: interpolation between slow cycles is a filter too, but no
-/// matter.
+/// and that residual was more than this share of the motion: interpolation between slow cycles is a filter
+/// too, but a negligible one.
 const MIN_MATTER: f64 = 0.005;
-/// So much better must a joint loop explain the rest before it is told apart.
+/// Factor by which a joint loop must reduce the residual to be included.
 const MIN_LOOP_BETTER: f64 = 1.25;
 
 /// Finds the lag. Samples whose times do not rise are left out.
@@ -252,7 +252,7 @@ pub fn modelled(commands: &[Sample], joint: usize, servo: &Servo, times_s: &[f64
     times_s.iter().map(|t_s| path.at(joint, t_s - servo.delay_s)).collect()
 }
 
-/// Fits the delay anew in each of [`BLOCKS`] blocks of equal length; blocks without motion are left out.
+/// Refits the delay in each of [`BLOCKS`] blocks of equal length; blocks without motion are left out.
 fn spread(problem: &LagProblem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
     let [_, filter_s, loop_s] = fit.p;
     let length_s = (window_s.1 - window_s.0) / BLOCKS as f64;
@@ -264,7 +264,7 @@ fn spread(problem: &LagProblem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
         let first = problem.states.partition_point(|state| state.t_s < begin_s);
         let last = problem.states.partition_point(|state| state.t_s < begin_s + length_s);
         let states = &problem.states[first..last];
-        // A block that stands still says nothing.
+        // A block at rest gives no lag.
         if states.len() < 5 || motion_rms(states, problem.joints) < 0.2 * whole_rad {
             continue;
         }

@@ -1,4 +1,4 @@
-//! A joint's commanded path on a fine uniform grid, and what a linear arm makes of it.
+//! A joint's commanded path on a fine uniform grid, and the response of a linear arm to it.
 //!
 //! Contract: between commands the path is straight, as their consumer evaluates it; before the first one and
 //! after the last one it stands still. The filters are exact for such a path, up to the grid. Absent: limits,

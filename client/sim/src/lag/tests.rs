@@ -1,4 +1,4 @@
-//! Claims about the identification, against simulated arms whose lag is known.
+//! Claims about the identification, against simulated arms of known lag.
 
 use std::f64::consts::TAU;
 
@@ -19,7 +19,7 @@ fn motion(seconds: f64) -> impl Fn(f64) -> [f64; JOINTS] {
 struct Noise(u64);
 
 impl Noise {
-    /// About normal, standard deviation 1.
+    /// Approximately normal, standard deviation 1.
     fn next(&mut self) -> f64 {
         let mut sum = -6.0;
         for _ in 0..12 {
@@ -84,7 +84,7 @@ fn servos_are_told_from_delays_and_found_within_two_milliseconds() {
             assert!((found.servo.lag_s() - settings.group_delay_s()).abs() < 0.5e-3, "{case}");
             assert!((found.servo.filter_s - filter_s).abs() < 2e-3, "{case}");
             assert_eq!(found.verdict, Verdict::Servo, "{case}");
-            // A filter delays fast motion less: who can only shift does better with less.
+            // A filter delays fast motion less, so a pure shift fits best with less.
             assert!(found.shift.delay_s < found.servo.lag_s() + 1e-5, "{case}");
             assert!(found.lag_spread.blocks_s.len() >= BLOCKS - 2, "{case}");
             assert!((found.lag_spread.median_s - found.servo.lag_s()).abs() < 0.5e-3, "{case}");

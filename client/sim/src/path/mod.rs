@@ -43,11 +43,11 @@ pub struct PenPath {
     pub rate_hz: f64,
     /// Characters in order of time; empty for paths that come without labels.
     pub spans: Vec<LabelSpan>,
-    /// Lifts and travels that were made up because the recording has none.
+    /// Lifts and travels that were synthesised because the recording has none.
     pub inserted_travels: usize,
     /// Recorded stretches without samples.
     pub gaps: usize,
-    /// Indices of the samples that the pen reached by a lift that nobody recorded, where none was made up.
+    /// Indices of the samples behind a lift without recorded hover, if none was synthesised.
     pub leaps: Vec<usize>,
 }
 
@@ -110,7 +110,7 @@ impl PenPath {
 
     /// The samples over and over with times that go on rising: one step of the rate between end and start.
     ///
-    /// Close the path first, or the pen jumps at every turn. Empty for an empty path.
+    /// Close the path first, or the pen jumps at every repetition. Empty for an empty path.
     pub fn cycle(&self) -> impl Iterator<Item = PathSample> + '_ {
         let turn_s = self.duration_s() + if self.rate_hz > 0.0 { 1.0 / self.rate_hz } else { 1.0 };
         let turns = if self.samples.is_empty() { 0 } else { u32::MAX };

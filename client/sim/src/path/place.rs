@@ -1,19 +1,19 @@
 //! Characters in device units to one stamped path in the writing workspace.
 //!
 //! One constant scale for all of them. Recorded hover paths and gaps stay as they are; where a recording has
-//! no hover path between two strokes, and between characters, a travel is made up. Hover samples more than
-//! half a glyph outside the workspace are left out (the pen was out of reach); characters whose ink does not
-//! fit are skipped and named.
+//! no hover path between two strokes, and between characters, a travel is synthesised. Hover samples more
+//! than half a glyph outside the workspace are left out (the pen was out of reach); characters whose ink does
+//! not fit are skipped and named.
 
 use super::travel::travel;
 use super::{LabelSpan, PathSample, PenPath};
 use crate::data::{Character, Component};
 
-/// Speeds at which a made-up travel may leave and arrive \[m/s\]; faster strokes are left more slowly.
+/// Speeds at which a synthetic travel may leave and arrive \[m/s\]; faster strokes are left more slowly.
 const JOIN_SPEED_MAX_MPS: f64 = 0.4;
-/// Samples over which those speeds are taken: single steps of a coarse tablet say little.
+/// Samples over which those speeds are averaged: single steps of a coarse tablet are noisy.
 const JOIN_SAMPLES: usize = 5;
-/// Longer recorded gaps are shortened to this [s]: no honest gap inside a character is longer, and files hold
+/// Longer recorded gaps are shortened to this [s]: real gaps inside a character are shorter, and files hold
 /// counter overflows.
 const GAP_MAX_S: f64 = 10.0;
 
@@ -26,7 +26,7 @@ pub enum Layout {
     Line,
 }
 
-/// What of a character is put on the line.
+/// The point of a character that is aligned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     /// The middle of its ink.
@@ -35,10 +35,10 @@ pub enum Anchor {
     Baseline,
 }
 
-/// What becomes of a lift between two strokes that nobody recorded.
+/// Treatment of a lift between two strokes without recorded hover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lift {
-    /// A travel is made up.
+    /// A travel is synthesised.
     Travel,
     /// It stays as it was recorded: the pen is elsewhere one sample later.
     Leap,
@@ -55,9 +55,9 @@ pub struct Placement {
     pub glyph_height_m: f64,
     /// Where characters go.
     pub layout: Layout,
-    /// What of a character is put there.
+    /// The point of a character that is aligned.
     pub anchor: Anchor,
-    /// What becomes of a lift that nobody recorded.
+    /// Treatment of a lift without recorded hover.
     pub lift: Lift,
 }
 
@@ -121,8 +121,8 @@ impl PenPath {
     /// skipped.
     ///
     /// Time between samples is one over the rate, except across recorded gaps, which keep their duration
-    /// without samples, and made-up travels. A character without components is a blank: on a line it takes
-    /// room.
+    /// without samples, and synthetic travels. A character without components is a blank: on a line it takes
+    /// up space.
     ///
     /// # Errors
     /// [`PathError`]: a rate, height or size that is not positive, or no character that fits.
@@ -167,7 +167,7 @@ enum Link {
     Sampled,
     /// Nothing was seen for this long \[s\].
     Gap(f64),
-    /// A lift that nobody recorded; lasts at least this long \[s\].
+    /// A lift without recorded hover; lasts at least this long \[s\].
     Travel(f64),
 }
 
@@ -288,7 +288,7 @@ impl<'a> Placer<'a> {
         steps
     }
 
-    /// Two strokes without a hover between them, or a leap that no hand makes between two readings.
+    /// Two strokes without a hover between them, or a jump that is too fast for a hand.
     fn lifted_unseen(&self, last: &Step, next: &Component, at_m: [f64; 2], seen_last: bool) -> bool {
         let leap_m = (at_m[0] - last.at_m[0]).hypot(at_m[1] - last.at_m[1]);
         (last.contact && next.contact) || (seen_last && leap_m > self.placement.glyph_height_m)

@@ -1,4 +1,4 @@
-//! Pen paths: ink, lifts and gaps as recorded or made up.
+//! Pen paths: ink, lifts and gaps, recorded or synthesised.
 
 use super::*;
 use crate::data::{Character, Component};
@@ -44,7 +44,7 @@ fn an_unrecorded_lift_becomes_a_hover_of_at_least_three_tenths() {
     assert!(last - first + 2.0 / RATE_HZ >= 0.3);
     assert!(hover.windows(2).all(|w| (w[1].t_s - w[0].t_s - 1.0 / RATE_HZ).abs() < 1e-9));
     assert_eq!((path.inserted_travels, path.gaps), (1, 0));
-    // The pen neither leaps nor jerks to a halt where the made-up motion joins the recorded one.
+    // The pen neither jumps nor stops abruptly where the synthetic motion joins the recorded one.
     let steps: Vec<f64> =
         path.samples.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).collect();
     assert!(steps.windows(2).all(|s| (s[1] - s[0]).abs() < 0.0003), "{steps:?}");

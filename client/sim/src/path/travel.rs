@@ -1,13 +1,13 @@
-//! Made-up pen-up motion: a minimum-jerk hover from where one stroke ended to where the next begins.
+//! Synthetic pen-up motion: a minimum-jerk hover from where one stroke ended to where the next begins.
 //!
 //! The pen leaves the surface with the speed of the stroke, slows down, and arrives with the speed it will
-//! write with: position, velocity and the made-up acceleration are continuous. Absent: the height of the
+//! write with: position, velocity and the synthetic acceleration are continuous. Absent: the height of the
 //! hover; only contact = false says so. Source: Flash & Hogan, J. Neurosci. 5(7), 1985 (the minimum-jerk
 //! quintic).
 
 use super::PathSample;
 
-/// Shortest made-up lift \[s\].
+/// Shortest synthetic lift \[s\].
 const LIFT_MIN_S: f64 = 0.3;
 /// Time in which the speed of a stroke fades after the lift, and builds up before the next \[s\].
 const FADE_S: f64 = 0.08;
@@ -77,7 +77,7 @@ impl Hover {
     }
 }
 
-/// Way made while a unit speed fades smoothly to rest between u = 0 and 1: ∫ 1 − (3u² − 2u³).
+/// Distance covered while a unit speed fades smoothly to rest between u = 0 and 1: ∫ 1 − (3u² − 2u³).
 fn faded(u: f64) -> f64 {
     let u = u.clamp(0.0, 1.0);
     u - u * u * u + u * u * u * u / 2.0

@@ -41,7 +41,7 @@ pub(super) const SERIES: [RGBColor; 17] = [
 const TITLE_PX: i32 = 22;
 const TEXT_PX: i32 = 14;
 const MARGIN_PX: i32 = 24;
-/// Average width of a letter over the height of the font; no font file is at hand to measure with.
+/// Average width of a letter over the height of the font; no font file is available to measure.
 const LETTER_ASPECT: f64 = 0.56;
 
 /// How a legend entry looks.
@@ -185,7 +185,7 @@ pub(super) fn plain(value: &f64) -> String {
     if text == "-0" { "0".to_owned() } else { text }
 }
 
-/// Smallest and largest finite value, `None` when there is none.
+/// Smallest and largest finite value, `None` without any.
 pub(super) fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     values.into_iter().filter(|v| v.is_finite()).fold(None, |range, v| {
         let (low, high) = range.unwrap_or((v, v));

@@ -129,7 +129,7 @@ impl Runs {
         Some([[left, low], [right, high]])
     }
 
-    /// Thin lines first, without points that nobody could tell apart.
+    /// Thin lines first, without indistinguishable points.
     fn drawn(&self, near: f64) -> Vec<(Key<'static>, Vec<(f64, f64)>)> {
         let mut order = self.all();
         order.swap(0, 1);

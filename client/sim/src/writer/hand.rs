@@ -18,7 +18,7 @@ const HOVER_MIN_S: f64 = 0.3;
 /// z of the share of a stroke that is done when the next one sets in: on a smooth bend, at a reversal.
 const OVERLAP_Z: [f64; 2] = [0.1, 1.6];
 
-/// How somebody writes.
+/// The style of a hand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Style {
     /// Drives every random choice of the hand.
@@ -46,7 +46,7 @@ pub struct Style {
 }
 
 impl Style {
-    /// The person behind a seed: slant −6° to 16°, tempo 0.8 to 1.2, and so on, all from plausible ranges.
+    /// The style of a seed: slant −6° to 16°, tempo 0.8 to 1.2, and so on, all from plausible ranges.
     #[must_use]
     pub fn from_seed(seed: u64) -> Self {
         let mut dice = Pcg64::seed_from_u64(seed ^ 0x5714_e57a_9e0f_ace5);
@@ -67,7 +67,7 @@ impl Style {
     }
 }
 
-/// A hand at work; its luck goes on from glyph to glyph.
+/// A hand; its random sequence continues from glyph to glyph.
 pub(super) struct Hand<'s> {
     style: &'s Style,
     dice: Pcg64,
@@ -136,7 +136,7 @@ impl<'s> Hand<'s> {
         plan
     }
 
-    /// Where the hand aims for a target: slanted, stretched, missed a little.
+    /// The hand's aim for a target: slanted, stretched, with a small error.
     fn aim(&mut self, &(x, y, _): &Target) -> [f64; 2] {
         let y_em = f64::from(y) / 100.0 * self.style.height;
         let x_em = f64::from(x) / 100.0 * self.style.width + y_em * self.style.slant_rad.tan();
@@ -162,7 +162,7 @@ impl<'s> Hand<'s> {
         stroke
     }
 
-    /// How far a stroke is through, as z, when the next one sets in: further the sharper the corner.
+    /// Progress of a stroke, as z, when the next one sets in: larger for sharper corners.
     fn overlap(&mut self, end_rad: f64, start_rad: f64) -> f64 {
         let turn = (start_rad - end_rad + PI).rem_euclid(TAU) - PI;
         let sharpness = (turn.abs() / 1.3).min(1.0);
@@ -181,7 +181,7 @@ impl<'s> Hand<'s> {
         [[wave(), wave()], [wave(), wave()]]
     }
 
-    /// Standard normal, by Box and Muller; cut at 2.5 so that no letter is wrecked by one bad throw.
+    /// Standard normal, by Box and Muller; clipped at 2.5 so that no outlier spoils a letter.
     fn normal(&mut self) -> f64 {
         let (u, v): (f64, f64) = (self.dice.random(), self.dice.random());
         let z = (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos();

@@ -47,7 +47,7 @@ impl Lognormal {
         self.start_rad + self.bend_rad
     }
 
-    /// Way made until `t_s`, from (0, 0).
+    /// Displacement until `t_s`, from (0, 0).
     pub(super) fn displacement(&self, t_s: f64) -> [f64; 2] {
         let since = t_s - self.onset_s;
         if since <= 0.0 {

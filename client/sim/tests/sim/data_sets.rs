@@ -52,7 +52,7 @@ fn any_word_names_a_part_and_all_takes_every_row() {
     assert_eq!(DataSet::splits(set).unwrap(), ["train", "validation", "fold 3", "all"]);
     assert_eq!(names(set, &named("validation")), ["a.csv"]);
     assert_eq!(names(set, &named("fold 3")), ["x/b.csv", "c.dat"]);
-    // In the order of the table; what stands in two parts is loaded once, what stands in none not at all.
+    // In the order of the table; a file in two parts is loaded once, a file in none not at all.
     assert_eq!(names(set, &named("all")), ["x/b.csv", "a.csv", "c.dat"]);
     let all = DataSet::load(set, &Split::All, true).unwrap();
     let writers: Vec<&str> = all.characters().map(|c| c.writer.as_str()).collect();
@@ -96,7 +96,7 @@ fn pendigits_have_their_own_parts_and_writers_of_two_files_stay_apart() {
     assert_eq!((recording.rate_hz, recording.rate_assumed, recording.units_per_m), (100.0, true, None));
     let four = &recording.segments[0].components;
     assert_eq!((four.len(), &four[1].points, four[1].dt_before_s), (2, &vec![[5.0, 6.0]], Some(0.1)));
-    // A table goes before what the names tell.
+    // A table takes precedence over file names.
     let set = folder(&[("p.tra", DIGITS), ("split.tsv", "set\tfile\ndev\tp.tra\n")]);
     assert_eq!(DataSet::splits(set.path()).unwrap(), ["dev", "all"]);
 }

@@ -1,5 +1,4 @@
-//! Every loader against many thousands of mutated files: no panic, no point that is not finite, no memory
-//! without bound.
+//! Every loader against many thousands of mutated files: no panic, no non-finite point, no unbounded memory.
 //!
 //! Deterministic: the same number of cases is the same cases. FORETRACE_FUZZ_CASES=N runs N cases per format.
 
@@ -23,7 +22,7 @@ fn cases() -> usize {
     }
 }
 
-/// What is put in the place of something: bytes and words that parsers stumble over.
+/// Replacements: bytes and words that are hard for parsers.
 const WORDS: [&[u8]; 44] = [
     b"NaN",
     b"inf",
@@ -151,7 +150,7 @@ fn fuzz(name: &str, seeds: &[Vec<u8>]) {
         let read = read.unwrap_or_else(|_| panic!("{name}, case {case}: {}", bytes.escape_ascii()));
         good += usize::from(read);
     }
-    // Mutations that nothing survives, or that change nothing, would test nothing.
+    // Some mutated files must load and some must be refused, or the test proves nothing.
     assert!(good > cases() / 100 && good < cases(), "{name}: {good} of {} files were still good", cases());
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak =
@@ -216,7 +215,7 @@ fn mat() {
     ]);
     let plain = [little.train_file(false), big.train_file(false), published];
     fuzz("a.mat", &[&plain[..], &[little.train_file(true)]].concat());
-    // Damage inside of what is compressed afterwards, so that the check sum is right.
+    // Damages data before they are compressed, so that the checksum is right.
     let variable = plain[0][128..].to_vec();
     let mut random = Pcg64::seed_from_u64(2);
     for _ in 0..cases() / 4 {

@@ -1,4 +1,4 @@
-//! InkML files made up here: contexts, encodings, groups and views, and everything that is refused.
+//! InkML files made here: contexts, encodings, groups and views, and everything that is refused.
 
 use foretrace_sim::data::{Quantity, Recording, load_recording};
 

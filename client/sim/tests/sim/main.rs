@@ -1,4 +1,4 @@
-//! Recordings and data sets from outside, one file a subject. One binary: what they share is compiled once.
+//! Tests of recordings and data sets, one file per subject. One binary, so that shared code is compiled once.
 
 mod data_sets;
 mod fuzz_loaders;

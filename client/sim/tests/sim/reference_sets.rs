@@ -65,7 +65,7 @@ fn real_recordings_become_paths_inside_the_workspace_without_leaps() {
             for (a, b) in path.samples.iter().zip(&path.samples[1..]) {
                 assert!(b.t_s > a.t_s, "{}: {a:?} {b:?}", file.file);
                 let sampled = b.t_s - a.t_s < 1.5 / rate_hz;
-                // One glyph height per sample would be 6 m/s; nobody writes like that.
+                // One glyph height per sample would be 6 m/s; too fast for a hand.
                 let leap = (b.x_m - a.x_m).hypot(b.y_m - a.y_m);
                 assert!(!(sampled && leap > 0.03), "{}: {a:?} {b:?}", file.file);
                 assert!(!(a.contact && b.contact && !sampled), "a stroke with a hole: {a:?} {b:?}");

@@ -1,9 +1,9 @@
-//! The shared data sets, where they are there.
+//! The shared data sets, if they are present.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// The folder; `None`, and a line that says so, without it.
+/// The folder; `None`, and a message, without it.
 pub(crate) fn shared() -> Option<PathBuf> {
     let folder = std::env::var_os("FORETRACE_SHARED")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);

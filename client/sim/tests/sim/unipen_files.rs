@@ -1,4 +1,4 @@
-//! UNIPEN files made up here: the grammar, the errors, and hostile bytes.
+//! UNIPEN files made here: the grammar, the errors, and hostile bytes.
 
 use foretrace_sim::data::unipen::load_unipen;
 use proptest::prelude::*;

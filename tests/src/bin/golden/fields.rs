@@ -1,5 +1,5 @@
-//! The fields that are compared, in the order in which they are written. Times of the machine and names are
-//! none of them.
+//! The fields that are compared, in the order in which they are written. Wall times and names are not
+//! compared.
 
 use foretrace_control::follower::{Refusal, StepOutput};
 use foretrace_control::units::AxisState;
@@ -118,12 +118,12 @@ fn bits(value: f64) -> u64 {
     if value.is_nan() { f64::NAN.to_bits() } else { value.to_bits() }
 }
 
-/// "There is none" as a value of its own.
+/// The value for an absent field.
 fn maybe(value: Option<f64>) -> u64 {
     value.map_or(u64::MAX, bits)
 }
 
-/// The refusals that hold nothing, by their place here: their names may change.
+/// The refusals without data, by their index here: their names may change.
 const PLAIN: [Refusal; 16] = [
     Refusal::NoJointState,
     Refusal::JointStateStale,

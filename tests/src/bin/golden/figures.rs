@@ -1,4 +1,4 @@
-//! The numbers of the lab's experiments on the shared data sets, without those that are times.
+//! The figures of the lab's experiments on the shared data sets, without times.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::file::Figure;
 
-/// Each set with the experiments that are made on it.
+/// Each set with its experiments.
 const SETS: [(&str, &[&str]); 4] = [
     ("unipen-tos", &["table1", "fig2", "closed-loop"]),
     ("unipen-ced", &["closed-loop"]),
@@ -15,13 +15,13 @@ const SETS: [(&str, &[&str]); 4] = [
     ("character-trajectories", &["closed-loop"]),
 ];
 
-/// The sets that are there.
+/// The sets that are present.
 pub(crate) fn sets(shared: &Path) -> Vec<(PathBuf, &'static [&'static str])> {
     let all = SETS.iter().map(|(name, experiments)| (shared.join("data").join(name), *experiments));
     all.filter(|(path, _)| path.is_dir()).collect()
 }
 
-/// What the program of the same build says of one set.
+/// The figures of one set by the program of the same build.
 pub(crate) fn of((set, experiments): &(PathBuf, &[&str])) -> Result<Vec<Figure>, String> {
     let own = std::env::current_exe().map_err(|error| error.to_string())?;
     let program = own.with_file_name("foretrace-under-test");

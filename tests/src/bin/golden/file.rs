@@ -11,7 +11,7 @@ use crate::fields::{COUNT, NAMES};
 const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0100_0000_01b3;
 
-/// One life of the law.
+/// One run of the law.
 pub(crate) struct Scene {
     pub(crate) name: String,
     /// `COUNT` values a tick.

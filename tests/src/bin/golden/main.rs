@@ -1,5 +1,5 @@
-//! The net under changes that must not change anything: what the law decides over a fixed corpus, bit for
-//! bit.
+//! Regression check for changes that must not alter behaviour: the law's decisions over a fixed corpus, bit
+//! for bit.
 //!
 //! `golden record OUT [--shared DIR]` writes every field of [`fields::NAMES`] of every tick of every scene
 //! ([`scenes`]), and the figures of the lab's experiments where the shared data are. `golden compare A B`

@@ -1,4 +1,4 @@
-//! The corpus: texts of the built-in writer, hostile lives, arming and stops, switches, leaps and losses,
+//! The corpus: texts of the built-in writer, hostile inputs, arming and stops, switches, jumps and losses,
 //! every predictor, both presets.
 //!
 //! The learner runs in step with the law, so that a scene is a pure function of its name.
@@ -29,19 +29,19 @@ const TICKS: u64 = 1200;
 const HOSTILE_LIVES: u64 = 16;
 const START: Stamp = Stamp(10_000_000_000);
 
-/// What happens to a life, beside its pen.
+/// Events of a run, beside its pen.
 #[derive(Clone, Copy, PartialEq)]
 enum Events {
     None,
     /// Requests of every kind, one after the other.
     Operator,
-    /// Poison in every input with this seed.
+    /// Corrupts every input, with this seed.
     Hostile(u64),
     /// The dead-man switch is let go, then joint states fail, then ticks get lost.
     Losses,
-    /// The pen is elsewhere at once, several times.
+    /// The pen jumps, several times.
     Leaps,
-    /// The pen trembles: faster to and fro than the plan looks ahead.
+    /// The pen oscillates with a period shorter than the plan's horizon.
     Tremor,
     /// The learner hands over non-finite weights.
     BadWeights,
@@ -49,7 +49,7 @@ enum Events {
     TimeLost,
     /// The shell demands a stop because of late ticks.
     Overruns,
-    /// The arm stands still from here on, whatever it is told.
+    /// The arm stands still from here on, whatever its commands are.
     ArmStuck,
     /// The solver has no time for a while.
     Starved,

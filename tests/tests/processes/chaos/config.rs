@@ -7,7 +7,7 @@ use foretrace_tests::{World, assert_refused, judge, told, until};
 use super::scene::{Scene, assert_nothing_left, say, say_times};
 use crate::PROGRAM;
 
-/// Files that are no settings.
+/// Files that are not settings.
 fn garbage() -> Vec<(&'static str, Vec<u8>)> {
     let noise: Vec<u8> = (0..4096_u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     vec![
@@ -56,7 +56,7 @@ fn settings_that_turn_into_garbage_under_a_running_daemon() {
     let mut scene = Scene::following_with(world, &["--config", &file]);
     for (what, bytes) in garbage() {
         write(&scene.world, &bytes);
-        // Nobody reads it before it is asked to.
+        // The daemon does not read it until a reload.
         let since = monotonic_now_ns();
         scene.follows_again(since);
         let refused = scene.world.run(0, &["request", "reload"]);
@@ -64,7 +64,7 @@ fn settings_that_turn_into_garbage_under_a_running_daemon() {
         assert_eq!(scene.world.status(0)["predictor"]["name"], "hold", "{what}");
         scene.daemon.as_mut().expect("a daemon").expect_alive();
     }
-    // Put right, it is read.
+    // Corrected, it is read.
     write(&scene.world, b"preset = \"ur5\"\n[predictor]\nkind = \"constant-velocity\"\n");
     let asked = scene.world.run(0, &["request", "reload"]);
     assert!(asked.status.success(), "{}", told(&asked));

@@ -1,5 +1,4 @@
-//! Messages that make no sense, too many of them, or too few readers. What is refused is counted, and the
-//! loop goes on.
+//! Invalid messages, too many of them, or too few readers. Refusals are counted, and the loop goes on.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, until};
@@ -24,7 +23,7 @@ fn sent(told: &Value, what: &str) -> u64 {
     told["sent"][what].as_u64().unwrap_or_else(|| panic!("{what} in {told}"))
 }
 
-/// An honest pen afterwards moves the arm as ever.
+/// A valid pen afterwards moves the arm as before.
 fn heals(scene: &mut Scene, fault: &str) {
     let since = monotonic_now_ns();
     scene.player = Some(scene.world.start(0, &PLAY));
@@ -70,8 +69,7 @@ fn pen_flood_of_20_000_samples_per_second() {
     let mut scene = armed();
     let told = scene.forge("flood", "3");
     let good = sent(&told, "good");
-    // On a machine that sleeps it may be fewer; then it is less of a flood, and still every sample is
-    // accounted for.
+    // On a slow machine it may be fewer; still every sample is accounted for.
     assert!(good > 10_000, "{told}");
     let (received, dropped) = (grown(&told, "/pen/received"), grown(&told, "/pen/dropped"));
     assert_eq!(received + dropped + grown(&told, "/pen/rejected"), good, "{told}");
@@ -84,7 +82,7 @@ fn pen_flood_of_20_000_samples_per_second() {
 fn pen_that_is_legal_and_mad() {
     let mut scene = armed();
     let told = scene.forge("mad", "4");
-    // Outside the device is refused; a jump inside is believed only when it stays.
+    // A position outside the device is refused; a jump inside is accepted only if it persists.
     assert_eq!(grown(&told, "/pen/rejected"), sent(&told, "far"), "{told}");
     assert!(grown(&told, "/pen/outliers") > 0, "{told}");
     say("mad pen", &format!("{} samples set aside as outliers", grown(&told, "/pen/outliers")));
@@ -109,7 +107,8 @@ fn arm_whose_states_make_no_sense() {
     let told = last_line(&liar.output());
     let bad: u64 = told["sent"].as_object().expect("counts").values().filter_map(Value::as_u64).sum::<u64>()
         - sent(&told, "good");
-    // The queue of joint states is short on purpose: what the loop did not come to see is missing, not wrong.
+    // The queue of joint states is short on purpose: states that the loop did not read are missing, not
+    // wrong.
     let (refused, received) = (grown(&told, "/arm/rejected"), grown(&told, "/arm/received"));
     assert!(refused > 0 && refused <= bad, "{told}");
     assert!(received <= sent(&told, "good"), "{told}");

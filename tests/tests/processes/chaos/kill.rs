@@ -9,8 +9,8 @@ use super::scene::{Moments, PLAY, Scene, rounds, say, say_times};
 /// Of all rounds, every test here takes a fifth.
 const SHARE: u32 = 5;
 
-/// Starts `words` until it stays: the place of a dead peer is free once somebody has cleaned up after it.
-/// `done` says when it stayed.
+/// Starts `words` until it stays: the place of a dead peer is free once a live one has cleaned up. `done`
+/// says when it stayed.
 fn started<T>(
     scene: &mut Scene,
     words: &[&str],
@@ -72,7 +72,7 @@ fn arm_killed() {
     for _ in 0..rounds(SHARE) {
         moments.wait(300);
         scene.arm.take().expect("an arm").kill();
-        // Until then the loop follows the pen, and nobody could tell that from a recovery.
+        // Until then the loop still follows the pen, which looks like a recovery.
         stops_by_itself(&scene);
         let since = monotonic_now_ns();
         let report = scene.next_arm_report();
@@ -176,7 +176,7 @@ fn killed_during_start_up() {
                 scene.daemon = Some(scene.world.daemon(0));
                 until("the loop follows again", || follows(&scene, since))
             }
-            // A machine that starts so much may starve the arm for 50 ms, which latches a stop as it should.
+            // Starting many processes may starve the arm for 50 ms, which latches a stop, correctly.
             _ => until("the loop follows again", || follows(&scene, since)),
         };
         times.push(ms);

@@ -1,5 +1,5 @@
-//! Poison for the learner: what makes no sense never reaches it, and nothing learnt from nonsense reaches the
-//! loop.
+//! Corrupt input for the learner: invalid samples never reach it, and nothing learnt from nonsense reaches
+//! the loop.
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, until};
@@ -10,7 +10,7 @@ use crate::PROGRAM;
 #[test]
 fn learner_fed_poison() {
     let mut scene = Scene::armed_in(World::new(PROGRAM));
-    // An honest hand first: the learner does learn here.
+    // A regular hand first: the learner does learn here.
     let honest = scene.forge("honest", "3");
     let of = |told: &serde_json::Value, when: &str, key: &str| {
         told[when]["learner"][key].as_u64().unwrap_or_else(|| panic!("{key} in {told}"))
@@ -26,7 +26,7 @@ fn learner_fed_poison() {
     let bad = poison["sent"]["bad"].as_u64().expect("a count");
     say("learner's poison", &format!("{learnt} steps learnt from an honest pen, 0 from {bad} bad samples"));
 
-    // Nonsense that is legal is learnt from; it must not outlast itself.
+    // The learner learns from legal nonsense; the effect must not last.
     let mad = scene.forge("mad", "4");
     assert_eq!(of(&mad, "after", "weights_refused"), 0, "{mad}");
     let since = monotonic_now_ns();

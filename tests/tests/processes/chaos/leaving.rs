@@ -1,4 +1,4 @@
-//! Daemon, arm and pen leave in every order: whoever is the last, nothing stays behind.
+//! Daemon, arm and pen leave in every order: the last one leaves nothing behind.
 
 use foretrace_tests::{Process, World, until};
 
@@ -48,7 +48,7 @@ fn nothing_stays_behind_when_all_leave_at_once() {
         }
         for process in [daemon, arm, player] {
             let output = process.output();
-            // Who notices the end of the daemon before its own signal says so.
+            // A program that notices the daemon's end before its own signal reports it.
             assert!(matches!(output.status.code(), Some(0 | 3)), "{}", foretrace_tests::told(&output));
         }
         assert_nothing_left(&world);

@@ -99,7 +99,7 @@ fn shared_memory_fills_up_under_a_running_loop() {
     let Some(namespace) = Namespace::enter(&mut world, 64) else { return };
     let mut scene = Scene::following_in(world);
     namespace.fill();
-    // Everybody who is connected goes on: their pages are there.
+    // Connected processes go on: their pages are allocated.
     std::thread::sleep(Duration::from_secs(2));
     let since = monotonic_now_ns();
     scene.follows_again(since);
@@ -140,7 +140,7 @@ fn newcomers_while_shared_memory_is_full() {
     let mut scene = Scene::following_in(world);
     scene.player.take().expect("a player").end();
     namespace.fill();
-    // A newcomer is told why it may not come in; those who are there notice nothing.
+    // A newcomer gets the reason for its refusal; connected processes are not affected.
     for words in [&["status"][..], &["request", "query"], &PLAY, &["observe", "1"]] {
         let refused = scene.world.run(0, words);
         assert_refused(&refused, 1, &["/dev/shm has 0 KiB free", "remove files there"]);

@@ -1,5 +1,5 @@
-//! Arms that fail, over processes: the loop stops with the reason, is not armed again as if nothing had been,
-//! and goes on with the next arm.
+//! Arms that fail, over processes: the loop stops with the reason, refuses to arm the faulty arm, and goes on
+//! with the next arm.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::scene::{PLAY, Scene, say};
 
-/// The arm fails so long after it began to cycle [s]: it is armed and follows by then, also on a busy
+/// Time of the fault after the arm's first cycle [s]: it is armed and follows by then, also on a busy
 /// machine.
 const AT_S: u32 = 6;
 

@@ -1,4 +1,4 @@
-//! Peers that are one too many, never read, or come from another version.
+//! Peers that exceed the places, never read, or are of another version.
 
 use std::io::{BufRead, BufReader};
 
@@ -53,7 +53,7 @@ fn two_pens_at_once() {
     for key in ["rejected", "out_of_order", "dropped"] {
         assert_eq!(status["pen"][key], 0, "{status}");
     }
-    // The place is free as soon as its owner is gone, however it went.
+    // The place is free as soon as its owner is gone, however it ended.
     scene.player.take().expect("a player").kill();
     let since = monotonic_now_ns();
     let second = scene.world.start(0, &PLAY);
@@ -70,7 +70,7 @@ fn peer_of_another_layout() {
     let refused = world.run(0, &["daemon", "--no-rights"]);
     assert_refused(&refused, 1, &["foretrace/pen", "layout", "use programs of one version of foretrace"]);
     squatter.kill();
-    // What it left behind is in nobody's way.
+    // Its leftovers do no harm.
     let since = monotonic_now_ns();
     let daemon = world.daemon(0);
     say(

@@ -1,5 +1,4 @@
-//! A whole loop that follows a pen, under the eyes of the recorder; and the end of it, with everything
-//! accounted for.
+//! A whole loop that follows a pen, with the recorder; and its end, with every command accounted for.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
@@ -22,7 +21,7 @@ pub(crate) struct Beat {
     pub(crate) published_ns: u64,
 }
 
-/// The recorder's process, and what it says.
+/// The recorder's process, and its output.
 pub(crate) struct Recorder {
     process: Process,
     until: std::path::PathBuf,
@@ -80,9 +79,9 @@ pub(crate) struct Scene {
     pub(crate) player: Option<Process>,
     recorder: Option<Recorder>,
     arms: u32,
-    /// An arm failed on purpose: where it was measured says nothing about the loop.
+    /// An arm failed on purpose: its measured position does not test the loop.
     pub(crate) arm_fails: bool,
-    /// What was answered last, for who has to find out why a test waits in vain.
+    /// The last answer, for the diagnosis of a test that times out.
     noted: std::cell::RefCell<String>,
 }
 
@@ -186,7 +185,7 @@ impl Scene {
         self.arm_fails |= options.contains(&"--fault");
         if self.arms > 0 {
             // The next arm stands elsewhere: the last word of the one before must be too old to be armed at.
-            // Who has no daemon has nothing to forget.
+            // Without a daemon there is nothing to wait for.
             until("the old arm is forgotten", || {
                 let asked = self.world.run(0, &["status", "--json", "-"]);
                 let status: Value = serde_json::from_slice(&asked.stdout).unwrap_or_default();
@@ -262,7 +261,7 @@ impl Scene {
         self.end_and_listen().0
     }
 
-    /// The same; returns also the number of bytes that the daemon had said and nobody had read.
+    /// The same; returns also the number of bytes of the daemon's output that were not read.
     pub(crate) fn end_and_listen(mut self) -> (Value, usize) {
         if let Some(player) = self.player.take() {
             player.end();
@@ -275,7 +274,7 @@ impl Scene {
                 (mode == "idle" || mode == "stopped" || mode == "fault").then_some(())
             });
         }
-        // What is stopping is still sending; the status is a tenth of a second old.
+        // A stopping loop still sends commands; the status is a tenth of a second old.
         let sent = self.daemon.is_some().then(|| {
             std::thread::sleep(Duration::from_millis(300));
             let status = self.world.status(0);
@@ -291,7 +290,7 @@ impl Scene {
         std::thread::sleep(Duration::from_millis(100));
         let report = self.recorder.take().expect("a recorder").finish();
         assert_eq!(report["violations"], 0, "{report}");
-        // Whatever died: the arm, as it was measured, stayed over the paper and in the workspace.
+        // Whichever process died: the measured arm stayed over the paper and in the workspace.
         let envelope = &report["envelope"];
         let figure = |key: &str| envelope[key].as_f64().filter(|_| !self.arm_fails);
         if let (Some(low), Some(outside)) = (figure("height_min_m"), figure("outside_max_m")) {
@@ -302,7 +301,7 @@ impl Scene {
             // A daemon that sent nothing yet has nothing to be compared with.
             assert!(sent == 0 || count("last_sequence") == sent, "{sent} commands sent, but {report}");
         }
-        // A recorder that the machine kept asleep for half a second missed some, and says so.
+        // A recorder without CPU time for half a second misses commands, and reports it.
         assert!(count("missed") * 20 <= count("seen"), "{report}");
         let said = self.daemon.take().map_or(0, |daemon| daemon.end().stderr.len());
         assert_nothing_left(&self.world);

@@ -59,7 +59,7 @@ fn daemon_stopped_and_continued() {
         moments.wait(300);
         let daemon = scene.daemon.as_ref().expect("a daemon");
         daemon.signal("-STOP");
-        // Longer than `safety.latch_after_ms`: the loop may not go on as if nothing had been.
+        // Longer than `safety.latch_after_ms`: the loop must not simply go on.
         std::thread::sleep(Duration::from_millis(700));
         let since = monotonic_now_ns();
         daemon.signal("-CONT");

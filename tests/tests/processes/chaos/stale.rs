@@ -1,4 +1,4 @@
-//! Segments that nobody owns any more: of a killed run, cut short, of garbage, of another version.
+//! Orphaned segments: of a killed run, truncated, garbage, of another version.
 
 use std::os::unix::fs::{PermissionsExt, chown};
 use std::path::PathBuf;
@@ -84,8 +84,8 @@ fn segments_cut_short_and_of_garbage() {
 fn segments_of_another_version() {
     let world = World::new(PROGRAM);
     let own = world.instance(0).prefix().to_owned();
-    // Same number, same folder, another version of the middleware: its names differ, so nobody may touch or
-    // mind them.
+    // Same number, same folder, another version of the middleware: its names differ, so they are neither
+    // touched nor a problem.
     let (head, tail) = own.split_once('v').expect("ft<number>v<version>_<hash>_");
     let other = format!("{head}v001{}", &tail[tail.find('_').expect("a hash")..]);
     let foreign = PathBuf::from(format!("/dev/shm/{other}1.dynamic"));

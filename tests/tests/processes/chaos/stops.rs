@@ -20,7 +20,7 @@ fn rounds() -> usize {
     std::env::var("FORETRACE_STOP_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(3)
 }
 
-/// Stops while what `fault` makes lasts; then, without it, arms and follows again.
+/// Stops while the value of `fault` lives; then, without it, arms and follows again.
 pub(crate) fn stops_under<T>(what: &str, scene: &mut Scene, mut fault: impl FnMut(&Scene) -> T) {
     let mut times = Vec::new();
     for _ in 0..rounds() {
@@ -82,7 +82,7 @@ fn stop_while_even_the_stop_thread_hangs_goes_by_signal() {
     let mut scene = Scene::following();
     let Some(held) = hold(&scene, "foretrace-stop") else { return drop(scene.end()) };
     let since = monotonic_now_ns();
-    // The signal has been sent, and nobody can confirm it: it says so, in time.
+    // The signal has been sent and cannot be confirmed: the call reports it, in time.
     let asked = scene.world.run(0, &["request", "stop", "--timeout", "1"]);
     assert_refused(&asked, 1, &["SIGUSR1", "stop button"]);
     let ms = until("a braking command", || scene.stopped_at(since));
@@ -142,7 +142,7 @@ fn stop_while_frozen_programs_hold_all_places() {
     let mut scene = Scene::following();
     stops_under("four frozen programs hold all places for operators", &mut scene, |scene| {
         let holders: Vec<Process> = (0..4).map(|_| frozen_holder(&scene.world)).collect();
-        // Who asks for something else is told who they are.
+        // Other requests are refused with the holders' names.
         let pids: Vec<String> = holders.iter().map(|holder| holder.pid().to_string()).collect();
         let mut words: Vec<&str> = pids.iter().map(String::as_str).collect();
         words.push("4 places for operators");
@@ -190,8 +190,8 @@ const TOO_SLOW: [&str; 8] = [
     "mpc.horizon=30",
 ];
 
-/// As many late ticks allowed as there are ticks: the overruns go on. Nobody waits for such a loop to follow
-/// again.
+/// As many late ticks allowed as there are ticks: the overruns go on. The test does not wait for such a loop
+/// to follow again.
 #[test]
 fn stop_under_persistent_overruns() {
     let lasting = [&TOO_SLOW[..], &["--set", "safety.late_ticks_max=1.0"]].concat();
@@ -223,7 +223,7 @@ fn a_loop_that_cannot_keep_its_rate_is_stopped_and_answers() {
         "overruns",
         &format!("latched {ms:.0} ms after the start of the pen; {} overruns", seen["loop"]["overruns"]),
     );
-    // And whoever asks is answered.
+    // Requests are still answered.
     for words in [&["request", "query"][..], &["request", "stop"], &["request", "disarm"]] {
         let asked = scene.world.run(0, words);
         assert!(asked.status.success(), "{}", told(&asked));

@@ -27,7 +27,7 @@ fn learner_thread_hangs() {
     until("something is learnt", || (scene.count("/learner/updates") > 50).then_some(()));
     let Some(held) = frozen(&scene, "foretrace-learn") else { return drop(scene.end()) };
     let learnt = scene.count("/learner/updates");
-    // The loop does not wait; what finds no room is counted, and the age of the weights shows.
+    // The loop does not wait; records without room are counted, and the age of the weights shows.
     until("the learner's ring is full", || (scene.count("/dropped/learner_ring") > 0).then_some(()));
     assert!(scene.count("/learner/updates") <= learnt + 256);
     let since = monotonic_now_ns();
@@ -47,8 +47,8 @@ fn learner_thread_hangs() {
 fn ipc_thread_hangs() {
     let scene = Scene::following();
     let Some(held) = frozen(&scene, "foretrace-ipc") else { return drop(scene.end()) };
-    // Who asks is told that nobody answers, within a bound.
-    assert_refused(&scene.world.run(0, &["status"]), 3, &["says nothing"]);
+    // A request fails with a timeout, within a bound.
+    assert_refused(&scene.world.run(0, &["status"]), 3, &["reports no status"]);
     let asked = scene.world.run(0, &["request", "query", "--timeout", "0.5"]);
     assert_refused(&asked, 1, &["answer"]);
     let since = monotonic_now_ns();

@@ -1,4 +1,4 @@
-//! What people get wrong is answered in one sentence, with the right exit code.
+//! Wrong input gives one sentence and the right exit code.
 
 mod table;
 
@@ -65,7 +65,7 @@ fn one_table_of_wrong_invocations() {
 
 /// Runs the program under `limits` of a shell, for example `-n 32`.
 fn limited(world: &World, limits: &str, arguments: &[&str]) -> std::process::Output {
-    // A limit that is not heeded must not keep the test for ever.
+    // A limit without effect must not block the test for ever.
     let script = format!("ulimit {limits} || exit 99; exec timeout 60 \"$@\"");
     let mut command = Command::new("sh");
     command.args(["-c", &script, "sh", PROGRAM]).args(arguments).current_dir(world.file(""));
@@ -198,7 +198,7 @@ fn settings_that_are_right_are_summed_up_and_shown() {
     assert!(output.status.success(), "{}", told(&output));
     let output = world.run_plain(&["config", "show", "--config", &file]);
     assert!(String::from_utf8_lossy(&output.stdout).contains("rate_hz = 250"), "{}", told(&output));
-    // What is shown reads back as the same settings.
+    // The shown settings load as the same settings.
     let shown = world.write("shown.toml", &String::from_utf8_lossy(&output.stdout));
     let output = world.run_plain(&["config", "check", &shown]);
     assert!(output.status.success(), "{}", told(&output));

@@ -39,7 +39,7 @@ pub(super) const FILES: [(&str, &str); 16] = [
 
 /// `{}` stands for [`NOBODY`].
 pub(super) const CASES: &[Case] = &[
-    // Words that there are not.
+    // Unknown words.
     ("", 2, &["Usage"]),
     ("fly", 2, &["unrecognized subcommand", "fly"]),
     ("\u{1b}[31mfly", 2, &["unrecognized subcommand", "\\u001B[31mfly"]),
@@ -65,7 +65,7 @@ pub(super) const CASES: &[Case] = &[
     ("status --root relative", 2, &["absolute path", "60 bytes"]),
     ("status --root /xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx", 2, &["60 bytes", "63"]),
     ("daemon --root relative", 2, &["absolute path"]),
-    // Nobody there.
+    // No daemon.
     ("status {}", 3, &["no daemon running", "foretrace daemon"]),
     ("status --watch {}", 3, &["no daemon running"]),
     ("status --json - {}", 3, &["no daemon running"]),

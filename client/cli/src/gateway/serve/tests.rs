@@ -55,7 +55,7 @@ impl Rig {
         GatewayFeed::connect(self.path()).unwrap()
     }
 
-    /// A client that says what it likes, already let in.
+    /// An admitted client that sends arbitrary bytes.
     fn raw(&self) -> Raw {
         let stream = UnixStream::connect(self.path()).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -94,7 +94,7 @@ impl Raw {
     }
 
     fn send(&mut self, bytes: &[u8]) {
-        // A gateway that has ended the connection is what some of these clients deserve.
+        // The gateway may have ended the connection of some of these clients.
         let _ = self.0.get_mut().write_all(bytes);
     }
 }
@@ -176,7 +176,7 @@ fn a_second_client_is_told_why_and_the_first_goes_on() {
 fn a_client_that_is_silent_gives_way_only_when_another_comes() {
     let rig = Rig::new(Policy { silence: Duration::from_millis(50), ..policy() });
     let mut silent = rig.raw();
-    // Refused samples are no sign of life.
+    // Refused samples do not count as activity.
     std::thread::sleep(Duration::from_millis(60));
     silent.send(&Frame(PenSample { x_m: 99.0, ..sample() }).encode());
     let mut next = rig.feed();
@@ -277,7 +277,7 @@ fn clients_that_break_off_inside_a_frame_or_die_leave_room_for_the_next() {
         assert!(raw.line().contains("ended inside a frame"));
     }
     for _ in 0..20 {
-        // Gone without a word, some with bytes on the way.
+        // Disconnected without an end, some with bytes in flight.
         let mut raw = rig.raw();
         raw.send(&Frame(sample()).encode());
         drop(raw);

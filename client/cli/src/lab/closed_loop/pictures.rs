@@ -10,7 +10,7 @@ use foretrace_sim::plot::{Cell, LogLine, LogPanel, letter_grid, log_panels};
 use crate::failure::Failure;
 use crate::output::say;
 
-/// Share of the sequences [%] against their RMS error [mm], a curve for each rival, a chart for each arm.
+/// Share of the sequences [%] against their RMS error [mm], a curve for each method, a chart for each arm.
 pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Result<(), Failure> {
     let curve = |outcome: &Outcome| {
         let mut rms: Vec<f64> = outcome.scores.iter().flatten().map(rms_mm).collect();
@@ -41,7 +41,7 @@ pub(super) fn distributions(out: &Path, title: &str, outcomes: &[Outcome]) -> Re
     Ok(())
 }
 
-/// The best, the median and the worst sequence of `mixture` before each arm, also as `hold` writes them.
+/// The best, the median and the worst sequence of `mixture` on each arm, also as `hold` writes them.
 pub(super) fn letters(
     out: &Path,
     title: &str,

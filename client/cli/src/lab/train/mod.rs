@@ -262,7 +262,7 @@ fn finish(
     })?;
     let picture = out.with_extension("svg");
     let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
-    // From here on the model is there, and whoever fails says so.
+    // From here on the model is saved, and every failure says so.
     curve(&picture, &title, &data.title(), history).map_err(|error| {
         let saved = out.display();
         Failure::failed(
@@ -305,7 +305,7 @@ fn finish(
     }))
 }
 
-/// An error in the device's units, whatever their size.
+/// Formats an error in the device's units, of any magnitude.
 fn figure(error: f64) -> String {
     if error.abs() < 1e-2 { format!("{error:.3e}") } else { format!("{error:.3}") }
 }

@@ -1,4 +1,4 @@
-//! The options of `foretrace lab train`, and what they mean together with a recipe.
+//! The options of `foretrace lab train`, combined with a recipe.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use crate::failure::Failure;
 use crate::output::JsonArgs;
 
 #[derive(Debug, clap::Args)]
-// So that negative numbers are answered with what is legal.
+// So that a negative number gets the message with the legal range.
 #[command(allow_negative_numbers = true)]
 pub(crate) struct TrainArgs {
     /// Network to train: lstm10, lstm32 or lstm64, with as many cells
@@ -20,11 +20,11 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
     pub(super) data: Vec<PathBuf>,
 
-    /// A bad file ends the command instead of being left out
+    /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     pub(super) strict: bool,
 
-    /// Which part of the sets to train on: a word of their split.tsv, or all
+    /// Part of the sets to train on: a word of their split.tsv, or all
     #[arg(long, value_name = "WORD", default_value = "train")]
     pub(super) split: Split,
 
@@ -32,7 +32,7 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "bench")]
     pub(super) out: Option<PathBuf>,
 
-    /// Where the options start from: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual
+    /// Recipe that sets the defaults: paper (MSE, padding counted, Adam 1e-3), robust (inputs cut, residual
     /// output, Huber loss, one-cycle Adam) or mixture (what the predictor `mixture` reads: 24 leads,
     /// normalised, changed copies; for lstm64) [default: paper for lstm10, else robust]
     #[arg(long, value_name = "NAME", value_parser = recipe)]
@@ -50,7 +50,7 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "RATE", value_parser = rate)]
     pub(super) rate: Option<f64>,
 
-    /// Decides start, order, held-out writers and augmentation
+    /// Seed of the initial weights, order, held-out writers and augmentation
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) seed: u64,
 
@@ -72,35 +72,36 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) leads: Option<u32>,
 
-    /// Cut inputs to this many RMS per component, or none
+    /// Clip inputs to this many RMS per component, or none
     #[arg(long, value_name = "RMS|none", value_parser = positive_or_none)]
     pub(super) clip: Option<Maybe>,
 
-    /// Output is added to the newest input
+    /// Add the output to the newest input (residual)
     #[arg(long, value_name = "true|false", action = clap::ArgAction::Set)]
     pub(super) residual: Option<bool>,
 
-    /// Huber loss with its corner at this many RMS, or none for squared errors
+    /// Use the Huber loss with its corner at this many RMS, or none for squared errors
     #[arg(long, value_name = "RMS|none", value_parser = positive_or_none)]
     pub(super) huber: Option<Maybe>,
 
-    /// The zeros that fill a batch: counted in the loss, or masked
+    /// Treat the zeros that pad a batch: counted in the loss, or masked
     #[arg(long, value_name = "counted|masked", value_parser = padding)]
     pub(super) padding: Option<Padding>,
 
-    /// Steps between strokes and steps longer than this many RMS are no targets, nor is what lies beyond
+    /// Exclude steps between strokes and steps longer than this many RMS from the targets, with all leads
+    /// beyond them
     #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
     pub(super) gate: Option<f64>,
 
-    /// The state is forgotten before inputs longer than this many RMS
+    /// Reset the state before inputs longer than this many RMS
     #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
     pub(super) reset_at_jump: Option<f64>,
 
-    /// Shorten longer gradients to this
+    /// Clip the gradient's norm to this
     #[arg(long, value_name = "NORM", value_parser = crate::play::source::positive)]
     pub(super) limit_norm: Option<f64>,
 
-    /// Changed copies in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10,
+    /// Augment the sequences in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10,
     /// shear=0.1, noise=0.02, grid=0.2, comma-separated [default: none; mixture:
     /// scale=0.7..1.4,time=0.8..1.25,rotate=10,shear=0.15]
     #[arg(long, value_name = "LIST")]
@@ -110,11 +111,11 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = share)]
     pub(super) hold_out: f64,
 
-    /// End after so many epochs without a better held-out loss [default: 10; never with one-cycle]
+    /// Stop after this many epochs without a better held-out loss [default: 10; never with one-cycle]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) patience: Option<u32>,
 
-    /// Train on all writers for all epochs; nothing is held out
+    /// Train on all writers for all epochs, with none held out
     #[arg(long = "final", conflicts_with = "patience")]
     pub(super) all_writers: bool,
 
@@ -126,11 +127,11 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "TEXT")]
     pub(super) citation: Option<String>,
 
-    /// Only measure the time per step of the paper's recipe on one thread, on --data or on made-up strokes
+    /// Only measure the time per step of the paper's recipe on one thread, on --data or on synthetic strokes
     #[arg(long, conflicts_with_all = ["out", "resume"])]
     pub(super) bench: bool,
 
-    /// With --bench: write everything that another implementation needs to do the same work
+    /// With --bench: write everything that another implementation needs to repeat the work
     #[arg(long, value_name = "FILE", requires = "bench")]
     pub(super) exchange: Option<PathBuf>,
 

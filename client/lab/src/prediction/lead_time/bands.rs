@@ -1,8 +1,8 @@
-//! Error bands of whatever predicts: the daemon's own calibration ([`Factor`]), judged before it learns.
+//! Error bands of a predictor: the daemon's own calibration ([`Factor`]), scored before it learns.
 //!
-//! A band is a factor, one per look-ahead time and share, times the pen's recent step. After its target is
-//! over, every prediction teaches the factors; a prediction made at t is judged by what was known at t. Cases
-//! in which the pen rests before and after say nothing and are not learned from.
+//! A band is a factor, one per look-ahead time and share, times the pen's recent step. Every prediction
+//! updates the factors once its target is known; a prediction made at t is scored by the factors at t. Cases
+//! in which the pen rests before and after carry no information and are not learned from.
 
 use foretrace_control::learn::Factor;
 use foretrace_control::pen::REST;
@@ -36,7 +36,7 @@ pub(super) struct Bands {
 }
 
 impl Bands {
-    /// Wide ones, not offered yet; `steps` of the device to each look-ahead time.
+    /// Wide initial bands, not given out yet; `steps` of the device to each look-ahead time.
     pub(super) fn untried(steps: impl Fn(usize) -> f64) -> Self {
         let factors = std::array::from_fn(|lead| [Factor::untried(steps(lead).max(1.0)); SHARES.len()]);
         Self { scale: RunningScale::default(), level_square: 0.0, factors, waiting: Vec::new() }
@@ -56,7 +56,7 @@ impl Bands {
         self.level_square = level_square(self.level_square, v.map(|component| component / unit));
     }
 
-    /// Radii \[raw units\] of a prediction made now, once they are known well enough.
+    /// Radii \[raw units\] of a prediction made now, once enough is known.
     pub(super) fn at(&self, lead: usize) -> Option<[f64; SHARES.len()]> {
         let [half, most] = self.factors.get(lead)?.each_ref().map(Factor::get);
         Some([half? * self.unit(), most? * self.unit()])

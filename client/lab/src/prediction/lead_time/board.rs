@@ -16,7 +16,7 @@ use crate::parallel;
 /// The model that standings are measured against.
 const STILL: &str = "zero";
 
-/// Who takes part.
+/// A predictor on the board.
 #[derive(Debug, Clone)]
 pub enum Entrant {
     /// A model that runs here.
@@ -60,7 +60,7 @@ pub struct Lane {
     pub model: String,
     /// One row per look-ahead time.
     pub leads: Vec<LeadRow>,
-    /// What the reader must know.
+    /// Notes for the reader.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
@@ -97,7 +97,7 @@ pub struct Standing {
     pub sets: usize,
 }
 
-/// Runs every entrant on every set; `done` hears of every finished pair.
+/// Runs every entrant on every set; calls `done` after every pair.
 ///
 /// # Errors
 /// A model that cannot start, or predictions that do not fit.

@@ -1,10 +1,10 @@
-//! Error against look-ahead time, on one time axis for devices of any rate: a leaderboard for pen prediction.
+//! Error against look-ahead time, on one time axis for devices of any rate: ranks predictors of the pen.
 //!
 //! A character is its points p\[0\], p\[1\] … (p\[0\] = 0, the appended rest left out). At every *instant*
 //! (each 20 ms of writing) a model has seen p[0..=t] and predicts where the pen is 10, 20 … 200 ms later;
 //! between samples both the true and the predicted path are straight. Scored are targets inside the character
-//! whose window p[t-1] … target holds no jump between strokes: what nobody could have foreseen. Every model
-//! that runs here gets error bands by the daemon's calibration; predictions from elsewhere bring their own.
+//! whose window p[t-1] … target holds no jump between strokes, which cannot be predicted. Every model that
+//! runs here gets error bands by the daemon's calibration; predictions from elsewhere bring their own.
 
 mod targets;
 mod tally;

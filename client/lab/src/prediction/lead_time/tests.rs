@@ -1,4 +1,4 @@
-//! Lead times: what simple motion must come to, windows, rates, and predictions from files.
+//! Lead times: expected errors on simple motion, windows, rates, and predictions from files.
 
 use super::*;
 use crate::prediction::{Model, Sequence, Set};
@@ -85,7 +85,7 @@ fn devices_of_other_rates_share_the_time_axis() {
     assert!(boards[0].models[0].leads.iter().all(|row| row.rms.unwrap() < 1e-9));
 }
 
-/// What somebody else would do with the exported files: constant velocity in a few lines of their own.
+/// An external predictor on the exported files: constant velocity in a few lines.
 fn answered(folder: &Path, bands: bool) -> String {
     let points = std::fs::read_to_string(folder.join("pens-points.csv")).unwrap();
     let points: Vec<Vec<String>> =

@@ -1,4 +1,4 @@
-//! The daemon's law in front of a simulated arm that may fail: what the tests of the tracking monitor share.
+//! The daemon's law with a simulated arm that may fail: shared by the tests of the tracking monitor.
 
 use std::collections::VecDeque;
 
@@ -17,9 +17,9 @@ use nalgebra::Vector3;
 
 /// Of the presets.
 const HORIZON: usize = 20;
-/// The pen rests above its first sample for so long before it begins \[ns\].
+/// Time for which the pen rests above its first sample \[ns\].
 const WAIT_NS: u64 = 1_000_000_000;
-/// The tool is compared with the commands of so many ticks.
+/// Number of ticks whose commands the tool is compared with.
 const REMEMBERED: usize = 250;
 
 /// A pen that goes round and round.
@@ -38,14 +38,14 @@ impl Pen {
     }
 }
 
-/// What was seen from outside.
+/// Quantities observed from outside.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Seen {
     /// Fastest that a joint was commanded to move \[rad/s\].
     pub(crate) joint_radps: f64,
     /// Farthest that the tool really was from all commands of the last half second \[m\].
     pub(crate) off_m: f64,
-    /// Least share of its speed that the arm was said to have.
+    /// Smallest estimated share of its speed.
     pub(crate) share: Option<f64>,
     /// Fastest that the tool was commanded to move lately \[m/s\].
     pub(crate) tool_mps: f64,

@@ -1,4 +1,4 @@
-//! Random legal values for the keys of the law, judged by `config` itself.
+//! Random legal values for the keys of the law, checked by `config` itself.
 
 use std::sync::OnceLock;
 
@@ -123,7 +123,7 @@ pub(crate) struct Accepted {
     pub(crate) changed: String,
     /// Combinations refused before.
     pub(crate) refused: u64,
-    /// The extreme of this case, where nothing was accepted with it, not even by itself.
+    /// The extreme of this case, if it was never accepted, not even alone.
     pub(crate) left_out: Option<String>,
 }
 
@@ -131,8 +131,8 @@ pub(crate) struct Accepted {
 const AMONG_OTHERS: u64 = 8;
 const BY_ITSELF: u64 = 8;
 
-/// A combination with the extreme of the key that the number of the case says; the first [`extremes`] cases
-/// go through all.
+/// A combination with the extreme of the key that the number of the case selects; the first [`extremes`]
+/// cases go through all.
 pub(crate) fn accepted(random: &mut Pcg64, case: u64) -> Accepted {
     let keys = drawn();
     let extreme_key = keys[(case / 2) as usize % keys.len()];

@@ -1,4 +1,4 @@
-//! One life of the law with one combination of settings.
+//! One run of the law with one combination of settings.
 
 use foretrace_config::Config;
 use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
@@ -27,7 +27,7 @@ impl Length {
 
 const LONGEST_REST_S: f64 = 3.0;
 
-/// What became of it.
+/// The outcome.
 #[derive(Debug)]
 pub(crate) struct Seen {
     pub(crate) pen: String,
@@ -36,13 +36,13 @@ pub(crate) struct Seen {
     pub(crate) latched: Option<StopReason>,
     /// Farthest that commands had the tip beyond the workspace, and beyond where it began \[m\].
     pub(crate) outside: f64,
-    /// The same after a stop has latched: the way of the stop itself.
+    /// The same after a stop has latched: the stopping distance.
     pub(crate) outside_stopping: f64,
     pub(crate) height: [f64; 2],
     pub(crate) tilt: f64,
     pub(crate) tilt_begin: f64,
     pub(crate) speed: f64,
-    /// The axis along which the tip swings while the pen rests, and from where to where \[m\].
+    /// The axis along which the tip oscillates while the pen rests, and its range \[m\].
     pub(crate) swing: Option<(char, f64)>,
 }
 
@@ -92,7 +92,7 @@ fn live_with<const N: usize>(config: &Config, random: &mut Pcg64, mut length: Le
     for tick in 0.. {
         if tick == end {
             seen.swing = swing(&trail, (length.rests / period_s) as usize);
-            // A swing that stands is still there later; the way to a place far away is not.
+            // A sustained oscillation is still there later; a motion to a far place is not.
             if seen.swing.is_none() || length.rests == LONGEST_REST_S {
                 break;
             }

@@ -1,4 +1,4 @@
-//! Random combinations of legal settings under hostile and honest pens, in simulated time: whatever `config`
+//! Random combinations of legal settings with hostile and regular pens, in simulated time: whatever `config`
 //! accepts keeps the tip inside its envelope, sends legal commands, and stands still where the pen rests.
 //!
 //! Where the tip is, is computed here from the commanded joints, by Denavit-Hartenberg parameters of its own.
@@ -25,7 +25,7 @@ fn number(variable: &str, default: u64) -> u64 {
     std::env::var(variable).map_or(default, |text| text.parse().expect("a whole number"))
 }
 
-/// What was wrong with a life, in words; empty: nothing.
+/// The faults of a run, in words; empty: none.
 fn wrong(config: &Config, seen: &Seen) -> Vec<String> {
     let mut wrong = Vec::new();
     if !seen.legal {
@@ -51,7 +51,7 @@ fn wrong(config: &Config, seen: &Seen) -> Vec<String> {
 }
 
 fn run(cases: u64, seed: u64, length: Length) -> Vec<String> {
-    // FORETRACE_SETTINGS_ONLY=17,104 looks at these alone.
+    // FORETRACE_SETTINGS_ONLY=17,104 runs these alone.
     let only: Option<Vec<u64>> = std::env::var("FORETRACE_SETTINGS_ONLY")
         .ok()
         .map(|text| text.split(',').map(|case| case.parse().expect("whole numbers")).collect());
@@ -119,7 +119,7 @@ fn whatever_is_accepted_stays_in_its_envelope_and_comes_to_rest() {
     assert!(found.is_empty(), "{} of {cases} combinations", found.len());
 }
 
-/// What an outside test drove into the table with; bounds are the envelope's, above and below.
+/// Settings that once drove the tool into the table; bounds are the envelope's, above and below.
 #[test]
 fn limits_of_careful_people_keep_the_tip_on_the_paper() {
     for set in [

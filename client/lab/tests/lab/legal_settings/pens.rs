@@ -1,4 +1,4 @@
-//! Pens, honest and hostile, that come to rest at the end.
+//! Regular and hostile pens that come to rest at the end.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 /// Where the pen is in the plane's frame \[m\] and whether it touches; `None`: silent.
 pub(crate) type Pen = Box<dyn Fn(f64) -> Option<([f64; 2], bool)>>;
 
-/// A pen that does what its name says until `until` \[s\], and then rests or falls silent.
+/// A pen that moves as its name says until `until` \[s\], and then rests or falls silent.
 pub(crate) fn pen(random: &mut Pcg64, workspace: [[f64; 2]; 2], until: f64) -> (String, Pen) {
     let half = workspace.map(|[low, high]| 0.5 * (high - low));
     let middle = workspace.map(|[low, high]| 0.5 * (high + low));

@@ -1,4 +1,4 @@
-//! What would swing is refused with a value that would do, and that value does.
+//! Unstable settings are refused with a value that works, and that value works.
 
 use foretrace_config::Draft;
 use rand::SeedableRng;
@@ -53,7 +53,7 @@ fn joints_that_could_not_ease_are_refused_with_a_jerk_that_does() {
     }
 }
 
-/// Gains that settle far from the limits and swing at them.
+/// Gains that settle far from the limits and oscillate when saturated.
 #[test]
 fn a_hurry_that_swings_at_the_limits_is_refused_with_a_gain_that_does_not() {
     let with = |gain: f64| {

@@ -1,4 +1,4 @@
-//! What an InkML document says about its channels: order, units, orientation, rate, resolution.
+//! The channels of an InkML document: order, units, orientation, rate, resolution.
 
 use std::rc::Rc;
 

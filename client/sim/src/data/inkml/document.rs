@@ -45,7 +45,7 @@ pub(super) struct Group {
 #[derive(Debug)]
 pub(super) enum Item {
     Trace(usize),
-    /// What it refers to, and where that stands.
+    /// What it refers to, and at which byte.
     View(String, usize),
 }
 
@@ -117,7 +117,7 @@ struct Open {
 }
 
 enum Kind {
-    /// Its contents mean nothing here.
+    /// Its contents are ignored.
     Ignored,
     Other,
     /// With its `type`.
@@ -306,7 +306,7 @@ impl Builder {
 
     fn annotate(&mut self, what: &str, text: &str) {
         let Some(group) = self.document.groups.get_mut(self.group) else { return };
-        // An annotation of something else, a trace for example, says nothing about the group.
+        // An annotation of another element, for example a trace, does not apply to the group.
         if !matches!(self.open.last().map(|o| o.name.as_str()), Some("ink" | "traceGroup" | "traceView")) {
             return;
         }

@@ -1,11 +1,11 @@
 //! W3C InkML to [`Recording`]: traces with all three encodings, contexts, and groups as characters.
 //!
 //! A trace belongs to the nearest group around it that has a label (`annotation` of type `truth` or `label`,
-//! or without a type), else to the nearest group; views (`traceView`) do as if the traces stood there, and
-//! take them from groups without a label. A file without groups is one character, labelled by the document's
-//! own annotation. Y is turned upwards (InkML's own direction is down). Rate: `sampleRate`, else the median
-//! step of the T channel, else 100 Hz (assumed). Steps of T longer than four periods, and those between
-//! traces, are gaps.
+//! or without a type), else to the nearest group; views (`traceView`) count as if the traces were inside
+//! them, and take them from groups without a label. A file without groups is one character, labelled by the
+//! document's own annotation. Y is turned upwards (InkML's own direction is down). Rate: `sampleRate`, else
+//! the median step of the T channel, else 100 Hz (assumed). Steps of T longer than four periods, and those
+//! between traces, are gaps.
 //!
 //! Absent: brushes, canvases, mappings, archives of several documents, views of parts of a trace, channels
 //! other than X, Y and T. Traces outside every group are left out where there are groups. Source: W3C
@@ -43,8 +43,8 @@ pub(super) fn begins_inkml(head: &[u8]) -> bool {
 /// Reads the bytes of an InkML file.
 ///
 /// # Errors
-/// [`Refusal`] with line: malformed XML, a reference to nothing, a format without X and Y, a value that is
-/// not a number or too large, points of the wrong length, several rates or units in one file, no ink.
+/// [`Refusal`] with line: malformed XML, a dangling reference, a format without X and Y, a value that is not
+/// a number or too large, points of the wrong length, several rates or units in one file, no ink.
 pub(super) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, Refusal> {
     let text = decoded(bytes);
     let text = text.trim_start_matches('\u{feff}');

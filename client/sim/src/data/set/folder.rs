@@ -18,7 +18,7 @@ pub(super) fn find(folder: &Path) -> Result<Vec<Row>, SetError> {
     let told: Vec<Option<Format>> =
         files.iter().map(|f| Format::of_file(&folder.join(f)).unwrap_or_default()).collect();
     let named: Vec<Option<Format>> = files.iter().map(|f| Format::of_name(Path::new(f))).collect();
-    // Names decide only where no contents do: then every file is bad, and each can say why.
+    // Names decide only if no contents do: then every file is bad, and each gives its reason.
     let format = match only(folder, &files, &told)? {
         Some(format) => format,
         None => only(folder, &files, &named)?

@@ -1,4 +1,4 @@
-//! What can be wrong with a UNIPEN file, said with file, line and reason.
+//! Errors of a UNIPEN file, with file, line and reason.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}{}: {reason}", file.display(), LineSuffix(*line))]
 pub struct UnipenError {
-    /// The file in which the trouble lies; may be an included one.
+    /// The file with the error; may be an included one.
     pub file: PathBuf,
     /// Line from 1; 0 when it concerns the file as a whole.
     pub line: usize,
@@ -51,7 +51,7 @@ pub enum Reason {
         /// As written.
         wanted: String,
     },
-    /// More includes than any honest file has.
+    /// More includes than real files have.
     #[error("more than {files} includes, or nested deeper than {depth}")]
     TooManyIncludes {
         /// Most files read.

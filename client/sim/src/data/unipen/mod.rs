@@ -28,7 +28,7 @@ const COORDINATE_MAX: f64 = 1e9;
 // Real files hold counter overflows of 22 days; they are read, and shortened where a path is made of them.
 const GAP_MAX_MS: f64 = 4_294_967_295.0;
 const SEGMENT_POINTS_MAX: usize = 20_000_000;
-/// What a component costs beside its points, counted in points.
+/// Overhead of a component, counted in points.
 const COMPONENT_COST: usize = 4;
 const BYTES_MAX: u64 = 256 << 20;
 const PENDIGITS_RATE_HZ: f64 = 100.0;

@@ -46,7 +46,7 @@ pub(super) fn parse_segment(statement: &Statement<'_>) -> Result<Option<Segment>
 }
 
 impl Segment {
-    /// The segment's ink; a gap stays with the component whose beginning is inside.
+    /// The segment's ink; a gap stays with the component that begins inside it.
     pub(super) fn cut(&self, ink: &[Component], budget: &mut usize) -> Result<Vec<Component>, Reason> {
         let mut cut = Vec::new();
         for Range { first, last } in &self.ranges {

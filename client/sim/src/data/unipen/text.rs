@@ -20,7 +20,7 @@ impl<'t> Statement<'t> {
         self.body.iter().enumerate().map(|(i, text)| (self.line + i, *text))
     }
 
-    /// The first argument; empty where there is none.
+    /// The first argument; empty without any.
     pub(super) fn first(&self) -> &'t str {
         self.tokens().next().map(|(_, t)| t).unwrap_or_default()
     }

@@ -9,7 +9,7 @@ const POINTS_MAX: usize = 2400;
 /// One curve.
 #[derive(Debug, Clone, Copy)]
 pub struct Curve<'a> {
-    /// Whose it is.
+    /// The series it belongs to.
     pub shown: Shown,
     /// For the legend; curves of equal label have one entry.
     pub label: &'a str,

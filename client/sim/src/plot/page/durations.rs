@@ -6,7 +6,7 @@ use crate::plot::histogram::{Distribution, counted, microseconds};
 
 /// Bars per factor of ten.
 const BARS_PER_DECADE: f64 = 20.0;
-/// What took less counts as this: nobody wants to see nanoseconds told apart \[µs\].
+/// Shorter durations count as this: nanoseconds need not be resolved \[µs\].
 const SHORTEST_US: f64 = 0.1;
 const PANEL: f64 = 96.0;
 /// Room above a panel: its name, and a row of percentiles.

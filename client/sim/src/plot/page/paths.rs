@@ -12,7 +12,7 @@ const PANEL_MAX: f64 = 250.0;
 /// A tool that followed the pen.
 #[derive(Debug, Clone, Copy)]
 pub struct Traced<'a> {
-    /// Whose it is.
+    /// The series it belongs to.
     pub shown: Shown,
     /// Written above its panel.
     pub label: &'a str,

@@ -11,7 +11,7 @@ pub(super) const WIDTH: f64 = 960.0;
 /// Room for the labels of the y axis, and to the right of a frame \[px\].
 pub(super) const LEFT: f64 = 64.0;
 pub(super) const RIGHT: f64 = 22.0;
-/// Height of the row that says which line is whose \[px\].
+/// Height of the legend \[px\].
 pub(super) const LEGEND: f64 = 30.0;
 
 /// The colours and fonts of all pictures. A page that shows pictures inline has it once; a file has its own.
@@ -29,7 +29,7 @@ pub const STYLE: &str = "\
 .fig .bound{stroke:var(--bad);stroke-dasharray:6 4;fill:none}.fig text.bound{stroke:none;fill:var(--bad)}\
 .fig .arm-bar{fill:var(--arm)}.fig .calm-bar{fill:var(--calm)}.fig .shade{fill:var(--pen);fill-opacity:.16}";
 
-/// Whose line it is, which gives it its colour.
+/// The series of a line, which gives it its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown {
     /// The pen.
@@ -118,7 +118,7 @@ pub fn escaped(text: &str) -> String {
             '<' => out.push_str("&lt;"),
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
-            // XML has no way to write most control characters, and a terminal would obey them.
+            // XML cannot represent most control characters, and a terminal would act on them.
             control if control.is_control() && control != '\n' => out.push('\u{fffd}'),
             other => out.push(other),
         }
@@ -180,14 +180,13 @@ impl Sheet {
         );
     }
 
-    /// One row that says which line is whose.
+    /// One row of legend.
     pub(super) fn legend(&mut self, entries: &[(&str, &str)]) {
         let mut x = LEFT;
         for (class, label) in entries {
             self.line(&format!("line {class}"), &[(x, 14.0), (x + 26.0, 14.0)]);
             self.text((x + 33.0, 18.0), "", Hung::Left, label);
-            // No font is at hand to measure with; the average letter is a little more than half as wide as
-            // high.
+            // No font is available to measure; the average letter is a little more than half as wide as high.
             x += 33.0 + 7.2 * label.chars().count() as f64 + 24.0;
         }
     }
@@ -219,7 +218,7 @@ impl Frame {
         self.at.1 + (1.0 - share.clamp(-1.0, 2.0)) * self.size.1
     }
 
-    /// Points as places on the sheet, without those that nobody could tell apart.
+    /// Points in sheet coordinates, without indistinguishable ones.
     pub(super) fn placed(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         let mut placed: Vec<(f64, f64)> = Vec::new();
         for (x, y) in points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
