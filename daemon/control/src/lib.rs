@@ -10,7 +10,7 @@
 //! was told to be?), *pen* (samples onto the grid), *skill* (what past previews were worth), *predict* and
 //! *refine* (by samples newer than the grid), *trust* (how far to believe the preview), *reference*, *plan*
 //! ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and [`envelope`]), *guard* (and the envelope's
-//! judge), *heed* (what that came to, for lag, monitor and the next tick), *report*.
+//! judge), *take stock* (what that came to, for lag, monitor and the next tick), *report*.
 //!
 //! # The two problems
 //!

@@ -2,8 +2,8 @@
 //! trust in it.
 
 use super::Follower;
+use super::intake::PenNews;
 use super::io::Health;
-use super::see::PenNews;
 use crate::predict::OnlineWeights;
 use crate::predict::refine::Look;
 use crate::skill::{Foreseen, Happened, Record, SkillReport};
@@ -30,7 +30,7 @@ pub(super) struct Left {
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Learns what past previews were worth, before a new one takes the place of the last.
-    pub(super) fn learn(&mut self, pen: &PenNews) {
+    pub(super) fn judge_past_previews(&mut self, pen: &PenNews) {
         let Left { made, claim, look, at_limit } = std::mem::take(&mut self.left);
         let preview = made.then(|| Foreseen {
             base: self.preview.base_position(),

@@ -12,15 +12,15 @@
 mod aim;
 mod answer;
 mod foresee;
-mod heed;
 mod home;
+mod intake;
 mod io;
 mod motion;
 mod plans;
 mod report;
 mod request;
-mod see;
 mod settings;
+mod stock;
 mod tracking;
 mod watch;
 
@@ -169,13 +169,13 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         // Watch and monitor: what arrived, whether the arm is where it was told to be, what the operator
         // wants.
-        let seen = self.see(input, &mut health);
+        let seen = self.take_in(input, &mut health);
         // Pen: samples onto the grid.
         let pen = self.read_pen(now, input.pen, &mut health);
         clock.lap(Stage::Pen);
 
         // Skill: what came of past previews.
-        self.learn(&pen);
+        self.judge_past_previews(&pen);
         // Predict, with the weights that the learner promoted and the predictor that the operator chose.
         self.adopt(input.weights, &mut health);
         let switched = self.switch();
@@ -194,7 +194,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.mover.pace_mps = self.monitor.allowed_mps();
         // Plan, solve, keep the envelope, guard: the plan's first step as joints that may be published.
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
-        let way = self.heed(now, seen.lost_ns, matches!(wanted, Some(Wanted::Follow { .. })), &moved, health);
+        let followed = matches!(wanted, Some(Wanted::Follow { .. }));
+        // Take stock: what the tick came to, for lag, monitor and the next tick.
+        let way = self.take_stock(now, seen.lost_ns, followed, &moved, health);
         clock.lap(Stage::Guard);
 
         self.report(now, Outcomes { health, seen, pen, trust, moved, way })

@@ -132,7 +132,7 @@ impl<const J: usize> Watch<J> {
     }
 
     /// Follows while the pen speaks, holds when it falls silent.
-    pub(super) fn heed_pen(&mut self, pen_age_ns: Option<u64>) {
+    pub(super) fn observe_pen(&mut self, pen_age_ns: Option<u64>) {
         let younger_than = |most_ns: u64| pen_age_ns.is_some_and(|age| age <= most_ns);
         let hold_after_ns = self.settings.hold_after_ns;
         // Stamps that fall behind would otherwise hold in every tick before a sample and follow in every one

@@ -12,7 +12,7 @@
 //! around obstacles, several solution branches.
 
 pub mod task;
-pub mod reach;
+pub mod pose;
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
@@ -22,7 +22,7 @@ use crate::clearance::{Clearance, ClearanceReport, Inside};
 use crate::envelope::Envelope;
 use crate::qp::offered::Offered;
 
-pub use reach::solve_pose;
+pub use pose::solve_pose;
 pub use task::{IkSettings, ToolTarget};
 
 use crate::qp::QpStatus;
@@ -106,8 +106,8 @@ pub struct Ik<const J: usize> {
     clarabel: Option<Box<ClarabelBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
     envelope: Option<Box<Envelope<J>>>,
-    /// The envelope is out of force: the pen does not lead the tool.
-    unbound: bool,
+    /// Whether the tool's envelope is kept; not on the way home, where the pen does not lead the tool.
+    envelope_in_force: bool,
     offered: Offered<J>,
 }
 
@@ -121,7 +121,7 @@ impl<const J: usize> Ik<J> {
             clarabel: None,
             clearance: None,
             envelope: None,
-            unbound: false,
+            envelope_in_force: true,
             offered: Offered::default(),
         }
     }
@@ -163,12 +163,12 @@ impl<const J: usize> Ik<J> {
 
     /// Puts the tool's envelope in force, as it is from the beginning, or out of it.
     pub const fn bind(&mut self, in_force: bool) {
-        self.unbound = !in_force;
+        self.envelope_in_force = in_force;
     }
 
     /// The tool's envelope, if there is one in force.
     pub fn envelope(&mut self) -> Option<&mut Envelope<J>> {
-        self.envelope.as_deref_mut().filter(|_| !self.unbound)
+        self.envelope.as_deref_mut().filter(|_| self.envelope_in_force)
     }
 
     /// Limits kept.
@@ -299,7 +299,7 @@ impl<const J: usize> Ik<J> {
             held.clear = rows.len();
             held.broken = !rows.kept_by(wanted, ROW_TOLERANCE);
         }
-        let envelope = self.envelope.as_ref().filter(|_| !self.unbound);
+        let envelope = self.envelope.as_ref().filter(|_| self.envelope_in_force);
         if let Some(envelope) = envelope {
             held.broken |= envelope.may_break(kinematics, motion, wanted, elapsed);
         }

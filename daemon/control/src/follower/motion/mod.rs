@@ -4,23 +4,20 @@
 //! continuous with the state before. Rungs: fresh plan → previous plan at the true elapsed time →
 //! jerk-limited stop → hold.
 
+mod setup;
 mod arming;
-mod glide;
-mod home;
-mod paper;
-mod parts;
-mod plan;
-mod publish;
-mod references;
-mod rest;
-mod solve;
 mod takeover;
+mod references;
+mod plan;
+mod home;
+mod solve;
+mod publish;
 
 use arming::Arming;
 pub(super) use home::HomeNews;
 use home::Homing;
-pub(super) use parts::paced;
-use parts::{inverse_kinematics, planner};
+pub(super) use setup::paced;
+use setup::{comes_to_rest, inverse_kinematics, planner};
 
 use super::Budget;
 use super::io::{Health, JointCommand, Rung, Stage, StageClock};
@@ -92,8 +89,10 @@ struct Planned {
 
 /// What the joints can make of it.
 struct Solved<const J: usize> {
-    /// Joint velocities over the period \[rad/s\]; `None`: stop.
-    qd: Option<[f64; J]>,
+    /// Joint velocities over the period \[rad/s\].
+    qd: [f64; J],
+    /// They follow the plan or the way home; else they are the next step of a stop.
+    follows: bool,
     rung: Rung,
     home: HomeNews,
 }
@@ -156,7 +155,7 @@ struct Reports {
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let mover = Self::built(settings)?;
-        rest::comes_to_rest::<N, J>(settings)?;
+        comes_to_rest::<N, J>(settings)?;
         Ok(mover)
     }
 
@@ -221,10 +220,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         clock.lap(Stage::Ik);
 
         let from = self.commanded_tool();
-        let guard_altered = self.publish(start + self.period_ns, solved.qd, health);
+        let guard_altered = self.publish(start + self.period_ns, &solved.qd, health);
         let limited = health.has(Health::IK_LIMITED | Health::GUARD_ALTERED);
         let at_limit = self.at_limit(limited, &planned, solved.rung);
-        self.keep_up(&planned, solved.qd.is_some(), limited, &from, health);
+        self.keep_up(&planned, solved.follows, limited, &from, health);
 
         let (at_rest, tool) = (self.at_rest(), self.commanded_tool());
         let breach = self.breach((tool - from).norm() / self.period_s);
@@ -245,7 +244,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             ik: self.reports.ik,
             guard_altered,
             breach,
-            follows: solved.qd.is_some() && planned.next.is_some(),
+            follows: solved.follows && planned.next.is_some(),
             at_limit,
             home: solved.home,
         }

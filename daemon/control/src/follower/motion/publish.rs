@@ -9,22 +9,12 @@ use crate::follower::io::Health;
 use crate::units::{AxisState, Stamp};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the
-    /// commanded state.
-    pub(super) fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
+    /// Lets the guard judge the step with `qd` \[rad/s\] to `reach`, makes the result the commanded state and
+    /// returns why the guard altered it, one bit each.
+    pub(super) fn publish(&mut self, reach: Stamp, qd: &[f64; J], health: &mut Health) -> u32 {
         let Some(held) = &mut self.held else { return 0 };
-        let qd = qd.unwrap_or_else(|| {
-            let wanted = self.stop.next(&held.command, reach);
-            let motion = held.command.motion();
-            let step = self.ik.stopping(&held.kinematics, motion, &wanted, self.period_s);
-            let [held, yielded] = step.envelope;
-            if step.clearance.held | step.clearance.yielded | held | yielded != 0 {
-                health.set(Health::CLEARANCE);
-            }
-            step.qd
-        });
         let mut q = *held.command.q();
-        for (q, qd) in q.iter_mut().zip(&qd) {
+        for (q, qd) in q.iter_mut().zip(qd) {
             *q += qd * self.period_s;
         }
         let verdict = self.guard.clamp(&held.command, &q, reach);

@@ -9,7 +9,7 @@ use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Learns from what `moved`. `followed`: a plan was wanted. Returns what the way home came to.
-    pub(super) fn heed(
+    pub(super) fn take_stock(
         &mut self,
         now: Stamp,
         lost_ns: u64,
@@ -20,7 +20,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(detail) = moved.breach {
             self.watch.latch_with(now, StopReason::Envelope, detail);
         }
-        let way = self.heed_home(now, &moved.home);
+        let way = self.take_stock_of_home(now, &moved.home);
         self.overtaxed = self.overtaxed_by(moved, now, lost_ns);
         self.left.at_limit = moved.at_limit;
         if followed {

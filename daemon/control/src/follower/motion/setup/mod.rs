@@ -1,5 +1,9 @@
 //! Planner and inverse kinematics as the settings describe them, and at what pace they can work together.
 
+mod rest;
+
+pub(super) use rest::comes_to_rest;
+
 use nalgebra::{SVector, Vector3};
 
 use crate::clearance::Clearance;

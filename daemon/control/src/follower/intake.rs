@@ -34,7 +34,7 @@ pub(super) struct PenNews {
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Watch and monitor. Stops latch here, before anything is planned.
-    pub(super) fn see(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
+    pub(super) fn take_in(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
         let now = input.now;
         let lost_ns = self.mover.catch_up(now, health);
         if lost_ns > self.settings.safety.latch_after_ns {
@@ -108,7 +108,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(newest) = self.pen.newest() {
             self.silence.hear(&newest);
         }
-        self.watch.heed_pen(news.age_ns);
+        self.watch.observe_pen(news.age_ns);
         news
     }
 }

@@ -10,8 +10,12 @@
 //! Contract: no allocation after construction, bounded work per tick. Absent: ways around; the tool's
 //! envelope, which is out of force until the arm is armed, because the pen does not lead here.
 
-use super::glide::{Glide, Pace};
-use super::paper::Paper;
+mod glide;
+mod paper;
+
+use glide::{Glide, Pace};
+use paper::Paper;
+
 use super::{Held, Mover};
 use crate::arm::{Chain, JointLimits, velocity_box};
 use crate::clearance::{Clearance, Inside, Looked, Obstructed, Way};

@@ -9,8 +9,8 @@
 //! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where
 //! it swings. An arm that cannot be put where the step begins is not judged: it cannot be armed there either.
 
-use super::{Mover, Wanted};
 use crate::follower::io::{Health, NoClock};
+use crate::follower::motion::{Mover, Wanted};
 use crate::follower::settings::Would;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
 use crate::ik::{IkBackend, ToolTarget, solve_pose};
@@ -69,7 +69,7 @@ impl Turns {
 
 /// Refuses settings with which the arm does not come to rest after a large step of the pen.
 #[inline(never)]
-pub(super) fn comes_to_rest<const N: usize, const J: usize>(
+pub(in crate::follower::motion) fn comes_to_rest<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> Result<(), FollowerError> {
     if settings.mpc.unlimited {
