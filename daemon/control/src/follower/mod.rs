@@ -6,8 +6,8 @@
 //! the same outputs, bit for bit.
 //!
 //! Time: at `now` the commanded state is the one published last. The step plans from it and publishes the
-//! joints for `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t −
-//! stamp) moves in straight pieces from command to command.
+//! joints for `now` + dt with the mean velocity over that period, so that a consumer which follows q + q̇·(t
+//! − stamp) moves on straight segments from command to command.
 
 mod aim;
 mod answer;
@@ -59,7 +59,7 @@ pub struct Follower<const N: usize, const J: usize> {
     refiner: Box<Refiner>,
     pending_predictor: Option<PredictorKind>,
     skill: Box<Skill>,
-    /// What the last tick left for the skill to learn from.
+    /// What the last tick left for the skill to judge.
     left: Left,
     reference: Reference,
     trust: TrustControl,
@@ -68,8 +68,8 @@ pub struct Follower<const N: usize, const J: usize> {
     /// See [`TrustInputs::overtaxed`].
     overtaxed: Option<bool>,
     outcome: Box<Outcome>,
-    /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has
-    /// judged the set in force.
+    /// How long the learner is not trusted after one of its sets was refused [ns]; by then the record judges
+    /// the set in force.
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
@@ -105,7 +105,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust_request: settings.trust_request,
             plans: Plans::default(),
             overtaxed: None,
-            // The tool is the command's, which a plan that models its servo has ahead of the arm.
+            // The tool is the command's; a plan that models the servo puts that ahead of the arm.
             outcome: Box::new(Outcome::new(
                 settings.period_ns,
                 feedback_lag_s - settings.mpc.servo_s,
@@ -123,11 +123,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// Gives the recorded future to the oracle and makes it the predictor (experiments only).
     pub fn use_oracle(&mut self, oracle: Oracle) {
         self.previewer.load_recording(oracle);
-        // A recording was just loaded, the only thing `choose` can miss.
+        // The recording was just loaded, the only thing `choose` can miss.
         let _ = self.previewer.choose(PredictorKind::ORACLE);
     }
 
-    /// What it was built from.
+    /// The settings it was built from.
     #[must_use]
     pub fn settings(&self) -> &FollowerSettings<J> {
         &self.settings
@@ -141,12 +141,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         weights
     }
 
-    /// Takes charge of an arm that stands at `q` \[rad\], whoever had it before: for a loop that runs beside
-    /// the real one.
+    /// Takes charge of an arm that stands at `q` \[rad\], without a request: for a loop that runs beside the
+    /// real one.
     ///
     /// # Errors
     ///
-    /// The joints or the tool are where no arm may be armed.
+    /// The arm may not be armed there.
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
         self.monitor.begin(now);
@@ -154,10 +154,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Ok(())
     }
 
-    /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
+    /// One tick. The caller decides `budget` from its own clock; `clock` is told when a stage ends.
     ///
-    /// The stages stand in the order in which they run, which is that of the data. What a stage needs of a
-    /// later one is what that came to in the tick before.
+    /// The stages stand in the order in which they run, which is the order of the data. What a stage needs of
+    /// a later one is that stage's result of the tick before.
     pub fn step(
         &mut self,
         input: &StepInput<'_, J>,
@@ -174,7 +174,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let pen = self.read_pen(now, input.pen, &mut health);
         clock.lap(Stage::Pen);
 
-        // Skill: what came of past previews.
+        // Skill: how good past previews were.
         self.judge_past_previews(&pen);
         // Predict, with the weights that the learner promoted and the predictor that the operator chose.
         self.adopt(input.weights, &mut health);

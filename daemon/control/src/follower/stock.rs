@@ -1,5 +1,4 @@
-//! What came of a tick, for the ticks after it: stops, records of plans and of following, and who has the
-//! arm.
+//! What a tick leaves for later ticks: stops, records of planning and following, and who has the arm.
 
 use super::Follower;
 use super::io::{Health, Refusal};
@@ -8,7 +7,7 @@ use crate::stop::StopReason;
 use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// Learns from what `moved`. `followed`: a plan was wanted. Returns what the way home came to.
+    /// Takes stock of `moved`. `followed`: the pen was to be followed. Returns the outcome of the way home.
     pub(super) fn take_stock(
         &mut self,
         now: Stamp,

@@ -1,5 +1,5 @@
-//! Where the tool is to be at the end of the period: from a fresh plan, else from the previous one, and
-//! always such that it can still stop inside the workspace.
+//! The tool state at the end of the period: from a fresh plan, else from the previous one, always such that
+//! the tool can still stop inside the workspace.
 
 use super::{Mover, Planned, Wanted};
 use crate::follower::Budget;
@@ -7,10 +7,9 @@ use crate::follower::io::{Health, Rung};
 use crate::mpc::{PlanReport, Start};
 use crate::units::{AxisState, Stamp, Trust};
 
-/// Beyond the workspace by less than this \[m\] is inside: rounding.
+/// A tool outside the workspace by less than this \[m\] counts as inside: rounding.
 const OUTSIDE_M: f64 = 1e-9;
-/// What becomes of the share of the reach in a tick without a plan of its own and in one with, and where it
-/// ends.
+/// Factors on `reach` after a tick whose plan failed and after one whose plan succeeded, and its least value.
 const FAILED: f64 = 0.5;
 const PLANNED: f64 = 1.1;
 const LEAST_REACH: f64 = 1e-3;
@@ -66,7 +65,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             if !self.bent {
                 return Some(planned);
             }
-            // A plan that the tool has left still says how to go on.
+            // After the tool has left the plan, the plan's jerk still applies.
             let mut next = self.tool;
             let before = self.plan.state_at(elapsed_s - self.period_s)?;
             for (next, (before, planned)) in next.iter_mut().zip(before.iter().zip(&planned)) {
@@ -82,8 +81,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// A fresh plan for the commanded state.
     ///
-    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick,
-    /// down to staying at rest. An arm at rest therefore never stands there for want of a plan.
+    /// Where no plan was found, the next tick asks for less, down to staying at rest, whatever settings,
+    /// budget and pen are. An arm at rest therefore never stays there for lack of a plan.
     fn make_plan(
         &mut self,
         conservative: &[AxisState; 3],
@@ -98,13 +97,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         report
     }
 
-    /// The plan as far as the workspace and its steps allow.
+    /// The plan, with the workspace widened where the tool cannot stay inside.
     ///
-    /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may
-    /// need more steps of the active set than there may be, in this tick and, as the arm then stands still,
-    /// in all that follow. If half of them are not enough it is made once more, for a workspace that reaches
-    /// as far as the tool cannot help going: the way back is still what the references ask for. Both together
-    /// take half as many steps again as one plan may, at most.
+    /// A tool outside the workspace, or too fast to stop inside it, makes every position row active and may
+    /// need more active-set steps than the cap, in this tick and, as the arm then stands still, in all later
+    /// ones. If half the cap is not enough, the plan is made once more for a workspace that reaches as far as
+    /// the tool must overshoot; the references still ask for the way back. Both together cost at most one and
+    /// a half times the cap.
     fn within_limits(
         &mut self,
         mut conservative: [AxisState; 3],
@@ -120,8 +119,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if report.usable() || inside {
             return report;
         }
-        // A plan depends on where it is only by the workspace: moving everything else moves that the other
-        // way.
+        // The plan depends on position only through the workspace: shift everything else by the opposite
+        // amount.
         for (axis, by) in beyond.iter().enumerate() {
             let states = [&mut from.command, &mut from.arm, &mut conservative];
             let states = states.into_iter().filter_map(|all| all.get_mut(axis));
@@ -140,8 +139,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         report
     }
 
-    /// How far beyond the workspace the tool gets when it brakes as hard as its limits allow \[m\]; negative
-    /// on the lower side.
+    /// How far the tool overshoots the workspace under full braking \[m\]; negative on the lower side.
     fn cannot_help(&self) -> [f64; 3] {
         let mut beyond = [0.0; 3];
         for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
@@ -152,8 +150,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         beyond
     }
 
-    /// `next` where the tool can come to rest inside the workspace after it, else the nearest on the way to
-    /// such a stop.
+    /// `next` if the tool can come to rest inside the workspace after it, else the nearest state that can.
     fn stoppable(&mut self, next: [AxisState; 3]) -> [AxisState; 3] {
         let mut kept = next;
         for (kept, (limits, from)) in kept.iter_mut().zip(self.limits.iter().zip(&self.tool)) {

@@ -4,17 +4,17 @@ use super::Mover;
 use crate::pen::PenReading;
 use crate::units::{AxisState, Trust};
 
-/// A tool this far from the pen \[m\], or so many times as far as it may be lowered from, has lost it and
-/// lifts. Commands lead the pen by the dead time, which is no reason to lift: what is foreseen counts like
-/// the pen.
+/// A tool this far from the pen \[m\], or this multiple of the approach distance, has lost it and lifts.
+/// Commands lead the pen by the dead time, which is no reason to lift: distance to the preview counts like
+/// distance to the pen.
 const LOST_M: f64 = 0.05;
 const LOST: f64 = 5.0;
-/// Feedback closes in on a held target about as fast as if it were to be there after so many steps: its
-/// velocity gain.
+/// Feedback approaches a held target about as fast as if it were due after this many steps: its velocity
+/// gain.
 const HELD_STEPS: f64 = 7.0;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// References of the three axes, the conservative states, and the trust that they deserve.
+    /// References of the three axes, the conservative states, and the trust that applies to them.
     pub(super) fn references(
         &mut self,
         pen: &PenReading,
@@ -24,12 +24,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
         let [x, y] = pen.position;
         let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
-        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere
-        // else.
+        // A silent pen moves nothing, not even the lift; when it returns it may be somewhere else.
         if holding {
             self.approaching = true;
         } else {
-            // Lowered from afar, at full speed, the tip would not be stopped at the paper.
+            // Lowered from far away at full speed, the tip would not stop at the paper.
             let off = |[x, y]: [f64; 2]| (x - tool_x).hypot(y - tool_y);
             let led = preview.as_ref().filter(|_| trust.alpha() > 0.0);
             let foreseen = led.and_then(|[xs, ys]| Some([xs.first()?.position, ys.first()?.position]));
@@ -47,13 +46,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// The held target and the references, brought into the workspace, and then to where full speed takes the
-    /// tool by the end of the plan.
+    /// The held target and the references, brought into the workspace, and then to within what full speed
+    /// reaches by the end of the plan.
     ///
-    /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens
-    /// that jump from corner to corner beyond the workspace took up to 337 of them. Behind a servo what is
-    /// asked for is where the arm gets to, which may be far behind the command. After ticks without a plan it
-    /// is only a share of that, at that share of the speed. What is no number stays none.
+    /// Targets farther away ask for nearly the same motion but cost many more active-set steps. Behind a
+    /// servo the target concerns the arm, which may be far behind the command. After ticks without a plan,
+    /// distance and speed are scaled by `reach`. Non-finite values stay non-finite.
     pub(super) fn within_reach(
         &self,
         conservative: &[AxisState; 3],
@@ -82,8 +80,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     }
 }
 
-/// No state farther from the tool, which is within `[behind, ahead]` \[m\], than `pace` \[m/s\] gets until
-/// then, nor faster.
+/// Limits every state to what `pace` \[m/s\] reaches by its time from a tool within `[behind, ahead]` \[m\],
+/// and its speed to `pace`.
 fn slow_down(
     pace: f64,
     step_s: f64,
@@ -102,7 +100,7 @@ fn slow_down(
     limit(held, HELD_STEPS);
 }
 
-/// The nearest that is not outside of `[low, high]`; what is no number stays none.
+/// The nearest value in `[low, high]`; NaN stays NaN.
 fn within(value: f64, [low, high]: [f64; 2]) -> f64 {
     if value < low {
         low

@@ -1,4 +1,4 @@
-//! The joints: velocities that carry the tool where the plan, or the way home, has it, else those of a stop.
+//! Joint velocities that carry the tool along the plan or the way home, else those of a stop.
 
 use nalgebra::Vector3;
 
@@ -7,12 +7,11 @@ use crate::follower::io::{Health, Rung};
 use crate::ik::{IkSource, ToolTarget};
 use crate::units::{AxisState, Stamp};
 
-/// Tool velocity that the IK may miss without the plan being told \[m/s\]; what remains is removed as pose
-/// error.
+/// Velocity error of the IK that the plan need not know about \[m/s\]; it is corrected as pose error later.
 const IK_TOLERANCE_MPS: f64 = 1e-3;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Joint velocities for what was planned, and the rung that they stand on.
+    /// Joint velocities for what was planned, and their rung on the ladder.
     pub(super) fn solve(
         &mut self,
         start: Stamp,
