@@ -1,4 +1,4 @@
-//! The daemon and its service manager, over a NOTIFY_SOCKET of the test's own: ready, alive while it ticks,
+//! The daemon and its service manager, over the test's own NOTIFY_SOCKET: ready, alive while it ticks,
 //! stopping.
 
 mod support;
@@ -86,7 +86,7 @@ impl Drop for Started {
     }
 }
 
-/// A daemon that tells a socket with a path, and the folder of that.
+/// A daemon that notifies a socket with a path, and the folder of that.
 fn started_beside_a_path(place: &Place) -> (tempfile::TempDir, Started) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notify");
@@ -160,11 +160,11 @@ fn a_real_time_thread_that_hangs_is_not_vouched_for() {
     daemon.expect("READY=1");
     daemon.expect("WATCHDOG=1");
     let Some(frozen) = frozen::Frozen::thread_of(daemon.child.id(), "foretrace-rt") else {
-        // Past the test runner's capture.
+        // Not captured by the test runner.
         let _ = writeln!(std::io::stderr(), "skipped: this system does not let a process trace its child");
         return;
     };
-    // What was on its way when the thread froze.
+    // Messages that were pending when the thread froze.
     while daemon.heard(Duration::from_millis(200)).is_some() {}
     assert_eq!(daemon.heard(Duration::from_millis(900)), None, "three periods without a tick");
     drop(frozen);

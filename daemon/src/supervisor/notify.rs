@@ -1,9 +1,8 @@
-//! What the daemon tells the service manager that started it: ready, alive, stopping (sd_notify(3)).
+//! Notifications to the service manager that started the daemon: ready, alive, stopping (sd_notify(3)).
 //!
 //! Contract: datagrams over NOTIFY_SOCKET, a path or an abstract name (`@...`), from the supervisor's thread
 //! only. Nothing blocks and nothing fails the daemon. The watchdog is fed only while the real-time thread's
-//! ticks advance: a loop that hangs is ended and started anew by the manager. Without NOTIFY_SOCKET nothing
-//! is sent.
+//! ticks advance: the manager ends and restarts a loop that hangs. Without NOTIFY_SOCKET nothing is sent.
 
 use std::ffi::OsStr;
 use std::io;
@@ -17,7 +16,7 @@ use tracing::{info, warn};
 /// Feedings per watchdog period: two may be late or lost before the manager acts.
 const FEEDS_PER_PERIOD: u32 = 3;
 
-/// The way to the service manager, if there is one.
+/// The connection to the service manager, if there is one.
 #[derive(Debug, Default)]
 pub(super) struct Manager {
     line: Option<Line>,
@@ -26,7 +25,7 @@ pub(super) struct Manager {
 }
 
 impl Manager {
-    /// As the environment says: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
+    /// From the environment: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
     pub(super) fn of_environment() -> Self {
         let socket = std::env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty());
         let number = |key: &str| std::env::var(key).ok().map(|text| text.trim().parse::<u64>());
@@ -54,18 +53,18 @@ impl Manager {
         self.tell(&format!("READY=1\nSTATUS={}", status.replace('\n', " ")));
     }
 
-    /// The end has begun.
+    /// The shutdown has begun.
     pub(super) fn stopping(&mut self) {
         self.tell("STOPPING=1\nSTATUS=bringing the arm to rest");
     }
 
-    /// Feeds the watchdog if it is time and `ticks` of the loop have been added since it was last fed.
+    /// Feeds the watchdog if it is time and `ticks` of the loop have increased since it was last fed.
     pub(super) fn alive(&mut self, ticks: u64) {
         let now = Instant::now();
         if self.watchdog.as_ref().is_some_and(|watchdog| watchdog.is_due(now, ticks))
             && self.tell("WATCHDOG=1")
         {
-            // Not sent: tried again at the next look.
+            // Not sent: tried again at the next check.
             self.watchdog.iter_mut().for_each(|watchdog| watchdog.fed(now, ticks));
         }
     }
@@ -85,7 +84,7 @@ impl Manager {
     }
 }
 
-/// A datagram socket and where it sends to.
+/// A datagram socket and its destination.
 #[derive(Debug)]
 struct Line {
     socket: UnixDatagram,
@@ -105,7 +104,7 @@ impl Line {
             }
         };
         let socket = UnixDatagram::unbound()?;
-        // A manager that does not read must not hold the supervisor up.
+        // A manager that does not read must not block the supervisor.
         socket.set_nonblocking(true)?;
         Ok(Self { socket, address })
     }
@@ -141,8 +140,7 @@ impl Watchdog {
 
 type Parsed = Option<Result<u64, std::num::ParseIntError>>;
 
-/// The period that process `own` shall keep; `None` where there is no watchdog or it is meant for another
-/// process.
+/// The watchdog period of process `own`; `None` if there is no watchdog or it concerns another process.
 fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duration>, String> {
     let Some(usec) = usec else { return Ok(None) };
     let usec = match usec {
