@@ -108,7 +108,7 @@ fn refused<T: Message>(subscriber: &Subscriber<T>) -> Option<Refused> {
 /// The ipc thread's ports.
 #[derive(Debug)]
 pub struct IpcPorts {
-    /// Tick records to whoever watches.
+    /// Tick records for telemetry.
     pub telemetry: Publisher<shm::TickRecord>,
     /// Status to everybody.
     pub status: Publisher<shm::Status>,

@@ -19,7 +19,7 @@
 //! use foretrace_control::arm::JointLimits;
 //! use foretrace_control::units::Stamp;
 //!
-//! // Two joints [rad, rad/s, rad/s²]; whoever obeys extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
+//! // Two joints [rad, rad/s, rad/s²]; the consumer extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
 //! let limits = JointLimits::new([[-3.1, 3.1], [-1.0, 0.5]], [3.0, 1.5], [40.0, 20.0])?
 //!     .with_stale_braking(0.010, [20.0, 10.0])?;
 //! let (guard, stop) = (Guard::new(limits), StopProfile::new(limits));
