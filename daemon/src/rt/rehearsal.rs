@@ -21,7 +21,7 @@ use super::thread::{RtSettings, take_rights};
 
 /// Largest delay resolved \[ns\].
 const LATEST_NS: u64 = 10_000_000_000;
-/// Warm-up time, not counted [ns].
+/// Warm-up time, not counted \[ns\].
 const WARM_UP_NS: u64 = 200_000_000;
 
 /// Results of a rehearsal.

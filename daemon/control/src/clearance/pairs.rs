@@ -26,7 +26,7 @@ pub struct Nearest {
 pub(super) struct Pair<const J: usize> {
     pub(super) first: Capsule,
     pub(super) other: Other,
-    /// Largest change of the pair's distance per rotation of each joint [m/rad]: the radius that the moved
+    /// Largest change of the pair's distance per rotation of each joint \[m/rad\]: the radius that the moved
     /// side reaches about the joint's axis.
     pub(super) levers: [f64; J],
     /// Largest distance between two of their points while both move with the arm \[m\]; 0 for a fixed

@@ -65,11 +65,11 @@ pub struct Follower<const N: usize, const J: usize> {
     trust: TrustControl,
     trust_request: TrustRequest,
     plans: Plans,
-    /// See [`TrustInputs::overtaxed`].
+    /// See [`crate::trust::TrustInputs::overtaxed`].
     overtaxed: Option<bool>,
     outcome: Box<Outcome>,
-    /// How long the learner is not trusted after one of its sets was refused [ns]; by then the record judges
-    /// the set in force.
+    /// How long the learner is not trusted after one of its sets was refused \[ns\]; by then the record
+    /// judges the set in force.
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,

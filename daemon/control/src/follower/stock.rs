@@ -38,7 +38,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         way
     }
 
-    /// See [`TrustInputs::overtaxed`].
+    /// See [`crate::trust::TrustInputs::overtaxed`].
     fn overtaxed_by(&mut self, moved: &Moved<J>, now: Stamp, lost_ns: u64) -> Option<bool> {
         if lost_ns > 0 {
             self.outcome.break_off();

@@ -8,7 +8,7 @@ use super::settings::SafetySettings;
 use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
 
-/// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to
+/// Stamps may be this far ahead of the tick's release \[ns\]: messages arrive after it, and periods are up to
 /// 20 ms.
 const MAX_AHEAD_NS: i64 = 50_000_000;
 

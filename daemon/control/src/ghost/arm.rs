@@ -23,7 +23,7 @@ const PULL: [f64; 2] = [0.05, 20.0];
 const MEMORY_NS: f64 = 3e9;
 /// Samples further apart than this count as this far apart \[ns\].
 const STEP_NS: i64 = 20_000_000;
-/// Largest b [s]: L may be the configured dead time of another arm while nothing better is known.
+/// Largest b \[s\]: L may be the configured dead time of another arm while nothing better is known.
 const LARGEST_S: f64 = 0.06;
 
 /// A past command with its derivatives.

@@ -31,7 +31,7 @@ use crate::predict::PredictorKind;
 use crate::trust::TrustRequest;
 use crate::units::{Stamp, Trust};
 
-/// An instant is judged this much later [ns]: enough for every shift of the lag and a pen that is 50 ms old.
+/// Delay of the judgement \[ns\]: enough for every shift of the lag and a pen that is 50 ms old.
 const JUDGED_AFTER_NS: u64 = PEN_AHEAD_NS + 50_000_000;
 /// Memory of recent figures, in time of writing \[ns\].
 const MEMORY_NS: u64 = 3_000_000_000;

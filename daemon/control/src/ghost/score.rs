@@ -142,7 +142,7 @@ pub struct Score {
     seconds: f64,
 }
 
-/// Samples for the lag are at least this far apart [ns]: closer ones carry no new information.
+/// Samples for the lag are at least this far apart \[ns\]: closer ones carry no new information.
 const SHIFT_EVERY_NS: i64 = 5_000_000;
 /// A pause in writing does not age the figures; samples further apart than this count as this far apart
 /// \[ns\].

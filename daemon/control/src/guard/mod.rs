@@ -93,7 +93,7 @@ impl<const J: usize> Commanded<J> {
         &self.motion.q
     }
 
-    /// [rad/s]: mean velocity of the step that ended at the stamp.
+    /// \[rad/s\]: mean velocity of the step that ended at the stamp.
     #[must_use]
     pub const fn qd(&self) -> &[f64; J] {
         &self.motion.qd

@@ -52,7 +52,7 @@ pub struct IkReport {
     pub active: ActiveBounds,
     /// KKT residual of the QP; NaN where nothing was solved.
     pub kkt_residual: f64,
-    /// Wanted minus achieved velocity of the tool origin, base frame [m/s]: the effect of limits and damping.
+    /// Wanted minus achieved velocity of the tool origin, base frame \[m/s\]: effect of limits and damping.
     pub velocity_error: Vector3<f64>,
     /// Size of the tilt rate that was wanted and not achieved \[rad/s\]; spin does not count.
     pub tilt_error: f64,

@@ -16,7 +16,7 @@ pub const FULL_TILT_RAD: f64 = 0.15;
 pub struct ToolTarget {
     /// Wanted tool origin at the instant of the last command \[m\].
     pub position: Vector3<f64>,
-    /// Wanted mean velocity of the tool origin over the step [m/s]: (next − now) / dt.
+    /// Wanted mean velocity of the tool origin over the step \[m/s\]: (next − now) / dt.
     pub velocity: Vector3<f64>,
     /// Wanted direction of the tool's z axis, a unit vector: against the plane's normal.
     pub axis: Vector3<f64>,

@@ -41,7 +41,7 @@ const LEAST_MPS: f64 = 0.02;
 const BEHIND_STEP: f64 = 0.95;
 /// Least lag of the model \[s\],
 const LEAST_LAG_S: f64 = 0.016;
-/// and smoothing time of its speed [s]: the arm's speeds are means over two or three joint states, which
+/// and smoothing time of its speed \[s\]: the arm's speeds are means over two or three joint states, which
 /// reduces short strokes more than long ones.
 const SMOOTH_S: f64 = 0.012;
 /// Longer steps of the model count as this long \[s\].

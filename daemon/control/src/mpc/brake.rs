@@ -13,7 +13,7 @@ use crate::units::AxisState;
 
 /// Bisections between plan and stop.
 const HALVINGS: u32 = 20;
-/// Rounding [m]: repeating a stop must not be judged as leaving it.
+/// Rounding \[m\]: repeating a stop must not be judged as leaving it.
 const ROUNDING_M: f64 = 1e-9;
 
 /// A stop in two segments of constant jerk and one of constant acceleration between them, with the sign

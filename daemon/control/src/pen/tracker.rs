@@ -270,7 +270,7 @@ impl PenTracker {
     }
 }
 
-/// Speed of a pen that is at `to` after `from` [m/s]: what the jump gate judges.
+/// Speed of a pen that is at `to` after `from` \[m/s\]: what the jump gate judges.
 fn speed_mps(from: &PenReading, to: &PenReading, settings: &PenSettings) -> f64 {
     let elapsed_ns = to.stamp.0.saturating_sub(from.stamp.0).max(settings.min_interval_ns);
     let [x, y] = difference(to.position, from.position);

@@ -3,7 +3,7 @@
 use crate::arm::limits::VelocityBox;
 use crate::qp::row_qp::RowSet;
 
-/// Rows of one tick, and the room that each leaves [m/s]: negative, the box can violate it by so much.
+/// Rows of one tick, and the room that each leaves \[m/s\]: negative, the box can violate it by so much.
 #[derive(Debug, Clone)]
 pub(crate) struct Offered<const J: usize> {
     rows: RowSet<J>,

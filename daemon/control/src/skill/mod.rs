@@ -39,7 +39,7 @@ pub const SKILL_LEADS: usize = REFINED_LEADS;
 pub struct Foreseen<'a> {
     /// The newest grid point \[m\].
     pub base: [f64; 2],
-    /// The displacement that led to it [m per step], which constant velocity repeats.
+    /// The displacement that led to it \[m per step\], which constant velocity repeats.
     pub velocity: [f64; 2],
     /// Predicted positions \[m\], the first one step after the base.
     pub path: &'a [[f64; 2]],

@@ -23,7 +23,7 @@ pub(super) struct Shot {
     pub(super) sight: Sight,
     /// A refinement at an earlier phase of the step: every phase is used, so every phase must be learned.
     pub(super) earlier: Option<Sight>,
-    /// Displacement before the preview [m], which constant velocity repeats.
+    /// Displacement before the preview \[m\], which constant velocity repeats.
     pub(super) velocity: [f64; 2],
     /// Predicted positions \[m\].
     pub(super) path: [[f64; 2]; SKILL_LEADS],

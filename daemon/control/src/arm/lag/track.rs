@@ -6,7 +6,7 @@
 
 use crate::units::Stamp;
 
-/// Grid step of the estimator [ns]: index k is the instant k·10 ms.
+/// Grid step of the estimator \[ns\]: index k is the instant k·10 ms.
 pub(super) const GRID_NS: u64 = 10_000_000;
 /// The same \[s\].
 pub(super) const GRID_S: f64 = GRID_NS as f64 * 1e-9;

@@ -146,7 +146,7 @@ impl Preview {
         self.path.get(1..=self.steps).unwrap_or_default()
     }
 
-    /// The path to be followed [m]: the pen at [`Preview::origin`] steps after the base, then its expected
+    /// The path to be followed \[m\]: the pen at [`Preview::origin`] steps after the base, then its expected
     /// position at each step.
     pub(crate) fn followed(&self) -> &[[f64; 2]] {
         self.used.get(..=self.steps).unwrap_or_default()

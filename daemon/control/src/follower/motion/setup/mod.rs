@@ -23,7 +23,7 @@ const VELOCITY_ASKED: f64 = 1.5;
 /// Stops are planned with this multiple of the acceleration that the joints give.
 const ACCELERATION_STOPS: f64 = 1.2;
 
-/// Speeds from which a plan must be able to foresee a stop, per axis [m/s]; with half of them in the plane
+/// Speeds from which a plan must be able to foresee a stop, per axis \[m/s\]; with half of them in the plane
 /// the tool oscillates by 18 mm.
 const USEFUL_MPS: [f64; 3] = [0.1, 0.1, 0.05];
 /// The lowest limits that a plan can be made with.

@@ -1,8 +1,8 @@
 //! `DybmLearner`: one online gradient step per input (gradient *ascent* of the Gaussian log-likelihood).
 //!
-//! With d = x − μ: g_b = d, g_W[l] = f_l ⊗ d, g_V[k] = e_k ⊗ d, all with the parameters from before the step;
-//! L2 is subtracted from the gradient (twice for W and b, once for V, as in the reference), L1 shrinks after
-//! the step.
+//! With d = x − μ: g_b = d, g_W\[l\] = f_l ⊗ d, g_V\[k\] = e_k ⊗ d, all with the parameters from before the
+//! step; L2 is subtracted from the gradient (twice for W and b, once for V, as in the reference), L1 shrinks
+//! after the step.
 
 use crate::predict::models::dybm::optimiser::{Group, Optimiser, Powers, Pull};
 use crate::predict::models::dybm::{DybmShape, DybmState, DybmWeights, Parameters, roll_out};
