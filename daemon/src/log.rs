@@ -58,7 +58,7 @@ fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
         let missing = lost.swap(0, Ordering::Relaxed);
         // An error of the output cannot be reported anywhere.
         if missing > 0 {
-            let _ = writeln!(out, "{missing} messages lost: nobody took them");
+            let _ = writeln!(out, "{missing} messages lost: the output was blocked");
         }
         match item {
             Item::Line(line) => drop(out.write_all(&line)),
@@ -149,7 +149,9 @@ mod tests {
         let written = 1 + kept.count();
         let lost: usize = text
             .lines()
-            .filter_map(|line| line.strip_suffix(" messages lost: nobody took them")?.parse::<usize>().ok())
+            .filter_map(|line| {
+                line.strip_suffix(" messages lost: the output was blocked")?.parse::<usize>().ok()
+            })
             .sum();
         assert!(written >= WAITING, "{written}");
         // The very last messages may be pending when this ends.

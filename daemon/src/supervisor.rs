@@ -245,7 +245,7 @@ impl Daemon {
             manager.alive(self.rt_orders.ticks());
             let again = stop.take();
             if again {
-                warn!("told to stop once more: not waiting for the arm, which brakes by itself");
+                warn!("told to stop again: not waiting for the arm, which brakes by itself");
             }
             again
         };

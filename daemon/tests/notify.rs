@@ -127,7 +127,7 @@ fn an_abstract_socket_works_and_without_a_watchdog_nothing_but_ready_and_stoppin
     daemon.expect("READY=1");
     assert_eq!(daemon.heard(Duration::from_millis(500)), None);
     let log = daemon.end();
-    assert!(log.contains("WATCHDOG_USEC is no positive whole number"), "{log}");
+    assert!(log.contains("WATCHDOG_USEC is not a positive whole number"), "{log}");
 }
 
 #[test]
@@ -143,9 +143,9 @@ fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
         use std::io::Read;
         let mut log = String::new();
         daemon.child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        assert!(log.contains(name) || log.contains("does not hear"), "{log}");
+        assert!(log.contains(name) || log.contains("cannot be notified"), "{log}");
         assert_eq!(
-            log.matches("service manager does not hear").count() + log.matches(name).count(),
+            log.matches("service manager cannot be notified").count() + log.matches(name).count(),
             1,
             "{log}"
         );

@@ -81,7 +81,7 @@ impl Troubles {
         [
             ("ticks after their deadline", self.overruns, before.overruns),
             ("whole periods lost", self.skipped, before.skipped),
-            ("solves shed for want of time", self.shed, before.shed),
+            ("solves shed for lack of time", self.shed, before.shed),
             ("commands not sent", self.not_sent, before.not_sent),
             ("pen samples refused", self.pen_rejected, before.pen_rejected),
             ("pen samples missing", self.pen_dropped, before.pen_dropped),
@@ -144,7 +144,7 @@ impl Narrator {
                     if !detail.is_empty() {
                         why = format!("{why}: {detail}");
                     }
-                    warn!(tick = facts.tick, "mode {from} -> {to}: {why}; arm again to go on");
+                    warn!(tick = facts.tick, "mode {from} -> {to}: {why}; arm again to continue");
                 }
             }
             self.mode = output.mode;
@@ -228,7 +228,7 @@ impl Narrator {
             LearnerEvent::Rules(Ok(())) => info!("learner follows new rules"),
             LearnerEvent::Rules(Err(error)) => warn!("learner keeps its rules: {error}"),
             LearnerEvent::Failed(text) => {
-                warn!("learner has failed ({text}); the loop goes on with the weights it has");
+                warn!("learner has failed ({text}); the loop continues with its present weights");
             }
         }
     }
@@ -257,7 +257,7 @@ impl Narrator {
         }
         let Lessons { better, back, .. } = std::mem::take(lessons);
         lessons.told_at = Some(now);
-        let back = if back > 0 { format!(", went back to earlier ones {back} times") } else { String::new() };
+        let back = if back > 0 { format!(", rolled back {back} times") } else { String::new() };
         info!(
             version,
             "{name} has learned: took better weights {better} times{back}; \

@@ -101,7 +101,7 @@ impl Requests {
     /// Sends a live setting to the loop.
     pub fn change_setting(&mut self, request: Request, rings: &mut IpcRings) {
         if let Err(Asker::Settings(request)) = self.ask_loop(request, Asker::Settings(request), rings) {
-            warn!("the loop is too busy for {request:?}: reload once more");
+            warn!("the loop is too busy for {request:?}: reload again");
         }
     }
 

@@ -63,7 +63,7 @@ impl Hearing {
         for (count, what) in [
             (malformed, "messages at the stop socket were no stop frames"),
             (foreign, "stop frames were of another boot"),
-            (unanswered, "answers to stops found nobody to take them"),
+            (unanswered, "answers to stops could not be delivered"),
             (failures, "failures of the stop socket"),
         ] {
             if count > 0 {

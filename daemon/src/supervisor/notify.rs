@@ -43,7 +43,7 @@ impl Manager {
             None
         });
         if let Some(period) = period {
-            info!("the service manager wants a sign of life every {} ms", period.as_millis());
+            info!("the service manager expects a sign of life every {} ms", period.as_millis());
         }
         Self { line: Some(line), watchdog: period.map(Watchdog::new), told: false }
     }
@@ -75,7 +75,7 @@ impl Manager {
             Ok(()) => true,
             Err(error) => {
                 if !self.told {
-                    warn!("the service manager does not hear ({error}); said only once");
+                    warn!("the service manager cannot be notified ({error}); said only once");
                     self.told = true;
                 }
                 false
@@ -145,13 +145,15 @@ fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duratio
     let Some(usec) = usec else { return Ok(None) };
     let usec = match usec {
         Ok(usec) if usec > 0 => usec,
-        _ => return Err("WATCHDOG_USEC is no positive whole number of microseconds: no watchdog".to_owned()),
+        _ => {
+            return Err("WATCHDOG_USEC is not a positive whole number of microseconds: no watchdog".to_owned());
+        }
     };
     match pid {
         None => {}
         Some(Ok(pid)) if pid == u64::from(own) => {}
         Some(Ok(_)) => return Ok(None),
-        Some(Err(_)) => return Err("WATCHDOG_PID is no process number: no watchdog".to_owned()),
+        Some(Err(_)) => return Err("WATCHDOG_PID is not a process number: no watchdog".to_owned()),
     }
     Ok(Some(Duration::from_micros(usec)))
 }

@@ -249,7 +249,7 @@ fn heard<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
     news.recv_timeout(OPENING).map_err(|error| match error {
         RecvTimeoutError::Timeout => hangs(instance),
         RecvTimeoutError::Disconnected => {
-            DaemonError::ThreadDied { name: "starting", cause: "it said nothing".to_owned() }
+            DaemonError::ThreadDied { name: "starting", cause: "it did not report".to_owned() }
         }
     })
 }

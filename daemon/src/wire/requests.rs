@@ -99,7 +99,7 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
             (ControlStatus::WrongMode, "the arm is moving home: wait until it is there, or stop it")
         }
         Refusal::WayBlocked(_) => {
-            (ControlStatus::WayBlocked, "something is in the straight way home: move the arm by hand")
+            (ControlStatus::WayBlocked, "the straight way home is blocked: move the arm by hand")
         }
         Refusal::BadValue => (ControlStatus::Invalid, "the value is not a number in its legal range"),
         Refusal::PredictorUnavailable => {

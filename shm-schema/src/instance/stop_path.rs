@@ -131,7 +131,7 @@ pub enum SignalError {
     #[error("no daemon holds the lock of this instance")]
     NoDaemon,
     /// The holder of the lock cannot be determined; another process may have its number.
-    #[error("process {pid} cannot be told to be the daemon ({why}), so it was sent no signal")]
+    #[error("process {pid} cannot be identified as the daemon ({why}), so it was sent no signal")]
     Uncertain {
         /// Content of the lock file.
         pid: u32,

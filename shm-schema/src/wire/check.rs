@@ -98,7 +98,7 @@ impl fmt::Display for Rejection {
                 write!(f, " lies {value:.6} s before that command was sent: stamp by CLOCK_MONOTONIC")
             }
             _ if field == "predictor" => {
-                write!(f, " is no name: 1 to 27 lower-case letters, digits and hyphens")
+                write!(f, " is not a name: 1 to 27 lower-case letters, digits and hyphens")
             }
             RejectReason::NotFinite => write!(f, " = {value}: it must be a finite number"),
             RejectReason::OutOfRange if bound.is_nan() => write!(f, " is out of range"),
@@ -116,7 +116,7 @@ impl fmt::Display for Rejection {
                 let unit = unit(field);
                 write!(f, " = {value:.4}{unit}, legal ±{bound:.4}{unit}{}", guess(field, value))
             }
-            RejectReason::UnknownEnum if !value.is_nan() => write!(f, " = {value} stands for nothing"),
+            RejectReason::UnknownEnum if !value.is_nan() => write!(f, " = {value} is not a known value"),
             RejectReason::FromTheFuture if value.is_nan() => write!(f, " lies in the future"),
             RejectReason::FromTheFuture if value > ANOTHER_CLOCK_S => write!(
                 f,

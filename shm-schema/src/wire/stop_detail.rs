@@ -115,7 +115,7 @@ impl fmt::Display for StopDetail {
             StopCause::Tilt => write!(f, "the tool is tilted by {amount:.3} rad, limit {limit:.3} rad"),
             StopCause::ToolSpeed => write!(f, "the tool moves at {amount:.3} m/s, limit {limit:.3} m/s"),
             StopCause::Clearance => {
-                write!(f, "something is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
+                write!(f, "an obstacle is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
             }
             StopCause::LateTicks => write!(
                 f,

@@ -159,8 +159,8 @@ pub enum FollowerError {
     },
     /// The tool oscillates about its target without end.
     #[error(
-        "at its limits the tool does not come to rest: along axis {axis} it swings by {swing_m:.4} m about a \
-         pen that rests; {would}"
+        "with saturated limits the tool does not come to rest: along axis {axis} it oscillates by \
+         {swing_m:.4} m about a pen that rests; {would}"
     )]
     NoRest {
         /// Axis 0 = x, 1 = y, 2 = z.
@@ -173,7 +173,7 @@ pub enum FollowerError {
     /// With so little jerk a joint that brakes hard reverses before it rests.
     #[error(
         "joint {joint}: with a jerk limit of {jerk} rad/s³ it takes longer than 50 ms to go from full \
-         speeding up to full braking, so a stop would turn the joint round and back; {needed} rad/s³ would \
+         speeding up to full braking, so a stop would make the joint reverse twice; {needed} rad/s³ would \
          do, or less acceleration"
     )]
     JointJerk {
@@ -187,7 +187,7 @@ pub enum FollowerError {
     /// With so little jerk a plan does not foresee its stops.
     #[error(
         "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer \
-         than the plan looks ahead, so the tool would swing about the pen; {needed_mps3:.0} m/s³ would do, \
+         than the plan looks ahead, so the tool would oscillate about the pen; {needed_mps3:.0} m/s³ would do, \
          or a longer horizon"
     )]
     LittleJerk {

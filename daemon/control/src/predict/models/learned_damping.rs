@@ -7,7 +7,7 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usab
 use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
 
 pub(super) const ENTRY: Entry =
-    Entry::taught::<LearnedDamping>("the last velocity goes on, damped as it was lately, learning online");
+    Entry::taught::<LearnedDamping>("repeats the last velocity, damped as it recently was, learning online");
 
 /// Forgetting factor per step.
 const FORGETTING: f64 = 0.999;
