@@ -146,7 +146,9 @@ fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duratio
     let usec = match usec {
         Ok(usec) if usec > 0 => usec,
         _ => {
-            return Err("WATCHDOG_USEC is not a positive whole number of microseconds: no watchdog".to_owned());
+            return Err(
+                "WATCHDOG_USEC is not a positive whole number of microseconds: no watchdog".to_owned()
+            );
         }
     };
     match pid {

@@ -106,7 +106,7 @@ pub enum ChainError {
         /// Axis component.
         z: f64,
     },
-    /// An origin is not finite.
+    /// An origin is non-finite.
     #[error("joint `{joint}`: origin xyz or rpy is not a finite number")]
     Origin {
         /// Joint name.

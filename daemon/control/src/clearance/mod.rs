@@ -6,7 +6,6 @@
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≥ −ξ (d − margin),     ξ = 1 / (max(T_a, T_b/2 + hold) + T_j + h).
 //!
 //! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which
-//! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which
 //! the IK itself stops the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with
 //! the jerk of a stop. Joints that slow down in proportion scale every closing speed by 1 − h/T and every gap
 //! by at least 1 − ξh, so braking satisfies all rows at once to first order, and the QP is feasible.
@@ -20,6 +19,7 @@
 //! Unchanged velocities keep q_s, so these rows are feasible too. The margin covers what both rows neglect:
 //! the path to q_s, normals that turn within a tick, position limits that cut braking short. Rows that cannot
 //! be satisfied are relaxed with the least violation.
+//!
 //! Contract: no allocation after construction, bounded work, no panic. The rows of a tick are a function of
 //! its inputs; the memory between ticks (`watch`) only saves distance computations that cannot matter.
 //! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high

@@ -1,10 +1,11 @@
 //! Whether a straight path in joint space is clear, checked point by point before anything moves.
 //!
-//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by at most Σ_j lever_j |Δq_j| per unit of s. From
-//! a point where d exceeds its bound by d − least, contact is impossible before s has grown by (d − least) /
-//! Σ_j lever_j |Δq_j|: the next point to check is the smallest of these over all pairs. Steps are never
-//! shorter than `STEP_M` of motion, or a thousandth of the path; what such a step may hide is less than
-//! [`MORE_M`], which is added to the margin.
+//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by at most Σ_j lever_j |Δq_j| per unit of s. Its
+//! least distance allowed cannot be reached before s has grown by (d − least) / Σ_j lever_j |Δq_j|: the next
+//! point to check is the smallest of these steps over all pairs. Steps are never shorter than `STEP_M` of
+//! motion, or a thousandth of the path; what such a step may hide is less than [`MORE_M`], which is added to
+//! the margin.
+//!
 //! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per
 //! path. A pair that begins nearer than the margin may not come nearer than it begins; a pair that ends
 //! nearer may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
@@ -150,7 +151,7 @@ impl<const J: usize> Clearance<J> {
     pub(crate) fn share_kept(&self, qd: &[f64; J]) -> f64 {
         let kept = self.found.rows().iter().map(|(row, bound)| {
             let speed: f64 = row.iter().zip(qd).map(|(c, v)| c * v).sum();
-            // A row that this motion does not approach is not satisfied by slowing down either.
+            // A motion that does not close the gap opens it by no share of its speed.
             if speed >= bound || speed >= 0.0 { 1.0 } else { bound.min(0.0) / speed }
         });
         kept.fold(1.0, f64::min)

@@ -185,7 +185,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         // Refine by samples newer than the grid, as far as past previews justify.
         let skill = self.skill();
         self.refine(&skill, &mut health);
-        // Trust: how far to believe what came of it.
+        // Trust: how much of the preview to use.
         let trust = self.believe(&pen, skill.record);
         clock.lap(Stage::Predict);
 

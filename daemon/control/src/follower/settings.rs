@@ -187,8 +187,8 @@ pub enum FollowerError {
     /// With so little jerk a plan does not foresee its stops.
     #[error(
         "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer \
-         than the plan looks ahead, so the tool would oscillate about the pen; {needed_mps3:.0} m/s³ would do, \
-         or a longer horizon"
+         than the plan looks ahead, so the tool would oscillate about the pen; {needed_mps3:.0} m/s³ would \
+         do, or a longer horizon"
     )]
     LittleJerk {
         /// `the plan's limits` or `the joints' jerk limits`.

@@ -1,5 +1,6 @@
 //! The ghost: the same loop at Hold (α = 0) with the same pen, arm and limits, run beside the real loop, and
 //! how much the prediction gains over it.
+//!
 //! Contract: fed with the output of each tick of the real loop. A second [`Follower`] with the same settings
 //! and trust 0 takes over the arm whenever the real one does, from the same measured joints, and receives the
 //! newest pen reading of every tick at the same instant. The real arm is where its measured joints put it;
@@ -9,7 +10,6 @@
 //! pen. Where ticks are missing the ghost cannot know what the pen did: it starts anew from the real command
 //! at rest and is judged again after a second. Work per tick is one step of the law; nothing allocates after
 //! construction. Absent: threads, and the source of the lag.
-//! construction. Absent: threads, and where the lag comes from.
 
 mod arm;
 mod score;

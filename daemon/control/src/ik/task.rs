@@ -1,4 +1,5 @@
 //! What the tool should do next, as a least-squares cost over joint velocities.
+//!
 //! Contract: pure, no allocation. Linear rows in the base frame \[m/s\]; angular rows in the tool frame,
 //! multiplied by a length so that they are metres per second too. The rotation about the tool axis is a
 //! separate task with a small weight: an arm of 6 joints then has as many rows as joints, so the small weight

@@ -28,7 +28,7 @@ const JUDGED_RADPS: f64 = 0.25;
 const TOOL_KEPT: f64 = 0.9;
 /// Time for a slow arm to come back to its commands \[ns\].
 const PATIENCE_NS: u64 = 1_000_000_000;
-/// An arm that reaches this share keeps up, and may be asked for more by the inverse in the next window.
+/// An arm that reaches this share keeps up; its limit grows by the second factor in the next window.
 const KEEPS_UP: f64 = 0.95;
 const MORE: f64 = 1.01;
 /// The limit is released at this multiple of the speed asked for when the arm was found slow, which may have

@@ -34,7 +34,7 @@ pub(super) struct AxisProblem<'a, const N: usize> {
 
 impl<const N: usize> AxisProblem<'_, N> {
     /// Linear term q = ∇½J at zero jerk, and its size, which the residuals are relative to: 1 + max |q|.
-    /// `None` when anything that enters it is not finite.
+    /// `None` if any input is non-finite.
     #[inline]
     pub(super) fn linear_term(&self) -> Option<([f64; N], f64)> {
         let linear = self.gradient(&rollout(&self.start, &[0.0; N]), &[[0.0; N]; 4]);

@@ -19,8 +19,8 @@ const TRUSTS: [f64; 10] = [0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0];
 type Map = SMatrix<f64, STATES, STATES>;
 
 impl<const N: usize> Mpc<N> {
-    /// Steady lag of the arm behind a target at constant velocity under feedback alone, planned anew every
-    /// `period_s` \[s\] \[s\]. NaN if there is none.
+    /// Steady-state lag \[s\] of the arm behind a target at constant velocity, under feedback alone that
+    /// plans anew every `period_s` \[s\]. NaN if there is no steady state.
     #[must_use]
     pub fn feedback_lag_s(&mut self, period_s: f64) -> f64 {
         let Some([map, ..]) = self.maps(Trust::NONE, period_s) else { return f64::NAN };

@@ -110,7 +110,7 @@ fn shares_and_records_are_those_of_all_cases() {
     assert!(partly > 200, "{partly} shares between nothing and all");
 }
 
-/// The share of surprises after `cases` claims of `radius_m`, `lead` steps ahead, for a pen 0.5 mm beside
+/// The share of wrong claims after `cases` claims of `radius_m`, `lead` steps ahead, for a pen 0.5 mm beside
 /// every preview.
 fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
     let (mut skill, mut refiner) = (Skill::new(0.01, false), Refiner::new(0.01));

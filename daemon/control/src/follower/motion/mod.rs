@@ -46,7 +46,7 @@ pub(super) enum Wanted<const N: usize> {
         holding: bool,
         /// References of x and y at i = 1..N.
         preview: Option<[[AxisState; N]; 2]>,
-        /// How much of the preview to believe.
+        /// How much of the preview to use.
         trust: Trust,
     },
     /// Come to rest, and stay there.

@@ -1,7 +1,7 @@
 //! Parameters of refinement, each with what it measures, its range of effect, and the reason for its value.
+//!
 //! Lengths are normalised (see [`crate::predict`]) unless in metres. Tuned on train writers of the data sets,
 //! tested on the test writers of all four (docs/results/closed-loop.md).
-//! sets, judged on the test writers of all four (docs/results/closed-loop.md).
 
 use super::blend::TERMS;
 use super::prior::RefinePrior;
@@ -35,8 +35,8 @@ pub struct BlendParameters {
     /// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead,
     /// because errors far ahead are correlated. 0: only the hand's own cases count.
     pub prior_cases: f64,
-    /// Cases that the prior assumption weighs by which corrections are right: the fewer, the sooner a preview
-    /// that is right is left alone.
+    /// Weight, in cases, of the initial assumption that corrections are right: the smaller, the sooner a
+    /// preview that is right is left alone.
     pub prior_worth: f64,
     /// Largest weight \[1\].
     pub largest: f64,

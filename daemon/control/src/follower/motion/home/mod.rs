@@ -115,7 +115,7 @@ fn glide<const J: usize>(paces: &[Pace; J], from: &[f64; J], to: &[f64; J]) -> G
 
 impl<const J: usize> FollowerSettings<J> {
     /// The way home from joints at `q` \[rad\]: the joint that turns farthest, by how much \[rad\], and how
-    /// long it takes with nothing near \[s\]. `None` where a joint is not finite.
+    /// long it takes with nothing near \[s\]. `None` if a joint is non-finite.
     #[must_use]
     pub fn way_home(&self, q: &[f64; J]) -> Option<(usize, f64, f64)> {
         if !q.iter().all(|q| q.is_finite()) {
