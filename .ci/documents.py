@@ -1,4 +1,4 @@
-"""Checks of the documents: width of prose, links and anchors, the book's contents, names of pages in code, keys of the settings."""
+"""Checks of the documents: width of prose, links and anchors, the book's contents, names of pages and sources, keys of the settings."""
 
 import pathlib
 import re
@@ -94,6 +94,32 @@ def pages_that_code_names() -> list[str]:
     return problems
 
 
+def sources_that_text_names() -> tuple[list[str], int]:
+    """A Rust file that a comment or a document names between backticks, by its path or the end of it, exists."""
+    paths = tracked()
+    sources = [f"/{path.relative_to(ROOT)}" for path in paths if path.suffix == ".rs"]
+    problems, count = [], 0
+    for path in paths:
+        if path.suffix not in (".rs", ".toml", ".md", ".py") or path == pathlib.Path(__file__):
+            continue
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for number, line in enumerate(lines, 1):
+            text = line if path.suffix != ".rs" else line.partition("//")[2]
+            # A name in capitals stands for the reader's own.
+            for name in re.findall(r"`([a-z0-9_./{},-]+\.rs)(?:::?[\w:-]+)?`", text):
+                for one in expanded(name):
+                    count += 1
+                    if not any(source.endswith(f"/{one}") for source in sources):
+                        problems.append(f"{path.relative_to(ROOT)}:{number} names {one}, which does not exist")
+    return problems, count
+
+
+def expanded(name: str) -> list[str]:
+    """`a/{b,c}.rs` as its two names."""
+    braces = re.fullmatch(r"(.*)\{([^}]*)\}(.*)", name)
+    return [f"{braces[1]}{part}{braces[3]}" for part in braces[2].split(",")] if braces else [name]
+
+
 def keys(documents: dict[pathlib.Path, str]) -> tuple[list[str], int]:
     """A key or section of the settings that a page names between backticks stands in the tables of docs/configure/settings.md."""
     known, section = set(), ""
@@ -126,8 +152,9 @@ def problems() -> list[str]:
     ]
     wrong_links, link_count = links(documents)
     wrong_keys, key_count = keys(documents)
-    found += wrong_links + contents() + pages_that_code_names() + wrong_keys
-    # A pattern without matches proves nothing.
-    if link_count < 150 or key_count < 40:
-        found.append(f"only {link_count} links and {key_count} keys were found in the documents")
+    wrong_sources, source_count = sources_that_text_names()
+    found += wrong_links + contents() + pages_that_code_names() + wrong_sources + wrong_keys
+    # A pattern that finds nothing proves nothing.
+    if link_count < 150 or key_count < 40 or source_count < 60:
+        found.append(f"only {link_count} links, {key_count} keys and {source_count} sources were found in the documents")
     return found

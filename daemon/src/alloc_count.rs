@@ -1,10 +1,10 @@
-//! A global allocator that counts, per thread, how often memory was asked for.
+//! A global allocator that counts allocations per thread.
 //!
 //! Contract: [`CountingAllocator`] passes every request on to the system's allocator unchanged and adds one
 //! to a counter of the calling thread for each `alloc`, `alloc_zeroed` and `realloc`. Freeing is not counted:
-//! a thread that only frees is found by the thread that allocated. Programs install it (`foretrace`,
-//! `foretraced`, tests that count); this library does not. Beside `rt/os.rs` this is the only file of the
-//! daemon with `unsafe`.
+//! every freed block was counted where it was allocated. Programs install it (`foretrace`, `foretraced`,
+//! tests that count); this library does not. Besides `rt/os.rs` this is the only file of the daemon with
+//! `unsafe`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -14,7 +14,7 @@ use std::cell::Cell;
 pub struct CountingAllocator;
 
 thread_local! {
-    // Const and without a destructor: reading it can neither allocate nor run into a thread that is ending.
+    // Const and without a destructor: reading it neither allocates nor fails in a thread that is ending.
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
@@ -22,7 +22,7 @@ fn count_one() {
     COUNT.with(|count| count.set(count.get().wrapping_add(1)));
 }
 
-/// Requests for memory by the calling thread since it started; always 0 without a [`CountingAllocator`].
+/// Allocations of the calling thread since it started; always 0 without a [`CountingAllocator`].
 #[must_use]
 pub fn allocations() -> u64 {
     COUNT.with(Cell::get)

@@ -1,4 +1,4 @@
-//! Why a daemon did not start, or did not end as it should: each with what to do about it.
+//! Why a daemon did not start or did not end normally, each with its remedy.
 
 use foretrace_config::ConfigError;
 use foretrace_control::follower::FollowerError;
@@ -8,13 +8,13 @@ use foretrace_shm::{InstanceError, ServiceError};
 use crate::limits::TooLow;
 use crate::memory::NoSpace;
 
-/// Why a daemon did not start, or did not end as it should.
+/// Why a daemon did not start or did not end normally.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
     /// The settings are wrong.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// The instance cannot be used; above all: another daemon has it.
+    /// The instance cannot be used, usually because another daemon has it.
     #[error("{0}")]
     Instance(#[from] InstanceError),
     /// The services cannot be created.
@@ -39,7 +39,7 @@ pub enum DaemonError {
          then remove /dev/shm/{prefix}* and {root}/iox2"
     )]
     Hangs {
-        /// How long was waited for it \[s\].
+        /// Time waited \[s\].
         seconds: u64,
         /// Number of the instance.
         number: u32,
@@ -48,26 +48,26 @@ pub enum DaemonError {
         /// Its directory.
         root: String,
     },
-    /// The system refuses something.
+    /// The system refused something.
     #[error("{what}: {source}")]
     System {
-        /// What was tried.
+        /// The attempt.
         what: &'static str,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A thread ended that should not have.
+    /// A thread ended by a fault.
     #[error("the {name} thread ended by a fault ({cause}); consumers of commands brake by themselves")]
     ThreadDied {
-        /// Which.
+        /// Name of the thread.
         name: &'static str,
-        /// What it said.
+        /// The panic's message.
         cause: String,
     },
-    /// The arm did not come to rest in time, or nobody wanted to wait for it.
+    /// The arm did not come to rest in time, or the wait was cut short.
     #[error("ended before the arm was at rest (at most {seconds} s are waited for it): it brakes by itself")]
     NotAtRest {
-        /// How long \[s\].
+        /// Longest wait \[s\].
         seconds: u64,
     },
 }

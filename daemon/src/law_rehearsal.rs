@@ -1,9 +1,8 @@
-//! The law's own cost on this machine, before anything depends on it: can a loop with these settings keep its
-//! rate?
+//! The law's own cost on this machine, measured at start-up: can a loop with these settings keep its rate?
 //!
-//! Contract: the same `Follower` as the loop's, an arm that stands where it was commanded, a pen that draws
-//! circles, simulated time. What is measured is the processor time of the thread, so that a busy machine does
-//! not look like a slow law. Commands nothing.
+//! Contract: the same `Follower` as the loop's, an arm that is where it was commanded, a pen that draws
+//! circles, simulated time. Measures processor time of the thread, so that a busy machine does not look like
+//! a slow law. Commands nothing.
 
 use std::f64::consts::TAU;
 
@@ -18,40 +17,40 @@ use crate::error::DaemonError;
 use crate::rt::os;
 use crate::wire::JOINTS;
 
-/// Ticks that are judged at most, and after how many a slow law is known well enough.
+/// Ticks measured at most, and the number after which a slow law is certain.
 const TICKS: usize = 400;
 const ENOUGH: usize = 20;
-/// No more processor time than this is spent once there are enough \[ns\].
+/// Limit on processor time once there are enough ticks \[ns\].
 const SPEND_NS: u64 = 100_000_000;
-/// Ticks in motion that do not count: everything is touched for the first time.
+/// Ticks in motion that do not count, because caches are cold.
 const WARM_UP: usize = 20;
 /// Circles of this radius \[m\], so many per second: fast writing.
 const RADIUS_M: f64 = 0.02;
 const TURNS_HZ: f64 = 1.0;
-/// Between two samples of the pen \[ns\].
+/// Sampling interval of the pen \[ns\].
 const SAMPLE_NS: u64 = 5_000_000;
 
-/// What a tick costs.
+/// Cost of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LawCost {
-    /// Processor time of half of the ticks \[ns\].
+    /// Median processor time \[ns\].
     pub p50_ns: u64,
-    /// Of all but one in a hundred \[ns\].
+    /// 99th percentile \[ns\].
     pub p99_ns: u64,
-    /// What there is \[ns\].
+    /// The period \[ns\].
     pub period_ns: u64,
-    /// Ticks that were judged.
+    /// Ticks measured.
     pub ticks: usize,
 }
 
 impl LawCost {
-    /// Less than half of the period is left for everything else in half of the ticks: the loop will be late.
+    /// In half of the ticks less than half of the period is left for everything else: the loop will be late.
     #[must_use]
     pub const fn is_too_slow(&self) -> bool {
         2 * self.p50_ns > self.period_ns
     }
 
-    /// What is wrong and what to do, where it is too slow.
+    /// The problem and its remedy, if the law is too slow.
     #[must_use]
     pub fn complaint(&self, config: &Config) -> Option<String> {
         let settings = config.settings();
@@ -73,7 +72,7 @@ impl LawCost {
     }
 }
 
-/// Measures the law of `config` in a thread of its own; takes a fraction of a second.
+/// Measures the law of `config` in a separate thread; takes a fraction of a second.
 ///
 /// # Errors
 /// The law refuses the settings, or the system a thread.

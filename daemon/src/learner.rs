@@ -1,8 +1,8 @@
 //! The learner thread: grid steps in, promoted weights out.
 //!
-//! Contract: never makes the real-time thread wait. What the rings and the channel cannot take is dropped and
+//! Contract: never makes the real-time thread wait. What the rings and the channel cannot hold is dropped and
 //! counted; of several sets of weights the newest reaches the loop. A panic ends learning, not the daemon:
-//! the loop goes on with the weights it has, and the board says so.
+//! the loop continues with the weights it has, and the board reports it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -16,12 +16,12 @@ use foretrace_control::learn::{LearnCounters, LearnError, Learner, LearnerSettin
 
 use crate::rt::tick::LearnerRings;
 
-/// How long the thread sleeps between two looks into its ring; a grid step takes longer.
+/// Sleep between two looks into its ring; a grid step takes longer.
 const PAUSE: Duration = Duration::from_millis(4);
 /// Steps learned from between two looks at the orders.
 const BATCH: usize = 256;
 
-/// What others may see of the learner at any time.
+/// Figures of the learner, readable at any time.
 #[derive(Debug, Default)]
 pub struct LearnerBoard {
     updates: AtomicU64,
@@ -33,27 +33,27 @@ pub struct LearnerBoard {
     failed: AtomicBool,
 }
 
-/// One look at the board.
+/// A snapshot of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LearnerView {
     /// Grid steps learned from.
     pub updates: u64,
     /// Sets of weights handed to the loop because they were better.
     pub promotions: u64,
-    /// Sets of weights taken back.
+    /// Sets of weights rolled back.
     pub rollbacks: u64,
-    /// Candidates thrown away and steps refused.
+    /// Candidates discarded and steps refused.
     pub refused: u64,
     /// Sets of weights that a newer one overtook before there was room for them in the ring.
     pub overtaken: u64,
-    /// Events lost because nobody took them off the channel in time.
+    /// Events lost because the channel was full.
     pub events_lost: u64,
     /// The thread has ended by a fault.
     pub failed: bool,
 }
 
 impl LearnerBoard {
-    /// What it says now.
+    /// Takes a snapshot.
     #[must_use]
     pub fn view(&self) -> LearnerView {
         let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
@@ -78,10 +78,10 @@ impl LearnerBoard {
     }
 }
 
-/// Something worth a line in the log.
+/// An event for the log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LearnerEvent {
-    /// The live weights change.
+    /// The live weights changed.
     Promoted(Promotion),
     /// New rules are in force, or were refused.
     Rules(Result<(), LearnError>),
@@ -92,27 +92,27 @@ pub enum LearnerEvent {
 /// What the supervisor may change while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnerOrder {
-    /// Learn at all.
+    /// Whether to learn.
     pub enabled: bool,
-    /// Rules from here on; the live weights stay.
+    /// Rules from now on; the live weights stay.
     pub settings: LearnerSettings,
 }
 
-/// What the thread needs besides its rings.
+/// Channels of the thread besides its rings.
 #[derive(Debug)]
 pub struct LearnerLinks {
-    /// Shown to others.
+    /// The figures.
     pub board: Arc<LearnerBoard>,
-    /// To whoever logs.
+    /// Events for the log.
     pub events: Sender<LearnerEvent>,
-    /// From the supervisor.
+    /// Orders of the supervisor.
     pub orders: Receiver<LearnerOrder>,
-    /// Time to end.
+    /// Set when the thread should end.
     pub quit: Arc<AtomicBool>,
 }
 
 impl LearnerLinks {
-    /// Tells an event, or counts it as lost. Once nobody listens any more nothing is lost.
+    /// Sends an event, or counts it as lost. Not counted once the receiver is gone.
     fn tell(&self, event: LearnerEvent) {
         if let Err(TrySendError::Full(_)) = self.events.try_send(event) {
             self.board.events_lost.fetch_add(1, Ordering::Relaxed);
@@ -135,7 +135,7 @@ pub fn spawn(
     })
 }
 
-/// Runs `work`; should it panic, says so instead of taking anybody along.
+/// Runs `work`; a panic is reported and ends this thread only.
 fn guarded(links: &LearnerLinks, work: impl FnOnce()) {
     if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
         let text = panic
@@ -175,7 +175,7 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
             }
         }
         links.board.show(learner.counters());
-        // The newest set is always that of the learner itself.
+        // The newest set is always the learner's own.
         rings.weights.put(|| *learner.weights());
         if learned < BATCH {
             std::thread::sleep(PAUSE);
@@ -256,7 +256,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         until(|| mailbox.look().is_some());
-        // Sets that only carry new bands are among them.
+        // Sets with new bands only are among them.
         let mut promoted = false;
         until(|| {
             while let Some(received) = take(&mut mailbox) {
@@ -322,7 +322,7 @@ mod tests {
         }
         until(|| mailbox.look().is_some());
         let old = take(&mut mailbox).unwrap();
-        // What waited meanwhile is the newest set, not the one after.
+        // The set that waited is the newest, not the one after.
         until(|| mailbox.look().is_some());
         assert!(take(&mut mailbox).unwrap().version > old.version);
         bench.quit.store(true, Ordering::Release);

@@ -1,12 +1,11 @@
 //! The real-time daemon of foretrace: one real-time thread, a learner, an ipc thread and a supervisor.
 //!
-//! [`run`] is the whole of it; `foretraced` and `foretrace daemon` are thin shells around it. In the order of
-//! a message's way: [`wire`] says it in the law's types, [`ports`] bring it in and out, [`rt`] is the loop
-//! around the pure follower, [`learner`] improves its weights, [`ipc`] tells others and hears them,
-//! [`supervisor`] starts and ends everything. Each of these rooms knows only those before it.
+//! [`run`] does everything; `foretraced` and `foretrace daemon` are thin shells around it. In the order of a
+//! message's way: [`wire`] converts it to the law's types, [`ports`] receive and send, [`rt`] is the loop
+//! around the pure follower, [`learner`] improves its weights, [`ipc`] serves telemetry and requests,
+//! [`supervisor`] starts and ends everything. Each of these modules uses only those before it.
 //!
-//! `unsafe` stands in two files: `rt/os.rs` (calls to the system) and `alloc_count.rs` (the counting
-//! allocator).
+//! `unsafe` is in two files: `rt/os.rs` (system calls) and `alloc_count.rs` (the counting allocator).
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -30,7 +29,7 @@ pub use log::LogGuard;
 pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
 pub use supervisor::{ExitReport, run};
 
-// The helpers of the tests outside call this crate by its name.
+// The test support is shared with integration tests, which name this crate.
 #[cfg(test)]
 extern crate self as foretraced;
 #[cfg(test)]
@@ -45,13 +44,13 @@ pub enum LogError {
     /// The filter cannot be read: the command line is wrong.
     #[error("{0}")]
     Filter(String),
-    /// The system refuses, or there is a log already.
+    /// The system refuses, or a log is already set up.
     #[error("{0}")]
     Start(String),
 }
 
-/// Sends the daemon's log to stderr until the guard is dropped and after; `filter` as in `RUST_LOG`, for
-/// example `info` or `foretraced=debug`. No thread of the daemon waits for whoever reads it.
+/// Sends the daemon's log to stderr, with the last messages written when the guard is dropped; `filter` as in
+/// `RUST_LOG`, for example `info` or `foretraced=debug`. No thread of the daemon waits for the reader.
 ///
 /// # Errors
 /// The filter cannot be read, a log is set up already, or the system starts no thread.

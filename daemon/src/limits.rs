@@ -1,8 +1,8 @@
-//! Limits that a shell or a service manager has put on this process (`ulimit`): heeded, and named where they
-//! are the reason.
+//! Limits of a shell or a service manager on this process (`ulimit`): checked at start, and named in errors
+//! that they may cause.
 //!
-//! Contract: reads `/proc/self/limits` and changes nothing but the way in which SIGXFSZ is taken. Where that
-//! file cannot be read, nothing is known and nothing refused.
+//! Contract: reads `/proc/self/limits` and changes nothing but the disposition of SIGXFSZ. If that file
+//! cannot be read, nothing is refused.
 
 use std::fmt::Write;
 use std::io;
@@ -11,14 +11,13 @@ use std::sync::atomic::AtomicBool;
 
 use signal_hook::consts::SIGXFSZ;
 
-/// Open files that a daemon with an arm, a pen and programs that watch needs, with room to spare (53
-/// measured).
+/// Open files needed by a daemon with an arm, a pen and watching programs, with margin (53 measured).
 const FILES: u64 = 96;
-/// Largest file that a daemon makes: its shared memory (1 MB the largest measured), with room to spare.
+/// Largest file that a daemon makes, its shared memory, with margin (1 MB measured).
 const FILE_BYTES: u64 = 4 << 20;
-/// A main thread with less than this gets a stack of its own.
+/// A main thread with a smaller stack gets another.
 const STACK_BYTES: u64 = 4 << 20;
-/// That stack.
+/// Size of that stack.
 const ROOM_BYTES: usize = 8 << 20;
 
 /// A limit, by its name in `/proc/self/limits`.
@@ -26,7 +25,7 @@ struct Known {
     name: &'static str,
     words: &'static str,
     option: &'static str,
-    /// Below this it may well be the reason of a failure.
+    /// Below this it may be the cause of a failure.
     low: u64,
     /// Bytes per unit of `ulimit`.
     unit: u64,
@@ -45,7 +44,7 @@ const KNOWN: [Known; 4] = [
     Known { name: "Max processes", words: "processes and threads", option: "-u", low: 128, unit: 1 },
 ];
 
-/// Why a daemon is not started.
+/// Why a daemon was not started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the limit of this process on {words} is {now} (ulimit {option}), the daemon needs {least}: \
@@ -58,7 +57,7 @@ pub struct TooLow {
     least: u64,
 }
 
-/// What a daemon cannot do without, before it makes anything.
+/// Checks the limits that a daemon needs, before it creates anything.
 ///
 /// # Errors
 ///
@@ -77,7 +76,7 @@ fn check_in(table: &str) -> Result<(), TooLow> {
     Ok(())
 }
 
-/// Limits that may be the reason of a failure, in one sentence; none where all are high.
+/// Limits that may be the cause of a failure, in one sentence; none if all are high.
 #[must_use]
 pub fn low() -> Option<String> {
     low_in(&table())
@@ -96,14 +95,14 @@ fn low_in(table: &str) -> Option<String> {
         .then(|| format!("limits of this process are low and may be the reason: {list}; raise them"))
 }
 
-/// From now on a file that grows beyond the limit is an error to whoever writes it, instead of the end of the
+/// From now on a file that grows beyond the limit is an error for its writer, instead of the end of the
 /// process.
 pub fn hear_of_large_files() {
-    // Where that cannot be had, the process ends as it would have.
+    // If this fails, the process ends as by default.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
 }
 
-/// Runs `work` on the main thread's stack, or on a larger one where that is small (`ulimit -s`).
+/// Runs `work` on the main thread's stack, or on a larger one if that is small (`ulimit -s`).
 ///
 /// # Errors
 ///
@@ -121,7 +120,7 @@ fn table() -> String {
     std::fs::read_to_string("/proc/self/limits").unwrap_or_default()
 }
 
-/// The soft limit; none where it is unlimited or not known.
+/// The soft limit; `None` if unlimited or unknown.
 fn soft(table: &str, name: &str) -> Option<u64> {
     table.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
 }

@@ -1,7 +1,7 @@
-//! Messages for people: written by a thread of their own, so that nobody waits for whoever reads them.
+//! Log messages, written by a separate thread, so that no other thread waits for their reader.
 //!
-//! Contract: a terminal that is stopped, a pager, or a pipe that nobody empties holds up this thread only. Up
-//! to [`WAITING`] messages wait; further ones are lost, and how many is the next thing that is written.
+//! Contract: a stopped terminal, a pager, or a full pipe holds up this thread only. Up to [`WAITING`]
+//! messages wait; further ones are lost, and their number is written next.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -12,9 +12,9 @@ use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 use foretrace_config::plain_log;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Messages that may wait: some seconds of a daemon that has much to say.
+/// Messages that may wait: some seconds of frequent messages.
 const WAITING: usize = 1024;
-/// How long an ending program waits for its last messages to be taken.
+/// Time for which an ending program waits for its last messages to be written.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 enum Item {
@@ -23,14 +23,14 @@ enum Item {
     Mark(Sender<()>),
 }
 
-/// The way to the writer; clones write to the same.
+/// Handle of the writer; clones write to the same.
 #[derive(Debug, Clone)]
 pub(crate) struct Messages {
     items: Sender<Item>,
     lost: Arc<AtomicU64>,
 }
 
-/// Waits, when dropped, until what was said before has been written, but not for ever.
+/// Waits, when dropped, until all messages before it have been written, for a bounded time.
 #[derive(Debug)]
 #[must_use = "the last messages of a program are lost without it"]
 pub struct LogGuard(Messages);
@@ -56,9 +56,9 @@ impl Messages {
 fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
     for item in items {
         let missing = lost.swap(0, Ordering::Relaxed);
-        // Who cannot be written to cannot be told.
+        // An error of the output cannot be reported anywhere.
         if missing > 0 {
-            let _ = writeln!(out, "{missing} messages lost: nobody took them");
+            let _ = writeln!(out, "{missing} messages lost: the output was blocked");
         }
         match item {
             Item::Line(line) => drop(out.write_all(&line)),
@@ -71,7 +71,7 @@ fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
 }
 
 impl Write for Messages {
-    /// Takes a whole message; the subscriber writes each in one go.
+    /// Takes a whole message; the subscriber writes each in one call.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self
             .items
@@ -111,7 +111,7 @@ mod tests {
 
     use super::*;
 
-    /// Takes nothing while `stopped` is locked.
+    /// Accepts nothing while `stopped` is locked.
     #[derive(Clone, Default)]
     struct Reader {
         stopped: Arc<Mutex<()>>,
@@ -149,10 +149,12 @@ mod tests {
         let written = 1 + kept.count();
         let lost: usize = text
             .lines()
-            .filter_map(|line| line.strip_suffix(" messages lost: nobody took them")?.parse::<usize>().ok())
+            .filter_map(|line| {
+                line.strip_suffix(" messages lost: the output was blocked")?.parse::<usize>().ok()
+            })
             .sum();
         assert!(written >= WAITING, "{written}");
-        // The very last ones may still be on their way when this ends.
+        // The very last messages may be pending when this ends.
         assert!(
             written + lost + usize::from(text.contains("later")) >= said,
             "{written} written, {lost} lost"

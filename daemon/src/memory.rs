@@ -1,8 +1,7 @@
-//! The shared memory of the instance: enough of it, and all of it backed by pages before an arm may move.
+//! The shared memory of the instance: enough of it, and all backed by pages before an arm may move.
 //!
-//! A segment that is not backed takes its pages at first touch; when /dev/shm is full by then, the process
-//! that touches dies of SIGBUS, possibly in the middle of a motion. Locking memory does not help: mlockall
-//! returns success.
+//! A segment without pages gets them at first touch; if /dev/shm is full by then, the process dies of SIGBUS,
+//! possibly in the middle of a motion. Locking memory does not help: mlockall returns success.
 
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
@@ -12,7 +11,7 @@ use foretrace_shm::{Instance, SHARED_MEMORY, SHARED_MEMORY_LIMIT_BYTES};
 
 use crate::rt::os::{self, Missing, Right};
 
-/// There is too little of it.
+/// Too little shared memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "/dev/shm has {} KiB free, an instance needs up to {} KiB: remove files there, or give the container \
@@ -31,7 +30,7 @@ pub struct NoSpace {
 /// # Errors
 /// It does not.
 pub fn check_space() -> Result<(), NoSpace> {
-    // Where the question fails there is no /dev/shm at all; creating the services then says so.
+    // An error means that there is no /dev/shm at all, which creating the services will report.
     let free = os::free_space(Path::new(SHARED_MEMORY)).unwrap_or(u64::MAX);
     fits(free, SHARED_MEMORY_LIMIT_BYTES)
 }
@@ -40,13 +39,13 @@ const fn fits(free: u64, needed: u64) -> Result<(), NoSpace> {
     if free >= needed { Ok(()) } else { Err(NoSpace { free, needed }) }
 }
 
-/// Takes as much shared memory as the instance may need beyond what is backed already, as [`reserve`] will,
-/// and gives it back at once; returns the bytes.
+/// Reserves as much shared memory as the instance may need beyond its present pages, as [`reserve`] will, and
+/// frees it at once; returns the bytes.
 ///
-/// The file has no name: it is gone with this process, however that ends.
+/// The file has no name: it disappears with this process, however that ends.
 ///
 /// # Errors
-/// The file system is full (or a limit on this process' memory is reached), or cannot reserve.
+/// The file system is full (or a limit on this process's memory is reached), or cannot reserve.
 pub fn rehearse_reserve(instance: &Instance) -> Result<u64, ReserveError> {
     let backed = instance.shared_memory().map_or(0, |memory| memory.backed_bytes);
     rehearse_reserve_in(Path::new(SHARED_MEMORY), SHARED_MEMORY_LIMIT_BYTES.saturating_sub(backed).max(1))
@@ -72,12 +71,12 @@ pub enum ReserveError {
     /// The file system is full.
     #[error("{0}")]
     NoSpace(#[from] NoSpace),
-    /// Another reason; the loop may run, at the risk named above.
+    /// Another reason; the loop may run, at the risk described above.
     #[error("{}", .0.text)]
     Refused(Missing),
 }
 
-/// Backs every segment of the instance by pages; returns their size together \[bytes\].
+/// Backs every segment of the instance by pages; returns their total size \[bytes\].
 ///
 /// # Errors
 /// The file system is full, or a segment cannot be reserved.
@@ -96,7 +95,7 @@ pub fn reserve(instance: &Instance) -> Result<u64, ReserveError> {
             continue;
         }
         let path = entry.path();
-        // A peer that leaves takes its segment along.
+        // A peer that leaves removes its segment.
         let Ok(found) = std::fs::metadata(&path) else { continue };
         total += found.size();
         if found.blocks() * 512 >= found.size() {

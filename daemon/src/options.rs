@@ -1,4 +1,4 @@
-//! What a person may say when starting the daemon, and the settings that follow from it.
+//! Options of the daemon's start, and the settings that follow from them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,14 +10,14 @@ use crate::rt::cyclic::Rhythm;
 use crate::rt::overruns::OverrunLimit;
 use crate::rt::thread::RtSettings;
 
-/// Where settings come from: a file or a preset, with values put over it.
+/// Source of the settings: a file or a preset, with overrides.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// What everything else is put over.
+    /// The file or preset.
     pub base: Base,
-    /// Ticks per second instead of the file's; the grid step follows where it has to.
+    /// Ticks per second instead of the file's; the grid step follows if needed.
     pub rate_hz: Option<u32>,
-    /// Keys and values, as in the file.
+    /// Overrides, keys and values as in the file.
     pub overrides: Vec<(String, String)>,
 }
 
@@ -31,26 +31,26 @@ pub enum Base {
 }
 
 impl Source {
-    /// A preset as it is.
+    /// A preset without overrides.
     #[must_use]
     pub fn preset(name: &str) -> Self {
         Self { base: Base::Preset(name.to_owned()), rate_hz: None, overrides: Vec::new() }
     }
 
-    /// A file as it is.
+    /// A file without overrides.
     #[must_use]
     pub fn file(path: impl Into<PathBuf>) -> Self {
         Self { base: Base::File(path.into()), rate_hz: None, overrides: Vec::new() }
     }
 
-    /// Puts a value over a key.
+    /// Adds an override.
     #[must_use]
     pub fn with(mut self, key: &str, value: impl ToString) -> Self {
         self.overrides.push((key.to_owned(), value.to_string()));
         self
     }
 
-    /// Reads and judges.
+    /// Reads and checks the settings.
     ///
     /// # Errors
     /// Everything that is wrong with the settings.
@@ -80,7 +80,7 @@ pub enum Rights {
 }
 
 impl Rights {
-    /// What the real-time thread asks for, and its rhythm.
+    /// Rights and rhythm of the real-time thread.
     #[must_use]
     pub fn rt_settings(self, settings: &Settings) -> RtSettings {
         let section = &settings.control_loop;
@@ -109,7 +109,7 @@ impl Rights {
     }
 }
 
-/// Ends a running daemon from within the process, as a signal would from outside.
+/// Ends a running daemon from within the process, like a signal from outside.
 #[derive(Debug, Clone, Default)]
 pub struct StopHandle(Arc<AtomicBool>);
 
@@ -119,7 +119,7 @@ impl StopHandle {
         self.0.store(true, Ordering::Release);
     }
 
-    /// Whether somebody asked for it since the last look.
+    /// Whether a stop was requested since the last call.
     pub(crate) fn take(&self) -> bool {
         self.0.swap(false, Ordering::AcqRel)
     }
@@ -129,21 +129,21 @@ impl StopHandle {
     }
 }
 
-/// How to run.
+/// Options of a run.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Where settings come from; read again at a reload.
     pub source: Source,
     /// Real-time rights.
     pub rights: Rights,
-    /// SIGINT and SIGTERM end the daemon, SIGHUP reads the settings again. Off, only `stop` does.
+    /// SIGINT and SIGTERM end the daemon, SIGHUP reloads the settings. If off, only `stop` ends it.
     pub signals: bool,
     /// Ends the daemon.
     pub stop: StopHandle,
 }
 
 impl Options {
-    /// Settings from `source`, everything else as a service wants it.
+    /// Settings from `source`, and the options of a service.
     #[must_use]
     pub fn new(source: Source) -> Self {
         Self { source, rights: Rights::Ask, signals: true, stop: StopHandle::default() }
@@ -174,7 +174,7 @@ pub struct DaemonArgs {
 }
 
 impl DaemonArgs {
-    /// What they mean.
+    /// The options they mean.
     #[must_use]
     pub fn options(&self) -> Options {
         let base = match &self.config {
@@ -191,7 +191,7 @@ impl DaemonArgs {
     }
 }
 
-/// The rates of a loop, as `loop.rate_hz` has them.
+/// Checks a loop rate, as in `loop.rate_hz`.
 ///
 /// # Errors
 /// The legal ones in words.

@@ -1,10 +1,9 @@
-//! The thread that hears stops at a socket beside the lock file, whatever has become of the middleware, of
-//! memory, of descriptors or of the other threads.
+//! The thread that receives stops at a socket beside the lock file, independent of middleware, memory,
+//! descriptors and other threads.
 //!
-//! Contract: bound before anything else of the daemon, gone after everything else. Nothing is allocated per
-//! message, and nothing is waited for but messages and, after a stop, the tick that takes it, for a bounded
-//! time. Who may send is decided by the run directory (0700). Frames that make no sense are counted by
-//! reason.
+//! Contract: bound before anything else of the daemon, removed after everything else. Nothing is allocated
+//! per message. The thread waits only for messages and, after a stop, for the tick that takes it, for a
+//! bounded time. The run directory (0700) decides who may send. Invalid frames are counted by reason.
 
 use std::io::{self, ErrorKind};
 use std::net::Shutdown;
@@ -20,29 +19,29 @@ use foretrace_shm::{Instance, Mode, STOP_FRAME_BYTES, StopAnswer, StopFrame, Sto
 
 use crate::rt::stops::StopFlag;
 
-/// A loop that runs takes a stop within a period; after this time it does not run.
+/// A running loop takes a stop within a period; after this time it does not run.
 const TICK_PATIENCE: Duration = Duration::from_millis(250);
-/// How often that is looked for.
+/// Interval between checks for that.
 const LOOK: Duration = Duration::from_micros(200);
-/// The thread notices at the latest after this time that the daemon ends.
+/// The thread notices the end of the daemon within this time.
 const WAKE: Duration = Duration::from_millis(500);
-/// Pause after a failure of the socket itself, so that a lasting one does not eat a processor.
+/// Pause after an error of the socket itself, so that a lasting one does not use up a processor.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// What the thread has seen, for the log and the status.
+/// Counts of the thread, for log and status.
 #[derive(Debug, Default)]
 pub struct StopTally {
-    /// Sound frames.
+    /// Valid frames.
     pub stops: AtomicU64,
-    /// Who sent the newest one, by its own word.
+    /// Sender of the newest one, as it claims.
     pub newest_pid: AtomicU32,
     /// Frames of another length or kind.
     pub malformed: AtomicU64,
     /// Frames of another boot.
     pub foreign: AtomicU64,
-    /// Answers that nobody took.
+    /// Answers that could not be delivered.
     pub unanswered: AtomicU64,
-    /// Failures of the socket.
+    /// Errors of the socket.
     pub failures: AtomicU64,
 }
 
@@ -63,16 +62,16 @@ impl StopSocket {
     /// The system refuses socket, file or thread.
     pub fn open(instance: &Instance, flag: Arc<StopFlag>) -> io::Result<Self> {
         let path = instance.stop_socket();
-        // What lies there is of a daemon that is gone: the lock is ours.
+        // An existing file belongs to a daemon that is gone: we hold the lock.
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
             _ => {}
         }
         let socket = UnixDatagram::bind(&path)?;
-        // Whatever the umask: the owner has to be able to write to it.
+        // Independent of umask: the owner must be able to write to it.
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600))?;
         socket.set_read_timeout(Some(WAKE))?;
-        // A socket of its own, because a full queue at the other end must not block.
+        // A separate socket, because a full queue at the other end must not block.
         let answers = UnixDatagram::unbound()?;
         answers.set_nonblocking(true)?;
         let (tally, quit) = (Arc::new(StopTally::default()), Arc::new(AtomicBool::new(false)));
@@ -85,7 +84,7 @@ impl StopSocket {
         Ok(Self { path, socket, tally, quit, thread: Some(thread) })
     }
 
-    /// What was seen so far.
+    /// The counts so far.
     #[must_use]
     pub fn tally(&self) -> Arc<StopTally> {
         self.tally.clone()
@@ -103,7 +102,7 @@ impl Drop for StopSocket {
     }
 }
 
-/// What the thread works with.
+/// State of the thread.
 struct Listener {
     socket: UnixDatagram,
     answers: UnixDatagram,
@@ -114,7 +113,7 @@ struct Listener {
 
 impl Listener {
     fn run(self) {
-        // One byte more than a frame, so that a longer message is seen to be one.
+        // One byte more than a frame, so that a longer message is recognised.
         let mut bytes = [0; STOP_FRAME_BYTES + 1];
         while !self.quit.load(Ordering::Acquire) {
             match self.socket.recv_from(&mut bytes) {
@@ -133,7 +132,7 @@ impl Listener {
     fn heard(&self, bytes: &[u8], from: &SocketAddr) {
         match StopFrame::decode(bytes) {
             Ok(frame) => self.stop(frame, from),
-            // Its own shutdown.
+            // The daemon's own shutdown.
             Err(_) if self.quit.load(Ordering::Acquire) => {}
             Err(StopFrameError::Malformed { .. }) => {
                 self.tally.malformed.fetch_add(1, Ordering::Relaxed);
@@ -199,7 +198,7 @@ mod tests {
         assert_eq!(hear(&client), StopAnswer { token: 77, taken: None, trust: 0.0 });
         let taken = until("the flag is set", || flag.take());
         flag.tell(taken, foretrace_control::follower::Mode::Stopped, Trust::new(0.5));
-        // A machine that kept this test asleep for longer than the thread's patience is told nothing more.
+        // If the machine suspended this test for longer than the thread's patience, there is no answer.
         if stops.tally().unanswered.load(Ordering::Relaxed) == 0 {
             client.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
             let mut bytes = [0; 64];
@@ -219,7 +218,7 @@ mod tests {
         let place = Place::new();
         let _lock = place.instance().lock().unwrap();
         let flag = Arc::new(StopFlag::default());
-        // What a killed daemon left there is no hindrance.
+        // A socket left by a killed daemon does no harm.
         std::fs::write(place.instance().stop_socket(), "").unwrap();
         let stops = StopSocket::open(&place.instance(), flag.clone()).unwrap();
         let client = client(&place, "c");
@@ -256,7 +255,7 @@ mod tests {
                 std::thread::sleep(Duration::from_millis(1));
             }
         });
-        // Nobody reads what comes back, until no more fits.
+        // The answers are not read, until no more fit.
         for _ in 0..2000 {
             deaf.send_to(&frame, &path).unwrap();
         }

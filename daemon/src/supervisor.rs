@@ -1,9 +1,9 @@
-//! The supervisor: brings the threads up in order, watches over them, takes them down in order.
+//! The supervisor: starts the threads in order, watches them, ends them in order.
 //!
 //! Start: settings → lock of the instance → leftovers purged → services created under a watchdog → threads
 //! with their ports → shared memory reserved → memory locked → ticks begin → announced. End: the arm stops
 //! smoothly and is let go, ticks end, then the other threads, then the services. Every wait is bounded. A
-//! service manager is told of all of it.
+//! service manager is notified of each step.
 
 mod hearing;
 mod notify;
@@ -40,18 +40,18 @@ use hearing::Hearing;
 use notify::Manager;
 use start::open_services;
 
-/// Opening shared memory takes milliseconds; damaged files can make it hang.
+/// Time limit for opening shared memory, which takes milliseconds unless damaged files make it hang.
 const OPENING: Duration = Duration::from_secs(10);
-/// An arm at full speed comes to rest in well under a second.
+/// Time limit for the arm's stop, which takes well under a second.
 const STOPPING: Duration = Duration::from_secs(5);
-/// Threads end within a few periods.
+/// Time limit for the end of a thread, which takes a few periods.
 const ENDING: Duration = Duration::from_secs(2);
-/// How often signals and threads are looked at.
+/// Interval between checks of signals and threads.
 const LOOK: Duration = Duration::from_millis(20);
-/// How often the owners of the segments are looked at.
+/// Interval between checks of the segments' owners.
 const SEGMENTS_LOOK: Duration = Duration::from_secs(1);
 
-/// What there was to see over the life of a daemon.
+/// Results of a daemon's run.
 #[derive(Debug, Clone, Copy)]
 pub struct ExitReport {
     /// The last status.
@@ -68,7 +68,7 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     limits::check()?;
     let instance = instance(&config)?;
     let mut lock = instance.lock()?;
-    // First of all and last of all: whatever hangs in between, a stop is heard.
+    // Opened first and closed last, so that a stop is received whatever hangs in between.
     let flag = Arc::new(StopFlag::default());
     let stops = StopSocket::open(&instance, flag.clone())
         .map_err(|source| DaemonError::System { what: "listening to stops", source })?;
@@ -93,7 +93,7 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     manager.stopping();
     let report = daemon.end(outcome, &options.stop, &mut manager);
 
-    // Nobody may find services that are about to go.
+    // Before the services are removed, so that no peer finds them.
     let _ = lock.withdraw();
     drop(services);
     drop(session);
@@ -111,7 +111,7 @@ fn instance(config: &Config) -> Result<Instance, InstanceError> {
     }
 }
 
-/// The threads and the ways to them.
+/// The threads and the channels to them.
 struct Daemon {
     config: Config,
     rt: Option<JoinHandle<()>>,
@@ -128,7 +128,7 @@ struct Daemon {
 }
 
 impl Daemon {
-    /// Says that it is ready; returns what it said.
+    /// Reports that the daemon is ready; returns the message.
     fn greet(&self, instance: &Instance) -> String {
         let settings = self.config.settings();
         let words = format!(
@@ -148,7 +148,7 @@ impl Daemon {
         words
     }
 
-    /// Waits for a reason to end; reloads meanwhile.
+    /// Waits for a reason to end; handles reloads meanwhile.
     fn watch(
         &mut self,
         options: &Options,
@@ -186,7 +186,7 @@ impl Daemon {
         }
     }
 
-    /// Reads the settings again and puts the live ones into force; all or nothing.
+    /// Reads the settings again and applies the live ones; all or nothing.
     fn reload(&mut self, options: &Options) -> ReloadOutcome {
         let refused = |status, text: String| {
             warn!("settings not reloaded: {text}");
@@ -231,8 +231,8 @@ impl Daemon {
         ReloadOutcome { status: ControlStatus::Ok, text }
     }
 
-    /// Takes everything down; the first thing that went wrong is what is reported. Told to stop once more
-    /// meanwhile, it no longer waits for the arm.
+    /// Ends everything; the first error is reported. If told to stop once more meanwhile, no longer waits for
+    /// the arm.
     fn end(
         mut self,
         outcome: Result<(), DaemonError>,
@@ -245,7 +245,7 @@ impl Daemon {
             manager.alive(self.rt_orders.ticks());
             let again = stop.take();
             if again {
-                warn!("told to stop once more: not waiting for the arm, which brakes by itself");
+                warn!("told to stop again: not waiting for the arm, which brakes by itself");
             }
             again
         };

@@ -81,7 +81,7 @@ fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     let status = operator.status_when("both are compared", |status| {
         telemetry.drain(monotonic_now_ns(), |record| {
             let state = GhostState::try_from(record.ghost_state).unwrap();
-            // A ghost that had to leave ticks out on a busy machine is near, but no longer the same.
+            // A ghost that had to skip ticks on a busy machine is near, but no longer identical.
             settled &= state != GhostState::Settling;
             if settled && record.mode == u32::from(Mode::Following) {
                 assert_eq!(record.ghost_tool_m, record.tool_m, "tick {}", record.tick);
@@ -171,7 +171,7 @@ fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_ar
         status.mode == u32::from(Mode::Following) && status.trust > 0.5
     });
     assert_eq!(held.counters.enable_rejected, 0);
-    // Far more between two ticks than shared memory keeps.
+    // Far more between two ticks than shared memory holds.
     (0..2000).for_each(|_| beat());
     let stopped = operator.status_when("silence stops it", |status| status.mode == u32::from(Mode::Stopped));
     assert_eq!(stopped.fault, u32::from(FaultReason::DeadMan));

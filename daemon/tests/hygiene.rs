@@ -70,13 +70,12 @@ fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
     let (arm, log) = arm(&place);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::Ok);
-    // Each predictor writes for a while, with weights coming in from the learner.
+    // Each predictor writes for a while, with weights arriving from the learner.
     for predictor in PredictorKind::LIVE.map(PredictorKind::name) {
         let answer = operator.switch_predictor(predictor);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&place);
-        // Believed as far as the evidence goes, which for some is nowhere; then in full, because an operator
-        // says so.
+        // Trusted as far as the record allows, which for some is not at all; then fully, by an operator.
         let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
             status.mode == u32::from(Mode::Following) && status.predictor.as_str() == Some(predictor)
         });
@@ -90,7 +89,7 @@ fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
     }
     let learned = operator.status_when("it learns", |status| status.learner_updates > 20);
     assert!(learned.tick > 500);
-    // Allocations at the ports are given a second to be explained by a peer that came or went.
+    // Allocations at the ports may be explained by a peer up to a second later.
     std::thread::sleep(Duration::from_millis(1500));
     let status = operator.status_when("it is judged", |_| true);
     let counters = status.counters;

@@ -1,4 +1,4 @@
-//! The daemon and its service manager, over a NOTIFY_SOCKET of the test's own: ready, alive while it ticks,
+//! The daemon and its service manager, over the test's own NOTIFY_SOCKET: ready, alive while it ticks,
 //! stopping.
 
 mod support;
@@ -86,7 +86,7 @@ impl Drop for Started {
     }
 }
 
-/// A daemon that tells a socket with a path, and the folder of that.
+/// A daemon that notifies a socket with a path, and the folder of that.
 fn started_beside_a_path(place: &Place) -> (tempfile::TempDir, Started) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notify");
@@ -127,7 +127,7 @@ fn an_abstract_socket_works_and_without_a_watchdog_nothing_but_ready_and_stoppin
     daemon.expect("READY=1");
     assert_eq!(daemon.heard(Duration::from_millis(500)), None);
     let log = daemon.end();
-    assert!(log.contains("WATCHDOG_USEC is no positive whole number"), "{log}");
+    assert!(log.contains("WATCHDOG_USEC is not a positive whole number"), "{log}");
 }
 
 #[test]
@@ -143,9 +143,9 @@ fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
         use std::io::Read;
         let mut log = String::new();
         daemon.child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        assert!(log.contains(name) || log.contains("does not hear"), "{log}");
+        assert!(log.contains(name) || log.contains("cannot be notified"), "{log}");
         assert_eq!(
-            log.matches("service manager does not hear").count() + log.matches(name).count(),
+            log.matches("service manager cannot be notified").count() + log.matches(name).count(),
             1,
             "{log}"
         );
@@ -160,11 +160,11 @@ fn a_real_time_thread_that_hangs_is_not_vouched_for() {
     daemon.expect("READY=1");
     daemon.expect("WATCHDOG=1");
     let Some(frozen) = frozen::Frozen::thread_of(daemon.child.id(), "foretrace-rt") else {
-        // Past the test runner's capture.
+        // Not captured by the test runner.
         let _ = writeln!(std::io::stderr(), "skipped: this system does not let a process trace its child");
         return;
     };
-    // What was on its way when the thread froze.
+    // Messages that were pending when the thread froze.
     while daemon.heard(Duration::from_millis(200)).is_some() {}
     assert_eq!(daemon.heard(Duration::from_millis(900)), None, "three periods without a tick");
     drop(frozen);

@@ -1,14 +1,14 @@
 //! Everything of foretrace that crosses a process border: plain-old-data messages, the names and quality of
-//! service under which they travel, and where an instance keeps its files.
+//! service of their services, and the files of an instance.
 //!
 //! Contract: every wire type is `#[repr(C)]`, `Copy`, made of fixed-width integers, floats and arrays of
 //! them, has no implicit padding, and carries its layout version in its type name and its layout hash in a
-//! service attribute. A receiver copies a message once and validates the copy; what is refused is counted by
-//! reason. No domain mathematics, no threads, no policy lives here.
+//! service attribute. A receiver copies a message once and validates the copy; refusals are counted by
+//! reason. Absent: domain mathematics, threads, policy.
 //!
-//! Three rooms, each of which knows only those before it: `wire` (the messages), `instance` (names, root,
-//! occupancy, leftovers, the way to stop) and `transport` (sessions, services, ports). Below them `os` makes
-//! the calls to the system.
+//! Three modules, each of which uses only those before it: `wire` (the messages), `instance` (names, root,
+//! occupancy, leftovers, the stop path) and `transport` (sessions, services, ports). `os` has the system
+//! calls.
 //!
 //! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
 

@@ -1,4 +1,4 @@
-//! The calls to the C library this crate needs. The only file here with `unsafe`.
+//! The system calls of this crate. The only file here with `unsafe`.
 
 use std::io;
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
@@ -21,8 +21,7 @@ pub fn effective_user() -> u32 {
     unsafe { libc::geteuid() }
 }
 
-/// Bytes still free in /dev/shm; `None` where it cannot be told. A full /dev/shm kills at the first touch of
-/// a page.
+/// Bytes still free in /dev/shm; `None` if unknown. With a full /dev/shm the first touch of a page kills.
 pub fn shared_memory_free_bytes() -> Option<u64> {
     let mut found = std::mem::MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: the path is a terminated string and `found` has room for one statvfs.
@@ -32,7 +31,7 @@ pub fn shared_memory_free_bytes() -> Option<u64> {
     (status == 0).then(|| found.f_bavail.saturating_mul(found.f_frsize))
 }
 
-/// A descriptor of process `pid` (pidfd_open): it never comes to mean another process.
+/// A descriptor of process `pid` (pidfd_open): it never refers to another process.
 pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
     // SAFETY: takes two numbers and no pointer.
     let answer = unsafe { libc::syscall(libc::SYS_pidfd_open, libc::c_long::from(pid), 0) };
@@ -43,7 +42,7 @@ pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
     }
 }
 
-/// Sends `signal` to the process that the descriptor means (pidfd_send_signal).
+/// Sends `signal` to the process of the descriptor (pidfd_send_signal).
 pub(crate) fn signal_process(process: BorrowedFd<'_>, signal: libc::c_int) -> io::Result<()> {
     let none = std::ptr::null_mut::<libc::siginfo_t>();
     // SAFETY: the descriptor is open while it is borrowed; without a siginfo no memory is read.

@@ -1,7 +1,7 @@
 //! Publishing and receiving allocate nothing once the ports are connected, as the real-time thread needs it.
 //!
-//! A binary of its own: the counting allocator is global. Counts are per thread, so other threads do not
-//! disturb.
+//! A separate binary, because the counting allocator is global. Counts are per thread, so other threads do
+//! not interfere.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -83,7 +83,7 @@ fn the_loop_allocates_only_when_a_port_connects() {
         assert_eq!(in_the_loop, 0);
         assert_eq!((seen, pen_in.rejections().total()), (3003, 1001));
 
-        // Overflow: nobody reads, the oldest give way; still nothing allocates.
+        // Overflow: no subscriber reads, the oldest messages are overwritten; still nothing allocates.
         let mut idle = services.joint_cmd.subscriber(1, HeaderBounds::DEFAULT).unwrap();
         commands_out.publish(monotonic_now_ns(), JointCommand::default()).unwrap();
         assert!(idle.latest(monotonic_now_ns()).is_some());

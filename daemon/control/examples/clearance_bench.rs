@@ -1,9 +1,9 @@
-//! Time one IK step with and without keeping clear, side by side on the same motion.
+//! Times one IK step with and without clearance rows, on the same motion.
 //!
-//! `cargo run --release -p foretrace-control --example clearance_bench` An arm writes at its home pose, and
-//! presses on the table; every tick's kinematics, motion and target are kept and then given to both again, in
-//! turns, so that both meet the same machine. Forward kinematics are timed too, for they are part of a tick.
-//! Medians over ticks of the smallest of a few repetitions; the clock's own cost is inside both.
+//! `cargo run --release -p foretrace-control --example clearance_bench`: an arm writes at its home pose, and
+//! presses on the table. Kinematics, motion and target of every tick are recorded and then given to both
+//! solvers in turn, so that both see the same machine load. Forward kinematics are timed too, as part of a
+//! tick. Medians over ticks of the smallest of a few repetitions; the clock's own cost is included in both.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -72,7 +72,7 @@ fn main() {
     }
 }
 
-/// What an arm at home is asked and does while its tool draws letters, and is drawn down by `depth` \[m\]
+/// Inputs of the IK of an arm at home whose tool draws letters, and is pulled down by `depth` \[m\]
 /// meanwhile.
 fn recorded(chain: &Chain<6>, mut ik: Ik<6>, depth: f64, speed: f64) -> Vec<Tick> {
     let start = chain.forward(&HOME).position;

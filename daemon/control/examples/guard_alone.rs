@@ -1,12 +1,12 @@
-//! Somebody's own loop at 500 Hz behind the guard alone: it proposes what it likes and sends what the guard
-//! lets pass.
+//! A loop of your own at 500 Hz with the guard alone: it proposes any joint positions and sends what the
+//! guard passes.
 //!
 //! `cargo run -p foretrace-control --example guard_alone`
 //!
-//! No daemon, no pen, no plan. The proposals are bad on purpose: leaps beyond the position limits, numbers
-//! that are none, and 60 ms of silence in the middle of a wave. `send` stands for your driver: it prints what
-//! a consumer would be told and has an independent judge check it. Three things make it safe: send nothing
-//! but `verdict.command`; after lost time go on from where the arm is (`consumer_state`); end with
+//! No daemon, no pen, no plan. The proposals are bad on purpose: jumps beyond the position limits, non-finite
+//! numbers, and 60 ms of silence in the middle of a wave. `send` stands for your driver: it prints what a
+//! consumer would receive and has an independent judge check it. Three rules make it safe: send nothing but
+//! `verdict.command`; after lost time continue from where the arm is (`consumer_state`); end with
 //! `StopProfile`.
 
 use std::error::Error;
@@ -18,7 +18,7 @@ use foretrace_control::units::Stamp;
 
 const JOINTS: usize = 2;
 const PERIOD_NS: u64 = 2_000_000;
-/// Whoever obeys extrapolates a command for so long after its stamp, then brakes by itself.
+/// The consumer extrapolates a command for this long after its stamp, then brakes independently.
 const VALID_NS: u64 = 5 * PERIOD_NS;
 const MOVING_TICKS: u64 = 1500;
 const STALLED_TICK: u64 = 700;
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             std::thread::sleep(Duration::from_millis(60));
         }
         if now() >= last.stamp() + PERIOD_NS {
-            // Time was lost: whoever obeys has extrapolated, then braked. Go on from there.
+            // Time was lost: the consumer has extrapolated, then braked. Continue from there.
             let at = now();
             let arm = consumer_state(&last, last.stamp() + VALID_NS, limits.deceleration(), at);
             last = Commanded::new(at, arm).ok_or("the arm's joints are not finite")?;
@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     driver.report()
 }
 
-/// What the loop wants next \[rad\]. The guard is no planner: far goals are approached as fast as the limits
+/// The loop's next goal \[rad\]. The guard is no planner: far goals are approached as fast as the limits
 /// allow, and overshot.
 fn proposal(tick: u64, q: &[f64; JOINTS]) -> [f64; JOINTS] {
     let t = tick as f64 * PERIOD_NS as f64 * 1e-9;

@@ -1,5 +1,4 @@
-//! What the tracking monitor costs per tick: `cargo run --release -p foretrace-control --example
-//! monitor_bench`.
+//! Cost of the tracking monitor per tick: `cargo run --release -p foretrace-control --example monitor_bench`.
 //!
 //! Six joints write, 34 ms late; one command and one joint state every 2 ms. Without the forward kinematics
 //! of the measured tool, which the loop adds.
@@ -39,7 +38,7 @@ fn main() {
         }
         costs.sort_unstable();
         let [median, p90, p99] = [0.5, 0.9, 0.99].map(|share| costs[(share * costs.len() as f64) as usize]);
-        // What the machine took away is no cost of the monitor's.
+        // Time taken by the machine for other work is not a cost of the monitor.
         let usual: u128 = costs.iter().take(costs.len() * 99 / 100).sum();
         let mean = usual as f64 / (costs.len() * 99 / 100) as f64;
         println!(

@@ -1,6 +1,7 @@
-//! Time `Mpc::plan` (three axes, N = 10) on a closed loop of made-up handwriting, by number of active limits.
+//! Times `Mpc::plan` (three axes, N = 10) on a closed loop of synthetic handwriting, by number of active
+//! limits.
 //!
-//! `cargo run --release -p foretrace-control --example mpc_bench` Instances come in pseudo-random order,
+//! `cargo run --release -p foretrace-control --example mpc_bench`: instances come in pseudo-random order,
 //! every backend once per instance, so caches are about as cold as in a real tick. The clock's own cost is
 //! measured and printed, not subtracted.
 
@@ -19,7 +20,7 @@ const N: usize = 10;
 const STEP_S: f64 = 0.01;
 const TICK_S: f64 = 0.002;
 
-/// What one tick plans from.
+/// Inputs of the plan of one tick.
 #[derive(Clone, Copy)]
 struct Instance {
     start: [AxisState; 3],
@@ -27,7 +28,7 @@ struct Instance {
     preview: [[AxisState; N]; 3],
 }
 
-/// A pen that oscillates at 1.5-5.5 Hz about a point that jumps about every 0.6 s.
+/// A pen that oscillates at 1.5-5.5 Hz about a point that jumps every 0.6 s.
 struct Pen {
     parts: [[(f64, f64, f64); 2]; 3],
     jumps: Vec<(f64, [f64; 3])>,

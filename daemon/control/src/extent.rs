@@ -1,9 +1,8 @@
-//! Where a tool has been: height over the paper, distance outside the workspace, tilt. For judges, not for
-//! the law.
+//! Where a tool has been: height over the paper, distance outside the workspace, tilt. For tests and reports,
+//! not for the law.
 //!
-//! Contract: pure, no allocation; forward kinematics of the joints it is shown, measured or commanded, and
-//! nothing else. What is not finite is left out. Whoever judges a run compares an [`Extent`] with
-//! [`ExtentBounds`].
+//! Contract: pure, no allocation; forward kinematics of the joints that it is given, measured or commanded.
+//! Non-finite joints are ignored. A run is judged by comparing an [`Extent`] with [`ExtentBounds`].
 
 use std::fmt;
 
@@ -13,7 +12,7 @@ use crate::arm::Chain;
 use crate::follower::FollowerSettings;
 use crate::plane::Plane;
 
-/// Extremes of a tool since the watch began.
+/// Extremes of a tool since the start of the watch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
     /// Lowest and greatest height of the tip over the paper \[m\].
@@ -24,13 +23,12 @@ pub struct Extent {
     pub tilt_rad: f64,
 }
 
-/// How far a measured tool may be beyond the envelope of the commanded one before a judge speaks of a breach:
-/// \[m\] and \[rad\]. A servo that is a critically damped filter does not overshoot; this leaves room for
-/// noise and stamps.
+/// How far a measured tool may be beyond the envelope of the commanded one: \[m\] and \[rad\]. A critically
+/// damped servo does not overshoot; this allows for noise and stamps.
 const TOLERANCE_M: f64 = 1e-3;
 const TOLERANCE_RAD: f64 = 0.05;
 
-/// What a tool must keep, from the settings.
+/// Bounds of a tool, from the settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExtentBounds {
     /// Lowest and greatest height over the paper \[m\].
@@ -54,7 +52,7 @@ impl ExtentBounds {
         }
     }
 
-    /// The first bound that `extent` breaks.
+    /// The first bound that `extent` violates.
     #[must_use]
     pub fn broken_by(&self, extent: &Extent) -> Option<Breach> {
         let ([low, high], [lowest, highest]) = (extent.height_m, self.height_m);
@@ -73,14 +71,14 @@ impl ExtentBounds {
     }
 }
 
-/// A bound that was broken.
+/// A violated bound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Breach {
     /// Which.
     pub what: &'static str,
-    /// What was seen.
+    /// Observed value.
     pub amount: f64,
-    /// What was allowed.
+    /// Allowed value.
     pub limit: f64,
     /// Unit of both.
     pub unit: &'static str,
@@ -111,12 +109,12 @@ impl<const J: usize> ExtentWatch<J> {
         Self { chain: settings.chain.clone(), plane: settings.plane, workspace: [x, y], extent: None }
     }
 
-    /// Forgets what it saw.
+    /// Forgets all observations.
     pub fn restart(&mut self) {
         self.extent = None;
     }
 
-    /// Takes in an arm that stands at `q` \[rad\].
+    /// Observes an arm at `q` \[rad\].
     pub fn see(&mut self, q: &[f64; J]) {
         let kinematics = self.chain.forward(q);
         let tip: Vector3<f64> = self.plane.point_from_base(&kinematics.position);
@@ -137,7 +135,7 @@ impl<const J: usize> ExtentWatch<J> {
         });
     }
 
-    /// What was seen; `None` before the first joints.
+    /// The extremes; `None` before the first joints.
     #[must_use]
     pub const fn extent(&self) -> Option<Extent> {
         self.extent
@@ -152,7 +150,7 @@ mod tests {
 
     const UR5: &str = include_str!("../../../config/robots/ur5.urdf");
 
-    /// The plane stands where the tool of the upright arm is, tilted against it by `tilt` about x.
+    /// The plane lies at the tool of the upright arm, tilted against it by `tilt` about x.
     fn watch(tilt: f64) -> (ExtentWatch<6>, [f64; 6]) {
         let chain = Chain::from_urdf(UR5, None, None).unwrap();
         let q = [0.0, -1.3, 1.8, -2.0708, -std::f64::consts::FRAC_PI_2, 0.0];
@@ -211,7 +209,7 @@ mod tests {
         let (mut seen, q) = watch(0.0);
         let base = seen.plane.origin;
         let mut shifted = |by: [f64; 3]| {
-            // Moving the plane the other way moves the tool.
+            // Moving the plane moves the tool the other way.
             seen.plane.origin = base - seen.plane.vector_to_base(&by.into());
             seen.see(&q);
             seen.extent().unwrap()

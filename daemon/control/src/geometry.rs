@@ -1,8 +1,8 @@
 //! Distances between segments, planes and boxes, with the points where they are taken.
 //!
 //! Contract: pure, bounded, no allocation; finite shapes give finite answers with a unit normal. A distance
-//! is negative where shapes overlap, and then the depth by which the first has to move along the normal to
-//! touch only.
+//! is negative where shapes overlap; its size is then the depth by which the first must move along the normal
+//! to be in contact only.
 //!
 //! Source: Ericson, "Real-Time Collision Detection" (2005), section 5.1.9 for two segments. The square of a
 //! segment's distance to a box is convex and piecewise quadratic along the segment, so its minimum is found
@@ -10,10 +10,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Two axes nearer than this have no direction between them \[m\].
+/// Two axes nearer than this have no defined direction between them \[m\].
 const TOUCHING_M: f64 = 1e-12;
 
-/// A straight piece between two points in one frame \[m\]; a point where both are equal.
+/// A straight segment between two points in one frame \[m\]; a point if both are equal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// One end \[m\].
@@ -35,11 +35,11 @@ impl Segment {
 pub struct HalfSpace {
     /// A point of the plane \[m\].
     pub point: Vector3<f64>,
-    /// Unit vector away from what is forbidden.
+    /// Unit vector away from the forbidden side.
     pub normal: Vector3<f64>,
 }
 
-/// A solid box, turned in any way.
+/// A solid box in any orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cuboid {
     /// Its middle \[m\].
@@ -50,7 +50,7 @@ pub struct Cuboid {
     pub axes: Matrix3<f64>,
 }
 
-/// How far two shapes are apart, and where.
+/// Distance between two shapes, and its witness points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Separation {
     /// \[m\]; negative where they overlap.
@@ -59,7 +59,7 @@ pub struct Separation {
     pub point: Vector3<f64>,
     /// The point of the second shape \[m\].
     pub other: Vector3<f64>,
-    /// Unit vector from the second to the first: the distance grows fastest that way.
+    /// Unit vector from the second to the first: the direction in which the distance grows fastest.
     pub normal: Vector3<f64>,
 }
 
@@ -86,10 +86,10 @@ pub fn segment_segment(a: &Segment, b: &Segment) -> Separation {
         (unit(-ar / aa), 0.0)
     } else {
         let area = aa * bb - ab * ab;
-        // Parallel axes have many nearest pairs: any s will do, t follows.
+        // Parallel axes have many nearest pairs: any s is valid, t follows.
         let s = if area > 1e-12 * aa * bb { unit((ab * br - ar * bb) / area) } else { 0.5 };
         let t = (ab * s + br) / bb;
-        // The nearest point beyond an end of b: hold t there and ask anew for s.
+        // The nearest point is beyond an end of b: fix t there and solve for s again.
         if (0.0..=1.0).contains(&t) { (s, t) } else { (unit((ab * unit(t) - ar) / aa), unit(t)) }
     };
     let (point, other) = (a.at(s), b.at(t));
@@ -99,7 +99,7 @@ pub fn segment_segment(a: &Segment, b: &Segment) -> Separation {
     Separation { distance, point, other, normal }
 }
 
-/// From the box to the segment; where they meet, the shortest way out.
+/// From the box to the segment; if they overlap, the shortest way out.
 #[must_use]
 pub fn segment_box(segment: &Segment, cuboid: &Cuboid) -> Separation {
     let into = |point: &Vector3<f64>| cuboid.axes.tr_mul(&(point - cuboid.centre));
@@ -125,8 +125,8 @@ pub fn segment_box(segment: &Segment, cuboid: &Cuboid) -> Separation {
 
 /// Where along a segment the distance to the box \[−half, half\] is smallest.
 ///
-/// The derivative of its square is continuous, piecewise linear and never falls; it bends only where a
-/// coordinate crosses a face. Between the two bends around its zero one division gives the minimum.
+/// The derivative of its square is continuous, piecewise linear and non-decreasing, with breakpoints where a
+/// coordinate crosses a face. Between the two breakpoints around its zero one division gives the minimum.
 fn nearest_to_box(segment: &Segment, half: &Vector3<f64>) -> f64 {
     let along = segment.to - segment.from;
     let slope = |share: f64| beyond(&segment.at(share), half).dot(&along);
@@ -156,13 +156,13 @@ fn nearest_to_box(segment: &Segment, half: &Vector3<f64>) -> f64 {
     if rise > 0.0 { low - at_low * ((high - low) / rise) } else { low }
 }
 
-/// The part of a point that sticks out of the box \[−half, half\].
+/// The part of a point that is outside the box \[−half, half\].
 fn beyond(point: &Vector3<f64>, half: &Vector3<f64>) -> Vector3<f64> {
     point.zip_map(half, |x, half| x - x.max(-half).min(half))
 }
 
-/// The least motion that gets a segment out of the box it meets: depth of its deepest point, the point's
-/// share, and the outward direction, which stands on a face, or on an edge and the segment.
+/// The least motion that separates a segment from the box: depth of its deepest point, the point's share, and
+/// the outward direction, normal to a face, or to an edge and the segment.
 fn shallowest_way(segment: &Segment, half: &Vector3<f64>) -> (f64, f64, Vector3<f64>) {
     let along = segment.to - segment.from;
     let mut best = (f64::INFINITY, 0.0, Vector3::z());

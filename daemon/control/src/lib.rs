@@ -7,10 +7,10 @@
 //! # One tick
 //!
 //! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it
-//! was told to be?), *pen* (samples onto the grid), *skill* (what past previews were worth), *predict* and
-//! *refine* (by samples newer than the grid), *trust* (how far to believe the preview), *reference*, *plan*
+//! was commanded to be?), *pen* (samples onto the grid), *skill* (how good past previews were), *predict* and
+//! *refine* (by samples newer than the grid), *trust* (how much of the preview to use), *reference*, *plan*
 //! ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and [`envelope`]), *guard* (and the envelope's
-//! judge), *heed* (what that came to, for lag, monitor and the next tick), *report*.
+//! judge), *take stock* (the tick's results, for lag, monitor and the next tick), *report*.
 //!
 //! # The two problems
 //!
@@ -35,22 +35,28 @@
 //! # Glossary
 //!
 //! - α, *trust*: how much of the preview the plan follows, in \[0, 1\]; it moves by a ramp only ([`trust`]).
-//! - *share* w: trust per lead, from what past previews were worth there ([`skill`]).
-//! - *grid*, Δ: the even steps (10 ms) onto which pen samples are brought; *tick*, dt: the period of the loop
-//!   (2 ms).
-//! - *lead*: steps of the grid from the newest closed one to what is predicted. *Preview*: predictions at all
-//!   leads.
-//! - *Hold*: the predictor that says the pen stays; what is left of the plan at α = 0.
-//! - *dead time* τ: how far ahead references look because the arm is late; it follows the measured lag
+//! - *share* w: trust per lead, from how good past previews were there ([`skill`]).
+//! - *grid*, Δ: the uniform steps (10 ms) onto which pen samples are interpolated; *tick*, dt: the period of
+//!   the loop (2 ms).
+//! - *lead*: grid steps from the newest closed one to a prediction. *Preview*: predictions at all leads.
+//!   *Band*: the radius around a prediction in which the pen is expected in nine of ten cases.
+//! - *Hold*: the predictor of a pen at rest; what remains of the plan at α = 0, that is *feedback alone*.
+//! - *dead time* τ: how far ahead references look because the arm lags; it follows the measured lag
 //!   ([`arm::lag`]).
-//! - *ladder*: fresh plan, previous plan, stop, hold ([`follower::Rung`]); what makes a command when the step
-//!   above it cannot.
-//! - *envelope*: where the tool must stay (height, workspace, tilt, speed). *Clearance*: how far the arm
-//!   keeps from things.
-//! - *guard*: the last stage; what leaves it is legal whatever came in. *Monitor*: judges the arm, not the
+//! - *record*: errors of past previews per lead, with forgetting. *Pending*: not judged yet, as the outcome
+//!   is unknown. *Onset*: the first steps of motion after rest. *Headroom*: the factor on trust that an arm
+//!   which is *saturated* (joints, acceleration or speed at a limit) can follow.
+//! - *candidate*, *live* weights: those that learn, and those that the loop uses; *promotion* copies the
+//!   first to the second, *rollback* undoes it ([`learn`]).
+//! - *ladder*: fresh plan, previous plan, stop, hold ([`follower::Rung`]); each *rung* makes a command when
+//!   the one above it cannot.
+//! - *envelope*: where the tool must stay (height, workspace, tilt, speed). *Clearance*: distance of the arm
+//!   from planes, boxes and itself. *Row*: one linear inequality of the QP; it is *held* if active, and
+//!   *yields* if it cannot be satisfied.
+//! - *guard*: the last stage; its output is legal whatever its input. *Monitor*: judges the arm, not the
 //!   plan.
-//! - *latched*: a stop that only an operator's arm request ends. *Ghost*: the same law at α = 0 beside the
-//!   loop, for comparison.
+//! - *stale*: older than allowed. *Silent*: a pen without new samples. *Latched*: a stop that only an
+//!   operator's arm request ends. *Ghost*: the same law at α = 0 beside the loop, for comparison.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -1,4 +1,4 @@
-//! The writing plane: where its frame stands in the robot's base frame.
+//! The writing plane: its frame in the robot's base frame.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -11,9 +11,9 @@ pub struct Plane {
     pub origin: Vector3<f64>,
     /// Columns: the plane's x, y and normal in the base frame.
     pub rotation: Rotation3<f64>,
-    /// Plane metres for one metre of the pen device.
+    /// Plane metres per metre of the pen device.
     pub pen_scale: f64,
-    /// Point of the pen device \[m\] that lies on the plane's origin.
+    /// Point of the pen device \[m\] at the plane's origin.
     pub pen_origin: [f64; 2],
     /// Height of the tool above the paper while the pen is up \[m\].
     pub lift_height: f64,

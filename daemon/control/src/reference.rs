@@ -1,35 +1,35 @@
-//! From the preview to the references of the plan, at the instants the arm will be there.
+//! From the preview to the references of the plan, at the times when the arm will be there.
 //!
 //! Contract: no memory; positions in the plane frame \[m\].
 
 use crate::predict::refine::Preview;
 use crate::units::{AxisState, Stamp};
 
-/// References lead by the mean velocity of so many steps before and after: how neighbouring predictions
-/// differ is noisier than they are. Least error for the lag taken out on ten train writers of unipen-tos
-/// behind 30 ms, among 0 to 12.
+/// Half-width of the mean velocity by which references lead \[steps\]: differences of neighbouring
+/// predictions are noisier than the predictions. The best of 0 to 12 on ten train writers of unipen-tos
+/// behind 30 ms.
 const VELOCITY_STEPS: f64 = 3.5;
 
-/// How references are made of a preview.
+/// How references are made from a preview.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reference {
-    /// References lie this many steps of the predicted velocity farther on.
+    /// Lead of the references, in steps of the predicted velocity.
     velocity_lead: f64,
 }
 
 impl Reference {
-    /// References `lead_ns` of the predicted velocity farther on than the pen is predicted, in grid steps of
-    /// `step_ns`. What is foreseen badly is foreseen late, in the mean: of all ways to take that lag out,
-    /// this one adds least error, because the predicted velocity is what is known of the true one.
+    /// References advanced by `lead_ns` of the predicted velocity, in grid steps of `step_ns`. Badly
+    /// predicted motion is predicted late on average; advancing by the predicted velocity removes that lag
+    /// with the least added error.
     pub(crate) fn leading(step_ns: u64, lead_ns: u64) -> Self {
         Self { velocity_lead: lead_ns as f64 / step_ns as f64 }
     }
 
     /// References at `now` + `ahead_ns` + i·`plan_step_s`, i = 1..N, for the plane's x and y.
     ///
-    /// On cubic pieces through the newest sample and the predicted grid points, with the slopes of their
-    /// neighbours: a kink at every grid point would cost a sharp plan more jerk than the letter does. Beyond
-    /// the last predicted point the pen is taken to stand still.
+    /// On cubic segments through the newest sample and the predicted grid points, with slopes from their
+    /// neighbours: a corner at every grid point would cost an aggressive plan more jerk than the letter does.
+    /// Beyond the last predicted point the pen is assumed to rest.
     pub(crate) fn references<const N: usize>(
         self,
         preview: &Preview,
@@ -56,7 +56,7 @@ impl Reference {
         Some([xs, ys])
     }
 
-    /// What the predicted velocity around `s` adds to a reference \[m\].
+    /// The lead by predicted velocity around `s` \[m\].
     fn further(self, spline: &Spline<'_>, s: f64) -> [f64; 2] {
         let (from, to) =
             ((s - VELOCITY_STEPS).max(spline.origin), (s + VELOCITY_STEPS).min(spline.steps as f64));
@@ -68,14 +68,14 @@ impl Reference {
     }
 }
 
-/// References that stay at `position` \[m\].
+/// References at rest at `position` \[m\].
 pub(crate) fn resting<const N: usize>([x, y]: [f64; 2]) -> [[AxisState; N]; 2] {
     [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]]
 }
 
-/// The cubic pieces through what is to be followed.
+/// The cubic segments through the path to be followed.
 struct Spline<'a> {
-    /// Entry 0 lies `origin` steps after the base of the preview, entry i i steps; the last is entry `steps`.
+    /// Entry 0 is `origin` steps after the base of the preview, entry i i steps; the last is entry `steps`.
     points: &'a [[f64; 2]],
     origin: f64,
     steps: usize,
@@ -108,14 +108,13 @@ impl<'a> Spline<'a> {
         [hermite([x0, mx0, x1, mx1], t, length), hermite([y0, my0, y1, my1], t, length)]
     }
 
-    /// Index of the first predicted point after the newest sample, and not so close that noise between them
-    /// would count.
+    /// Index of the first predicted point after the newest sample that is far enough for their noise not to
+    /// matter.
     fn first(&self) -> usize {
         (self.origin + 0.1) as usize + 1
     }
 
-    /// Slope at a point: that of the line between its neighbours; at the ends that to the only neighbour
-    /// \[m/step\].
+    /// Slope at a point: from neighbour to neighbour; at the ends to the only neighbour \[m/step\].
     fn slope(&self, index: usize) -> [f64; 2] {
         let first = self.first();
         let knot = |index: usize| if index < first { (0, self.origin) } else { (index, index as f64) };
@@ -195,7 +194,7 @@ mod tests {
         assert_eq!(xs[9].velocity, 0.0);
     }
 
-    /// Against differences over 0.2 ms, between knots; and the plan's steps are not the grid's.
+    /// Against differences over 0.2 ms, between knots; the plan's steps differ from the grid's.
     #[test]
     fn references_move_with_the_velocity_and_acceleration_that_they_have() {
         let wave = |i: u32| [0.003 * (f64::from(i) * 0.4).sin(), 0.002 * (f64::from(i) * 0.3).cos()];
@@ -208,7 +207,7 @@ mod tests {
         for ns in (0..100_000_000).step_by(1_700_000) {
             let [before, now, after] = [ns, ns + dt_ns, ns + 2 * dt_ns].map(at);
             for i in 0..5 {
-                // Acceleration leaps where one cubic piece ends and the next begins.
+                // Acceleration is discontinuous where cubic segments meet.
                 let grid = |ns: u64| (ns as f64 + 3e6 + (i + 1) as f64 * plan_step_s * 1e9) / STEP_NS as f64;
                 if grid(ns).floor() != grid(ns + 2 * dt_ns).floor() {
                     continue;
@@ -222,7 +221,7 @@ mod tests {
                     curved = curved.max(curve.abs());
                 }
             }
-            // The one of a plan's step later is the next.
+            // The reference one plan step later is the next.
             let [xs, ys] = at(ns + 17_300_000);
             for ((now, later), axis) in at(ns).iter().zip([xs, ys]).zip(0..) {
                 for (next, first) in now[1..].iter().zip(&later) {

@@ -5,20 +5,20 @@ use crate::units::Stamp;
 /// Why the loop stopped by itself or was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StopReason {
-    /// It did not.
+    /// Not stopped.
     #[default]
     None,
-    /// An operator asked for it.
+    /// An operator requested it.
     Requested,
-    /// The dead-man switch was released or fell silent.
+    /// The dead-man switch was released or is stale.
     EnableLost,
-    /// Joint states fell silent.
+    /// Joint states are stale.
     JointStateLost,
-    /// The machine stood still for longer than the latch time.
+    /// The process stood still for longer than the latch time.
     TimeLost,
     /// The arm's safety system stopped it.
     ArmSafety,
-    /// The arm is not where it was told to be.
+    /// The arm is not where it was commanded to be.
     TrackingError,
     /// The tool could not be kept in its envelope: paper, workspace, tilt, speed.
     Envelope,
@@ -28,7 +28,7 @@ pub enum StopReason {
     WayBlocked,
 }
 
-/// What exactly was seen when a stop latched.
+/// The observation that latched a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StopCause {
     /// Nothing to add to the reason.
@@ -42,11 +42,11 @@ pub enum StopCause {
     WrongDirection,
     /// The measured joints stand still while commands move them \[rad\].
     NoMotion,
-    /// A measured joint moves though nothing commands it to \[rad/s\].
+    /// A measured joint moves without a command \[rad/s\].
     Runaway,
-    /// The difference between measured and commanded joints swings and grows \[rad\].
+    /// The difference between measured and commanded joints oscillates with growing amplitude \[rad\].
     Oscillation,
-    /// The arm moves at a part of the speed that is asked for \[1\].
+    /// The arm moves at a fraction of the commanded speed \[1\].
     SlowArm,
     /// The tool is below its lowest or above its highest height over the paper \[m\].
     Height,
@@ -58,20 +58,20 @@ pub enum StopCause {
     ToolSpeed,
     /// Too many of the recent ticks were late \[1\].
     LateTicks,
-    /// Something is nearer than the arm may come to it \[m\].
+    /// An obstacle is nearer than the arm may come to it \[m\].
     Clearance,
 }
 
 /// The evidence behind a latched stop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StopDetail {
-    /// What was seen; the unit of `amount` and `limit` is its.
+    /// The observation, which determines the unit of `amount` and `limit`.
     pub cause: StopCause,
     /// Joint index from 0, base first; `None`: the tool, or no joint.
     pub joint: Option<u8>,
-    /// What was seen.
+    /// Observed value.
     pub amount: f64,
-    /// What was allowed.
+    /// Allowed value.
     pub limit: f64,
     /// Release of the tick in which the stop latched; `Stamp(0)`: no stop has latched.
     pub at: Stamp,

@@ -1,8 +1,8 @@
-//! The few units where a mix-up would move the robot wrongly.
+//! Types for the few units whose confusion would move the robot wrongly.
 
 use std::ops::Add;
 
-/// A monotonic instant \[ns\], as read from the host's CLOCK_MONOTONIC by somebody else.
+/// A monotonic time \[ns\], read from the host's CLOCK_MONOTONIC by the caller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
 pub struct Stamp(pub u64);
 
@@ -27,7 +27,7 @@ impl Stamp {
         self.since(earlier) as f64 * 1e-9
     }
 
-    /// The instant `ns` later; saturates at the end of the clock.
+    /// The time `ns` later; saturates at the end of the clock.
     #[must_use]
     pub const fn plus_ns(self, ns: u64) -> Self {
         Self(self.0.saturating_add(ns))
@@ -51,7 +51,7 @@ impl Trust {
     /// Prediction only.
     pub const FULL: Self = Self(1.0);
 
-    /// Clamps to \[0, 1\]; NaN becomes 0, because doubt never moves the arm.
+    /// Clamps to \[0, 1\]; NaN becomes 0, the safe value.
     #[must_use]
     pub const fn new(alpha: f64) -> Self {
         if alpha >= 1.0 {

@@ -1,9 +1,8 @@
-//! Tells allocations that a coming or going peer explains from those that nothing explains.
+//! Separates allocations explained by a connecting or disconnecting peer from unexplained ones.
 //!
-//! Contract: allocations inside the law are never excused. Those of receiving and sending are excused only
-//! when the set of connected peers was seen to change at that time, with the uncertainty of the two looks
-//! around the change and the time the loop takes to notice. Totals come from cumulative counts, so that lost
-//! records lose nothing.
+//! Contract: allocations inside the law are never excused. Those of receiving and sending are excused only if
+//! the set of connected peers changed at that time, within the interval between two looks at it and the time
+//! the loop takes to notice. Totals come from cumulative counts, so that lost records lose nothing.
 
 use std::collections::VecDeque;
 
@@ -11,13 +10,13 @@ use foretrace_control::units::Stamp;
 
 use crate::rt::facts::TickFacts;
 
-/// The loop connects in the first tick after a change; a stalled machine may delay that tick by this much
+/// The loop connects in the first tick after a change, which a stall of the machine may delay by this much
 /// \[ns\].
 const NOTICE_NS: u64 = 250_000_000;
-/// Allocations that no look could explain after this time stay unexplained \[ns\].
+/// Allocations without an explanation after this time stay unexplained \[ns\].
 const PATIENCE_NS: u64 = 1_000_000_000;
 
-/// What became of the allocations after warm-up.
+/// The verdicts on allocations after warm-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AllocationTotals {
     /// Without explanation.
@@ -28,7 +27,7 @@ pub struct AllocationTotals {
     pub connection_ticks: u64,
 }
 
-/// A stretch of time in which the set of peers changed.
+/// An interval in which the set of peers changed.
 #[derive(Debug, Clone, Copy)]
 struct Change {
     from: Stamp,
@@ -41,7 +40,7 @@ pub struct AllocationJudge {
     warm_after_ticks: u64,
     /// Cumulative counts already judged: at the ports, in the law.
     seen: Option<(u64, u64)>,
-    /// Allocations at the ports that wait for an explanation: when, how many.
+    /// Allocations at the ports that await an explanation: when, how many.
     waiting: VecDeque<(Stamp, u64)>,
     changes: VecDeque<Change>,
     last_look: Option<(Stamp, u128)>,
@@ -62,7 +61,7 @@ impl AllocationJudge {
         }
     }
 
-    /// Takes note of one tick.
+    /// Takes in one tick.
     pub fn tick(&mut self, facts: &TickFacts) {
         let now = (facts.tally.port_allocations, facts.tally.law_allocations);
         let warm = facts.tick > self.warm_after_ticks;
@@ -76,7 +75,7 @@ impl AllocationJudge {
         }
     }
 
-    /// Takes note of the peers connected at `now`; judges what can be judged.
+    /// Takes in the peers connected at `now`, and judges pending allocations.
     pub fn look(&mut self, now: Stamp, fingerprint: u128) {
         if let Some((before, seen)) = self.last_look
             && seen != fingerprint
@@ -103,7 +102,7 @@ impl AllocationJudge {
         }
     }
 
-    /// What was judged so far.
+    /// The verdicts so far.
     #[must_use]
     pub const fn totals(&self) -> AllocationTotals {
         self.totals

@@ -1,9 +1,8 @@
-//! Where the time goes between the pen and the arm: the parts of one tick, and their medians over the last
-//! second.
+//! The latency from pen to arm in parts: per tick, and as medians over the last second.
 //!
 //! Contract: pure, time comes with the ticks. An echo of the arm counts only if it names a tick of this
-//! daemon together with that tick's pen sample, and was accepted after the command was sent; anything else is
-//! "not known".
+//! daemon together with that tick's pen sample, and was accepted after the command was sent; otherwise that
+//! part is unknown.
 
 use std::collections::VecDeque;
 
@@ -15,25 +14,25 @@ use foretrace_shm::{RejectReason, Rejection};
 use crate::rt::facts::TickFacts;
 use crate::wire::{Echo, Refused};
 
-/// Commands that an echo may still name: a second at 1 kHz.
+/// Commands that an echo may still name: one second at 1 kHz.
 const KEPT: usize = 1024;
-/// Medians are over stretches of this length \[ns\].
+/// Medians are over intervals of this length \[ns\].
 const STRETCH_NS: i64 = 1_000_000_000;
 /// Longer times count as this \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
 
-/// Latencies part by part \[ns\]; `None`: not known.
+/// Parts of the latency \[ns\]; `None`: unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Parts {
     /// Newest pen sample: device stamp to sent.
     pub pen_reader: Option<u64>,
-    /// Newest pen sample: sent to taken in by a tick.
+    /// Newest pen sample: sent to received by a tick.
     pub pen_transport: Option<u64>,
     /// Newest pen sample: device stamp to the release of the tick.
     pub pen_age: Option<u64>,
     /// Start of the tick to the command handed to the port.
     pub compute: Option<u64>,
-    /// Handed to the port to accepted by the arm, of the newest command echoed.
+    /// Handed to the port to accepted by the arm, of the newest echoed command.
     pub command_transport: Option<u64>,
 }
 
@@ -46,7 +45,7 @@ struct Sent {
     pen_stamp: Option<Stamp>,
 }
 
-/// Remembers what was sent, and how long things took lately.
+/// Recent commands and recent latencies.
 #[derive(Debug)]
 pub struct ChainWatch {
     sent: VecDeque<Sent>,
@@ -60,7 +59,7 @@ pub struct ChainWatch {
 }
 
 impl ChainWatch {
-    /// Has seen nothing.
+    /// Without ticks.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -74,7 +73,7 @@ impl ChainWatch {
         }
     }
 
-    /// Takes note of a tick; returns its parts.
+    /// Takes in a tick; returns its parts.
     pub fn tick(&mut self, facts: &TickFacts) -> Parts {
         let (now, output) = (facts.wake.release, &facts.output);
         if now.since(*self.since.get_or_insert(now)).abs() >= STRETCH_NS {
@@ -128,7 +127,7 @@ impl ChainWatch {
         parts
     }
 
-    /// Medians over the last full stretch of a second.
+    /// Medians over the last complete interval of a second.
     #[must_use]
     pub fn recent(&self) -> Parts {
         let [pen_reader, pen_transport, pen_age, compute, command_transport] =
@@ -136,16 +135,16 @@ impl ChainWatch {
         Parts { pen_reader, pen_transport, pen_age, compute, command_transport }
     }
 
-    /// The newest echo that was not believed.
+    /// The newest echo that was rejected.
     #[must_use]
     pub const fn refused(&self) -> Option<Refused> {
         self.refused
     }
 
-    /// From publishing to acceptance of the command that `echo` names; `None` where it does not tell.
+    /// Latency from publishing to acceptance of the command that `echo` names; `None` if it does not say.
     ///
     /// # Errors
-    /// Why the echo is not believed.
+    /// Why the echo is rejected.
     fn transport_of(&self, echo: &Echo) -> Result<Option<u64>, Rejection> {
         let why = |reason, field, value, bound| Rejection::new(reason, field).because(value, bound);
         let Some(sent) = self.sent.iter().rev().find(|sent| sent.tick == echo.tick) else {
@@ -171,12 +170,12 @@ impl Default for ChainWatch {
     }
 }
 
-/// From `earlier` to `later`; 0 where the clocks of both disagree about the order.
+/// Time from `earlier` to `later`; 0 if the two clocks disagree about the order.
 fn between(earlier: Option<Stamp>, later: Option<Stamp>) -> Option<u64> {
     Some(u64::try_from(later?.since(earlier?)).unwrap_or(0))
 }
 
-/// The median of the last full stretch.
+/// The median of the last complete interval.
 #[derive(Debug)]
 struct Recent {
     current: Option<Histogram<u64>>,
@@ -185,7 +184,7 @@ struct Recent {
 
 impl Recent {
     fn new() -> Self {
-        // The bounds are constants that the crate accepts; without a histogram there is no median, no harm.
+        // The crate accepts these constant bounds; without a histogram there would be no median.
         Self { current: Histogram::new_with_bounds(1, LONGEST_NS, 3).ok(), median: None }
     }
 
@@ -284,7 +283,7 @@ mod tests {
     fn medians_are_those_of_the_last_second_and_vanish_with_their_cause() {
         let mut watch = ChainWatch::new();
         assert_eq!(watch.recent(), Parts::default());
-        // 500 ticks are a second; the pen speaks in the first two.
+        // 500 ticks are a second; the pen is live in the first two.
         let first = tick(100);
         for k in 100..=1200 {
             watch.tick(&later(&first, k - 100));

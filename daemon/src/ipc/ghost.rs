@@ -1,9 +1,8 @@
-//! The ghost in the daemon: beside the loop, one tick behind it, on the thread that publishes what the loop
-//! did.
+//! The ghost in the daemon: one tick behind the loop, on the ipc thread.
 //!
-//! Contract: costs the real-time thread nothing. When records pile up, telemetry comes first: the ghost
-//! leaves ticks out, and says by itself that it cannot be compared for a while. Pure but for the clock that
-//! times its own cost.
+//! Contract: costs the real-time thread nothing. When records pile up, telemetry comes first: the ghost skips
+//! ticks, and reports that it cannot be compared for a while. Pure except for the clock that times its own
+//! cost.
 
 use std::fmt::Debug;
 
@@ -16,10 +15,10 @@ use crate::rt::facts::TickFacts;
 use crate::rt::os;
 use crate::wire::JOINTS;
 
-/// With more records waiting than this the ghost stands back: an eighth of the ring.
+/// The ghost pauses while more records than this are waiting: an eighth of the ring.
 const TOO_MANY_WAITING: usize = 64;
 
-/// A ghost of whatever horizon.
+/// A ghost of any horizon.
 trait Beside: Debug + Send {
     fn follow(&mut self, tick: &GhostTick<'_, JOINTS>) -> GhostReport;
     fn figures(&self) -> GhostFigures;
@@ -34,7 +33,7 @@ impl<const N: usize> Beside for Ghost<N, JOINTS> {
     }
 }
 
-/// The ghost, if there is one, and what it costs.
+/// The ghost, if there is one, and its cost.
 #[derive(Debug)]
 pub struct GhostShell {
     ghost: Option<Box<dyn Beside>>,
@@ -58,19 +57,18 @@ impl GhostShell {
             20 => Box::new(Ghost::<20, JOINTS>::new(settings)?),
             _ => Box::new(Ghost::<30, JOINTS>::new(settings)?),
         };
-        // The bounds are constants that the crate accepts; without a histogram the cost is not known, no
-        // harm.
+        // The crate accepts these constant bounds; without a histogram the cost would be unknown.
         Ok(Self { ghost: Some(ghost), cost: Histogram::new_with_bounds(1, 1_000_000_000, 2).ok() })
     }
 
-    /// Goes along with one tick; `waiting` records come after it.
+    /// Follows one tick; `waiting` records come after it.
     pub fn follow(&mut self, facts: &TickFacts, waiting: usize) -> GhostReport {
         let Some(ghost) = self.ghost.as_mut().filter(|_| waiting <= TOO_MANY_WAITING) else {
             return GhostReport::default();
         };
         let began = os::monotonic_ns();
         let output = &facts.output;
-        // What fits the arm's motion best as a mere delay; until that is known, what the plan takes it for.
+        // The measured shift; until it is known, the plan's dead time.
         let measured = output.lag.map(|lag| (lag.shift_s * 1e9) as i64);
         let report = ghost.follow(&GhostTick {
             tick: facts.tick,
@@ -88,7 +86,7 @@ impl GhostShell {
         report
     }
 
-    /// How the loop and its ghost do.
+    /// Scores of the loop and its ghost.
     #[must_use]
     pub fn figures(&self) -> GhostFigures {
         self.ghost.as_ref().map_or_else(GhostFigures::default, |ghost| ghost.figures())

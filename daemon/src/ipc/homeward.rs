@@ -1,4 +1,4 @@
-//! The way home in words and figures: how far it is, and what is in it.
+//! The way home in messages and figures: how far it is, and what blocks it.
 
 use foretrace_control::clearance::Clearance;
 use foretrace_control::clearance::way::MORE_M;
@@ -8,16 +8,16 @@ use foretrace_shm::WayHome;
 use crate::rt::facts::TickFacts;
 use crate::wire::JOINTS;
 
-/// What has to be known of the arm for that.
+/// Data of the arm needed for that.
 #[derive(Debug)]
 pub struct Homeward {
     settings: FollowerSettings<JOINTS>,
-    /// Of the pairs of bodies that may meet, as the law numbers them.
+    /// Names of the pairs of bodies, by the law's numbers.
     pairs: Vec<String>,
 }
 
 impl Homeward {
-    /// For the arm of these settings, which the law was built from.
+    /// For the arm of these settings, from which the law was built.
     #[must_use]
     pub fn new(settings: FollowerSettings<JOINTS>) -> Self {
         let period_s = settings.period_ns as f64 * 1e-9;
@@ -29,7 +29,7 @@ impl Homeward {
         Self { settings, pairs }
     }
 
-    /// The way from where the arm was measured, or what is left of it while it moves.
+    /// The way from the measured joints, or the rest of it while the arm moves.
     #[must_use]
     pub fn told(&self, newest: &TickFacts) -> WayHome {
         let way = newest.measured.and_then(|(_, q)| self.settings.way_home(&q));
@@ -48,7 +48,7 @@ impl Homeward {
         }
     }
 
-    /// What is in the way, what it would come to, and what can be done: fits into an answer.
+    /// What blocks the way, at which distance, and the remedy; fits into an answer.
     #[must_use]
     pub fn obstructed(&self, by: &WayBlocked) -> String {
         if by.pair == WayBlocked::PAPER {

@@ -1,5 +1,4 @@
-//! The two latencies that people ask for, over all ticks since warm-up: pen to command, and command to
-//! motion.
+//! End-to-end latencies over all ticks since warm-up: pen to command, and command to motion.
 //!
 //! Contract: fed tick by tick on the ipc thread; no allocation per tick. Medians of the parts are in
 //! [`super::chain`].
@@ -13,7 +12,7 @@ use crate::rt::facts::TickFacts;
 
 /// Longer times count as this \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
-/// An arm whose lag is known less well than this says nothing about its motion \[s\].
+/// Largest standard deviation of the lag for a latency of the motion \[s\].
 const KNOWN_S: f64 = 3e-3;
 
 /// Both latencies.
@@ -31,11 +30,10 @@ impl Latencies {
         Self { pen_to_command: Meter::new(), command_to_motion: Meter::new(), pen: None }
     }
 
-    /// Takes note of a tick.
+    /// Takes in a tick.
     ///
     /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was
-    /// taken in. Command to motion: from there to the command's stamp, and on by the lag that the arm was
-    /// measured to have.
+    /// received. Command to motion: from there to the command's stamp, plus the measured lag of the arm.
     pub fn tick(&mut self, facts: &TickFacts) {
         let output = &facts.output;
         let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
@@ -56,7 +54,7 @@ impl Latencies {
         self.pen_to_command.told()
     }
 
-    /// From the command to the motion that it asks for.
+    /// From the command to its motion.
     #[must_use]
     pub fn command_to_motion(&self) -> Latency {
         self.command_to_motion.told()
@@ -69,7 +67,7 @@ impl Default for Latencies {
     }
 }
 
-/// One spread.
+/// One distribution.
 #[derive(Debug)]
 struct Meter {
     spread: Option<Histogram<u64>>,
@@ -78,8 +76,7 @@ struct Meter {
 
 impl Meter {
     fn new() -> Self {
-        // The bounds are constants that the crate accepts; without a histogram there are no percentiles, no
-        // harm.
+        // The crate accepts these constant bounds; without a histogram there would be no percentiles.
         Self { spread: Histogram::new_with_bounds(1, LONGEST_NS, 2).ok(), bins: [0; LATENCY_BINS] }
     }
 
@@ -123,7 +120,7 @@ mod tests {
         let mut latencies = Latencies::new();
         for tick in 1..=1000_u64 {
             let mut facts = commanding(tick);
-            // One sample in five ticks; each hundredth of them 50 ms old, the others 2 ms.
+            // One sample in five ticks; one in a hundred of them is 50 ms old, the others 2 ms.
             let sample = tick / 5;
             let age = if sample.is_multiple_of(100) { 50 } else { 2 };
             facts.published = facts.wake.release.plus_ns(100_000_000);

@@ -1,7 +1,7 @@
-//! The ipc thread: everything the loop has to say and to be asked, kept away from it.
+//! The ipc thread: telemetry, status, log and requests, kept away from the loop.
 //!
 //! Contract: drains the loop's ring into telemetry, status and the log; serves requests; cleans up after dead
-//! peers. May block and allocate; the loop never waits for it. What could not be told is counted.
+//! peers. May block and allocate; the loop never waits for it. Everything dropped is counted.
 
 pub mod allocation;
 pub mod chain;
@@ -51,21 +51,21 @@ const ROUND: usize = 1024;
 /// Time between two clean-ups of dead peers \[ns\].
 const CLEAN_NS: i64 = 1_000_000_000;
 
-/// A loop that says nothing for this long is in trouble \[ns\].
+/// A loop silent for this long has a fault \[ns\].
 const SILENCE_NS: i64 = 1_000_000_000;
 
-/// What the thread has to know.
+/// Settings of the thread.
 #[derive(Debug, Clone, Copy)]
 pub struct IpcSettings {
     /// Ticks per second.
     pub rate_hz: f64,
-    /// Ticks that count neither in spreads nor in allocations.
+    /// Warm-up ticks, which count neither in distributions nor in allocations.
     pub warm_after_ticks: u64,
     /// Every n-th tick is published.
     pub telemetry_every: u64,
     /// Time between two status messages \[ns\].
     pub status_period_ns: u64,
-    /// Differs from start to start.
+    /// Identifies this start of the daemon.
     pub daemon_id: u64,
     /// Hash of the settings.
     pub settings_hash: u64,
@@ -74,7 +74,7 @@ pub struct IpcSettings {
 /// What the supervisor tells the thread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum IpcOrder {
-    /// These rights are missing, bits of the status.
+    /// These rights are missing, as bits of the status.
     Missing(u32),
     /// A live setting for the loop.
     Loop(Request),
@@ -83,7 +83,7 @@ pub enum IpcOrder {
         /// Their hash.
         hash: u64,
     },
-    /// Fail as no message can make it fail.
+    /// End by a fault, for tests.
     #[cfg(test)]
     Panic,
 }
@@ -91,7 +91,7 @@ pub enum IpcOrder {
 /// What the thread needs besides its ports.
 #[derive(Debug)]
 pub struct IpcLinks {
-    /// To and from the loop.
+    /// Rings to and from the loop.
     pub rings: IpcRings,
     /// What feedback alone would have done.
     pub ghost: GhostShell,
@@ -99,26 +99,26 @@ pub struct IpcLinks {
     pub extent: ExtentWatch<JOINTS>,
     /// The way home.
     pub homeward: Homeward,
-    /// What the learner shows.
+    /// The learner's figures.
     pub board: Arc<LearnerBoard>,
-    /// What the learner tells.
+    /// The learner's events.
     pub learner: Receiver<LearnerEvent>,
-    /// What the supervisor tells.
+    /// The supervisor's orders.
     pub orders: Receiver<IpcOrder>,
     /// Reloads, to the supervisor.
     pub reload: Sender<ReloadRequest>,
-    /// Time to end.
+    /// Set when the thread should end.
     pub quit: Arc<AtomicBool>,
 }
 
-/// What is left to say when the thread ends.
+/// The result of the thread.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct IpcSummary {
     /// The last status.
     pub status: Status,
 }
 
-/// Starts the thread; `opened` hears whether its ports could be opened.
+/// Starts the thread; `opened` receives whether its ports could be opened.
 ///
 /// # Errors
 /// The system refuses another thread.
@@ -130,7 +130,7 @@ pub fn spawn(
 ) -> std::io::Result<JoinHandle<IpcSummary>> {
     std::thread::Builder::new().name("foretrace-ipc".to_owned()).spawn(move || match open() {
         Ok(ports) => {
-            // A supervisor that has gone away has no use for the news.
+            // A supervisor that is gone does not need the news.
             let _ = opened.send(Ok(()));
             Ipc::new(ports, settings, links).run()
         }
@@ -247,7 +247,7 @@ impl Ipc {
         }
     }
 
-    /// Takes one tick in; returns whether the mode changed with it.
+    /// Takes in one tick; returns whether it changed the mode.
     fn learn_of(&mut self, facts: &TickFacts) -> bool {
         self.judge.tick(facts);
         self.rate_hz = self.rate.measure(facts);
@@ -330,7 +330,7 @@ impl Ipc {
             extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| wire::extent(&extent)),
             arm_speed_share: -1.0,
             way_home: self.newest.map_or(WayHome::UNKNOWN, |newest| self.links.homeward.told(&newest)),
-            // Not a number where nobody counts: a zero would be a claim.
+            // NaN without a counting allocator: zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()
         };
@@ -349,7 +349,7 @@ impl Ipc {
         status
     }
 
-    /// Whether the loop has not been heard of for a second: its thread is held up, or has ended.
+    /// Whether no tick has come from the loop for a second: its thread is held up, or has ended.
     fn loop_is_silent(&self, now: Stamp) -> bool {
         self.newest.is_some_and(|newest| now.since(newest.finished) > SILENCE_NS)
     }

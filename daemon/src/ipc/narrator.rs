@@ -1,7 +1,7 @@
 //! Turns plain data about ticks into lines of the log.
 //!
-//! Contract: changes are told at once, floods once per second with their number. What is refused for a reason
-//! that was never told is told at once too, whatever else was said in that second.
+//! Contract: changes are logged at once, floods once per second with their number. A refusal for a reason not
+//! logged before is logged at once too.
 
 use foretrace_control::follower::Mode;
 use foretrace_control::learn::{Promotion, PromotionCause};
@@ -19,13 +19,13 @@ use crate::wire;
 
 /// Time between two lines about the same flood \[ns\].
 const FLOOD_NS: i64 = 1_000_000_000;
-/// What belongs together shows within this time of its first sign \[ns\].
+/// Time in which related events are gathered after the first \[ns\].
 const GATHER_NS: i64 = 20_000_000;
 
-/// Time between two lines about new weights of the same model \[ns\].
+/// Time between two lines about new weights of one model \[ns\].
 const LEARNED_NS: i64 = 10_000_000_000;
 
-/// What is counted between two lines about new weights of a model.
+/// Counts between two lines about new weights of a model.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lessons {
     told_at: Option<Stamp>,
@@ -33,7 +33,7 @@ struct Lessons {
     back: u32,
 }
 
-/// What is counted between two lines about a flood.
+/// Counts between two lines about a flood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Troubles {
     overruns: u64,
@@ -76,12 +76,12 @@ impl Troubles {
         }
     }
 
-    /// Increases since `before`, those that are not zero, in words.
+    /// The counts that increased since `before`, in words.
     fn since(&self, before: &Self) -> Vec<String> {
         [
             ("ticks after their deadline", self.overruns, before.overruns),
             ("whole periods lost", self.skipped, before.skipped),
-            ("solves shed for want of time", self.shed, before.shed),
+            ("solves shed for lack of time", self.shed, before.shed),
             ("commands not sent", self.not_sent, before.not_sent),
             ("pen samples refused", self.pen_rejected, before.pen_rejected),
             ("pen samples missing", self.pen_dropped, before.pen_dropped),
@@ -101,33 +101,32 @@ impl Troubles {
     }
 }
 
-/// An arm at less than this share of the speed asked for is slow; at more than the other one it is not any
-/// more.
+/// An arm at less than the first share of the commanded speed is slow; above the second it no longer is.
 const SLOW_SHARE: f64 = 0.75;
 const KEEPS_UP_SHARE: f64 = 0.95;
 
-/// Remembers what was told.
+/// What has been logged.
 #[derive(Debug, Default)]
 pub struct Narrator {
     mode: Mode,
     predictor: Option<PredictorKind>,
-    /// The arm was said to be slow.
+    /// The arm was reported slow.
     slow: bool,
     told: Troubles,
     told_at: Stamp,
-    /// When the first trouble showed that was not told yet.
+    /// Time of the first event not logged yet.
     since: Option<Stamp>,
     worst_wakeup_ns: u64,
     worst_step_ns: u64,
-    /// The end of the last tick heard of.
+    /// The end of the newest tick.
     now: Stamp,
     lessons: [Lessons; PredictorKind::ALL.len()],
-    /// Whose messages were told to be refused, for which reason and field.
+    /// Refusals that were logged: sender, reason and field.
     reasons: Vec<(&'static str, RejectReason, &'static str)>,
 }
 
 impl Narrator {
-    /// Takes note of a tick; returns whether the mode changed with it.
+    /// Takes in a tick; returns whether it changed the mode.
     pub fn tick(&mut self, facts: &TickFacts) -> bool {
         let output = &facts.output;
         self.now = facts.finished;
@@ -145,7 +144,7 @@ impl Narrator {
                     if !detail.is_empty() {
                         why = format!("{why}: {detail}");
                     }
-                    warn!(tick = facts.tick, "mode {from} -> {to}: {why}; arm again to go on");
+                    warn!(tick = facts.tick, "mode {from} -> {to}: {why}; arm again to continue");
                 }
             }
             self.mode = output.mode;
@@ -161,8 +160,7 @@ impl Narrator {
         changed
     }
 
-    /// Says once that the arm is slow, and once that it is not any more; between the two shares nothing
-    /// changes.
+    /// Logs once that the arm is slow, and once that it no longer is; with hysteresis.
     fn pace(&mut self, facts: &TickFacts) {
         let Some(share) = facts.output.arm_speed_share else { return };
         let tick = facts.tick;
@@ -185,7 +183,7 @@ impl Narrator {
         if now == self.told {
             return;
         }
-        // Who sent what was refused can mend it only if told what was wrong with it.
+        // A sender can fix what was refused only if the log says why.
         let refusals = [
             ("pen", refused::pen(facts), now.pen_rejected > self.told.pen_rejected),
             ("arm", facts.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
@@ -214,8 +212,7 @@ impl Narrator {
                 lines = format!("{lines}; {who}: {}", refused.why);
             }
         }
-        // Whoever was late is seen from the two numbers: the system in waking the loop, or the loop in its
-        // step.
+        // The two numbers separate late wake-ups by the system from long steps of the loop.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
         warn!(tick = facts.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
         self.told = now;
@@ -224,25 +221,24 @@ impl Narrator {
         self.worst_step_ns = 0;
     }
 
-    /// Tells what the learner did.
+    /// Logs an event of the learner.
     pub fn learner(&mut self, event: &LearnerEvent) {
         match event {
             LearnerEvent::Promoted(promotion) => self.learned(promotion),
             LearnerEvent::Rules(Ok(())) => info!("learner follows new rules"),
             LearnerEvent::Rules(Err(error)) => warn!("learner keeps its rules: {error}"),
             LearnerEvent::Failed(text) => {
-                warn!("learner has failed ({text}); the loop goes on with the weights it has");
+                warn!("learner has failed ({text}); the loop continues with its present weights");
             }
         }
     }
 
-    /// New weights, at most once per [`LEARNED_NS`] and model; the line tells how often it was since the last
-    /// one.
+    /// New weights, at most once per [`LEARNED_NS`] and model, with their number since the last line.
     fn learned(&mut self, promotion: &Promotion) {
         let Promotion { model, version, cause, error_leaving, error_coming, .. } = *promotion;
         let name = model.name();
-        // Normalised errors are squares, and TARGET_RMS is the pen's usual displacement in a step of the
-        // grid.
+        // Errors are squares in normalised units, and TARGET_RMS is the pen's usual displacement per grid
+        // step.
         let steps = |squared: f64| squared.sqrt() / TARGET_RMS;
         let (before, after) = (steps(error_leaving), steps(error_coming));
         if cause == PromotionCause::Followed {
@@ -261,7 +257,7 @@ impl Narrator {
         }
         let Lessons { better, back, .. } = std::mem::take(lessons);
         lessons.told_at = Some(now);
-        let back = if back > 0 { format!(", went back to earlier ones {back} times") } else { String::new() };
+        let back = if back > 0 { format!(", rolled back {back} times") } else { String::new() };
         info!(
             version,
             "{name} has learned: took better weights {better} times{back}; \
@@ -328,7 +324,7 @@ mod tests {
             narrator.learner(&LearnerEvent::Promoted(promotion));
             seen.push(counts(&narrator));
         }
-        // 0: told, and counting anew.
+        // 0: logged, and counted anew.
         assert_eq!(seen, [0, 1, 2, 3, 0]);
     }
 

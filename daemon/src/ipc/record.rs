@@ -1,4 +1,4 @@
-//! Ticks as others see them: records, counters and the newest tick's part of the status.
+//! Ticks on the wire: records, counters and the newest tick's part of the status.
 
 use foretrace_control::ghost::GhostReport;
 use foretrace_control::mpc::AxisReport;
@@ -12,7 +12,7 @@ use crate::ports::PortTally;
 use crate::rt::facts::{LoopTally, StageTimes, TickFacts};
 use crate::wire::{self, JOINTS, UNKNOWN, flag, known};
 
-/// What the ipc thread counts, or adds to what the loop counts.
+/// Counts of the ipc thread, and additions to counts of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct IpcTally {
     /// Records that could not be published.
@@ -33,7 +33,7 @@ pub struct IpcTally {
     pub learner_events_lost: u64,
 }
 
-/// All counters as they stand on the wire.
+/// All counters as on the wire.
 #[must_use]
 pub fn counters(facts: &TickFacts, ipc: &IpcTally) -> shm::Counters {
     let (
@@ -52,7 +52,7 @@ pub fn counters(facts: &TickFacts, ipc: &IpcTally) -> shm::Counters {
         pen_dropped,
         pen_out_of_order: pen.repeats + pen.time_backwards,
         pen_outliers: pen.outliers,
-        // The very first sample starts the grid too, and is no gap.
+        // The very first sample starts the grid too, without a gap.
         pen_gaps: pen.restarts.saturating_sub(1),
         pen_deferred_ticks: facts.ports.pen_deferred,
         pen_rejected: pen_rejected(facts),
@@ -79,8 +79,7 @@ pub fn counters(facts: &TickFacts, ipc: &IpcTally) -> shm::Counters {
     }
 }
 
-/// Refusals at the port and by the pen grid together; out-of-order samples and outliers have counters of
-/// their own.
+/// Refusals by port and pen grid together; out-of-order samples and outliers have their own counters.
 fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
     let pen = &facts.output.pen_counters;
     let mut rejected = shm::Rejections { by_reason: facts.ports.pen_rejected };
@@ -97,7 +96,7 @@ fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
     rejected
 }
 
-/// One tick's facts as it is published.
+/// One tick's facts as published.
 #[must_use]
 pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &IpcTally) -> shm::TickRecord {
     let output = &facts.output;
@@ -174,7 +173,7 @@ pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &
     record
 }
 
-/// Latencies part by part as they stand on the wire.
+/// Parts of the latency as on the wire.
 #[must_use]
 pub fn chain(parts: &Parts) -> shm::Chain {
     let known = |ns: Option<u64>| ns.unwrap_or(u64::MAX);
@@ -187,7 +186,7 @@ pub fn chain(parts: &Parts) -> shm::Chain {
     }
 }
 
-/// Fills in what a status says about the newest tick; ages are taken at `now`.
+/// Fills in the status about the newest tick; ages are relative to `now`.
 pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally, now: Stamp) {
     let output = &newest.output;
     status.mode = wire::mode(output.mode).into();
@@ -211,8 +210,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }
 
-/// Stage times under their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays
-/// 0.
+/// Stage times by their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.
 #[must_use]
 pub const fn stages(times: &StageTimes) -> [(Stage, u64); 10] {
     [

@@ -1,9 +1,9 @@
-//! The newest pen sample that was refused, whoever refused it: a port or the grid of the law.
+//! The newest refused pen sample, refused by a port or by the pen grid.
 
 use crate::rt::facts::TickFacts;
 use crate::wire::{Refused, pen_rejection};
 
-/// The newest pen sample refused, at the port or by the grid.
+/// The newest refused pen sample.
 #[must_use]
 pub fn pen(facts: &TickFacts) -> Option<Refused> {
     let grid = facts

@@ -1,7 +1,7 @@
 //! Operators' requests: to the loop, to the supervisor, and the answers back.
 //!
-//! Contract: every request is answered once, by the loop's own word where the loop decides, at the latest
-//! after [`PATIENCE`]. What cannot be taken now is answered `Busy`.
+//! Contract: every request is answered once, with the loop's answer where the loop decides, at the latest
+//! after [`PATIENCE`]. Requests that cannot be accepted now are answered `Busy`.
 
 use std::time::{Duration, Instant};
 
@@ -21,10 +21,10 @@ use crate::wire::{self, Asked as Meaning, Refused};
 /// Longest time an operator waits for the loop or the supervisor.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 
-/// A settings file to be read again; the answer is a line for people.
+/// A request to reload a settings file; the answer is one line for people.
 #[derive(Debug)]
 pub struct ReloadRequest {
-    /// Where the outcome goes.
+    /// Receiver of the outcome.
     pub answer: Sender<ReloadOutcome>,
 }
 
@@ -33,15 +33,15 @@ pub struct ReloadRequest {
 pub struct ReloadOutcome {
     /// Its kind.
     pub status: ControlStatus,
-    /// What happened, or what is wrong.
+    /// What changed, or what is wrong.
     pub text: String,
 }
 
-/// Who waits for an answer of the loop.
+/// Origin of a request to the loop.
 #[derive(Debug)]
 enum Asker {
     Operator(Box<Call>),
-    /// A reload has changed a live setting.
+    /// A reload changed a live setting.
     Settings(Request),
 }
 
@@ -54,7 +54,7 @@ pub struct Requests {
     at_supervisor: Vec<(Instant, Call, Receiver<ReloadOutcome>)>,
     answered: u64,
     refused: u64,
-    /// The newest joint state that was refused: it may be why there is none.
+    /// The newest refused joint state, which may be why there is none.
     joints_refused: Option<Refused>,
 }
 
@@ -73,7 +73,7 @@ impl Requests {
         }
     }
 
-    /// Tells what the newest refused joint state was refused for.
+    /// Sets the reason of the newest refused joint state.
     pub const fn joints_refused(&mut self, refused: Option<Refused>) {
         self.joints_refused = refused;
     }
@@ -84,10 +84,10 @@ impl Requests {
         (self.answered, self.refused)
     }
 
-    /// Takes new requests, and answers those whose answer has come or is overdue.
+    /// Takes new requests, and sends answers that are ready or overdue.
     pub fn serve(&mut self, server: &mut ControlServer, links: &mut IpcLinks, mode: Mode, trust: Trust) {
         let IpcLinks { rings, homeward, .. } = links;
-        // Bounded by the places that the service has.
+        // Bounded by the number of slots of the service.
         for call in std::iter::from_fn(|| server.take()).take(16) {
             self.take(call, rings, mode, trust);
         }
@@ -98,10 +98,10 @@ impl Requests {
         self.overdue(mode, trust);
     }
 
-    /// Puts a live setting before the loop.
+    /// Sends a live setting to the loop.
     pub fn change_setting(&mut self, request: Request, rings: &mut IpcRings) {
         if let Err(Asker::Settings(request)) = self.ask_loop(request, Asker::Settings(request), rings) {
-            warn!("the loop is too busy for {request:?}: reload once more");
+            warn!("the loop is too busy for {request:?}: reload again");
         }
     }
 
@@ -137,13 +137,13 @@ impl Requests {
     fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
         let token = self.next_token;
         let stamp = monotonic_now_ns();
-        // What comes from the supervisor is sent now; nobody sends in the future.
+        // Requests of the supervisor are sent now; no request is sent in the future.
         let sent = match &asker {
             Asker::Operator(call) => call.request.sent_ns.min(stamp),
             Asker::Settings(_) => stamp,
         };
         let asked = Asked { token, request, stamp: Stamp(stamp), sent: Stamp(sent) };
-        // As many answers fit into their ring as requests: never more of them on the way than that.
+        // The ring of answers has room for as many as requests: never more in flight than that.
         if self.at_loop.len() >= rings.answered.buffer().capacity() || rings.asked.push(asked).is_err() {
             return Err(asker);
         }
@@ -157,7 +157,7 @@ impl Requests {
         let (_, _, asker) = self.at_loop.swap_remove(place);
         match (asker, answer.outcome) {
             (Asker::Operator(call), Ok(())) => {
-                // Motion takes its time; everything else is done with the tick.
+                // Motion takes time; everything else is done with the tick.
                 let follows = [ControlOp::Disarm, ControlOp::Stop, ControlOp::MoveHome].map(u32::from);
                 let status = if follows.contains(&call.request.op) && answer.mode != Mode::Idle {
                     ControlStatus::Accepted
@@ -212,12 +212,12 @@ impl Requests {
         } else if call.request.op != u32::from(ControlOp::Query) {
             info!("request {op}: {status}");
         }
-        // An operator who has gone away needs no answer.
+        // An operator that is gone needs no answer.
         let _ = call.answer(status, trust.alpha(), wire::mode(mode).into(), text);
     }
 }
 
-/// A refusal that joint states would have prevented, had they been taken.
+/// Whether the refusal may be due to missing joint states.
 const fn missing_joints(refusal: Refusal) -> bool {
     matches!(refusal, Refusal::NoJointState | Refusal::JointStateStale)
 }

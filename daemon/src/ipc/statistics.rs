@@ -1,4 +1,4 @@
-//! How long things took: spreads per stage over all ticks after warm-up, and the rate that was really kept.
+//! Durations: distributions per stage over all ticks after warm-up, and the rate achieved.
 
 use hdrhistogram::Histogram;
 
@@ -13,7 +13,7 @@ const LONGEST_NS: u64 = 1_000_000_000;
 /// Relative width of a bin: 1 %.
 const DIGITS: u8 = 2;
 
-/// Spreads of all stages.
+/// Distributions of all stages.
 #[derive(Debug)]
 pub struct Spreads {
     stages: Vec<Histogram<u64>>,
@@ -23,8 +23,7 @@ impl Spreads {
     /// Empty.
     #[must_use]
     pub fn new() -> Self {
-        // The bounds are constants that the crate accepts; without histograms there would be no percentiles,
-        // no harm.
+        // The crate accepts these constant bounds; without histograms there would be no percentiles.
         let one = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).ok();
         Self { stages: one.into_iter().cycle().take(STAGES).collect() }
     }
@@ -41,7 +40,7 @@ impl Spreads {
     pub fn percentiles(&self) -> [Percentiles; STAGES] {
         let mut all = [Percentiles::default(); STAGES];
         for (spread, histogram) in all.iter_mut().zip(&self.stages) {
-            // An empty histogram has no quantiles; a bin's upper edge may lie above the largest value in it.
+            // An empty histogram has no quantiles; the upper edge of a bin may exceed its largest value.
             let max = histogram.max();
             let at = |quantile| histogram.value_at_quantile(quantile).min(max) as u32;
             *spread =
@@ -65,7 +64,7 @@ pub struct RateMeter {
 }
 
 impl RateMeter {
-    /// Takes note of a tick; returns the rate \[Hz\], 0 during the first second.
+    /// Takes in a tick; returns the rate \[Hz\], 0 during the first second.
     pub fn measure(&mut self, facts: &TickFacts) -> f64 {
         let (now, ticks) = (facts.wake.started, facts.tally.ticks);
         let (then, before) = *self.since.get_or_insert((now, ticks));
@@ -78,7 +77,7 @@ impl RateMeter {
     }
 }
 
-/// Root mean square that forgets: about the last `memory` values count.
+/// Root mean square with forgetting, over about `memory` values.
 #[derive(Debug, Clone, Copy)]
 pub struct RunningRms {
     memory: f64,
@@ -93,7 +92,7 @@ impl RunningRms {
         Self { memory, count: 0.0, square: 0.0 }
     }
 
-    /// Adds a value; what is not finite is left out.
+    /// Adds a value; non-finite ones are ignored.
     pub fn add(&mut self, value: f64) {
         if value.is_finite() {
             self.count = (self.count + 1.0).min(self.memory);
@@ -101,7 +100,7 @@ impl RunningRms {
         }
     }
 
-    /// The value; negative while there is none.
+    /// The value; negative before the first.
     #[must_use]
     pub fn value(&self) -> f64 {
         if self.count > 0.0 { self.square.sqrt() } else { -1.0 }

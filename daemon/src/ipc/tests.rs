@@ -1,4 +1,4 @@
-//! Ticks that tests of this thread's parts are fed with.
+//! Ticks for the tests of this thread's parts.
 
 use std::sync::OnceLock;
 
@@ -21,7 +21,7 @@ pub(crate) fn commanding(tick: u64) -> TickFacts {
 
 /// An uneventful tick of an idle loop.
 pub(crate) fn facts(tick: u64) -> TickFacts {
-    // Of an idle loop the output does not tell when it was.
+    // The output of an idle loop does not depend on the time.
     static IDLE: OnceLock<StepOutput<JOINTS>> = OnceLock::new();
     let output = *IDLE.get_or_init(|| {
         let settings = crate::testing::config().follower_settings();

@@ -25,7 +25,7 @@ pub struct MemoryPorts {
     tally: PortTally,
 }
 
-/// The world's end.
+/// The outside end.
 #[derive(Debug)]
 pub struct MemoryPeer {
     /// Pen samples to the loop.
@@ -60,7 +60,7 @@ impl Ports for MemoryPorts {
             self.tally.pen_received += 1;
         }
         self.tally.pen_deferred += u64::from(!self.pen.is_empty());
-        // Bounded, so that a flood cannot hold the tick.
+        // Bounded, so that a flood cannot hold up the tick.
         for reading in std::iter::from_fn(|| self.joints.pop().ok()).take(CAPACITY) {
             inbox.joints = Some(reading);
             self.tally.joints_received += 1;

@@ -1,8 +1,8 @@
-//! Where the tick meets the world: what arrived, what leaves, and what was dropped or refused on the way.
+//! The tick's interface to the outside: what arrived, what is sent, and what was dropped or refused.
 //!
 //! Contract: a [`Ports`] copies each message once, validates the copy, counts every refusal by reason and
-//! hands over domain types only. Neither call blocks; neither allocates while the set of connected peers
-//! stays the same.
+//! passes on domain types only. Neither call blocks; neither allocates while the set of connected peers stays
+//! the same.
 
 pub mod memory;
 pub mod shm;
@@ -13,7 +13,7 @@ use foretrace_control::units::Stamp;
 
 use crate::wire::{Echo, JOINTS, Outgoing, REJECT_REASONS, Refused};
 
-/// Most pen samples that one tick takes; what is left waits for the next tick.
+/// Most pen samples per tick; the rest waits for the next tick.
 pub const PEN_PER_TICK: usize = 64;
 
 /// What arrived since the last tick.
@@ -23,14 +23,14 @@ pub struct Inbox {
     pen_count: usize,
     /// Newest joint state.
     pub joints: Option<JointReading<JOINTS>>,
-    /// What that joint state echoes, if anything.
+    /// The echo in that joint state, if any.
     pub echo: Option<Echo>,
     /// Newest dead-man message.
     pub enable: Option<EnableReading>,
 }
 
 impl Inbox {
-    /// Nothing.
+    /// Empty.
     #[must_use]
     pub const fn empty() -> Self {
         let nothing = PenReading::new(Stamp(0), [0.0; 2], false);
@@ -66,7 +66,7 @@ impl Inbox {
     }
 }
 
-/// Counts of what came and went since the start.
+/// Counts since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PortTally {
     /// Pen samples handed to the loop.
@@ -93,7 +93,7 @@ pub struct PortTally {
     pub joints_refused: Option<Refused>,
     /// The newest refused dead-man message.
     pub enable_refused: Option<Refused>,
-    /// Receives that failed in the middleware.
+    /// Errors of the middleware while receiving.
     pub receive_failures: u64,
     /// Commands sent.
     pub commands_sent: u64,
@@ -101,14 +101,14 @@ pub struct PortTally {
     pub commands_failed: u64,
 }
 
-/// The world of one tick.
+/// Input and output of one tick.
 pub trait Ports {
-    /// Replaces the contents of `inbox` by what has arrived; `now` judges the stamps.
+    /// Replaces the contents of `inbox` by what has arrived; stamps are checked against `now`.
     fn receive(&mut self, now: Stamp, inbox: &mut Inbox);
 
-    /// Sends a command; `false` when it did not leave.
+    /// Sends a command; `false` if it was not sent.
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool;
 
-    /// What was counted so far.
+    /// The counts so far.
     fn tally(&self) -> &PortTally;
 }

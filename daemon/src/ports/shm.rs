@@ -57,7 +57,7 @@ impl Ports for ShmPorts {
                 inbox.push_pen(wire::pen_reading(&sample, now));
             }
         }
-        // The newest counts, but a stop between two ticks must not be overtaken by what followed it.
+        // Usually the newest command only, but a stop between two ticks must not be skipped.
         let (mut allowed, mut stop) = (true, false);
         self.joints.drain(now.0, |state| {
             let reading = wire::joint_reading(&state);
@@ -72,7 +72,7 @@ impl Ports for ShmPorts {
         });
 
         let tally = &mut self.tally;
-        // An arm that came while nothing was commanded is connected now, not in the first tick that moves.
+        // Connects an arm that appeared while nothing was commanded, before the first tick that moves.
         tally.commands_failed += u64::from(self.commands.connect().is_err());
         tally.pen_deferred += u64::from(taken == PEN_PER_TICK);
         tally.pen_received = self.pen.received();
@@ -108,13 +108,13 @@ fn refused<T: Message>(subscriber: &Subscriber<T>) -> Option<Refused> {
 /// The ipc thread's ports.
 #[derive(Debug)]
 pub struct IpcPorts {
-    /// Tick records to whoever watches.
+    /// Tick records for telemetry.
     pub telemetry: Publisher<shm::TickRecord>,
     /// Status to everybody.
     pub status: Publisher<shm::Status>,
     /// Requests from operators.
     pub control: ControlServer,
-    /// Who is connected.
+    /// The connected peers.
     pub watch: PeerWatch,
     config: Config,
 }
@@ -143,10 +143,10 @@ impl IpcPorts {
     }
 }
 
-/// Sees which peers are connected to the real-time ports.
+/// Observes which peers are connected to the real-time ports.
 ///
-/// A number of peers would not do: a killed peer is often cleaned away and replaced between two looks.
-/// Listing them allocates, so this is for another thread.
+/// A count is not enough: a killed peer is often removed and replaced between two looks. Listing peers
+/// allocates, so this is for another thread.
 #[derive(Debug)]
 pub struct PeerWatch {
     // Keeps the factories valid.
@@ -158,7 +158,7 @@ pub struct PeerWatch {
 }
 
 impl PeerWatch {
-    /// Opens the services for looking only.
+    /// Opens the services for observation only.
     ///
     /// # Errors
     ///
@@ -178,7 +178,7 @@ impl PeerWatch {
         })
     }
 
-    /// A number that changes whenever a peer comes or goes.
+    /// A number that changes whenever a peer connects or disconnects.
     #[must_use]
     pub fn fingerprint(&self) -> u128 {
         let mut sum = 0_u128;

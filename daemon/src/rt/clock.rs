@@ -1,7 +1,7 @@
-//! What the loop knows of time: read it, and sleep until an instant of it.
+//! The loop's clock: read it, and sleep until a given time.
 //!
-//! Contract: one monotonic clock \[ns\], the one every message is stamped with. Tests put a simulated clock
-//! here.
+//! Contract: one monotonic clock \[ns\], the one with which every message is stamped. Tests use a simulated
+//! clock.
 
 use foretrace_control::units::Stamp;
 
@@ -9,7 +9,7 @@ use super::os;
 
 /// A monotonic clock that can also wait.
 pub trait Clock {
-    /// The present instant; never goes backwards.
+    /// The present time; never decreases.
     fn now(&self) -> Stamp;
 
     /// Returns at `instant` or somewhat later; at once when it has passed. May return early when interrupted.

@@ -1,11 +1,11 @@
 //! The fixed-rate loop: when each tick may start, how late it started, and what was lost.
 //!
-//! Contract: releases lie on a lattice `PHASE_NS + k * period` of the clock that no overrun ever moves.
-//! [`Cyclic::wait`] sleeps until `release - spin`, then spins, never for longer than the margin. When whole
-//! periods have passed unused, they are skipped and counted, and the tick runs at once for the last release
-//! that has come. A loop that has not slept for [`BUSY_PERIODS`] gives periods up until it has slept for half
-//! of one: under SCHED_FIFO nobody else would ever run on its CPU, not even who wants to stop it. Nothing
-//! here allocates or blocks except the sleep.
+//! Contract: releases lie on a lattice `PHASE_NS + k * period` of the clock that no overrun moves.
+//! [`Cyclic::wait`] sleeps until `release - spin`, then spins, never longer than the margin. When whole
+//! periods have passed, they are skipped and counted, and the tick runs at once for the last release that has
+//! come. A loop that has not slept for [`BUSY_PERIODS`] skips periods until it has slept for half of one:
+//! under SCHED_FIFO no other thread would run on its CPU, not even one that wants to stop it. Nothing here
+//! allocates or blocks except the sleep.
 
 use foretrace_control::units::Stamp;
 
@@ -13,15 +13,14 @@ use super::clock::Clock;
 
 /// Offset of the releases from the multiples of the period \[ns\].
 ///
-/// The kernel's own tick, and every program that sleeps to round times, runs at the multiples of a
-/// millisecond: a release there waits 15 us for them even while it spins (measured at 250 Hz kernel tick).
-/// Half a millisecond is the point farthest from all of them, for every period from 1 ms and every usual
-/// tick.
+/// The kernel's tick, and every program that sleeps to round times, runs at multiples of a millisecond, which
+/// delays a release there by 15 us even while it spins. Half a millisecond is farthest from all of them, for
+/// every period from 1 ms and every usual kernel tick.
 pub const PHASE_NS: u64 = 500_000;
 
-/// A loop may go on for so many periods without a sleep.
+/// Most periods without a sleep.
 pub const BUSY_PERIODS: u64 = 4;
-/// Sleeps shorter than this part of a period are none.
+/// A sleep shorter than this fraction of a period does not count.
 const REST_PART: u64 = 16;
 
 /// The rhythm of a loop.
@@ -29,35 +28,35 @@ const REST_PART: u64 = 16;
 pub struct Rhythm {
     /// Time between releases \[ns\]; at least 1.
     pub period_ns: u64,
-    /// The last stretch before a release that is spun instead of slept \[ns\]; 0 = only sleep. Held below
-    /// half a period, because a thread that never sleeps starves everybody else.
+    /// Time before a release that is spun instead of slept \[ns\]; 0 = only sleep. Limited to half a period,
+    /// because a thread that never sleeps starves all others.
     pub spin_ns: u64,
 }
 
-/// One tick's start.
+/// The start of one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// Place of this tick's release on the lattice, counted from 0; skipped periods use up their numbers.
+    /// Index of this tick's release on the lattice, from 0; skipped periods count.
     pub index: u64,
     /// The release that was waited for.
     pub due: Stamp,
-    /// When the tick was allowed to start: `due`, or the last release that had come when the wait ended too
+    /// When the tick was allowed to start: `due`, or the last release before the wait ended, if that was too
     /// late.
     pub release: Stamp,
-    /// When it did start.
+    /// When it started.
     pub started: Stamp,
     /// Whole periods skipped just before this one.
     pub skipped: u64,
 }
 
 impl Wake {
-    /// How long after the release that was waited for it started \[ns\]; skipped periods count.
+    /// Delay from the release that was waited for to the start \[ns\]; includes skipped periods.
     #[must_use]
     pub const fn latency_ns(&self) -> u64 {
         self.started.0.saturating_sub(self.due.0)
     }
 
-    /// When this tick must be done: the next release.
+    /// The deadline of this tick: the next release.
     #[must_use]
     pub const fn deadline(&self, period_ns: u64) -> Stamp {
         self.release.plus_ns(period_ns)
@@ -71,17 +70,16 @@ pub struct Cyclic<C> {
     rhythm: Rhythm,
     next_release: Stamp,
     next_index: u64,
-    /// End of the last sleep that was one.
+    /// End of the last sleep that counted.
     rested: Stamp,
-    /// Ticks since then: a single stall is no reason to give up more periods.
+    /// Ticks since then: a single stall is no reason to skip more periods.
     restless: u32,
 }
 
 impl<C: Clock> Cyclic<C> {
     /// A loop whose first release is the next point of the lattice that is at least one period away.
     ///
-    /// The lattice depends on the clock and the period only: the ticks of a restarted daemon lie on the old
-    /// one's.
+    /// The lattice depends on clock and period only: a restarted daemon ticks at the same times.
     #[must_use]
     pub fn new(clock: C, rhythm: Rhythm) -> Self {
         let period_ns = rhythm.period_ns.max(1);
@@ -91,7 +89,7 @@ impl<C: Clock> Cyclic<C> {
         Self { clock, rhythm, next_release: Stamp(first), next_index: 0, rested: Stamp(now), restless: 0 }
     }
 
-    /// The rhythm as it is kept.
+    /// The rhythm in force.
     #[must_use]
     pub const fn rhythm(&self) -> Rhythm {
         self.rhythm
@@ -102,7 +100,7 @@ impl<C: Clock> Cyclic<C> {
         &self.clock
     }
 
-    /// Waits for the next release and says what came of it.
+    /// Waits for the next release.
     pub fn wait(&mut self) -> Wake {
         // Periods can be lost twice: in the step before, and in a sleep that ends much too late.
         let now = self.clock.now();
@@ -119,7 +117,7 @@ impl<C: Clock> Cyclic<C> {
         Wake { index, due, release, started, skipped }
     }
 
-    /// Periods to give up beyond `due`, so that a loop that has been busy for too long sleeps.
+    /// Periods to skip beyond `due`, so that a loop that has been busy for too long sleeps.
     fn periods_of_rest(&self, now: Stamp, due: Stamp) -> u64 {
         let Rhythm { period_ns, spin_ns } = self.rhythm;
         let busy_ns = now.0.saturating_sub(self.rested.0);
@@ -130,7 +128,7 @@ impl<C: Clock> Cyclic<C> {
         wanted.saturating_sub(due.0).div_ceil(period_ns)
     }
 
-    /// Whole periods from `release` to `now`; 0 when `release` has not come.
+    /// Whole periods from `release` to `now`; 0 if `release` has not come.
     fn periods_since(&self, release: Stamp, now: Stamp) -> u64 {
         now.0.saturating_sub(release.0) / self.rhythm.period_ns
     }
@@ -140,7 +138,7 @@ impl<C: Clock> Cyclic<C> {
         release.plus_ns(periods.saturating_mul(self.rhythm.period_ns))
     }
 
-    /// Sleeps to the margin, spins the rest; returns the first reading at or past `release`.
+    /// Sleeps to the margin, spins the rest; returns the first reading at or after `release`.
     fn reach(&mut self, release: Stamp) -> Stamp {
         let margin = Stamp(release.0.saturating_sub(self.rhythm.spin_ns));
         let mut now = self.clock.now();
@@ -155,8 +153,7 @@ impl<C: Clock> Cyclic<C> {
         } else {
             self.restless = self.restless.saturating_add(1);
         }
-        // Without the processor's pause instruction: hypervisors take a pausing loop for a wait and give the
-        // CPU away.
+        // Without the processor's pause instruction, which hypervisors take for a wait and yield the CPU.
         while now < release {
             now = self.clock.now();
         }
@@ -170,7 +167,7 @@ mod tests {
 
     use super::*;
 
-    /// Time that moves only when asked: each reading costs `read_ns`, each sleep ends `oversleep_ns` late.
+    /// Simulated time: each reading costs `read_ns`, each sleep ends `oversleep_ns` late.
     struct SimulatedClock {
         now: Cell<u64>,
         slept: Cell<u64>,

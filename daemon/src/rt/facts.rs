@@ -1,4 +1,4 @@
-//! What leaves the real-time thread besides commands: plain data about each tick, and answers to requests.
+//! Output of the real-time thread besides commands: plain data about each tick, and answers to requests.
 
 use foretrace_control::follower::{Budget, Mode, Refusal, Request, Stage, StageClock, StepOutput};
 use foretrace_control::units::{Stamp, Trust};
@@ -8,7 +8,7 @@ use super::cyclic::Wake;
 use crate::ports::PortTally;
 use crate::wire::{Echo, JOINTS};
 
-/// What each part of a tick cost \[ns\].
+/// Duration of each part of a tick \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StageTimes {
     /// Release to start.
@@ -23,7 +23,7 @@ pub struct StageTimes {
     pub mpc: u64,
     /// Inverse kinematics.
     pub ik: u64,
-    /// Guard and book-keeping.
+    /// Guard and record keeping.
     pub guard: u64,
     /// Sending the command.
     pub send: u64,
@@ -54,20 +54,20 @@ impl<'a, C: Clock> LapClock<'a, C> {
         ns
     }
 
-    /// Everything has been received.
+    /// Ends the lap of receiving.
     pub fn received(&mut self) -> Stamp {
         self.times.receive = self.lap_ns();
         self.last
     }
 
-    /// The command has left; `started` is the start of the tick.
+    /// Ends the lap of sending; `started` is the start of the tick.
     pub fn sent(&mut self, started: Stamp) -> Stamp {
         self.times.send = self.lap_ns();
         self.times.step = self.last.0.saturating_sub(started.0);
         self.last
     }
 
-    /// The clock, outside of any lap.
+    /// The present time, outside of any lap.
     pub fn now(&self) -> Stamp {
         self.clock.now()
     }
@@ -78,7 +78,7 @@ impl<'a, C: Clock> LapClock<'a, C> {
         self.last
     }
 
-    /// What was measured.
+    /// The durations.
     #[must_use]
     pub const fn times(&self) -> StageTimes {
         self.times
@@ -98,7 +98,7 @@ impl<C: Clock> StageClock for LapClock<'_, C> {
     }
 }
 
-/// Counts of the loop itself since its start.
+/// Counts of the loop since its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LoopTally {
     /// Ticks run.
@@ -107,7 +107,7 @@ pub struct LoopTally {
     pub overruns: u64,
     /// Whole periods skipped.
     pub skipped: u64,
-    /// Ticks run with a shed budget.
+    /// Ticks with a shed budget.
     pub shed: u64,
     /// Ticks whose newest joint state was stale.
     pub joints_stale: u64,
@@ -129,20 +129,20 @@ pub struct LoopTally {
     pub faults_major: u64,
 }
 
-/// Everything one tick saw, decided and cost.
+/// Inputs, decisions and costs of one tick.
 #[derive(Debug, Clone, Copy)]
 pub struct TickFacts {
     /// Number of the tick, from 1, without skipped ones.
     pub tick: u64,
     /// When it started.
     pub wake: Wake,
-    /// When its command had left.
+    /// When its command had been sent.
     pub finished: Stamp,
-    /// When it should have been done.
+    /// Its deadline.
     pub deadline: Stamp,
-    /// What its parts cost.
+    /// Durations of its parts.
     pub times: StageTimes,
-    /// What it was allowed to spend.
+    /// Its budget.
     pub budget: Budget,
     /// Pen samples that arrived.
     pub pen_samples: u32,
@@ -150,17 +150,17 @@ pub struct TickFacts {
     pub measured: Option<(Stamp, [f64; JOINTS])>,
     /// When the command, if there is one, was handed to the port.
     pub published: Stamp,
-    /// What the newest joint state that echoes a command said about it.
+    /// Echo in the newest joint state that has one.
     pub echo: Option<Echo>,
     /// The command could not be sent.
     pub not_sent: bool,
-    /// Weights in use came at.
+    /// When the weights in use arrived.
     pub weights_since: Option<Stamp>,
     /// Allocations in this tick while receiving and sending.
     pub port_allocations: u32,
     /// Allocations in this tick anywhere else.
     pub law_allocations: u32,
-    /// What the law answered.
+    /// The law's output.
     pub output: StepOutput<JOINTS>,
     /// Totals of the loop.
     pub tally: LoopTally,
@@ -171,28 +171,28 @@ pub struct TickFacts {
 /// A request on its way to the loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Asked {
-    /// Comes back with the answer.
+    /// Returned with the answer.
     pub token: u64,
-    /// What is asked for.
+    /// The request.
     pub request: Request,
-    /// When it was asked.
+    /// When it was received.
     pub stamp: Stamp,
-    /// When the operator's program sent it, never later than `stamp`.
+    /// When the operator's program sent it, at most `stamp`.
     pub sent: Stamp,
 }
 
-/// A loop that stood still for longer than this must not start what the operator has been told has failed
-/// \[ns\]; below the ipc thread's patience.
+/// A loop that stood still for longer must not carry out what the operator was told has failed \[ns\]; below
+/// the ipc thread's patience.
 const REQUEST_LIFE_NS: i64 = 1_000_000_000;
 
 impl Asked {
-    /// A request to take charge that was sent before a stop that came at `stopped` must not undo it.
+    /// Whether a request to take charge was sent before a stop at `stopped`, which it must not undo.
     #[must_use]
     pub fn is_overtaken(&self, stopped: Stamp) -> bool {
         matches!(self.request, Request::Arm | Request::MoveHome) && self.sent <= stopped
     }
 
-    /// Too old to be carried out at `now`. A stop is never too old.
+    /// Whether it is too old to be carried out at `now`. A stop is never too old.
     #[must_use]
     pub fn is_expired(&self, now: Stamp) -> bool {
         !matches!(self.request, Request::Stop | Request::Disarm) && now.since(self.stamp) > REQUEST_LIFE_NS
@@ -202,7 +202,7 @@ impl Asked {
 /// The loop's answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answered {
-    /// The question's token.
+    /// Token of the request.
     pub token: u64,
     /// Whether it was carried out.
     pub outcome: Result<(), Refusal>,

@@ -1,14 +1,14 @@
-//! Handing whole sets of weights from the learner to the loop: the newest that there is, read where it lies.
+//! Hand-over of whole sets of weights from the learner to the loop: the newest one, read in place.
 //!
-//! Contract: neither side waits. Each set that is announced is one day the newest that the loop finds, or
-//! counted once as overtaken, on the side where a newer one overtook it; what the loop reads does not change
-//! under it. This file names nothing but the ring, so that `tests/loom` can run it, and the ring, through
-//! every order in which two threads may meet.
+//! Contract: neither side waits. Each announced set is either the newest that the loop finds at some time, or
+//! counted once as overtaken, on the side where a newer one overtook it; a set does not change while the loop
+//! reads it. This file names nothing but the ring, so that `tests/loom` can run both through every
+//! interleaving of two threads.
 
 use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, Producer, RingBuffer};
 
-/// Both ends of a hand-over in which `capacity` sets may wait.
+/// Both ends of a hand-over with room for `capacity` sets.
 #[must_use]
 pub fn handover<T>(capacity: usize) -> (Outbox<T>, Mailbox<T>) {
     let (ring_in, ring) = RingBuffer::new(capacity);
@@ -23,13 +23,13 @@ pub struct Outbox<T> {
 }
 
 impl<T> Outbox<T> {
-    /// There is a newer set; true when it overtakes one for which there was no room yet.
+    /// Announces a newer set; true if it overtakes one that had no room yet.
     pub const fn announce(&mut self) -> bool {
         std::mem::replace(&mut self.due, true)
     }
 
-    /// Puts the newest set if one was announced and there is room; `newest` is called only then. True when it
-    /// was put.
+    /// Stores the newest set if one was announced and there is room; `newest` is called only then. Returns
+    /// whether it was stored.
     pub fn put(&mut self, newest: impl FnOnce() -> T) -> bool {
         if !self.due || self.ring.slots() == 0 {
             return false;
@@ -46,7 +46,7 @@ pub struct Mailbox<T> {
 }
 
 impl<T> Mailbox<T> {
-    /// The sets that wait, if any do; their places are taken until they are given back.
+    /// The waiting sets, if any; their slots are occupied until they are given back.
     pub fn look(&mut self) -> Option<Waiting<'_, T>> {
         let waiting = self.ring.slots();
         if waiting == 0 {
@@ -56,7 +56,7 @@ impl<T> Mailbox<T> {
     }
 }
 
-/// Sets in their places.
+/// Sets in their slots.
 #[derive(Debug)]
 pub struct Waiting<'a, T>(ReadChunk<'a, T>);
 
@@ -68,7 +68,7 @@ impl<T> Waiting<'_, T> {
         newer.last().or_else(|| older.last())
     }
 
-    /// Gives the places back; returns how many sets the newest overtook.
+    /// Frees the slots; returns how many sets the newest overtook.
     pub fn give_back(self) -> u64 {
         let overtaken = self.0.len().saturating_sub(1) as u64;
         self.0.commit_all();

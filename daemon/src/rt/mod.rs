@@ -1,5 +1,4 @@
-//! The real-time thread, from the operating system inwards: what the thread asks of the kernel, its rhythm,
-//! its tick.
+//! The real-time thread, from the operating system inwards: system calls, rhythm, tick.
 
 #![cfg_attr(not(test), deny(clippy::indexing_slicing, clippy::unreachable))]
 

@@ -1,9 +1,9 @@
-//! What the daemon asks of the operating system, and what to say when it refuses.
+//! System calls of the daemon, and what to report when one is refused.
 //!
 //! Contract: with `alloc_count.rs` the only file of the daemon with `unsafe`. Every request for a right
-//! answers with `Ok` or with a [`Missing`] that names the right, the limit that stands in the way and the
-//! remedy; none of them is fatal, the loop runs on without. Only [`monotonic_ns`], [`sleep_until_ns`] and
-//! [`page_faults`] are called while ticks run, and they neither allocate nor fail.
+//! returns `Ok` or a [`Missing`] that names the right, the limit that prevents it and the remedy; none is
+//! fatal, the loop runs without. Only [`monotonic_ns`], [`sleep_until_ns`] and [`page_faults`] are called
+//! while ticks run, and they neither allocate nor fail.
 
 use std::fmt;
 use std::io;
@@ -12,14 +12,14 @@ use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::ptr;
 
-/// A right that the real-time thread would like to have.
+/// A right of the real-time thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
-    /// SCHED_FIFO: nobody of lower priority can hold the thread up.
+    /// SCHED_FIFO: no thread of lower priority can delay the thread.
     Fifo,
     /// The thread stays on its CPU.
     Affinity,
-    /// No page of the process is ever fetched from disk or zeroed inside a tick.
+    /// No page of the process is fetched from disk or zeroed inside a tick.
     MemoryLock,
     /// Sleeps without SCHED_FIFO end within a microsecond rather than within 50.
     TimerSlack,
@@ -27,10 +27,10 @@ pub enum Right {
     SharedMemory,
 }
 
-/// A right that was refused: which, why, and what to do about it.
+/// A refused right: which, why, and the remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Missing {
-    /// What is missing.
+    /// The right.
     pub right: Right,
     /// One line for the operator, remedy included.
     pub text: String,
@@ -109,7 +109,7 @@ pub fn pin_to(cpu: usize) -> Result<(), Missing> {
 
 /// Locks every page the process has mapped by now into memory (MCL_CURRENT).
 ///
-/// Call after all ports and threads exist. Later mappings (a peer's segments) stay unlocked on purpose:
+/// Call after all ports and threads exist. Later mappings (a peer's segments) stay unlocked, because
 /// MCL_FUTURE would make every later connection fail at a small RLIMIT_MEMLOCK.
 ///
 /// # Errors
@@ -133,7 +133,7 @@ pub fn block_signals() {
     unsafe { libc::pthread_sigmask(libc::SIG_BLOCK, all.as_ptr(), ptr::null_mut()) };
 }
 
-/// Makes sleeps of the calling thread end within `ns` of their time; only matters outside SCHED_FIFO.
+/// Makes sleeps of the calling thread end within `ns` of their time; has an effect outside SCHED_FIFO only.
 ///
 /// # Errors
 /// The kernel refuses the request.
@@ -152,8 +152,8 @@ pub fn set_timer_slack(ns: u32) -> Result<(), Missing> {
 /// Bytes of stack touched by [`prefault_stack`].
 pub const PREFAULTED_STACK: usize = 256 * 1024;
 
-/// Touches the next [`PREFAULTED_STACK`] bytes of the calling thread's stack, so that no tick is the first
-/// to.
+/// Touches the next [`PREFAULTED_STACK`] bytes of the calling thread's stack, so that no tick is the first to
+/// do so.
 #[inline(never)]
 pub fn prefault_stack() {
     let mut stack = [0_u8; PREFAULTED_STACK];
@@ -171,12 +171,12 @@ pub fn page_faults() -> (u64, u64) {
     (usage.ru_minflt as u64, usage.ru_majflt as u64)
 }
 
-/// Room of a file system \[bytes\].
+/// Size of a file system \[bytes\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Space {
-    /// What this user may still take.
+    /// Free for this user.
     pub free: u64,
-    /// All of it; 0 where nothing limits it.
+    /// Total; 0 if unlimited.
     pub total: u64,
 }
 
@@ -188,7 +188,7 @@ pub fn free_space(path: &Path) -> io::Result<u64> {
     space(path).map(|space| space.free)
 }
 
-/// Room of the file system that holds `path`.
+/// Size and free space of the file system that holds `path`.
 ///
 /// # Errors
 /// The path does not exist or cannot be asked.
@@ -207,7 +207,7 @@ pub fn space(path: &Path) -> io::Result<Space> {
     })
 }
 
-/// Reserves the first `bytes` of `file`, so that no later touch of a mapped page can fail for want of space.
+/// Reserves the first `bytes` of `file`, so that no later touch of a mapped page can fail for lack of space.
 ///
 /// # Errors
 /// The file system is full or cannot reserve.
@@ -250,12 +250,12 @@ fn limit_text(limit: Option<u64>) -> String {
     limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string())
 }
 
-/// Who to name in limits.conf.
+/// The user name for limits.conf.
 fn user_name() -> String {
     std::env::var("USER").unwrap_or_else(|_| format!("#{}", user_id()))
 }
 
-/// How this user gets SCHED_FIFO at `priority`.
+/// Remedy for missing SCHED_FIFO at `priority`.
 #[must_use]
 pub fn fifo_remedy(priority: u32) -> String {
     let (user, wanted) = (user_name(), priority.max(90));
@@ -266,7 +266,7 @@ pub fn fifo_remedy(priority: u32) -> String {
     )
 }
 
-/// How this user gets memory that stays in memory.
+/// Remedy for a refused memory lock.
 #[must_use]
 pub fn lock_remedy() -> String {
     let user = user_name();
@@ -357,7 +357,7 @@ mod tests {
     #[test]
     fn touching_new_memory_is_counted_as_a_page_fault() {
         let before = page_faults().0;
-        // More than the allocator ever keeps for reuse.
+        // More than the allocator keeps for reuse.
         let pages: Vec<u8> = std::hint::black_box(vec![1; 40 << 20]);
         assert!(page_faults().0 > before);
         drop(pages);

@@ -1,9 +1,9 @@
-//! How many ticks may be late: a budget, first spent on shedding work, then on the arm's stop.
+//! The budget of late ticks: first half spent on shedding work, then on the arm's stop.
 //!
-//! Contract: pure, fixed memory, no clock. Late is a period whose tick's own work took longer than the
-//! period, or that did not run because of such a tick. Wake-ups that other programs delay do not count: they
-//! pass by themselves, an overload does not. Ticks whose solve was shed count neither way: they do not show
-//! whether the loop can keep its rate.
+//! Contract: pure, fixed memory, no clock. A period is late if its tick's own work took longer than the
+//! period, or if it was skipped because of such a tick. Wake-ups delayed by other programs do not count,
+//! because they pass by themselves while an overload does not. Ticks with a shed solve are neutral: they do
+//! not show whether the loop can keep its rate.
 
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
@@ -12,7 +12,7 @@ use foretrace_control::units::Stamp;
 pub const MAX_WINDOW: usize = 2048;
 const WORD: usize = u64::BITS as usize;
 
-/// The budget's size.
+/// Size of the budget.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverrunLimit {
     /// Share of the periods in the window that may be late, in (0, 1].
@@ -22,29 +22,29 @@ pub struct OverrunLimit {
 }
 
 impl OverrunLimit {
-    /// Nothing is too late.
+    /// No limit.
     pub const NONE: Self = Self { share: f64::INFINITY, window: MAX_WINDOW };
 }
 
-/// Whether a tick solved.
+/// How a tick handled its solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solve {
-    /// As usual.
+    /// Solved as usual.
     Done,
-    /// Too little time was left in the period.
+    /// Shed, as too little time was left in the period.
     ShedForTime,
-    /// The budget said so.
+    /// Shed by the budget.
     ShedForRelief,
 }
 
-/// What the budget allows at present.
+/// The budget's verdict.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
-    /// Go on.
+    /// Continue.
     Fine,
     /// More than half of the budget is spent: solve in every second tick only.
     Shed,
-    /// It is spent: stop.
+    /// The budget is spent: stop.
     Stop(StopDetail),
 }
 
@@ -58,7 +58,7 @@ pub struct OverrunBudget {
 }
 
 impl OverrunBudget {
-    /// An unspent budget; a window out of range is brought into it.
+    /// An unspent budget; the window is clamped into its range.
     #[must_use]
     pub fn new(limit: OverrunLimit) -> Self {
         let window = limit.window.clamp(1, MAX_WINDOW);
@@ -66,16 +66,17 @@ impl OverrunBudget {
         Self { limit, late: [0; MAX_WINDOW / WORD], place: 0, sum: 0 }
     }
 
-    /// Begins anew: the arm has just been armed.
+    /// Resets the budget, at arming.
     pub const fn forget(&mut self) {
         self.late = [0; MAX_WINDOW / WORD];
         self.place = 0;
         self.sum = 0;
     }
 
-    /// Counts one tick, and `skipped` periods before it that had none.
+    /// Counts one tick, and `skipped` periods before it without a tick.
     pub fn count(&mut self, skipped: u64, late: bool, solve: Solve) {
-        // A longer gap fills the window once; whether it was too long for the arm is `safety.latch_after_ms`.
+        // A longer gap fills the window once; whether it was too long for the arm is
+        // `safety.latch_after_ms`'s to decide.
         for _ in 0..skipped.min(self.limit.window as u64) {
             self.push(true);
         }
@@ -86,7 +87,7 @@ impl OverrunBudget {
         }
     }
 
-    /// What to do now; `now` goes into the evidence of a stop.
+    /// The verdict at `now`, with evidence for a stop.
     #[must_use]
     pub fn verdict(&self, now: Stamp) -> Verdict {
         let share = self.share();
@@ -97,7 +98,7 @@ impl OverrunBudget {
         if 2.0 * share > self.limit.share { Verdict::Shed } else { Verdict::Fine }
     }
 
-    /// Late ones of the window's periods; periods before the first tick count as punctual.
+    /// Late periods in the window; periods before the first tick count as on time.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.sum as f64 / self.limit.window as f64
@@ -122,7 +123,7 @@ mod tests {
         OverrunBudget::new(OverrunLimit { share: 0.5, window })
     }
 
-    /// Spread over 0 to 99 without a beat against every second tick: splitmix64.
+    /// Pseudo-random in 0 to 99, uncorrelated with every second tick: splitmix64.
     fn scattered(tick: u64) -> u64 {
         let z = tick.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -130,7 +131,7 @@ mod tests {
         (z ^ (z >> 31)) % 100
     }
 
-    /// Ticks until a stop, each late or not as `late` says of a tick that is shed or not.
+    /// Ticks until a stop, with `late` deciding whether a tick, shed or not, is late.
     fn ticks_to_stop(budget: &mut OverrunBudget, late: impl Fn(u64, bool) -> bool) -> Option<u64> {
         for tick in 0..10_000_u64 {
             let verdict = budget.verdict(Stamp(tick));
@@ -147,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_loop_whose_every_solve_is_late_is_stopped_within_a_window() {
-        // The shed ticks are punctual, and do not save it.
+        // The shed ticks are on time, but do not prevent the stop.
         let ticks = ticks_to_stop(&mut half_of(500), |_, shed| !shed).unwrap();
         assert!((251..=380).contains(&ticks), "{ticks}");
         let ticks = ticks_to_stop(&mut half_of(500), |_, _| true).unwrap();

@@ -1,8 +1,8 @@
-//! The loop without its work: how late the releases come on this machine, with the rights and the rhythm of
-//! the real one.
+//! The loop without its work: how late releases come on this machine, with the rights and the rhythm of the
+//! real loop.
 //!
 //! Contract: the thread takes its rights as the real-time thread does and waits on the same [`Cyclic`];
-//! nothing is allocated, locked or written while it is measured. No port, no follower: a rehearsal commands
+//! nothing is allocated, locked or written during the measurement. No port, no follower: a rehearsal commands
 //! nothing.
 
 use std::io;
@@ -19,12 +19,12 @@ use super::cyclic::Cyclic;
 use super::os::{self, Missing};
 use super::thread::{RtSettings, take_rights};
 
-/// The latest wake-up that is told apart from later ones \[ns\].
+/// Largest delay resolved \[ns\].
 const LATEST_NS: u64 = 10_000_000_000;
-/// The first wake-ups do not count [ns]: everything is touched for the first time.
+/// Warm-up time, not counted \[ns\].
 const WARM_UP_NS: u64 = 200_000_000;
 
-/// What a rehearsal saw.
+/// Results of a rehearsal.
 #[derive(Debug, Clone)]
 pub struct Rehearsal {
     /// From the release that was waited for to the start of the tick \[ns\], one per tick.
@@ -33,14 +33,14 @@ pub struct Rehearsal {
     pub missed: u64,
     /// Page faults of the thread meanwhile, without and with reading from disk.
     pub page_faults: (u64, u64),
-    /// Allocations of the thread meanwhile, where the counting allocator is installed.
+    /// Allocations of the thread meanwhile, if the counting allocator is installed.
     pub allocations: u64,
-    /// Rights that were asked for and refused.
+    /// Rights that were refused.
     pub missing: Vec<Missing>,
 }
 
-/// Starts a rehearsal of `seconds` in a thread of its own, with the memory of the process locked if asked
-/// for; it ends early once `quit` is set.
+/// Starts a rehearsal of `seconds` in a separate thread, optionally with the memory of the process locked; it
+/// ends early once `quit` is set.
 ///
 /// # Errors
 /// The system refuses another thread or its memory.
@@ -111,8 +111,7 @@ mod tests {
     fn every_period_is_a_tick_or_missed() {
         let quit = Arc::new(AtomicBool::new(false));
         let seen = rehearse(ordinary(), false, 0.3, quit).unwrap().join().unwrap();
-        // At the two ends a stall may swallow periods on either side of the border; nothing else may get
-        // lost.
+        // A stall at either end may hide a period at the border; no other may be lost.
         let periods = seen.lateness.len() + seen.missed;
         assert!(
             !seen.lateness.is_empty() && periods.abs_diff(150) <= 1 + seen.missed,

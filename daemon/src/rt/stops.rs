@@ -1,9 +1,9 @@
 //! The flag by which a stop reaches the loop without ring, request or memory: set by the stop socket's thread
 //! and by SIGUSR1, read by every tick.
 //!
-//! Contract: a stop that was asked for is taken by exactly one tick, the next that begins; asked for more
-//! than once before that, by the same one. Nothing resets it but that tick, so arming cannot lose one.
-//! Neither side waits or allocates.
+//! Contract: a requested stop is taken by exactly one tick, the next that begins; several requests before
+//! that by the same one. Only that tick resets it, so arming cannot lose one. Neither side waits or
+//! allocates.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -13,14 +13,14 @@ use foretrace_control::units::{Stamp, Trust};
 
 use crate::wire;
 
-/// Between those who ask for a stop, and the loop.
+/// Shared by those who request a stop and the loop.
 #[derive(Debug, Default)]
 pub struct StopFlag {
-    /// How many stops were asked for at the socket.
+    /// Stops requested at the socket.
     asked: AtomicU64,
     /// A signal came; signal handlers can set no more than this.
     signalled: Arc<AtomicBool>,
-    /// Of `asked`, so many have been taken. Written last: whoever reads it sees what belongs to it.
+    /// How many of `asked` were taken. Written last: its reader sees the fields that belong to it.
     taken: AtomicU64,
     mode: AtomicU32,
     trust: AtomicU64,
@@ -28,17 +28,17 @@ pub struct StopFlag {
     signals: AtomicU64,
 }
 
-/// What the tick has taken, to be told to those who wait.
+/// What a tick has taken, for those who wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Taken(u64);
 
 impl StopFlag {
-    /// Asks for a stop; returns its number.
+    /// Requests a stop; returns its number.
     pub fn ask(&self) -> u64 {
         self.asked.fetch_add(1, Ordering::AcqRel).wrapping_add(1)
     }
 
-    /// What a signal handler sets.
+    /// The flag for a signal handler.
     #[must_use]
     pub fn signal(&self) -> Arc<AtomicBool> {
         self.signalled.clone()
@@ -51,16 +51,16 @@ impl StopFlag {
             .then(|| (self.mode.load(Ordering::Relaxed), f64::from_bits(self.trust.load(Ordering::Relaxed))))
     }
 
-    /// Stops that were taken: asked for at the socket, and by signal.
+    /// Stops taken: requested at the socket, and by signal.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
         (self.taken.load(Ordering::Acquire), self.signals.load(Ordering::Relaxed))
     }
 
-    /// For the loop, once a tick: whether a stop was asked for since the last look.
+    /// For the loop, once per tick: whether a stop was requested since the last call.
     pub fn take(&self) -> Option<Taken> {
         let asked = self.asked.load(Ordering::Acquire);
-        // The swap alone would do, but writes to the cache line in every tick.
+        // The swap alone would be enough, but writes to the cache line in every tick.
         let signalled =
             self.signalled.load(Ordering::Relaxed) && self.signalled.swap(false, Ordering::AcqRel);
         if signalled {
@@ -70,7 +70,7 @@ impl StopFlag {
         (signalled || asked != self.taken.load(Ordering::Relaxed)).then_some(Taken(asked))
     }
 
-    /// For the loop: tells what the stop has led to.
+    /// For the loop: publishes the result of the stop.
     pub fn tell(&self, taken: Taken, mode: Mode, trust: Trust) {
         self.mode.store(wire::mode(mode).into(), Ordering::Relaxed);
         self.trust.store(trust.alpha().to_bits(), Ordering::Relaxed);
@@ -86,13 +86,13 @@ pub struct Stops {
 }
 
 impl Stops {
-    /// Listens to `flag`.
+    /// Reads `flag`.
     #[must_use]
     pub const fn new(flag: Arc<StopFlag>) -> Self {
         Self { flag, newest: Stamp(0) }
     }
 
-    /// Looks at the flag; `now` is a reading of the clock after the look at the requests.
+    /// Reads the flag; `now` is a reading of the clock after the look at the requests.
     pub fn look(&mut self, now: Stamp) -> Option<Taken> {
         let taken = self.flag.take();
         if taken.is_some() {
@@ -101,13 +101,13 @@ impl Stops {
         taken
     }
 
-    /// When the newest stop was taken; what was sent before may not undo it.
+    /// When the newest stop was taken; earlier requests may not undo it.
     #[must_use]
     pub const fn newest(&self) -> Stamp {
         self.newest
     }
 
-    /// Tells those who wait.
+    /// Publishes the result for those who wait.
     pub fn tell(&self, taken: Option<Taken>, mode: Mode, trust: Trust) {
         if let Some(taken) = taken {
             self.flag.tell(taken, mode, trust);

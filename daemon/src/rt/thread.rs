@@ -1,7 +1,7 @@
 //! The real-time thread: opens its ports, takes its rights, runs ticks until told to leave.
 //!
-//! Contract: everything that may fail, block or allocate happens before the first tick. Told to leave, the
-//! thread stops the arm smoothly, ends once the loop is idle, and can be told to end at once instead.
+//! Contract: everything that may fail, block or allocate happens before the first tick. When told to leave,
+//! the thread stops the arm smoothly and ends once the loop is idle; it can then be told to end at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -25,20 +25,20 @@ use crate::wire::JOINTS;
 pub struct RtSettings {
     /// When ticks are released.
     pub rhythm: Rhythm,
-    /// SCHED_FIFO priority; `None` leaves the thread among ordinary ones.
+    /// SCHED_FIFO priority; `None`: an ordinary thread.
     pub priority: Option<u32>,
-    /// CPU to stay on; `None` leaves it to the scheduler.
+    /// CPU to pin to; `None`: any.
     pub cpu: Option<usize>,
-    /// Iterations that each quadratic programme may take in a tick.
+    /// Iteration cap of each QP per tick.
     pub max_iterations: u32,
     /// How many ticks may be late before the arm is stopped.
     pub overruns: OverrunLimit,
 }
 
-/// What the thread tells its supervisor before the first tick.
+/// Messages to the supervisor before the first tick.
 #[derive(Debug)]
 pub enum RtNews<E> {
-    /// The ports are open; waiting for the word to go.
+    /// The ports are open; waiting for `go`.
     Opened,
     /// They could not be opened; the thread has ended.
     Failed(E),
@@ -46,7 +46,7 @@ pub enum RtNews<E> {
     Running(Vec<Missing>),
 }
 
-/// What the supervisor tells the thread while it runs, and the sign of life that it sees.
+/// Orders of the supervisor to the running thread, and its sign of life.
 #[derive(Debug, Default)]
 pub struct RtOrders {
     leave: AtomicBool,
@@ -79,7 +79,8 @@ impl RtOrders {
     }
 }
 
-/// Starts the thread. It opens its ports, tells `news`, and waits for `go` (all memory mapped and locked).
+/// Starts the thread. It opens its ports, reports on `news`, and waits for `go` (all memory mapped and
+/// locked).
 ///
 /// # Errors
 /// The system refuses another thread.
@@ -100,7 +101,7 @@ where
         let ports = match open() {
             Ok(ports) => ports,
             Err(error) => {
-                // A supervisor that has gone away has no use for the news.
+                // A supervisor that is gone does not need the news.
                 let _ = news.send(RtNews::Failed(error));
                 return;
             }
@@ -117,7 +118,7 @@ where
     })
 }
 
-/// Asks for what makes ticks punctual; says what was refused.
+/// Requests the rights for punctual ticks; returns those refused.
 pub(super) fn take_rights(settings: &RtSettings) -> Vec<Missing> {
     os::block_signals();
     os::prefault_stack();

@@ -1,9 +1,9 @@
-//! One tick: receive, decide what may be spent, step the law, send, record.
+//! One tick: receive, decide the budget, step the law, send, record.
 //!
 //! Contract: no allocation, lock, log, file or panic; work is bounded by capacities fixed at construction.
 //! What does not fit into a ring is dropped and counted. The budget is decided before the step, from the
-//! clock, and recorded, so that the step can be replayed. Absent on purpose: every decision about motion,
-//! which is the follower's.
+//! clock, and recorded, so that the step can be replayed. Absent: every decision about motion, which is the
+//! follower's.
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -26,9 +26,9 @@ use crate::alloc_count::allocations;
 use crate::ports::{Inbox, Ports};
 use crate::wire::{Echo, JOINTS, Outgoing};
 
-/// Ticks between two looks at the page-fault counters, which cost a system call.
+/// Ticks between two reads of the page-fault counters, which cost a system call.
 const FAULT_TICKS: u64 = 64;
-/// Requests that may wait; as many answers fit, so that none is ever lost.
+/// Requests that may wait; the ring of answers has as much room, so that none is lost.
 const REQUESTS: usize = 16;
 /// Sets of weights that may wait; the newest wins.
 const WEIGHTS: usize = 4;
@@ -91,7 +91,7 @@ pub struct Tick<const N: usize, P> {
     inbox: Inbox,
     period_ns: u64,
     max_iterations: u32,
-    /// Decaying maximum of what a step with full budget costs \[ns\].
+    /// Decaying maximum of the duration of a step with full budget \[ns\].
     usual_cost_ns: u64,
     measured: Option<(Stamp, [f64; JOINTS])>,
     echo: Option<Echo>,
@@ -103,14 +103,14 @@ pub struct Tick<const N: usize, P> {
     trust: Trust,
     tally: LoopTally,
     leaving: bool,
-    /// Who asked for the way home, which is still being looked along.
+    /// Token of the request for the way home that is still being checked.
     way_asked: Option<u64>,
     stops: Stops,
     overruns: OverrunBudget,
 }
 
 impl<const N: usize, P: Ports> Tick<N, P> {
-    /// A body around `follower`; each quadratic programme gets at most `max_iterations`.
+    /// A body around `follower`; each QP gets at most `max_iterations`.
     pub fn new(follower: Follower<N, JOINTS>, ports: P, rings: TickRings, max_iterations: u32) -> Self {
         let period_ns = follower.settings().period_ns;
         Self {
@@ -135,13 +135,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         }
     }
 
-    /// Takes stops from `stops` too, and lets so many ticks be late.
+    /// Also takes stops from `stops`, with a limit on late ticks.
     pub fn mind(&mut self, stops: Stops, overruns: OverrunLimit) {
         self.stops = stops;
         self.overruns = OverrunBudget::new(overruns);
     }
 
-    /// From the next tick on, stops the arm smoothly and lets go of it; requests are no longer heard.
+    /// From the next tick on, stops the arm smoothly and lets go of it; requests are ignored.
     pub const fn leave(&mut self) {
         self.leaving = true;
     }
@@ -157,9 +157,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.ports.receive(wake.started, &mut self.inbox);
         let receiving = allocations().wrapping_sub(allocated);
         let asked = if self.leaving { None } else { self.rings.asked.pop().ok() };
-        // Not answered, so that the operator is told what is true: the loop did not answer in time.
+        // Not answered, so that the operator learns the truth: the loop did not answer in time.
         let asked = asked.filter(|asked| !asked.is_expired(wake.started));
-        // After the requests: a stop that comes between the two looks is the newer word.
+        // After the requests: a stop that comes between the two looks is newer.
         let stop = self.stops.look(laps.now());
         let overtaken = asked.filter(|asked| asked.is_overtaken(self.stops.newest()));
         if let Some(Asked { token, .. }) = overtaken {
@@ -175,7 +175,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
 
         let verdict = self.overruns.verdict(wake.release);
         let (budget, solve) = self.budget(received, wake, verdict);
-        // The weights are read where they lie in the ring: they are too large to be copied more than once.
+        // The weights are read in place in the ring: they are too large for a further copy.
         let waiting = self.rings.weights.look();
         let weights = waiting.as_ref().and_then(Waiting::newest);
         let input = StepInput {
@@ -208,8 +208,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if exchanged {
             self.weights_since = Some(wake.release);
         }
-        // What a busy machine takes from the loop while it sleeps is not its own work: only that would never
-        // end.
+        // Time that a busy machine takes from the sleeping loop is not its own work: that delay passes by
+        // itself.
         let overslept = wake.release.0.saturating_sub(wake.due.0) / self.period_ns.max(1);
         let too_long = finished.0.saturating_sub(wake.started.0) > self.period_ns;
         self.overruns.count(wake.skipped.saturating_sub(overslept), too_long, solve);
@@ -255,7 +255,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         output.mode
     }
 
-    /// Tells who asked whether the way home is clear, as soon as that is known, or that a stop came before.
+    /// Answers whether the way home is clear, once that is known, or that a stop came before.
     fn answer_way(&mut self, output: &StepOutput<JOINTS>) {
         let ended = (output.mode != Mode::Homing).then_some(Err(Refusal::StopCame));
         let outcome = output.way.or(ended);
@@ -264,14 +264,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         }
     }
 
-    /// As many answers fit as requests, and the ipc thread asks no faster than it hears.
+    /// The ring has room for as many answers as requests, and the ipc thread asks no faster than it reads.
     fn answer(&mut self, token: u64, outcome: Result<(), Refusal>, mode: Mode, trust: Trust) {
         let _ = self.rings.answered.push(Answered { token, outcome, mode, trust });
     }
 
-    /// Sheds the solve when less time is left than it usually takes; half a period is always enough, so that
-    /// a slow solver cannot talk itself out of work for ever. A loop that is late too often solves in every
-    /// second tick.
+    /// Sheds the solve if less time is left than it usually takes; half a period is always enough, so that a
+    /// slow solver is not shed for ever. A loop that is late too often solves in every second tick.
     fn budget(&self, now: Stamp, wake: &Wake, verdict: Verdict) -> (Budget, Solve) {
         let left = wake.deadline(self.period_ns).0.saturating_sub(now.0);
         let solve = if verdict == Verdict::Shed && self.tally.ticks.is_multiple_of(2) {
@@ -284,7 +283,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         (Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done }, solve)
     }
 
-    /// Sends the command, if there is one; `true` also when there is nothing to send.
+    /// Sends the command, if there is one; `true` also if there is none.
     fn send(&mut self, now: Stamp, output: &StepOutput<JOINTS>) -> bool {
         let Some(command) = output.command else { return true };
         let outgoing = Outgoing {
@@ -299,7 +298,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.ports.send(now, &outgoing)
     }
 
-    /// Counts.
+    /// Updates the counts.
     fn settle<C: Clock>(
         &mut self,
         wake: &Wake,
@@ -311,7 +310,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let tally = &mut self.tally;
         tally.ticks = tally.ticks.wrapping_add(1);
         tally.skipped = tally.skipped.saturating_add(wake.skipped);
-        // A tick that woke after its period was over missed its deadline too, however fast it then was.
+        // A tick that woke after its period was over missed its deadline too, however fast it was.
         tally.overruns += u64::from(wake.skipped > 0 || finished > wake.deadline(self.period_ns));
 
         tally.shed += u64::from(budget.shed);
@@ -328,7 +327,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         }
     }
 
-    /// Hands the grid steps of this tick to the learner.
+    /// Sends the grid steps of this tick to the learner.
     fn teach(&mut self, output: &StepOutput<JOINTS>) {
         for step in output.learn.iter().take(output.learn_count) {
             if self.rings.learn.push(*step).is_err() {

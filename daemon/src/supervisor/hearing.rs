@@ -1,4 +1,4 @@
-//! Says in the log which stops came without a request, and what came to the stop socket that was none.
+//! Logs stops that came without a request, and invalid messages at the stop socket.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +12,7 @@ use crate::stop_socket::StopTally;
 /// Time between two lines about the same flood.
 const FLOOD: Duration = Duration::from_secs(1);
 
-/// Remembers what was told.
+/// What has been logged.
 #[derive(Debug)]
 pub(super) struct Hearing {
     flag: Arc<StopFlag>,
@@ -26,12 +26,12 @@ impl Hearing {
         Self { flag, tally, told: [0; 6], next: Instant::now() }
     }
 
-    /// What SIGUSR1 sets.
+    /// The flag for SIGUSR1.
     pub(super) fn signal(&self) -> Arc<AtomicBool> {
         self.flag.signal()
     }
 
-    /// Tells what has come since the last line.
+    /// Logs what has come since the last line.
     pub(super) fn tell(&mut self) {
         let now = Instant::now();
         if now >= self.next {
@@ -63,7 +63,7 @@ impl Hearing {
         for (count, what) in [
             (malformed, "messages at the stop socket were no stop frames"),
             (foreign, "stop frames were of another boot"),
-            (unanswered, "answers to stops found nobody to take them"),
+            (unanswered, "answers to stops could not be delivered"),
             (failures, "failures of the stop socket"),
         ] {
             if count > 0 {

@@ -1,9 +1,8 @@
-//! What the daemon tells the service manager that started it: ready, alive, stopping (sd_notify(3)).
+//! Notifications to the service manager that started the daemon: ready, alive, stopping (sd_notify(3)).
 //!
 //! Contract: datagrams over NOTIFY_SOCKET, a path or an abstract name (`@...`), from the supervisor's thread
 //! only. Nothing blocks and nothing fails the daemon. The watchdog is fed only while the real-time thread's
-//! ticks advance: a loop that hangs is ended and started anew by the manager. Without NOTIFY_SOCKET nothing
-//! is sent.
+//! ticks advance: the manager ends and restarts a loop that hangs. Without NOTIFY_SOCKET nothing is sent.
 
 use std::ffi::OsStr;
 use std::io;
@@ -17,7 +16,7 @@ use tracing::{info, warn};
 /// Feedings per watchdog period: two may be late or lost before the manager acts.
 const FEEDS_PER_PERIOD: u32 = 3;
 
-/// The way to the service manager, if there is one.
+/// The connection to the service manager, if there is one.
 #[derive(Debug, Default)]
 pub(super) struct Manager {
     line: Option<Line>,
@@ -26,7 +25,7 @@ pub(super) struct Manager {
 }
 
 impl Manager {
-    /// As the environment says: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
+    /// From the environment: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
     pub(super) fn of_environment() -> Self {
         let socket = std::env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty());
         let number = |key: &str| std::env::var(key).ok().map(|text| text.trim().parse::<u64>());
@@ -44,7 +43,7 @@ impl Manager {
             None
         });
         if let Some(period) = period {
-            info!("the service manager wants a sign of life every {} ms", period.as_millis());
+            info!("the service manager expects a sign of life every {} ms", period.as_millis());
         }
         Self { line: Some(line), watchdog: period.map(Watchdog::new), told: false }
     }
@@ -54,18 +53,18 @@ impl Manager {
         self.tell(&format!("READY=1\nSTATUS={}", status.replace('\n', " ")));
     }
 
-    /// The end has begun.
+    /// The shutdown has begun.
     pub(super) fn stopping(&mut self) {
         self.tell("STOPPING=1\nSTATUS=bringing the arm to rest");
     }
 
-    /// Feeds the watchdog if it is time and `ticks` of the loop have been added since it was last fed.
+    /// Feeds the watchdog if it is time and `ticks` of the loop have increased since it was last fed.
     pub(super) fn alive(&mut self, ticks: u64) {
         let now = Instant::now();
         if self.watchdog.as_ref().is_some_and(|watchdog| watchdog.is_due(now, ticks))
             && self.tell("WATCHDOG=1")
         {
-            // Not sent: tried again at the next look.
+            // Not sent: tried again at the next check.
             self.watchdog.iter_mut().for_each(|watchdog| watchdog.fed(now, ticks));
         }
     }
@@ -76,7 +75,7 @@ impl Manager {
             Ok(()) => true,
             Err(error) => {
                 if !self.told {
-                    warn!("the service manager does not hear ({error}); said only once");
+                    warn!("the service manager cannot be notified ({error}); said only once");
                     self.told = true;
                 }
                 false
@@ -85,7 +84,7 @@ impl Manager {
     }
 }
 
-/// A datagram socket and where it sends to.
+/// A datagram socket and its destination.
 #[derive(Debug)]
 struct Line {
     socket: UnixDatagram,
@@ -105,7 +104,7 @@ impl Line {
             }
         };
         let socket = UnixDatagram::unbound()?;
-        // A manager that does not read must not hold the supervisor up.
+        // A manager that does not read must not block the supervisor.
         socket.set_nonblocking(true)?;
         Ok(Self { socket, address })
     }
@@ -141,19 +140,22 @@ impl Watchdog {
 
 type Parsed = Option<Result<u64, std::num::ParseIntError>>;
 
-/// The period that process `own` shall keep; `None` where there is no watchdog or it is meant for another
-/// process.
+/// The watchdog period of process `own`; `None` if there is no watchdog or it concerns another process.
 fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duration>, String> {
     let Some(usec) = usec else { return Ok(None) };
     let usec = match usec {
         Ok(usec) if usec > 0 => usec,
-        _ => return Err("WATCHDOG_USEC is no positive whole number of microseconds: no watchdog".to_owned()),
+        _ => {
+            return Err(
+                "WATCHDOG_USEC is not a positive whole number of microseconds: no watchdog".to_owned()
+            );
+        }
     };
     match pid {
         None => {}
         Some(Ok(pid)) if pid == u64::from(own) => {}
         Some(Ok(_)) => return Ok(None),
-        Some(Err(_)) => return Err("WATCHDOG_PID is no process number: no watchdog".to_owned()),
+        Some(Err(_)) => return Err("WATCHDOG_PID is not a process number: no watchdog".to_owned()),
     }
     Ok(Some(Duration::from_micros(usec)))
 }

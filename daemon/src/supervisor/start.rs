@@ -1,4 +1,4 @@
-//! Bringing the daemon up: services, threads with their ports, memory, then the ticks.
+//! Start of the daemon: services, threads with their ports, memory, then the ticks.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -31,10 +31,10 @@ use crate::rt::tick::{self, TickRings};
 use crate::stop_socket::StopTally;
 use crate::wire::JOINTS;
 
-/// Ticks that count neither in spreads nor in allocations: this much time after the start.
+/// Warm-up: ticks in this time count neither in distributions nor in allocations.
 const WARM_UP_S: f64 = 0.5;
 
-/// Joins the instance and creates its services, in a thread of its own because damaged files can make that
+/// Joins the instance and creates its services, in a separate thread because damaged files can make that
 /// hang.
 pub(super) fn open_services(
     instance: &Instance,
@@ -130,7 +130,7 @@ impl Daemon {
             hang_up: Arc::new(AtomicBool::new(false)),
             signals: Vec::new(),
         };
-        // From here on an early return has to take the threads down.
+        // From here on an early return must end the threads.
         let started = heard(&opened, instance).and_then(|news| news.map_err(DaemonError::from));
         let started = started.and_then(|()| daemon.start_loop(options, instance, services, tick_rings));
         let started = started.and_then(|()| daemon.listen_to_signals(options));
@@ -233,7 +233,7 @@ impl Daemon {
     }
 }
 
-/// The bit of a right that is missing.
+/// The status bit of a missing right.
 const fn missing_right(right: Right) -> u32 {
     match right {
         Right::Fifo => missing_rights::FIFO,
@@ -244,12 +244,12 @@ const fn missing_right(right: Right) -> u32 {
     }
 }
 
-/// What a starting thread says, unless opening hangs.
+/// The first message of a starting thread, unless opening hangs.
 fn heard<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
     news.recv_timeout(OPENING).map_err(|error| match error {
         RecvTimeoutError::Timeout => hangs(instance),
         RecvTimeoutError::Disconnected => {
-            DaemonError::ThreadDied { name: "starting", cause: "it said nothing".to_owned() }
+            DaemonError::ThreadDied { name: "starting", cause: "it did not report".to_owned() }
         }
     })
 }
@@ -262,7 +262,7 @@ fn ipc_settings(config: &Config) -> IpcSettings {
         warm_after_ticks: (WARM_UP_S * rate_hz) as u64,
         telemetry_every: u64::from(settings.telemetry.every_ticks),
         status_period_ns: 1_000_000_000 / u64::from(settings.telemetry.status_hz.max(1)),
-        // Two starts are never at the same nanosecond of one boot.
+        // Two starts never share a nanosecond of one boot.
         daemon_id: fnv1a(
             &[os::monotonic_ns().to_le_bytes(), u64::from(std::process::id()).to_le_bytes()].concat(),
         ),

@@ -1,4 +1,4 @@
-//! What no message and no other process can do to the daemon: a fault of its own.
+//! A fault of the daemon's own threads, which no message or other process can cause.
 
 use std::sync::atomic::Ordering;
 
@@ -38,7 +38,7 @@ fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_g
     assert!(matches!(error, DaemonError::ThreadDied { name: "ipc", .. }), "{error}");
     assert!(error.to_string().contains("as the test wants it"), "{error}");
 
-    // Not left to brake by itself: commands led it to a stand, and the loop let go.
+    // Not left to brake by itself: commands brought it to rest, and the loop let go.
     until("the arm is led to a stand", || {
         let last = (*log.last.lock().unwrap())?;
         (last.mode == u32::from(Mode::Idle) && last.qd == [0.0; foretrace_shm::JOINTS]).then_some(())

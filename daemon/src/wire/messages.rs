@@ -1,4 +1,4 @@
-//! The messages that the real-time thread takes and sends: pen, joints, dead-man, command.
+//! The messages of the real-time thread: pen, joints, dead-man, command.
 
 use foretrace_control::follower::{EnableReading, JointCommand, JointReading, Mode, Rung};
 use foretrace_control::pen::{PenOrigin, PenReading};
@@ -8,12 +8,12 @@ use foretrace_shm as shm;
 use super::words::mode;
 use super::{JOINTS, flag};
 
-/// The newest command that the arm has accepted, as it says itself.
+/// The newest command that the arm has accepted, as it reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Echo {
     /// The tick that made the command.
     pub tick: u64,
-    /// When the arm accepted it, if it says so.
+    /// When the arm accepted it, if reported.
     pub accepted: Option<Stamp>,
     /// The pen sample behind the command: its number in its sender's sequence; 0: none.
     pub pen_sequence: u64,
@@ -21,12 +21,12 @@ pub struct Echo {
     pub pen_stamp: Option<Stamp>,
 }
 
-/// A command on its way out, with what a consumer wants to know about it.
+/// A command to be sent, with information for consumers.
 #[derive(Debug, Clone, Copy)]
 pub struct Outgoing {
     /// The tick that made it, from 1.
     pub tick: u64,
-    /// What the arm shall do.
+    /// The command of the law.
     pub command: JointCommand<JOINTS>,
     /// Mode of the loop.
     pub mode: Mode,
@@ -40,7 +40,7 @@ pub struct Outgoing {
     pub pen_stamp: Option<Stamp>,
 }
 
-/// A pen sample in metres of the device's plane, taken in at `now`.
+/// A pen sample in metres of the device's plane, received at `now`.
 #[must_use]
 pub fn pen_reading(sample: &shm::PenSample, now: Stamp) -> PenReading {
     PenReading {
@@ -55,7 +55,7 @@ pub fn pen_reading(sample: &shm::PenSample, now: Stamp) -> PenReading {
     }
 }
 
-/// A measured arm. Arms that report no modes are taken to be ready.
+/// A measured arm. Arms that report no modes are assumed to be ready.
 #[must_use]
 pub fn joint_reading(state: &shm::JointState) -> JointReading<JOINTS> {
     let safe = shm::SafetyMode::try_from(state.safety_mode).is_ok_and(shm::SafetyMode::permits_motion);
@@ -71,7 +71,7 @@ pub fn joint_reading(state: &shm::JointState) -> JointReading<JOINTS> {
     }
 }
 
-/// What a joint state says about the command that the arm obeys; `None` where the arm echoes nothing.
+/// The echo of a joint state: the command that the arm obeys; `None` if the arm echoes nothing.
 #[must_use]
 pub fn echo(state: &shm::JointState) -> Option<Echo> {
     let known = |ns: u64| (ns != 0).then_some(Stamp(ns));

@@ -1,10 +1,8 @@
-//! Between the wire and the domain: value by value, what a message says in the types of the law, and the
-//! other way round.
+//! Conversion between the wire and the law's types, value by value.
 //!
-//! Contract: pure, total, no allocation on the paths that the real-time thread takes (pen, joints, dead-man,
-//! command). Messages arrive validated; numbers that the wire has no place for are left out here and nowhere
-//! else. Whole records and the status are put together of these by the ipc thread (`ipc/record.rs`), which
-//! alone knows everything that they tell.
+//! Contract: pure, total, no allocation on the paths of the real-time thread (pen, joints, dead-man,
+//! command). Messages arrive validated; numbers without a place on the wire are omitted here and nowhere
+//! else. Whole records and the status are assembled by the ipc thread (`ipc/record.rs`).
 
 mod messages;
 mod requests;
@@ -23,7 +21,7 @@ use foretrace_shm as shm;
 /// Joints of the arms this daemon moves; the wire carries as many.
 pub const JOINTS: usize = 6;
 
-/// Reasons for refusing a message, as many as the wire distinguishes.
+/// Number of reasons for refusing a message, as on the wire.
 pub const REJECT_REASONS: usize = 9;
 
 const _: () = assert!(JOINTS == shm::JOINTS);

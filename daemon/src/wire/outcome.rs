@@ -1,4 +1,4 @@
-//! What the law answered in a tick, part by part as it stands in records and status.
+//! The law's output in a tick, part by part as in records and status.
 
 use foretrace_control::arm::lag::LagEstimate;
 use foretrace_control::extent::Extent;
@@ -16,7 +16,7 @@ use super::{JOINTS, flag};
 /// Stands for an unknown age or a residual that was not computed.
 pub const UNKNOWN: f64 = -1.0;
 
-/// Where the measured tool has been.
+/// Extremes of the measured tool.
 #[must_use]
 pub const fn extent(extent: &Extent) -> shm::ToolExtent {
     let [height_min_m, height_max_m] = extent.height_m;
@@ -28,7 +28,7 @@ pub const fn extent(extent: &Extent) -> shm::ToolExtent {
     }
 }
 
-/// How late the arm is, and what the plan makes of it.
+/// The lag of the arm, and the plan's dead time.
 #[must_use]
 pub fn arm_lag(output: &StepOutput<JOINTS>) -> shm::ArmLag {
     let unknown = shm::ArmLag::unknown(output.dead_time_ns);
@@ -40,7 +40,7 @@ pub fn arm_lag(output: &StepOutput<JOINTS>) -> shm::ArmLag {
     })
 }
 
-/// Fills in what the prediction saves.
+/// Fills in the gain of the prediction.
 pub fn ghost_figures(status: &mut shm::Status, figures: &GhostFigures, cost_ns: u32) {
     status.tracking = tracking(&figures.real);
     status.ghost = tracking(&figures.ghost);
@@ -76,7 +76,7 @@ pub fn ik_report(record: &mut shm::TickRecord, report: &IkReport, output: &StepO
     .into();
 }
 
-/// Whether the plan and the joints of this tick were solved in it.
+/// Whether plan and joints of this tick were solved in it.
 fn solves(output: &StepOutput<JOINTS>) -> bool {
     output.command.is_some() && output.mode != Mode::Homing && matches!(output.rung, Rung::FreshPlan)
 }
@@ -98,7 +98,7 @@ pub fn mpc_path(output: &StepOutput<JOINTS>) -> [u32; shm::AXES] {
     })
 }
 
-/// What ailed the law.
+/// Health of the law.
 #[must_use]
 pub fn health(health: Health) -> u32 {
     use shm::health as wire;
@@ -135,7 +135,7 @@ pub fn guard_mask(reasons: u32) -> u32 {
         | of(Reasons::GAP, wire::DISCONTINUOUS)
 }
 
-/// The number, unless it is none.
+/// The number; `UNKNOWN` if NaN.
 #[must_use]
 pub const fn known(value: f64) -> f64 {
     if value.is_nan() { UNKNOWN } else { value }

@@ -1,4 +1,4 @@
-//! The newest refusal of a kind of message, in the words of the wire.
+//! The newest refusal of a kind of message, as on the wire.
 
 use foretrace_control::pen::{PenRefusal, PenRejection};
 use foretrace_control::units::Stamp;
@@ -14,7 +14,7 @@ pub struct Refused {
     pub at: Stamp,
 }
 
-/// What the pen grid refused, in the words of the wire; `None` for what no sender can mend.
+/// The pen grid's refusal as on the wire; `None` if its sender cannot remedy it.
 #[must_use]
 pub fn pen_rejection(refusal: &PenRefusal) -> Option<Rejection> {
     let coordinate = if refusal.axis == Some(1) { "y_m" } else { "x_m" };
@@ -28,7 +28,7 @@ pub fn pen_rejection(refusal: &PenRefusal) -> Option<Rejection> {
     Some(Rejection::new(reason, field).because(refusal.value, refusal.bound))
 }
 
-/// As it stands on the wire.
+/// As on the wire.
 #[must_use]
 pub fn refused(refused: Option<Refused>) -> shm::Refused {
     refused.map_or(shm::Refused::NONE, |Refused { why, at }| shm::Refused::of(&why, at.0))

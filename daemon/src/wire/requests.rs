@@ -1,25 +1,25 @@
-//! What operators ask for, and what a refusal is called on the wire.
+//! Requests of operators, and the wire's names of refusals.
 
 use foretrace_control::follower::{Refusal, Request};
 use foretrace_control::predict::PredictorKind;
 use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
 
-/// What the ports of the real-time thread are asked for by an operator's request.
+/// A validated request, by its receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Asked {
     /// Mode and trust.
     Query,
     /// Read the settings again.
     Reload,
-    /// Something for the loop.
+    /// A request for the loop.
     Loop(Request),
-    /// A predictor that the registry does not have.
+    /// A predictor that is not in the registry.
     UnknownPredictor,
     /// Known, but not built into this daemon.
     Unsupported,
 }
 
-/// What a validated request asks for.
+/// The receiver of a validated request.
 #[must_use]
 pub fn asked(request: &ControlRequest) -> Asked {
     let Ok(op) = ControlOp::try_from(request.op) else { return Asked::Unsupported };
@@ -40,7 +40,7 @@ pub fn asked(request: &ControlRequest) -> Asked {
     })
 }
 
-/// What to say to a request for a predictor that the registry does not have; it fits into an answer.
+/// Answer to a request for a predictor that is not in the registry; fits into an answer.
 #[must_use]
 pub fn unknown_predictor(request: &ControlRequest) -> String {
     let name = request.predictor;
@@ -51,7 +51,7 @@ pub fn unknown_predictor(request: &ControlRequest) -> String {
     )
 }
 
-/// What a refusal is called on the wire, and what a person should know about it.
+/// The wire's name of a refusal, and its explanation with the remedy.
 #[must_use]
 pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
     match refusal {
@@ -99,7 +99,7 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
             (ControlStatus::WrongMode, "the arm is moving home: wait until it is there, or stop it")
         }
         Refusal::WayBlocked(_) => {
-            (ControlStatus::WayBlocked, "something is in the straight way home: move the arm by hand")
+            (ControlStatus::WayBlocked, "the straight way home is blocked: move the arm by hand")
         }
         Refusal::BadValue => (ControlStatus::Invalid, "the value is not a number in its legal range"),
         Refusal::PredictorUnavailable => {

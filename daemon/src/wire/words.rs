@@ -1,4 +1,4 @@
-//! Words of the law and their numbers on the wire: modes, reasons, causes, predictors.
+//! Terms of the law and their numbers on the wire: modes, reasons, causes, predictors.
 
 use foretrace_control::follower::{Mode, Rung};
 use foretrace_control::ghost::GhostState;
@@ -21,7 +21,7 @@ pub const fn mode(mode: Mode) -> shm::Mode {
     }
 }
 
-/// Why the loop stopped by itself; a requested stop is none.
+/// Why the loop stopped by itself; none for a requested stop.
 #[must_use]
 pub const fn fault(reason: StopReason) -> shm::FaultReason {
     match reason {
@@ -68,12 +68,12 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
 /// A predictor's name.
 #[must_use]
 pub fn predictor(kind: PredictorKind) -> shm::PredictorName {
-    // Whatever the registry takes for a name fits.
+    // Every name of the registry fits.
     const { assert!(LONGEST_NAME < shm::PREDICTOR_NAME_BYTES) };
     shm::PredictorName::new(kind.name()).unwrap_or(shm::PredictorName::NONE)
 }
 
-/// Why trust is what it is.
+/// Reason for the trust.
 #[must_use]
 pub const fn trust_reason(reason: TrustReason) -> shm::TrustReason {
     match reason {
@@ -108,7 +108,7 @@ pub const fn rung(rung: Rung) -> shm::Rung {
     }
 }
 
-/// How far the ghost is.
+/// State of the ghost's comparison.
 #[must_use]
 pub const fn ghost_state(state: GhostState) -> shm::GhostState {
     match state {

@@ -1,4 +1,4 @@
-//! A daemon with an instance of its own, an arm that obeys it exactly, and a pen that draws circles.
+//! A daemon with its own instance, an arm that obeys exactly, and a pen that draws circles.
 #![allow(dead_code, unreachable_pub)]
 
 #[path = "../../../tests/src/turn.rs"]
@@ -17,7 +17,7 @@ use foretrace_shm::{
 };
 use foretraced::{DaemonError, ExitReport, Options, Rights, Source, StopHandle};
 
-/// Real-time rights only where the machine is meant for it.
+/// Real-time rights only on machines meant for that.
 pub fn rights() -> Rights {
     if std::env::var_os("FORETRACE_RT_TESTS").is_some_and(|value| value == "1") {
         Rights::Ask
@@ -26,12 +26,12 @@ pub fn rights() -> Rights {
     }
 }
 
-/// One daemon test at a time on this machine: they all want the processor.
+/// One daemon test at a time on this machine, as all need the processor.
 pub fn turn() -> places::Turn {
     places::Turn::alone()
 }
 
-/// A directory that no other test uses; removed in the end.
+/// A directory of this test only; removed at the end.
 pub struct Place {
     pub root: std::path::PathBuf,
     pub number: u32,
@@ -143,7 +143,7 @@ impl Operator {
     }
 }
 
-/// What the arm saw.
+/// What the arm received.
 #[derive(Default)]
 pub struct ArmLog {
     pub commands: AtomicU64,
@@ -154,7 +154,7 @@ pub struct ArmLog {
     pub last: Mutex<Option<JointCommand>>,
 }
 
-/// A peer in a thread of its own, ended on drop.
+/// A peer in a separate thread, ended on drop.
 pub struct Peer {
     quit: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -176,7 +176,7 @@ impl Drop for Peer {
     }
 }
 
-/// An arm at home that stands exactly where it was commanded, and checks every command.
+/// An arm at home that is exactly where it was commanded, and checks every command.
 pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
     let log = Arc::new(ArmLog::default());
     let (seen, instance, source) = (log.clone(), place.instance(), place.source());

@@ -1,8 +1,8 @@
-//! What dead processes left behind, for people who ask; a daemon purges its own instance at every start
-//! anyway.
+//! Leftovers of dead processes, for inspection and cleaning by hand; a daemon purges its own instance at
+//! every start.
 //!
-//! Contract: looking changes nothing. Cleaning never touches what a living process uses: where peers live,
-//! only what the middleware attributes to dead nodes goes; where none does, the whole instance is purged
+//! Contract: inspection changes nothing. Cleaning never touches what a living process uses: with living peers
+//! only dead nodes, by the middleware's attribution, are removed; without any, the whole instance is purged
 //! under its lock. Damaged files can make the middleware hang (as root above all): callers bound the time.
 
 use std::collections::BTreeMap;
@@ -18,16 +18,16 @@ use super::SHARED_MEMORY;
 use super::occupancy::{Purge, SharedMemory};
 use super::root::{Instance, InstanceError, MIDDLEWARE_FOLDER, usual_roots};
 
-/// Who is, and who was, in an instance.
+/// Living and dead peers of an instance.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Leftovers {
-    /// Process numbers of living peers, ascending, once for each of their nodes.
+    /// Process numbers of living peers, ascending, once per node.
     pub alive: Vec<u32>,
-    /// Process numbers of peers that died without taking leave, ascending, once for each of their nodes.
+    /// Process numbers of peers that died without leaving, ascending, once per node.
     pub dead: Vec<u32>,
-    /// Nodes of which so little is left that nobody can say whose they were.
+    /// Nodes whose owner cannot be determined any more.
     pub damaged: usize,
-    /// A daemon holds the lock, perhaps before it has become a peer.
+    /// A daemon holds the lock, perhaps before it is a peer.
     pub held: bool,
     /// All segments of the instance.
     pub memory: SharedMemory,
@@ -38,44 +38,44 @@ pub struct Leftovers {
 pub struct Cleaned {
     /// Nodes of dead peers; a daemon has two.
     pub nodes: usize,
-    /// Files of shared memory.
+    /// Shared-memory files.
     pub segments: usize,
-    /// Their sizes together.
+    /// Their total size.
     pub bytes: u64,
     /// Nodes that the middleware could not remove.
     pub failed: usize,
 }
 
-/// The files in a shared-memory folder that share a prefix of ours.
+/// Files in a shared-memory folder that share a prefix of an instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Prefixed {
-    /// How their names begin.
+    /// The prefix.
     pub prefix: String,
-    /// The instance's number.
+    /// Number of the instance.
     pub number: u32,
-    /// How many.
+    /// Number of files.
     pub segments: usize,
-    /// Their sizes together.
+    /// Their total size.
     pub bytes: u64,
-    /// The user they belong to; with several the first one's.
+    /// Owner of the files; of the first one, if they differ.
     pub owner: u32,
 }
 
 impl Leftovers {
-    /// Somebody lives here.
+    /// A daemon or a peer lives here.
     pub fn in_use(&self) -> bool {
         self.held || !self.alive.is_empty()
     }
 
-    /// Nothing is left of the dead.
+    /// There are no leftovers.
     pub fn is_empty(&self) -> bool {
         self.dead.is_empty() && self.damaged == 0 && (self.in_use() || self.memory.segments == 0)
     }
 }
 
 impl Instance {
-    /// Instances of this user that are in sight: those with a folder at a usual place, and those whose files
-    /// in /dev/shm belong to one of `roots`. Touches nothing.
+    /// Visible instances of this user: those with a folder at a usual place, and those whose files in
+    /// /dev/shm belong to one of `roots`. Changes nothing.
     pub fn in_sight(roots: &[PathBuf]) -> Vec<Self> {
         let mut found: Vec<Self> =
             usual_roots().into_iter().filter_map(|(number, root)| Self::at(number, root).ok()).collect();
@@ -92,7 +92,7 @@ impl Instance {
         found
     }
 
-    /// What dead processes left behind here.
+    /// Leftovers of dead processes in this instance.
     ///
     /// # Errors
     ///
@@ -111,8 +111,8 @@ impl Instance {
         Ok(found)
     }
 
-    /// Process numbers of living and of dead peers, ascending, one for each node, and how many nodes are
-    /// neither's.
+    /// Process numbers of living and of dead peers, ascending, one per node, and the number of nodes of
+    /// neither.
     ///
     /// # Errors
     ///
@@ -138,11 +138,11 @@ impl Instance {
         Ok((alive, dead, damaged))
     }
 
-    /// Remove what dead processes left behind here, and nothing of the living.
+    /// Removes leftovers of dead processes, and nothing of living ones.
     ///
     /// # Errors
     ///
-    /// Those of [`Instance::leftovers`]; `Held` when a daemon comes up at this moment.
+    /// Those of [`Instance::leftovers`]; `Held` if a daemon is starting at this moment.
     pub fn clean(&self) -> Result<Cleaned, InstanceError> {
         let before = self.leftovers()?;
         if before.is_empty() {
@@ -187,7 +187,7 @@ pub fn prefixed(folder: &Path) -> io::Result<Vec<Prefixed>> {
         let entry = entry?;
         let name = entry.file_name();
         let Some((prefix, number)) = name.to_str().and_then(prefix_of) else { continue };
-        // Its process may take it along between the two calls.
+        // Its process may remove it between the two calls.
         let Ok(about) = entry.metadata() else { continue };
         let group = groups.entry(prefix.to_owned()).or_insert_with(|| Prefixed {
             prefix: prefix.to_owned(),

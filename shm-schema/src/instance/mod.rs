@@ -1,10 +1,10 @@
-//! An instance: where one daemon and its peers keep their files, who is in it, what the dead left behind, and
-//! how its daemon is stopped without any middleware.
+//! An instance: the files of one daemon and its peers, its occupants, leftovers of dead processes, and the
+//! stop that needs no middleware.
 
 pub(crate) mod root;
 pub(crate) mod occupancy;
 pub(crate) mod leftovers;
 pub(crate) mod stop_path;
 
-/// Where the middleware keeps its segments.
+/// Folder of the middleware's segments.
 pub const SHARED_MEMORY: &str = "/dev/shm";

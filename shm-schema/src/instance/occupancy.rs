@@ -1,7 +1,7 @@
-//! Who is in an instance: the lock that makes a daemon the only one, living peers, leftovers of dead ones.
+//! Occupancy of an instance: the lock that makes a daemon the only one, living peers, leftovers of dead ones.
 //!
-//! Contract: the lock file tells whether a daemon is up, without touching the middleware. Leftovers are
-//! removed only under the lock and only while no peer lives, and only names with the instance's own prefix.
+//! Contract: the lock file shows whether a daemon is up, without the middleware. Leftovers are removed only
+//! under the lock and only while no peer lives, and only names with the instance's own prefix.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -13,10 +13,10 @@ use super::SHARED_MEMORY;
 use super::root::{Instance, InstanceError, MIDDLEWARE_FOLDER};
 use crate::wire::clock::monotonic_now_ns;
 
-/// What a purge did.
+/// Result of a purge.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Purge {
-    /// No peer lives; so many files of shared memory were removed.
+    /// No peer lives; this many shared-memory files were removed.
     Removed(usize),
     /// These processes still use the instance: nothing was removed.
     PeersAlive(Vec<u32>),
@@ -25,11 +25,12 @@ pub enum Purge {
 /// Shared memory of one instance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SharedMemory {
-    /// Segments.
+    /// Number of segments.
     pub segments: usize,
-    /// Their sizes together.
+    /// Their total size.
     pub bytes: u64,
-    /// What is backed by pages; the rest is taken at first touch, and a full /dev/shm then kills with SIGBUS.
+    /// Bytes backed by pages; the rest is allocated at first touch, and a full /dev/shm then kills with
+    /// SIGBUS.
     pub backed_bytes: u64,
 }
 
@@ -55,13 +56,13 @@ impl Instance {
     pub fn daemon(&self) -> Option<DaemonMark> {
         let mut file = File::open(self.lock_path()).ok()?;
         match file.try_lock_shared() {
-            // Nobody holds it: what the file says is a leftover.
+            // The lock is free: the file's content is a leftover.
             Ok(()) => None,
             Err(_) => announced(&mut file),
         }
     }
 
-    /// Become the only daemon of this instance; makes the root directory if needed.
+    /// Becomes the only daemon of this instance; makes the root directory if needed.
     ///
     /// # Errors
     ///
@@ -78,8 +79,8 @@ impl Instance {
             .mode(0o600)
             .open(&path)
             .map_err(io)?;
-        // A peer looking for a daemon takes the lock for an instant, and the last one to leave for as long as
-        // it tidies up: ask more than once, and longer where no daemon has announced itself.
+        // A peer looking for a daemon holds the lock briefly, and the last one to leave for as long as it
+        // tidies up: retry, and longer if no daemon has announced itself.
         for tries in 0..100 {
             if tries >= 20 && announced(&mut file).is_some() {
                 break;
@@ -96,8 +97,8 @@ impl Instance {
         Err(InstanceError::Held { number: self.number(), pid: announced(&mut file).map(|mark| mark.pid) })
     }
 
-    /// Remove what dead processes left behind, if no peer lives. Only the daemon may, under its lock and
-    /// before it opens anything.
+    /// Removes leftovers of dead processes, if no peer lives. For the daemon only, under its lock and before
+    /// it opens anything.
     ///
     /// # Errors
     ///
@@ -128,11 +129,11 @@ impl Instance {
         Ok(Purge::Removed(removed))
     }
 
-    /// Remove everything, if neither a daemon nor a peer lives: for whoever may be the last to leave. Returns
-    /// whether it was. Damaged files can make it hang: callers bound the time.
+    /// Removes everything, if neither a daemon nor a peer lives: for a process that may be the last to leave.
+    /// Returns whether it was. Damaged files can make it hang: callers bound the time.
     pub fn tidy_up(&self) -> bool {
         let Ok(file) = OpenOptions::new().read(true).write(true).open(self.lock_path()) else { return false };
-        // Another one that leaves at this moment may hold it, and still have seen this process alive.
+        // Another process that leaves at this moment may hold it, and may still have seen this process alive.
         let mut tries = 0;
         while file.try_lock().is_err() {
             tries += 1;
@@ -144,8 +145,8 @@ impl Instance {
         matches!(self.purge(&InstanceLock { file }), Ok(Purge::Removed(_)))
     }
 
-    /// Check that every segment of this instance belongs to this user alone. /dev/shm is open to everybody:
-    /// another user can put a file there under a name that the middleware would open.
+    /// Checks that every segment of this instance belongs to this user alone. /dev/shm is open to everybody:
+    /// another user can create a file there under a name that the middleware would open.
     ///
     /// # Errors
     ///
@@ -201,7 +202,7 @@ impl Instance {
 }
 
 impl InstanceLock {
-    /// Tell everybody that the daemon is up: its services exist and may be opened.
+    /// Announces that the daemon is up: its services exist and may be opened.
     ///
     /// # Errors
     ///
@@ -213,7 +214,7 @@ impl InstanceLock {
         self.file.flush()
     }
 
-    /// Take [`InstanceLock::announce`] back before the services go.
+    /// Withdraws [`InstanceLock::announce`] before the services are removed.
     ///
     /// # Errors
     ///
@@ -223,9 +224,9 @@ impl InstanceLock {
     }
 }
 
-/// Refuses a segment that another user owns or may touch; one that is gone by now passes.
+/// Refuses a segment that another user owns or may access; a missing one passes.
 fn own_segment(path: &Path) -> Result<(), InstanceError> {
-    // Not `metadata`: a link of another user must not borrow the owner of what it points to.
+    // Not `metadata`: a symbolic link of another user must not pass as the owner of its target.
     let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
     let (owner, mode, user) = (found.uid(), found.mode() & 0o777, crate::os::effective_user());
     if owner == user && mode & 0o077 == 0 {
@@ -283,7 +284,7 @@ mod tests {
         set(0o606);
         let open = instance.check_segments();
         set(0o600);
-        // Only root may give files away.
+        // Only root can change owners.
         let given = std::os::unix::fs::chown(&path, Some(65534), None).map(|()| instance.check_segments());
         fs::remove_file(&path).unwrap();
         own.unwrap();
@@ -295,7 +296,7 @@ mod tests {
             }
             Err(_) => {
                 let told = b"skipped in part: only root can plant another user's file\n";
-                // Past the test runner's capture.
+                // Not captured by the test runner.
                 let _ = std::io::Write::write_all(&mut std::io::stderr(), told);
             }
         }

@@ -1,8 +1,8 @@
-//! An instance: one daemon and its peers, known by a number. Where its files are and who may use them.
+//! An instance: one daemon and its peers, identified by a number. Its files, and who may use them.
 //!
 //! Contract: the root directory belongs to this user alone (0700) or nothing is opened. Every name in
-//! /dev/shm begins with a prefix made of the number, the middleware's version and the root, so that leftovers
-//! of one instance can be removed without touching another. The trust boundary is the Unix user.
+//! /dev/shm begins with a prefix of the number, the middleware's version and the root, so that leftovers of
+//! one instance can be removed without affecting another. The trust boundary is the Unix user.
 
 use std::fs::{self, DirBuilder};
 use std::io;
@@ -17,7 +17,7 @@ use crate::wire::layout::fnv1a;
 const SOCKET_PATH_BYTES: usize = 108;
 /// The longest name the middleware may append to root and prefix for a socket: a 128-bit number and `.event`.
 const SOCKET_NAME_BYTES: usize = 39 + 6;
-/// Peers of another middleware version must not meet: its files are incompatible both ways.
+/// Peers of different middleware versions are kept apart: their files are incompatible both ways.
 const MIDDLEWARE_VERSION: &str = "093";
 /// Below the instance's root; removed by a purge, unlike the lock beside it.
 pub(crate) const MIDDLEWARE_FOLDER: &str = "iox2";
@@ -47,13 +47,13 @@ pub enum InstanceError {
         /// The longest allowed.
         limit: usize,
     },
-    /// The path has characters the middleware does not take.
+    /// The path has characters that the middleware does not accept.
     #[error("the instance directory {} is not an absolute path of plain characters", root.display())]
     RootNotPlain {
         /// The directory.
         root: PathBuf,
     },
-    /// Something else has this name.
+    /// The name is taken by something else.
     #[error("{} is not a directory: remove it or choose another instance number", root.display())]
     NotADirectory {
         /// The path.
@@ -67,9 +67,9 @@ pub enum InstanceError {
     ForeignOwner {
         /// The directory.
         root: PathBuf,
-        /// Who owns it.
+        /// The owner.
         owner: u32,
-        /// Who asks.
+        /// This user.
         user: u32,
     },
     /// Others may enter it.
@@ -80,7 +80,7 @@ pub enum InstanceError {
         /// Its permission bits.
         mode: u32,
     },
-    /// Another user owns or may touch a segment with a name of this instance.
+    /// Another user owns or may access a segment with a name of this instance.
     #[error(
         "{} belongs to user {owner} (mode {mode:03o}) but has a name of this instance of user {user}: \
          ask that user or root to remove it, or choose another instance number", path.display()
@@ -88,14 +88,14 @@ pub enum InstanceError {
     ForeignSegment {
         /// The segment.
         path: PathBuf,
-        /// Who owns it.
+        /// The owner.
         owner: u32,
         /// Its permission bits.
         mode: u32,
-        /// Whose instance it is.
+        /// The user of the instance.
         user: u32,
     },
-    /// Another daemon has it.
+    /// Another daemon runs in it.
     #[error("instance {number} already has a daemon ({}): stop it or choose another instance number",
         pid.map_or("starting".to_string(), |pid| format!("process {pid}")))]
     Held {
@@ -107,9 +107,9 @@ pub enum InstanceError {
     /// The system refused a file operation.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
     /// The middleware could not list the peers.
@@ -117,7 +117,7 @@ pub enum InstanceError {
     PeersUnknown {
         /// Number of the instance.
         number: u32,
-        /// What the middleware said.
+        /// The middleware's error.
         detail: String,
     },
 }
@@ -156,17 +156,17 @@ impl Instance {
         }
     }
 
-    /// Its number.
+    /// Number of the instance.
     pub fn number(&self) -> u32 {
         self.number
     }
 
-    /// The directory with everything of it that is a file.
+    /// Directory of all its files outside /dev/shm.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// How its names in /dev/shm begin.
+    /// Prefix of its names in /dev/shm.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
@@ -176,8 +176,8 @@ impl Instance {
         &self.config
     }
 
-    /// Another user whose instance of the same number has its directory beside this one's; `None` where there
-    /// is none to be seen: directories below `/run/user` show nothing to others.
+    /// Another user whose instance of the same number has its directory beside this one's; `None` if none is
+    /// visible: directories below `/run/user` are hidden from others.
     #[must_use]
     pub fn foreign_owner(&self) -> Option<u32> {
         let user = crate::os::effective_user();
@@ -190,7 +190,7 @@ impl Instance {
         })
     }
 
-    /// Check that the root directory exists and belongs to this user alone.
+    /// Checks that the root directory exists and belongs to this user alone.
     ///
     /// # Errors
     ///
@@ -198,7 +198,7 @@ impl Instance {
     pub fn check_root(&self) -> Result<(), InstanceError> {
         let io = |source| InstanceError::Io { path: self.root.clone(), source };
         let root = self.root.clone();
-        // Not `metadata`: a link set by another user must not lead us elsewhere.
+        // Not `metadata`: a symbolic link of another user must not redirect us.
         let found = fs::symlink_metadata(&root).map_err(io)?;
         let (owner, user, mode) = (found.uid(), crate::os::effective_user(), found.mode() & 0o777);
         if !found.is_dir() {
@@ -318,7 +318,7 @@ mod tests {
 
     #[test]
     fn a_directory_of_another_user_is_refused() {
-        // As root the own directories of others are at hand; otherwise root's are.
+        // As root the directories of other users are available; otherwise root's are.
         let instance = Instance::at(0, "/proc/1").unwrap();
         let owner = fs::metadata("/proc/1").unwrap().uid();
         if owner == crate::os::effective_user() {

@@ -1,9 +1,8 @@
-//! The way to stop the arm that needs no middleware, no shared memory and no place: a datagram socket beside
-//! the lock file, and a signal to the process that holds that lock.
+//! The stop that needs no middleware, shared memory or free slot: a datagram socket beside the lock file, and
+//! a signal to the process that holds that lock.
 //!
-//! Contract: frames have one length each and are judged as a whole. The run directory (0700) decides who may
-//! send: its user and root. A signal goes to the holder of the lock and to nobody else, whatever has become
-//! of its process number.
+//! Contract: frames have fixed lengths and are validated as a whole. The run directory (0700) decides who may
+//! send: its user and root. A signal goes only to the holder of the lock, even if process numbers are reused.
 
 use std::fs::{self, File};
 use std::io;
@@ -24,12 +23,12 @@ pub const STOP_ANSWER_BYTES: usize = 40;
 const FRAME_MAGIC: u64 = u64::from_le_bytes(*b"ftSTOP_1");
 const ANSWER_MAGIC: u64 = u64::from_le_bytes(*b"ftSTOPa1");
 
-/// "Stop smoothly and stay stopped until armed again", as it lies on the socket: little-endian words.
+/// "Stop smoothly and stay stopped until armed again", as sent on the socket: little-endian words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StopFrame {
-    /// Not to be guessed; the answer carries it.
+    /// Random; returned in the answer.
     pub token: u64,
-    /// Who asks, by its own word: for the log only.
+    /// Sender's process number, as it claims; for the log only.
     pub pid: u32,
 }
 
@@ -39,36 +38,36 @@ pub enum StopFrameError {
     /// Not a frame of this version.
     #[error("not a stop frame of {expected} bytes")]
     Malformed {
-        /// The length of a sound one.
+        /// Length of a valid frame.
         expected: usize,
     },
-    /// It was made before the host booted, or on another host.
+    /// Made before this boot of the host, or on another host.
     #[error("a stop frame of another boot")]
     ForeignBoot,
 }
 
-/// What has become of a stop, told twice: when the daemon has noted it, and when a tick has taken it.
+/// Progress of a stop, sent twice: when the daemon has received it, and when a tick has taken it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopAnswer {
     /// The frame's token.
     pub token: u64,
-    /// The mode after the tick that took it; `None`: noted, no tick has taken it yet.
+    /// The mode after the tick that took it; `None`: received, not yet taken by a tick.
     pub taken: Option<Mode>,
     /// Trust in that tick.
     pub trust: f64,
 }
 
 impl StopFrame {
-    /// As it is sent.
+    /// The frame as bytes.
     #[must_use]
     pub fn encode(&self) -> [u8; STOP_FRAME_BYTES] {
         words([FRAME_MAGIC, host_boot_id(), self.token, u64::from(self.pid)])
     }
 
-    /// Judges what came.
+    /// Validates a received frame.
     ///
     /// # Errors
-    /// Length, kind or boot are wrong.
+    /// Length, kind or boot is wrong.
     pub fn decode(bytes: &[u8]) -> Result<Self, StopFrameError> {
         let malformed = StopFrameError::Malformed { expected: STOP_FRAME_BYTES };
         let [magic, boot, token, pid] = read_words::<4>(bytes).ok_or(malformed)?;
@@ -83,14 +82,14 @@ impl StopFrame {
 }
 
 impl StopAnswer {
-    /// As it is sent.
+    /// The answer as bytes.
     #[must_use]
     pub fn encode(&self) -> [u8; STOP_ANSWER_BYTES] {
         let mode = self.taken.map_or(u64::MAX, |mode| u64::from(u32::from(mode)));
         words([ANSWER_MAGIC, host_boot_id(), self.token, mode, self.trust.to_bits()])
     }
 
-    /// Judges what came; `None` where it is no answer of this boot.
+    /// Validates a received answer; `None` if it is not an answer of this boot.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let [magic, boot, token, mode, trust] = read_words::<5>(bytes)?;
@@ -128,15 +127,15 @@ fn read_words<const N: usize>(bytes: &[u8]) -> Option<[u64; N]> {
 /// Why no signal was sent.
 #[derive(Debug, thiserror::Error)]
 pub enum SignalError {
-    /// Nobody holds the lock.
+    /// The lock is free.
     #[error("no daemon holds the lock of this instance")]
     NoDaemon,
-    /// Which process holds the lock cannot be told; another one may have its number.
-    #[error("process {pid} cannot be told to be the daemon ({why}), so it was sent no signal")]
+    /// The holder of the lock cannot be determined; another process may have its number.
+    #[error("process {pid} cannot be identified as the daemon ({why}), so it was sent no signal")]
     Uncertain {
-        /// What the lock file says.
+        /// Content of the lock file.
         pid: u32,
-        /// What is missing.
+        /// The missing evidence.
         why: &'static str,
     },
     /// The system refused.
@@ -144,21 +143,21 @@ pub enum SignalError {
     Refused {
         /// The daemon.
         pid: u32,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
 }
 
 impl Instance {
-    /// Where the daemon listens for [`StopFrame`]s.
+    /// Path of the daemon's socket for [`StopFrame`]s.
     #[must_use]
     pub fn stop_socket(&self) -> PathBuf {
         self.root().join("stop")
     }
 
     /// Sends the daemon SIGUSR1: stop smoothly and stay stopped. Safe against reused process numbers, also
-    /// those of another container: the descriptor is taken first, and the process then has to be the one that
-    /// still holds the lock and that catches the signal.
+    /// those of another container: the descriptor is opened first, and its process must then be the one that
+    /// still holds the lock and handles the signal.
     ///
     /// # Errors
     /// See [`SignalError`]; then no signal was sent.
@@ -168,8 +167,8 @@ impl Instance {
         let refused = |source| SignalError::Refused { pid, source };
         let uncertain = |why| SignalError::Uncertain { pid, why };
         let process = crate::os::open_process(pid).map_err(refused)?;
-        // What the descriptor means cannot change any more; all that follows is about the process that it
-        // means, as long as that is the same one as before.
+        // The descriptor's process is fixed from here on; all following checks concern that process, as long
+        // as its number still refers to it.
         if self.daemon() != Some(mark) {
             return Err(SignalError::NoDaemon);
         }
@@ -187,7 +186,7 @@ impl Instance {
     }
 }
 
-/// Whether `pid`, as this process counts, holds a write lock on the file; `None` where nobody tells.
+/// Whether `pid`, in this process's namespace, holds a write lock on the file; `None` if unknown.
 fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
     let inode = format!(":{}", file.ino());
     let told = |text: &str| {
@@ -202,7 +201,7 @@ fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
     if locks.as_deref().is_some_and(told) {
         return Some(true);
     }
-    // Some kernels in containers list no locks; open files tell the same, since only a daemon keeps this one
+    // Some kernels in containers list no locks; open files show the same, since only a daemon keeps this one
     // open.
     match fs::read_dir(format!("/proc/{pid}/fd")) {
         Ok(files) => Some(files.flatten().any(|entry| {
@@ -212,7 +211,7 @@ fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
     }
 }
 
-/// The process has a handler for SIGUSR1, which otherwise would kill it.
+/// Whether the process handles SIGUSR1, which would kill it otherwise.
 fn catches_stop(pid: u32) -> bool {
     let status = File::open(format!("/proc/{pid}/status")).and_then(io::read_to_string).unwrap_or_default();
     let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
@@ -233,7 +232,7 @@ mod tests {
             assert!(StopFrame::decode(&bytes[..length]).is_err());
         }
         assert!(StopFrame::decode(&[&bytes[..], &[0]].concat()).is_err());
-        // Every flipped bit outside token and number of the process is seen.
+        // Every flipped bit outside token and process number is detected.
         for bit in (0..128).chain(224..256) {
             let mut damaged = bytes;
             damaged[bit / 8] ^= 1 << (bit % 8);
@@ -270,7 +269,7 @@ mod tests {
         // This process holds the lock and has no handler: the signal would kill it, and this test with it.
         let error = instance.signal_stop().unwrap_err();
         assert!(error.to_string().contains("does not catch SIGUSR1"), "{error}");
-        // The lock file names a process that does not hold it: its number was given to another.
+        // The lock file names a process that does not hold it: its number was reused.
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         let stamp = crate::wire::clock::monotonic_now_ns();
         fs::write(instance.root().join("lock"), format!("{} {stamp}\n", child.id())).unwrap();

@@ -1,7 +1,7 @@
 //! Both ends of the request-response service. Not for the real-time thread: a round trip allocates.
 //!
 //! Contract: the server answers malformed requests itself and counts them; every answer carries the token of
-//! its request. The client waits no longer than it is told.
+//! its request. The client waits for a bounded time only.
 
 use std::time::{Duration, Instant};
 
@@ -19,7 +19,7 @@ use crate::wire::control::{ControlRequest, ControlResponse};
 use crate::wire::layout::Wire;
 use crate::wire::vocabulary::{ControlOp, ControlStatus, RejectReason};
 
-/// How often a waiting client looks for the answer.
+/// Interval at which a waiting client checks for the answer.
 const POLL: Duration = Duration::from_micros(500);
 
 /// Answers requests.
@@ -31,10 +31,10 @@ pub struct ControlServer {
     rejections: Rejections,
 }
 
-/// A valid request, waiting for its answer. Dropping it without one makes the client wait in vain.
+/// A valid request waiting for its answer. If it is dropped without one, the client waits until its timeout.
 #[derive(Debug)]
 pub struct Call {
-    /// What is asked.
+    /// The request.
     pub request: ControlRequest,
     open: ActiveRequest<ipc::Service, ControlRequest, (), ControlResponse, ()>,
     boot_id: u64,
@@ -55,10 +55,10 @@ pub enum AskError {
     /// The daemon is gone.
     #[error("no daemon answers requests: is it running?")]
     NoServer,
-    /// It is there, but silent.
+    /// The daemon is running, but does not answer.
     #[error("the daemon did not answer within {} ms", .0.as_millis())]
     Timeout(Duration),
-    /// The answer makes no sense.
+    /// The answer is malformed.
     #[error("the daemon's answer is malformed: {0}")]
     BadAnswer(Rejection),
     /// The middleware failed.
@@ -69,11 +69,11 @@ pub enum AskError {
 crate::debug_is_sentence!(AskError);
 
 impl ControlTopic {
-    /// The server, to be used in the calling thread. `daemon_id` goes into every answer.
+    /// The server, to be used in the calling thread. `daemon_id` is part of every answer.
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another one lives, `Middleware`.
+    /// `NoPlace` if another one exists, `Middleware`.
     pub fn server(&self, daemon_id: u64) -> Result<ControlServer, ServiceError> {
         let port = self
             .factory
@@ -113,7 +113,7 @@ impl ControlTopic {
 }
 
 impl ControlTopic {
-    /// Processes that hold a place for operators, ascending, one for each place.
+    /// Processes that hold a slot for operators, ascending, once per slot.
     #[must_use]
     pub fn operators(&self) -> Vec<u32> {
         let mut pids = Vec::with_capacity(CONTROL_CLIENTS);
@@ -136,7 +136,7 @@ impl ControlServer {
             let checked =
                 if call.request.boot_id == self.boot_id { call.request.validate() } else { Err(foreign) };
             let Err(rejection) = checked else {
-                // Who asked has given up, or is gone. A stop counts all the same.
+                // The client has given up, or is gone. A stop is valid all the same.
                 let stops = [ControlOp::Disarm, ControlOp::Stop].map(u32::from).contains(&call.request.op);
                 if stops || call.open.is_connected() {
                     return Some(call);
@@ -158,7 +158,7 @@ impl ControlServer {
 }
 
 impl Call {
-    /// Answer it. Returns whether the client was still there.
+    /// Sends the answer. Returns whether the client was still there.
     pub fn answer(self, status: ControlStatus, value: f64, detail: u32, message: &str) -> bool {
         let mut response = ControlResponse::to(&self.request, status, message);
         response.boot_id = self.boot_id;
@@ -170,7 +170,7 @@ impl Call {
 }
 
 impl ControlClient {
-    /// Send `request` (token and boot id are filled in) and wait for its answer.
+    /// Sends `request` (token and boot id are filled in) and waits for its answer.
     ///
     /// # Errors
     ///
@@ -184,7 +184,7 @@ impl ControlClient {
         request.token = self.token;
         request.boot_id = self.boot_id;
         let deadline = Instant::now() + timeout;
-        // A request that reached nobody may be sent again; one that reached a server may not.
+        // A request that reached no server may be sent again; one that reached a server may not.
         let pending = loop {
             request.sent_ns = monotonic_now_ns();
             let pending = self.port.send_copy(request).map_err(|_| AskError::Middleware)?;
@@ -198,7 +198,7 @@ impl ControlClient {
             std::thread::sleep(POLL);
         };
         loop {
-            // Looked at before the answer is: a server that has answered lets go at once.
+            // Checked before the answer: a server that has answered lets go at once.
             let connected = pending.is_connected();
             match pending.receive() {
                 Ok(Some(response)) => {

@@ -16,7 +16,7 @@ use crate::wire::layout::Wire;
 
 /// Name of the request-response service.
 pub const CONTROL_SERVICE: &str = "foretrace/control";
-/// Operators that may be connected at a time.
+/// Operators that may be connected at the same time.
 pub const CONTROL_CLIENTS: usize = 4;
 /// Requests one operator may have open.
 pub const CONTROL_OPEN_REQUESTS: usize = 2;
@@ -30,7 +30,7 @@ pub struct ControlTopic {
 const CONTROL_LAYOUT: u64 = ControlRequest::LAYOUT_HASH ^ ControlResponse::LAYOUT_HASH.rotate_left(1);
 
 impl ControlTopic {
-    /// Create it, or take over one that living peers kept; for the daemon.
+    /// Creates it, or takes over one that living peers kept; for the daemon.
     ///
     /// # Errors
     ///
@@ -55,7 +55,7 @@ impl ControlTopic {
         Self { factory }.verified()
     }
 
-    /// Open it; for everybody else.
+    /// Opens it; for all other processes.
     ///
     /// # Errors
     ///
@@ -99,8 +99,8 @@ fn control_builder(session: &Session) -> Result<ControlBuilder, ServiceError> {
         .max_borrowed_responses_per_pending_response(1)
         .enable_safe_overflow_for_requests(true)
         .enable_safe_overflow_for_responses(true)
-        // Without it 0.9.3 never lets go of clients that have left, and panics in the server at the 133rd;
-        // requests that nobody waits for any more are left out by the server instead.
+        // Without it 0.9.3 never releases clients that have left, and panics in the server at the 133rd;
+        // requests of clients that are gone are skipped by the server instead.
         .enable_fire_and_forget_requests(true))
 }
 

@@ -1,4 +1,4 @@
-//! How messages travel: joining an instance, its services with their quality of service, and the ports at
+//! Transport of messages: joining an instance, its services with their quality of service, and the ports at
 //! both ends.
 
 pub(crate) mod session;

@@ -1,4 +1,4 @@
-//! Publisher and subscriber of one message type, fit for the real-time thread.
+//! Publisher and subscriber of one message type, suitable for the real-time thread.
 //!
 //! Contract: after the ports have connected, neither `publish` nor `take` allocates, blocks or loops without
 //! bound. A message is copied out once and the copy is checked: header first, then every field. Ports stay in
@@ -17,16 +17,16 @@ use crate::wire::clock::host_boot_id;
 use crate::wire::header::{Header, HeaderBounds, HeaderCheck};
 use crate::wire::layout::Wire;
 
-/// Why a message did not go out.
+/// Why a message was not sent.
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PublishError {
-    /// No free place in the publisher's segment.
+    /// No free slot in the publisher's segment.
     #[error("no shared memory left for the message")]
     NoMemory,
-    /// A subscriber could not be connected; the others got it or will get the next.
+    /// A subscriber could not be connected; the others got the message or will get the next.
     #[error("a subscriber could not be connected")]
     Connection,
-    /// The middleware failed otherwise.
+    /// Another error of the middleware.
     #[error("the middleware failed to deliver")]
     Middleware,
 }
@@ -47,7 +47,7 @@ impl<T: Message> Topic<T> {
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another one lives, `Middleware`.
+    /// `NoPlace` if another one exists, `Middleware`.
     pub fn publisher(&self) -> Result<Publisher<T>, ServiceError> {
         let port = self
             .factory
@@ -66,8 +66,8 @@ impl<T: Message> Topic<T> {
         Ok(Publisher { topic: self.clone(), port, sequence: 0, boot_id: host_boot_id() })
     }
 
-    /// A subscriber holding up to `buffer` unread messages, to be used in the calling thread. Before this
-    /// moment's messages there is only the topic's history.
+    /// A subscriber with up to `buffer` unread messages, to be used in the calling thread. Of earlier
+    /// messages it gets only the topic's history.
     ///
     /// # Errors
     ///
@@ -103,7 +103,7 @@ impl<T: Message> Topic<T> {
 }
 
 impl<T: Message> Publisher<T> {
-    /// Send `message` under `stamp_ns`; the header is filled in. Returns how many subscribers it reached.
+    /// Sends `message` under `stamp_ns`; the header is filled in. Returns how many subscribers it reached.
     ///
     /// # Errors
     ///
@@ -115,7 +115,7 @@ impl<T: Message> Publisher<T> {
         loan.write_payload(message).send().map_err(publish_error)
     }
 
-    /// Connect to new subscribers now rather than at the next message.
+    /// Connects to new subscribers now instead of at the next message.
     ///
     /// # Errors
     ///
@@ -124,7 +124,7 @@ impl<T: Message> Publisher<T> {
         self.port.update_connections().map_err(|_| PublishError::Connection)
     }
 
-    /// Subscribers at this moment. Compare before and after a tick: a change explains allocations in it.
+    /// Present number of subscribers. A change between two calls explains allocations in between.
     pub fn subscribers(&self) -> usize {
         self.topic.connections().1
     }
@@ -157,10 +157,10 @@ pub struct Subscriber<T: Message> {
 }
 
 impl<T: Message> Subscriber<T> {
-    /// Take the oldest unread message; `None` when there is none. A refused one is counted and returned as
+    /// Takes the oldest unread message; `None` if there is none. A refused one is counted and returned as
     /// error.
     ///
-    /// A failure of the middleware counts as none, see [`Subscriber::failures`].
+    /// An error of the middleware counts as none, see [`Subscriber::failures`].
     pub fn take(&mut self, now_ns: u64) -> Option<Result<T, Rejection>> {
         let message = match self.port.receive() {
             Ok(Some(sample)) => *sample,
@@ -184,8 +184,8 @@ impl<T: Message> Subscriber<T> {
         }
     }
 
-    /// Give every unread message to `use_message`, oldest first; refused ones are only counted. At most one
-    /// buffer full per call. Returns how many were given.
+    /// Passes every unread message to `use_message`, oldest first; refused ones are only counted. At most one
+    /// buffer full per call. Returns how many were passed.
     pub fn drain(&mut self, now_ns: u64, mut use_message: impl FnMut(T)) -> usize {
         let mut given = 0;
         for _ in 0..self.buffer {
@@ -201,7 +201,7 @@ impl<T: Message> Subscriber<T> {
         given
     }
 
-    /// The newest acceptable unread message; all older ones are consumed.
+    /// The newest valid unread message; all older ones are consumed.
     pub fn latest(&mut self, now_ns: u64) -> Option<T> {
         let mut newest = None;
         self.drain(now_ns, |message| newest = Some(message));
@@ -228,17 +228,17 @@ impl<T: Message> Subscriber<T> {
         &self.rejections
     }
 
-    /// The newest refusal, and when it was \[ns\].
+    /// The newest refusal, and its time \[ns\].
     pub fn newest_refused(&self) -> Option<(Rejection, u64)> {
         self.newest_refused
     }
 
-    /// Receives that failed in the middleware.
+    /// Errors of the middleware while receiving.
     pub fn failures(&self) -> u64 {
         self.failures
     }
 
-    /// Publishers at this moment. Compare before and after a tick: a change explains allocations in it.
+    /// Present number of publishers. A change between two calls explains allocations in between.
     pub fn publishers(&self) -> usize {
         self.topic.connections().0
     }

@@ -1,7 +1,7 @@
-//! Joining an instance, and everything that can go wrong with its services.
+//! Joining an instance, and all errors of its services.
 //!
-//! Contract: every error names what was found, what is needed and what to do. Nothing of the middleware's own
-//! messages reaches the user's screen.
+//! Contract: every error names what was found, what is needed and the remedy. The middleware's own messages
+//! never reach the user.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use crate::instance::root::{Instance, InstanceError};
 /// Why a service could not be created, opened or used.
 #[derive(thiserror::Error)]
 pub enum ServiceError {
-    /// Nobody to talk to.
+    /// No daemon is running.
     #[error(
         "no daemon running for instance {number} (looked in {}): {}",
         root.display(), remedy(*number, *foreign)
@@ -22,12 +22,12 @@ pub enum ServiceError {
     NoDaemon {
         /// Number of the instance.
         number: u32,
-        /// Where it was looked for.
+        /// Directory searched.
         root: PathBuf,
-        /// Another user who seems to run one under this number.
+        /// Another user who seems to run a daemon under this number.
         foreign: Option<u32>,
     },
-    /// The other side was built from other message definitions.
+    /// The other side was built from different message definitions.
     #[error(
         "{service}: the running peers use another layout of {type_name} (theirs {theirs}, ours {ours:016x}): \
          use programs of one version of foretrace on all sides"
@@ -42,7 +42,7 @@ pub enum ServiceError {
         /// Our layout hash.
         ours: u64,
     },
-    /// The other side was built with other limits.
+    /// The other side was built with different limits.
     #[error(
         "{service}: the running peers have {what} {found}, we need exactly {expected}: \
          use programs of one version of foretrace on all sides"
@@ -50,43 +50,43 @@ pub enum ServiceError {
     DifferentQos {
         /// Name of the service.
         service: &'static str,
-        /// Which setting.
+        /// The setting.
         what: &'static str,
-        /// Theirs.
+        /// Their value.
         found: String,
-        /// Ours.
+        /// Our value.
         expected: usize,
     },
-    /// All places are taken.
+    /// All slots are taken.
     #[error("{service}: all {limit} places for {what} are taken: end one of them")]
     NoPlace {
         /// Name of the service.
         service: &'static str,
-        /// Of which kind.
+        /// Kind of slot.
         what: &'static str,
-        /// How many there are.
+        /// Number of slots.
         limit: usize,
     },
-    /// Everybody who may ask at a time is asking.
+    /// All slots for operators are taken.
     #[error(
         "all {limit} places for operators are taken, by processes {pids:?}: end those that hang (`kill -9`); \
          a stop needs \
          no place (`foretrace request stop`)"
     )]
     NoOperatorPlace {
-        /// How many there are.
+        /// Number of slots.
         limit: usize,
-        /// Who holds them, one for each.
+        /// Processes that hold them, once per slot.
         pids: Vec<u32>,
     },
-    /// A subscriber may not ask for this.
+    /// The buffer asked for is out of range.
     #[error("{service}: a buffer of {asked} messages was asked for, 1 to {limit} are possible")]
     BufferSize {
         /// Name of the service.
         service: &'static str,
-        /// What was asked for.
+        /// Size asked for.
         asked: usize,
-        /// The largest possible.
+        /// Largest size.
         limit: usize,
     },
     /// Files of the service are damaged.
@@ -97,7 +97,7 @@ pub enum ServiceError {
     Damaged {
         /// Name of the service.
         service: &'static str,
-        /// Where they are.
+        /// Their location.
         root: PathBuf,
     },
     /// The system refuses access.
@@ -106,7 +106,7 @@ pub enum ServiceError {
         /// Name of the service.
         service: &'static str,
     },
-    /// The first touch of a page that is not there would kill the process without a word.
+    /// Too little shared memory: the first touch of a missing page would kill the process without a message.
     #[error(
         "/dev/shm has {} KiB free, a program that attaches needs up to {} KiB: remove files there, or give \
          the container \
@@ -121,12 +121,12 @@ pub enum ServiceError {
     /// The instance itself cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// Anything else.
+    /// Another error.
     #[error("{service}: the middleware failed: {detail}")]
     Middleware {
         /// Name of the service.
         service: &'static str,
-        /// What it said.
+        /// The middleware's error.
         detail: String,
     },
 }
@@ -134,7 +134,7 @@ pub enum ServiceError {
 crate::debug_is_sentence!(ServiceError);
 
 impl ServiceError {
-    /// Nobody runs `instance`; looks whether another user does.
+    /// No daemon runs in `instance`; checks whether another user runs one.
     #[must_use]
     pub fn no_daemon(instance: &Instance) -> Self {
         Self::NoDaemon {
@@ -145,7 +145,7 @@ impl ServiceError {
     }
 }
 
-/// What to do where no daemon runs.
+/// Remedy if no daemon runs.
 fn remedy(number: u32, foreign: Option<u32>) -> String {
     let option = if number == 0 { String::new() } else { format!(" --instance {number}") };
     match foreign {
@@ -158,7 +158,7 @@ fn remedy(number: u32, foreign: Option<u32>) -> String {
     }
 }
 
-/// Upper bound of the shared memory that one more peer takes, the daemon's ends of its connections included.
+/// Upper bound of the shared memory of one more peer, including the daemon's ends of its connections.
 pub const PEER_MEMORY_LIMIT_BYTES: u64 = 1 << 20;
 
 /// A process's membership in an instance. May be sent to other threads; ports may not.
@@ -169,7 +169,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Join as the daemon, which holds the lock and has purged.
+    /// Joins as the daemon, which holds the lock and has purged.
     ///
     /// # Errors
     ///
@@ -178,7 +178,7 @@ impl Session {
         Self::join(instance, name)
     }
 
-    /// Join an instance whose daemon is up; leaves no trace if there is none.
+    /// Joins an instance whose daemon is up; leaves no trace if there is none.
     ///
     /// # Errors
     ///
@@ -206,7 +206,7 @@ impl Session {
     }
 
     fn join(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
-        // Its messages mean nothing to our users; every failure comes back as an error that does.
+        // Its messages mean nothing to our users; every failure is returned as an error that does.
         set_log_level(LogLevel::Fatal);
         let failed = |detail: String| ServiceError::Middleware { service: "foretrace", detail };
         let node = NodeBuilder::new()

@@ -1,9 +1,8 @@
-//! The services of an instance: their names, quality of service, creation by the daemon and opening by
-//! others.
+//! The publish-subscribe services of an instance: their names, quality of service, creation by the daemon and
+//! opening by others.
 //!
 //! Contract: only the daemon creates; others open, and then verify type, layout hash and quality of service
-//! exactly, because the middleware treats them as minimum and compares no layout. What does not match is
-//! refused.
+//! exactly, because the middleware treats them as minimum and compares no layout. Any difference is refused.
 
 use std::sync::Arc;
 
@@ -22,7 +21,7 @@ use crate::wire::pen::PenSample;
 use crate::wire::status::Status;
 use crate::wire::tick_record::TickRecord;
 
-/// Quality of service of a topic. Overflow is always on: the oldest message gives way.
+/// Quality of service of a topic. Overflow is always on: the oldest message is overwritten.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Qos {
     /// Publishers at a time.
@@ -31,11 +30,11 @@ pub struct Qos {
     pub subscribers: usize,
     /// Largest buffer of a subscriber \[messages\].
     pub buffer: usize,
-    /// Messages a late subscriber gets.
+    /// Messages that a late subscriber gets.
     pub history: usize,
 }
 
-/// A message that travels by publish-subscribe.
+/// A message sent by publish-subscribe.
 pub trait Message: Validate {
     /// Name of its service.
     const SERVICE: &'static str;
@@ -76,7 +75,7 @@ message! {
     Enable:       "foretrace/enable",      1, 2,   4, 0;
 }
 
-/// Processes that may use one service at a time.
+/// Processes that may use one service at the same time.
 pub const MAX_PEERS: usize = 16;
 /// Upper bound of the shared memory of one instance.
 pub const SHARED_MEMORY_LIMIT_BYTES: u64 = 8 << 20;
@@ -90,7 +89,7 @@ pub struct Topic<T: Message> {
 }
 
 impl<T: Message> Topic<T> {
-    /// Create it, or take over one that living peers kept; for the daemon.
+    /// Creates it, or takes over one that living peers kept; for the daemon.
     ///
     /// # Errors
     ///
@@ -115,7 +114,7 @@ impl<T: Message> Topic<T> {
         Self { factory: Arc::new(factory) }.verified()
     }
 
-    /// Open it; for everybody else.
+    /// Opens it; for all other processes.
     ///
     /// # Errors
     ///
@@ -171,7 +170,7 @@ pub struct Services {
 }
 
 impl Services {
-    /// Create all of them; for the daemon.
+    /// Creates all of them; for the daemon.
     ///
     /// # Errors
     ///
@@ -188,7 +187,7 @@ impl Services {
         })
     }
 
-    /// Open all of them; for everybody else.
+    /// Opens all of them; for all other processes.
     ///
     /// # Errors
     ///
@@ -205,7 +204,7 @@ impl Services {
         })
     }
 
-    /// Whether these are the services of `other`, not new ones of the same names.
+    /// Whether these are the services of `other`, not new ones with the same names.
     pub fn are_same_as(&self, other: &Self) -> bool {
         self.pen.factory.unique_service_id() == other.pen.factory.unique_service_id()
     }

@@ -1,22 +1,23 @@
-//! `ArmLag`: how late the arm is, as measured, and what the plan makes of it. Part of [`crate::TickRecord`]
-//! and [`crate::Status`].
+//! `ArmLag`: the measured lag of the arm, and the plan's dead time. Part of [`crate::TickRecord`] and
+//! [`crate::Status`].
 
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::layout::wire;
 
 wire! {
-    /// The arm's lag from a command's stamp to the motion, measured while it works.
+    /// The arm's lag from a command's stamp to the motion, measured in normal operation.
     "foretrace.ArmLagV1"
     pub struct ArmLag {
-        /// Dead time that the plan looks ahead by \[ns\].
+        /// Dead time by which the plan looks ahead \[ns\].
         pub dead_time_ns: u64,
         /// Group delay at low frequency \[s\].
         pub lag_s: f64,
-        /// Its standard deviation \[s\]; negative: the lag is not known, and the two beside it mean nothing.
+        /// Its standard deviation \[s\]; negative: the lag is unknown, and the fields beside it are
+        /// meaningless.
         pub std_s: f64,
-        /// Shift of the commands that fits the recent motion best \[s\]; shorter than the group delay where
-        /// the arm is a filter.
+        /// Shift of the commands that fits the recent motion best \[s\]; shorter than the group delay if the
+        /// arm is a filter.
         pub shift_s: f64,
     }
 }
@@ -27,7 +28,7 @@ impl ArmLag {
         Self { dead_time_ns, lag_s: 0.0, std_s: -1.0, shift_s: 0.0 }
     }
 
-    /// Something was measured.
+    /// Whether a lag was measured.
     pub fn is_known(&self) -> bool {
         self.std_s >= 0.0
     }

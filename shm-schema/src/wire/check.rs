@@ -1,7 +1,7 @@
-//! Refusing what must not enter: checks of single fields, the reasons of refusal, and counters per reason.
+//! Validation of messages: checks of single fields, the reasons of refusal, and counters per reason.
 //!
-//! Contract: pure, no allocation, total for every bit pattern. A refusal names its reason, the field, what
-//! was found there and the bound it broke, so that whoever sent it can mend it.
+//! Contract: pure, no allocation, total for every bit pattern. A refusal names its reason, the field, the
+//! value found and the bound it broke, so that the sender can be fixed.
 
 use std::fmt;
 
@@ -11,18 +11,18 @@ use super::layout::{Wire, wire};
 use super::pen::PEN_POSITION_LIMIT_M;
 use super::vocabulary::{REJECT_REASONS, RejectReason, UnknownValue};
 
-/// One refusal. Two are equal when reason and field are: the evidence differs from message to message.
+/// One refusal. Two are equal if reason and field are: the evidence differs from message to message.
 #[derive(Clone, Copy, thiserror::Error)]
 pub struct Rejection {
-    /// Why.
+    /// The reason.
     pub reason: RejectReason,
-    /// Which field.
+    /// The field.
     pub field: &'static str,
-    /// Which element of it, where it is an array.
+    /// The element, if the field is an array.
     pub index: Option<u8>,
-    /// What was found, in the field's unit; for stamps the distance from what was expected \[s\].
+    /// The value found, in the field's unit; for stamps the distance from the expected value \[s\].
     pub value: f64,
-    /// The bound that was broken, in the same unit; NaN where there is none.
+    /// The bound that was broken, in the same unit; NaN if there is none.
     pub bound: f64,
 }
 
@@ -43,7 +43,7 @@ impl Rejection {
         Self { reason, field, index: None, value: f64::NAN, bound: f64::NAN }
     }
 
-    /// The same with what was found and the bound it broke.
+    /// The same with the value found and the bound it broke.
     #[must_use]
     pub const fn because(self, value: f64, bound: f64) -> Self {
         Self { value, bound, ..self }
@@ -56,7 +56,7 @@ impl Rejection {
     }
 }
 
-/// Unit of a field, by its name; empty where it has none.
+/// Unit of a field, by its name; empty if it has none.
 fn unit(field: &str) -> &'static str {
     match field {
         "q" | "tilt_x_rad" | "tilt_y_rad" => " rad",
@@ -66,7 +66,7 @@ fn unit(field: &str) -> &'static str {
     }
 }
 
-/// What a value far out of range most likely is.
+/// The likely cause of a value far out of range.
 fn guess(field: &str, value: f64) -> &'static str {
     match field {
         "q" if value.abs() <= 720.0 => ": degrees?",
@@ -77,7 +77,7 @@ fn guess(field: &str, value: f64) -> &'static str {
     }
 }
 
-/// A stamp this far ahead is of another clock, not early \[s\].
+/// A stamp this far ahead is from another clock, not early \[s\].
 const ANOTHER_CLOCK_S: f64 = 3600.0;
 
 impl fmt::Display for Rejection {
@@ -98,11 +98,11 @@ impl fmt::Display for Rejection {
                 write!(f, " lies {value:.6} s before that command was sent: stamp by CLOCK_MONOTONIC")
             }
             _ if field == "predictor" => {
-                write!(f, " is no name: 1 to 27 lower-case letters, digits and hyphens")
+                write!(f, " is not a name: 1 to 27 lower-case letters, digits and hyphens")
             }
             RejectReason::NotFinite => write!(f, " = {value}: it must be a finite number"),
             RejectReason::OutOfRange if bound.is_nan() => write!(f, " is out of range"),
-            // The device's own edge, which is on one side.
+            // The device's own edge, which is one-sided.
             RejectReason::OutOfRange
                 if matches!(field, "x_m" | "y_m") && bound.abs() < PEN_POSITION_LIMIT_M =>
             {
@@ -116,7 +116,7 @@ impl fmt::Display for Rejection {
                 let unit = unit(field);
                 write!(f, " = {value:.4}{unit}, legal ±{bound:.4}{unit}{}", guess(field, value))
             }
-            RejectReason::UnknownEnum if !value.is_nan() => write!(f, " = {value} stands for nothing"),
+            RejectReason::UnknownEnum if !value.is_nan() => write!(f, " = {value} is not a known value"),
             RejectReason::FromTheFuture if value.is_nan() => write!(f, " lies in the future"),
             RejectReason::FromTheFuture if value > ANOTHER_CLOCK_S => write!(
                 f,
@@ -152,14 +152,14 @@ wire! {
 }
 
 impl Rejections {
-    /// Count one refusal.
+    /// Counts one refusal.
     pub fn count(&mut self, rejection: Rejection) {
         if let Some(counter) = self.by_reason.get_mut(rejection.reason as usize) {
             *counter = counter.saturating_add(1);
         }
     }
 
-    /// How often for this reason.
+    /// Count for this reason.
     pub fn of(&self, reason: RejectReason) -> u64 {
         self.by_reason.get(reason as usize).copied().unwrap_or(0)
     }
@@ -170,13 +170,13 @@ impl Rejections {
     }
 }
 
-/// A message body that can say whether its numbers make sense.
+/// A message body that can be validated.
 pub trait Validate: Wire {
-    /// Check every field but the header.
+    /// Checks every field but the header.
     ///
     /// # Errors
     ///
-    /// The first field that is not finite, out of range, or holds an unknown enum or flag.
+    /// The first field that is non-finite, out of range, or holds an unknown enum or flag.
     fn validate(&self) -> Result<(), Rejection>;
 }
 

@@ -1,4 +1,4 @@
-//! The one clock all stamps are on, and the number that says which boot it belongs to.
+//! The clock of all stamps, and the number that identifies its boot.
 
 use std::sync::OnceLock;
 
@@ -11,8 +11,8 @@ pub fn monotonic_now_ns() -> u64 {
 
 /// Hash of the kernel's boot id: equal for all processes of this boot of this host, never zero.
 ///
-/// The first call reads a file; call it once before real-time work. Where the file is missing the answer is
-/// the same constant for everybody, so that processes still agree.
+/// The first call reads a file; call it once before real-time work. If the file is missing the result is the
+/// same constant in every process.
 pub fn host_boot_id() -> u64 {
     static BOOT_ID: OnceLock<u64> = OnceLock::new();
     *BOOT_ID.get_or_init(|| {

@@ -1,4 +1,4 @@
-//! `ControlRequest` and `ControlResponse`: the operator's questions and the daemon's answers.
+//! `ControlRequest` and `ControlResponse`: requests of operators and the daemon's answers.
 
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
@@ -15,7 +15,7 @@ wire! {
     /// One request.
     "foretrace.ControlRequestV3"
     pub struct ControlRequest {
-        /// Chosen by the client, given back in the response.
+        /// Chosen by the client, returned in the response.
         pub token: u64,
         /// When it was sent, on the monotonic clock \[ns\]: a request to arm does not undo a stop that came
         /// after it.
@@ -41,17 +41,17 @@ wire! {
         pub boot_id: u64,
         /// The daemon's `daemon_id`, as in its status.
         pub daemon_id: u64,
-        /// A number that belongs to the answer: trust α for most, the offending value for refusals.
+        /// A number of the answer: trust α for most, the invalid value for refusals.
         pub value: f64,
         /// [`ControlStatus`].
         pub status: i32,
-        /// A number that belongs to the answer: the [`crate::Mode`] for `Ok`, joint or line for refusals.
+        /// A number of the answer: the [`crate::Mode`] for `Ok`, joint or line for refusals.
         pub detail: u32,
         /// Bytes of `message` in use.
         pub message_len: u32,
         /// Zero.
         pub reserved: u32,
-        /// Reason for people, UTF-8.
+        /// Text for people, UTF-8.
         pub message: [u8; MESSAGE_BYTES],
     }
 }
@@ -78,7 +78,7 @@ impl ControlResponse {
         response
     }
 
-    /// The text; what is not UTF-8 is replaced, whatever a foreign daemon wrote.
+    /// The text; bytes that are not UTF-8 are replaced.
     pub fn text(&self) -> String {
         let len = (self.message_len as usize).min(MESSAGE_BYTES);
         String::from_utf8_lossy(self.message.get(..len).unwrap_or_default()).into_owned()
@@ -89,7 +89,7 @@ impl ControlResponse {
         ControlStatus::try_from(self.status).unwrap_or(ControlStatus::Internal)
     }
 
-    /// Whether the request was fulfilled or taken.
+    /// Whether the request was carried out or accepted.
     pub fn is_success(&self) -> bool {
         self.status >= 0 && ControlStatus::try_from(self.status).is_ok()
     }
@@ -107,7 +107,7 @@ impl Validate for ControlRequest {
         let op = known::<_, ControlOp>("op", self.op)?;
         number("value", self.value, 1e6)?;
         match op {
-            // Compared as it is: a difference would round the smallest negative numbers to legal ones.
+            // Compared directly: a difference would round the smallest negative numbers to legal ones.
             ControlOp::SetTrust if !(0.0..=1.0).contains(&self.value) => {
                 Err(Rejection::new(RejectReason::OutOfRange, "value"))
             }
@@ -148,7 +148,7 @@ mod tests {
         assert_eq!(unknown.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "op")));
         let unnamed = request(ControlOp::SwitchPredictor);
         assert_eq!(unnamed.validate().unwrap_err().field, "predictor");
-        // Whether there is such a predictor is the daemon's to say.
+        // Whether the predictor exists is for the daemon to say.
         let named = ControlRequest { predictor: PredictorName::new("my-own").unwrap(), ..unnamed };
         assert_eq!(named.validate(), Ok(()));
         let noise =

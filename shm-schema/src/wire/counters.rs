@@ -1,5 +1,5 @@
-//! Everything the daemon counts since its start. The same block stands in every `TickRecord` and `Status`:
-//! nothing is dropped or refused without a number here.
+//! Totals of the daemon since its start, part of every `TickRecord` and `Status`: everything dropped or
+//! refused is counted here.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -32,7 +32,7 @@ wire! {
         pub pen_outliers: u64,
         /// Gaps in the pen's device stamps.
         pub pen_gaps: u64,
-        /// Ticks that left pen samples for the next one, because one takes only so many.
+        /// Ticks that left pen samples for the next one, because a tick takes a bounded number.
         pub pen_deferred_ticks: u64,
         /// Pen samples refused, by reason.
         pub pen_rejected: Rejections,
@@ -48,7 +48,7 @@ wire! {
         pub enable_rejected: u64,
         /// Dead-man messages missing in the sender's sequence.
         pub enable_dropped: u64,
-        /// Receives that failed in the middleware.
+        /// Errors of the middleware while receiving.
         pub receive_failures: u64,
         /// Tick records lost because the ring to the ipc thread was full.
         pub telemetry_ring_dropped: u64,
@@ -60,13 +60,13 @@ wire! {
         pub weights_refused: u64,
         /// Sets of weights that a newer set overtook before the loop took them up.
         pub weights_overtaken: u64,
-        /// Events of the learner lost because nobody took them off its channel in time.
+        /// Events of the learner lost because its channel was full.
         pub learner_events_lost: u64,
         /// Requests answered.
         pub requests: u64,
         /// Requests answered with a refusal.
         pub requests_refused: u64,
-        /// Heap allocations on the real-time thread after warm-up, ticks with a connection change left out.
+        /// Heap allocations on the real-time thread after warm-up, except in ticks with a connection change.
         pub allocations: u64,
         /// Heap allocations in ticks in which a port connected or disconnected.
         pub connection_allocations: u64,

@@ -13,7 +13,7 @@ macro_rules! wire_flags {
             /// Every bit that has a meaning.
             pub const ALL: u32 = 0 $(| $flag)+;
 
-            /// Words for the bits set in `mask`, lowest bit first; unknown bits are left out.
+            /// Labels of the bits set in `mask`, lowest bit first; unknown bits are left out.
             pub fn labels(mask: u32) -> impl Iterator<Item = &'static str> {
                 [$(($flag, $label)),+].into_iter().filter(move |(bit, _)| mask & bit != 0).map(|(_,
                     label)| label)
@@ -27,7 +27,7 @@ wire_flags! {
     pub mod pen_flags {
         /// The pen touches the surface.
         CONTACT = 0 => "contact",
-        /// The pen is close enough to be seen.
+        /// The pen is in range.
         IN_RANGE = 1 => "in range",
         /// First side button.
         BUTTON_1 = 2 => "button 1",
@@ -37,7 +37,7 @@ wire_flags! {
         BUTTON_3 = 4 => "button 3",
         /// The eraser end.
         ERASER = 5 => "eraser",
-        /// Made, not measured: travel inserted between recorded strokes.
+        /// Synthetic, not measured: travel inserted between recorded strokes.
         SYNTHETIC = 6 => "synthetic",
     }
 }
@@ -45,7 +45,7 @@ wire_flags! {
 wire_flags! {
     /// Bits of `JointCommand::flags`.
     pub mod command_flags {
-        /// The arm shall follow; without it the consumer stands still.
+        /// The arm must follow; without it the consumer stands still.
         ENABLED = 0 => "enabled",
         /// First command after arming: it begins at rest where the arm stands. Every other one continues the
         /// one before.
@@ -68,9 +68,9 @@ wire_flags! {
         PEN_DISORDER = 3 => "pen disorder",
         /// A pen sample was refused.
         PEN_REJECTED = 4 => "pen rejected",
-        /// The predictor gave something unusable.
+        /// The predictor's output was unusable.
         PREDICTOR_UNHEALTHY = 5 => "predictor unhealthy",
-        /// The preview was cut to what a hand can do.
+        /// The preview was bounded to what a hand can do.
         PREVIEW_CLAMPED = 6 => "preview clamped",
         /// The reference was outside the workspace.
         WORKSPACE_CLAMPED = 7 => "workspace clamped",
@@ -106,7 +106,7 @@ wire_flags! {
         LEARNER_RING_FULL = 22 => "learner ring full",
         /// The telemetry ring was full.
         TELEMETRY_RING_FULL = 23 => "telemetry ring full",
-        /// A number became infinite or NaN and was replaced.
+        /// A number became non-finite and was replaced.
         NOT_FINITE = 24 => "not finite",
         /// The robot reports a safety mode that forbids motion.
         ROBOT_NOT_READY = 25 => "robot not ready",
@@ -118,7 +118,7 @@ wire_flags! {
         ALLOCATED = 28 => "allocated",
         /// The IK had no usable solution; it clamped or braked.
         IK_FAILED = 29 => "ik failed",
-        /// Keeping clear of a plane, a box or the arm itself held the motion back.
+        /// Clearance rows held the motion back.
         CLEARANCE = 30 => "held clear",
     }
 }
@@ -126,7 +126,7 @@ wire_flags! {
 wire_flags! {
     /// Bits of `TickRecord::guard_mask`: what the guard altered.
     pub mod guard_mask {
-        /// A number was not finite.
+        /// A non-finite number.
         NOT_FINITE = 0 => "not finite",
         /// A position limit.
         POSITION = 1 => "position",
@@ -140,13 +140,13 @@ wire_flags! {
         DISCONTINUOUS = 5 => "discontinuous",
         /// Could not have stopped inside the position limits.
         UNSTOPPABLE = 6 => "unstoppable",
-        /// The last command was too long ago; only so much motion is allowed.
+        /// The last command was too long ago; the motion was bounded.
         GAP = 7 => "gap",
     }
 }
 
 wire_flags! {
-    /// Bits of `Status::missing_rights`: what the system refused the real-time thread.
+    /// Bits of `Status::missing_rights`: rights that the system refused to the real-time thread.
     pub mod missing_rights {
         /// SCHED_FIFO.
         FIFO = 0 => "real-time scheduling",

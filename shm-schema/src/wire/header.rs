@@ -1,8 +1,8 @@
 //! The header that begins every message, and the receiver's check of it.
 //!
-//! Contract: [`HeaderCheck::admit`] is pure apart from its own memory, allocates nothing and accepts a
-//! message only if it was stamped under this boot, not in the future, not too old, and after the previous one
-//! of its sender.
+//! Contract: [`HeaderCheck::admit`] depends on its own memory only, allocates nothing and accepts a message
+//! only if it was stamped under this boot, not in the future, not too old, and after the previous one of its
+//! sender.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -14,7 +14,7 @@ wire! {
     /// First field of every message.
     "foretrace.HeaderV1"
     pub struct Header {
-        /// Counts the messages of one publisher, from 1.
+        /// Sequence number of the message of its publisher, from 1.
         pub sequence: u64,
         /// Monotonic clock \[ns\]: when it was sent, except for commands (see `JointCommand`).
         pub stamp_ns: u64,
@@ -30,7 +30,7 @@ impl Header {
     }
 }
 
-/// What a receiver tolerates in a header.
+/// Tolerances of a receiver for headers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HeaderBounds {
     /// How far a stamp may lie after the receiver's clock \[ns\].
@@ -58,12 +58,12 @@ pub struct HeaderCheck {
 }
 
 impl HeaderCheck {
-    /// Accept only messages stamped under `boot_id`.
+    /// Accepts only messages stamped under `boot_id`.
     pub fn new(boot_id: u64, bounds: HeaderBounds) -> Self {
         Self { boot_id, bounds, last: None, dropped: 0, restarts: 0 }
     }
 
-    /// Admit or refuse `header` at `now_ns`, and remember it if admitted.
+    /// Admits or refuses `header` at `now_ns`, and remembers it if admitted.
     ///
     /// # Errors
     ///

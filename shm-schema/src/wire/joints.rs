@@ -1,7 +1,7 @@
 //! `JointCommand` (daemon to arm), `JointState` (arm to daemon) and the dead-man `Enable`.
 //!
-//! Consumer rule for commands: follow q + q̇·(now − stamp) until `valid_until_ns`, then brake by itself.
-//! Until the stamp this interpolates between two commands, after it it extrapolates.
+//! Consumer rule for commands: follow q + q̇·(now − stamp) until `valid_until_ns`, then brake independently.
+//! Before the stamp this interpolates between two commands, after it it extrapolates.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -17,13 +17,13 @@ wire! {
     /// Joint positions to be reached at `header.stamp_ns`, one control period after the tick that made them.
     "foretrace.JointCommandV2"
     pub struct JointCommand {
-        /// Stamp: the instant `q` holds for; in the future by up to one period.
+        /// Stamp: the time at which `q` holds; up to one period in the future.
         pub header: Header,
         /// When it was sent \[ns\].
         pub published_ns: u64,
         /// The tick that made it.
         pub tick: u64,
-        /// From here on the consumer brakes by itself \[ns\].
+        /// The consumer brakes from this time on \[ns\].
         pub valid_until_ns: u64,
         /// Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none.
         pub pen_sequence: u64,
@@ -41,7 +41,7 @@ wire! {
 }
 
 wire! {
-    /// What the arm measured.
+    /// Measured state of the arm.
     "foretrace.JointStateV2"
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
@@ -50,7 +50,7 @@ wire! {
         pub robot_stamp_ns: u64,
         /// Tick of the newest command accepted; 0: none. This and the next three are filled in by `echo`.
         pub command_tick: u64,
-        /// When that command was accepted, on this host's clock \[ns\]; 0: not known.
+        /// When that command was accepted, on this host's clock \[ns\]; 0: unknown.
         pub command_accepted_ns: u64,
         /// `pen_sequence` of that command.
         pub pen_sequence: u64,
@@ -74,20 +74,20 @@ wire! {
 }
 
 wire! {
-    /// The operator's dead-man, 50 times per second. Its absence stops too.
+    /// The operator's dead-man, 50 times per second. Its absence is a stop too.
     "foretrace.EnableV1"
     pub struct Enable {
         /// Stamp: when it was sent.
         pub header: Header,
-        /// 0: go on; anything else: stop.
+        /// 0: continue; anything else: stop.
         pub stop: u32,
         /// Zero.
         pub reserved: u32,
     }
 }
 
-/// Largest joint position on the wire \[rad\]: two turns, one more than any joint of a UR has. An arm that
-/// speaks degrees is found by it wherever a joint stands beyond 12.6 degrees.
+/// Largest joint position on the wire \[rad\]: two turns, one more than any joint of a UR has. It exposes an
+/// arm that sends degrees as soon as a joint is beyond 12.6 degrees.
 pub const JOINT_POSITION_LIMIT_RAD: f64 = 4.0 * std::f64::consts::PI;
 /// Largest joint velocity on the wire \[rad/s\].
 pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
@@ -95,8 +95,7 @@ pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
 pub const EFFORT_LIMIT: f64 = 1e5;
 
 impl JointState {
-    /// Echo `command`, accepted at `accepted_ns` on this host's clock: the way back of its pen sample's
-    /// identity.
+    /// Echoes `command`, accepted at `accepted_ns` on this host's clock, with the identity of its pen sample.
     pub fn echo(&mut self, command: &JointCommand, accepted_ns: u64) {
         self.command_tick = command.tick;
         self.command_accepted_ns = accepted_ns;

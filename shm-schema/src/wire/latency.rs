@@ -1,4 +1,4 @@
-//! `Latency`: how long one part of the way from pen to arm took, as percentiles and as a histogram.
+//! `Latency`: duration of one part of the way from pen to arm, as percentiles and as a histogram.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -9,15 +9,15 @@ use super::status::Percentiles;
 pub const LATENCY_BINS: usize = 20;
 
 wire! {
-    /// Spread of a latency since the daemon started, after warm-up.
+    /// Distribution of a latency since the daemon started, after warm-up.
     "foretrace.LatencyV1"
     pub struct Latency {
-        /// How often it was measured.
+        /// Number of measurements.
         pub count: u64,
         /// Percentiles, saturated at 4.29 s.
         pub percentiles: Percentiles,
-        /// How often it was shorter than [`Latency::edge_us`] and not shorter than the edge before; the last
-        /// bin counts the rest, saturated.
+        /// Counts of measurements below [`Latency::edge_us`] and not below the edge before; the last bin
+        /// counts the rest, saturated.
         pub bins: [u32; LATENCY_BINS],
     }
 }

@@ -25,10 +25,10 @@ pub struct Field {
     pub type_hash: u64,
 }
 
-/// Anything that may be a field of a message: fixed-width numbers, arrays of them, other wire types.
+/// A type that may be a field of a message: fixed-width numbers, arrays of them, other wire types.
 ///
-/// `bool`, `char`, enums, references and `usize` are left out on purpose: a foreign writer could store a bit
-/// pattern that is undefined behaviour to read, or that has another size in another process.
+/// `bool`, `char`, enums, references and `usize` are excluded: a foreign writer could store a bit pattern
+/// that is undefined behaviour to read, or that has another size in another process.
 pub trait Wire: Debug + Copy + PartialEq + ZeroCopySend + 'static {
     /// The fields of a struct in order of declaration; empty for numbers and arrays.
     const FIELDS: &'static [Field];
@@ -36,9 +36,9 @@ pub trait Wire: Debug + Copy + PartialEq + ZeroCopySend + 'static {
     const LAYOUT_HASH: u64;
     /// All bytes zero.
     const ZERO: Self;
-    /// Append the little-endian bytes.
+    /// Appends the little-endian bytes.
     fn put(&self, bytes: &mut Vec<u8>);
-    /// Take the value from the front of `bytes`; `None` when there are too few.
+    /// Takes the value from the front of `bytes`; `None` if there are too few.
     fn get(bytes: &mut &[u8]) -> Option<Self>;
 }
 
@@ -128,7 +128,7 @@ impl<T: Wire, const N: usize> Wire for [T; N] {
 }
 
 // `ZeroCopySend` must be imported where this is used: its derive names the trait without a path.
-/// Declare a wire type: `wire! { "type.nameV1" pub struct Name { pub field: type, … } }`.
+/// Declares a wire type: `wire! { "type.nameV1" pub struct Name { pub field: type, … } }`.
 macro_rules! wire {
     ($(#[$meta:meta])* $name:literal pub struct $type:ident {
         $($(#[$field_meta:meta])* pub $field:ident: $field_type:ty),+ $(,)?

@@ -1,7 +1,7 @@
-//! Messages: what crosses a process border, byte for byte, and what a receiver checks of it.
+//! Messages: the bytes that cross a process border, and a receiver's checks of them.
 //!
-//! Contract: pure but for the clock and the boot id that every header carries. Nothing here knows where an
-//! instance keeps its files or how a message travels.
+//! Contract: pure except for the clock and the boot id in every header. Independent of an instance's files
+//! and of the transport.
 
 pub mod layout;
 pub(crate) mod sentence;

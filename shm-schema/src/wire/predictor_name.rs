@@ -1,9 +1,9 @@
-//! `PredictorName`: a predictor's name as text, so that a message can carry one that its reader has never
-//! heard of.
+//! `PredictorName`: a predictor's name as text, so that a message can carry one that its reader does not
+//! know.
 //!
 //! Contract: lower-case letters, digits and hyphens, then NUL to the end, at least one; all NUL: none. Total
-//! for every bit pattern: what a foreign writer put there is a name, none, or refused, and never reaches a
-//! terminal or a log.
+//! for every bit pattern: the bytes of a foreign writer are a name, none, or refused, and never reach a
+//! terminal or a log unchecked.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ impl PredictorName {
     /// No name.
     pub const NONE: Self = Self { bytes: [0; PREDICTOR_NAME_BYTES] };
 
-    /// `text` as a name; `None` where it is none: empty, longer than 27 bytes, or other than lower-case
+    /// `text` as a name; `None` if it is empty, longer than 27 bytes, or has other characters than lower-case
     /// letters, digits and hyphens.
     #[must_use]
     pub fn new(text: &str) -> Option<Self> {
@@ -38,13 +38,13 @@ impl PredictorName {
         (name.text() == Some(text) && !text.is_empty()).then_some(name)
     }
 
-    /// The name; `None` where there is none, or none that is legal.
+    /// The name; `None` if there is none, or an illegal one.
     #[must_use]
     pub fn as_str(&self) -> Option<&str> {
         self.text().filter(|text| !text.is_empty())
     }
 
-    /// What the bytes say, nothing included.
+    /// The bytes as text, possibly empty.
     fn text(&self) -> Option<&str> {
         let end = self.bytes.iter().position(|byte| *byte == 0)?;
         let (text, padding) = self.bytes.split_at_checked(end)?;
@@ -65,7 +65,7 @@ impl PredictorName {
     }
 }
 
-/// The name as it is, known or not; `unknown` where there is none.
+/// The name, known or not; `unknown` if there is none.
 impl fmt::Display for PredictorName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.as_str().unwrap_or("unknown"))

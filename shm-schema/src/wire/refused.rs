@@ -1,4 +1,4 @@
-//! `Refused`: the newest message of a kind that the daemon did not take, and why, for whoever can mend it.
+//! `Refused`: the newest message of a kind that the daemon refused, and why.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use super::vocabulary::{RejectReason, UnknownValue, wire_enum};
 wire_enum! {
     /// The fields that a refusal may name; labels are the fields' names.
     pub enum RejectField: u32 {
-        /// A field without a number of its own here.
+        /// A field without a number here.
         Other = 0 => "another field",
         /// Joint positions.
         Q = 1 => "q",
@@ -41,7 +41,7 @@ wire_enum! {
         Sequence = 13 => "sequence",
         /// Boot of the header.
         Boot = 14 => "boot_id",
-        /// When the pen was there.
+        /// When the pen was sampled.
         DeviceStamp = 15 => "device_stamp_ns",
         /// Echoed tick.
         CommandTick = 16 => "command_tick",
@@ -60,11 +60,11 @@ wire! {
         pub reason: u32,
         /// [`RejectField`].
         pub field: u32,
-        /// Element of the field, where it is an array; −1: none.
+        /// Element of the field, if it is an array; −1: none.
         pub index: i32,
         /// Zero.
         pub reserved: u32,
-        /// What was found, in the field's unit; for stamps the distance from what was expected \[s\].
+        /// The value found, in the field's unit; for stamps the distance from the expected value \[s\].
         pub value: f64,
         /// The bound that was broken, in the same unit; NaN: none.
         pub bound: f64,
@@ -92,7 +92,7 @@ impl Refused {
         }
     }
 
-    /// The refusal; `None` where nothing was refused or the numbers stand for nothing.
+    /// The refusal; `None` if nothing was refused or the numbers are unknown.
     #[must_use]
     pub fn rejection(&self) -> Option<Rejection> {
         let reason = RejectReason::try_from(self.reason).ok().filter(|_| self.at_ns != 0)?;
@@ -102,7 +102,7 @@ impl Refused {
     }
 }
 
-/// Field, value, bound and what it most likely is; empty where nothing was refused.
+/// Field, value, bound and likely cause; empty if nothing was refused.
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.rejection().map_or(Ok(()), |rejection| rejection.fmt(f))

@@ -1,4 +1,4 @@
-//! What a robot says about itself, in the numbers of Universal Robots' real-time interface.
+//! Modes that a robot reports, with the numbers of Universal Robots' real-time interface.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ wire_enum! {
         Fault = 9 => "fault",
         /// Joint identity being checked.
         ValidateJointId = 10 => "validate joint id",
-        /// Undefined, as the robot itself says.
+        /// Undefined, as reported by the robot.
         Undefined = 11 => "undefined",
     }
 }

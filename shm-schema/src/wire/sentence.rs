@@ -1,7 +1,7 @@
 //! Errors whose `Debug` form is their sentence.
 //!
-//! A program whose `main` returns an error shows its `Debug` form. For the errors that users meet that has to
-//! be the sentence with the remedy, not names of variants and fields.
+//! A program whose `main` returns an error shows its `Debug` form. For errors that users see this must be the
+//! sentence with the remedy, not names of variants and fields.
 
 /// Implements `Debug` by `Display` for each type.
 #[macro_export]

@@ -1,4 +1,4 @@
-//! `Status`: what the daemon says about itself ten times per second and on every change.
+//! `Status`: the daemon's state, sent ten times per second and on every change.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ use super::tick_record::Chain;
 use super::vocabulary::{FaultReason, Mode, STAGES, Stage, TrustReason, UnknownValue, wire_enum};
 
 wire! {
-    /// Spread of a duration \[ns\], saturated.
+    /// Distribution of a duration \[ns\], saturated.
     "foretrace.PercentilesV1"
     pub struct Percentiles {
         /// Median.
@@ -33,8 +33,8 @@ wire! {
 }
 
 wire! {
-    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: not
-    /// known. Lags are the shift of the pen that fits the tool best, −0.05 to 0.2; NaN: not known.
+    /// How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: unknown.
+    /// Lags are the shift of the pen that fits the tool best, −0.05 to 0.2; NaN: unknown.
     "foretrace.TrackingV1"
     pub struct Tracking {
         /// Root mean square distance while the pen writes, over the last seconds of writing \[m\].
@@ -43,7 +43,7 @@ wire! {
         pub session_rms_m: f64,
         /// The same since arming, hovering included \[m\].
         pub hover_rms_m: f64,
-        /// How late the tool is behind the pen, over the last seconds of writing \[s\].
+        /// Lag of the tool behind the pen, over the last seconds of writing \[s\].
         pub recent_lag_s: f64,
         /// The same since arming \[s\].
         pub session_lag_s: f64,
@@ -62,14 +62,14 @@ impl Tracking {
 }
 
 wire! {
-    /// The straight way home, from the measured joints, or what is left of it while the arm moves along it.
+    /// The straight way home from the measured joints, or the rest of it while the arm moves along it.
     "foretrace.WayHomeV1"
     pub struct WayHome {
-        /// How far the joint that turns farthest is from home \[rad\]; negative: not known.
+        /// Distance from home of the joint that turns farthest \[rad\]; negative: unknown.
         pub farthest_rad: f64,
-        /// How long the way takes, or the rest of it, with nothing near \[s\]; negative: not known.
+        /// Duration of the way, or of the rest of it, without obstacles \[s\]; negative: unknown.
         pub left_s: f64,
-        /// In mode [`Mode::Homing`], the share of the way that was gone; negative: in another mode.
+        /// In mode [`Mode::Homing`], the fraction of the way done; negative: in another mode.
         pub share: f64,
         /// The joint that turns farthest, from 0, base first.
         pub joint: u32,
@@ -92,18 +92,18 @@ wire_enum! {
         Approaching = 1 => "approaching",
         /// Ticks were missing; the ghost starts anew and is given time to settle.
         Settling = 2 => "settling",
-        /// It can.
+        /// Compared.
         Comparable = 3 => "comparable",
     }
 }
 
 wire! {
-    /// State of the daemon. Spreads are over all ticks since start, after warm-up.
+    /// State of the daemon. Distributions are over all ticks since start, after warm-up.
     "foretrace.StatusV6"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
-        /// Differs from start to start of a daemon.
+        /// Identifies this start of the daemon.
         pub daemon_id: u64,
         /// Process number.
         pub pid: u32,
@@ -121,34 +121,33 @@ wire! {
         pub tick: u64,
         /// Since the daemon started \[ns\].
         pub uptime_ns: u64,
-        /// Counts changes of live settings.
+        /// Number of changes of live settings.
         pub settings_revision: u64,
         /// Hash of the settings file.
         pub settings_hash: u64,
 
-        /// Spread of each [`Stage`].
+        /// Distribution of each [`Stage`].
         pub stages: [Percentiles; STAGES],
         /// Totals.
         pub counters: Counters,
 
         /// Trust α.
         pub trust: f64,
-        /// Where α is going.
+        /// Target of α.
         pub trust_target: f64,
         /// [`TrustReason`].
         pub trust_reason: u32,
-        /// Who predicts; none before the first tick.
+        /// The active predictor; none before the first tick.
         pub predictor: PredictorName,
         /// Age of the newest pen sample \[ns\]; `u64::MAX`: none.
         pub pen_age_ns: u64,
         /// Age of the newest joint state \[ns\]; `u64::MAX`: none.
         pub joint_state_age_ns: u64,
-        /// Latencies part by part, each the median over about the last second.
+        /// Parts of the latency, each the median over about the last second.
         pub chain: Chain,
-        /// From the device stamp of a pen sample to the first command handed over after it was taken in.
+        /// From the device stamp of a pen sample to the first command handed over after it was received.
         pub pen_to_command: Latency,
-        /// From a command handed over to the motion that it asks for: to its stamp, and on by the arm's
-        /// measured lag.
+        /// From a command handed over to its motion: to its stamp, plus the arm's measured lag.
         pub command_to_motion: Latency,
 
         /// Version of the weights in use.
@@ -157,23 +156,23 @@ wire! {
         pub learner_updates: u64,
         /// Sets of weights handed to the loop.
         pub learner_promotions: u64,
-        /// Sets of weights taken back.
+        /// Sets of weights rolled back.
         pub learner_rollbacks: u64,
-        /// Sets of weights not handed over: not finite or worse.
+        /// Sets of weights not handed over: non-finite or worse.
         pub learner_refused: u64,
         /// Age of the weights in use \[ns\].
         pub learner_age_ns: u64,
         /// Root mean square of the one-step prediction error, recent \[m\]; negative: none.
         pub predictor_rms_m: f64,
-        /// The pen is expected within this distance of the plan's first reference nine times out of ten
-        /// \[m\]; negative: not known.
+        /// Radius about the plan's first reference in which the pen is expected in nine of ten cases \[m\];
+        /// negative: unknown.
         pub predictor_band_m: f64,
 
-        /// The arm's lag, and what the plan makes of it.
+        /// The arm's lag, and the plan's dead time.
         pub arm_lag: ArmLag,
-        /// The arm as it is measured.
+        /// Score of the measured arm.
         pub tracking: Tracking,
-        /// The arm as it would be had the loop always held (trust 0), at the same instants.
+        /// Score of the arm as it would be at Hold (trust 0), at the same instants.
         pub ghost: Tracking,
         /// How long the pen wrote while both were compared \[s\].
         pub compared_s: f64,
@@ -186,9 +185,9 @@ wire! {
         pub allocations_per_tick: f64,
         /// Evidence behind the newest latched stop.
         pub stop: StopDetail,
-        /// Where the measured tool has been.
+        /// Extremes of the measured tool.
         pub extent: ToolExtent,
-        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        /// Fraction of the commanded speed at which the arm moves; negative: unknown.
         pub arm_speed_share: f64,
         /// The newest pen sample that was refused.
         pub pen_refused: Refused,
@@ -196,7 +195,7 @@ wire! {
         pub joints_refused: Refused,
         /// The newest dead-man message that was refused.
         pub enable_refused: Refused,
-        /// The newest echo of a command that was not believed.
+        /// The newest echo of a command that was rejected.
         pub echo_refused: Refused,
         /// The way home.
         pub way_home: WayHome,
@@ -206,7 +205,7 @@ wire! {
 }
 
 impl Status {
-    /// Spread of a stage.
+    /// Distribution of a stage.
     pub fn stage(&self, stage: Stage) -> Percentiles {
         self.stages.get(stage as usize).copied().unwrap_or_default()
     }

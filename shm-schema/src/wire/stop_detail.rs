@@ -1,5 +1,4 @@
-//! `StopCause` and `StopDetail`: what exactly was seen when a stop latched, and the figures of the tool's
-//! envelope.
+//! `StopCause` and `StopDetail`: the observation that latched a stop, and the figures of the tool's envelope.
 
 use std::fmt;
 
@@ -9,7 +8,7 @@ use super::layout::wire;
 use super::vocabulary::{UnknownValue, wire_enum};
 
 wire_enum! {
-    /// What exactly was seen when a stop latched; the unit of `StopDetail::amount` and `limit` depends on it.
+    /// The observation that latched a stop; it determines the unit of `StopDetail::amount` and `limit`.
     pub enum StopCause: u32 {
         /// Nothing to add to the reason.
         None = 0 => "none",
@@ -21,11 +20,11 @@ wire_enum! {
         WrongDirection = 3 => "wrong direction",
         /// The measured joints stand still while commands move them \[rad\].
         NoMotion = 4 => "no motion",
-        /// A measured joint moves though nothing commands it to \[rad/s\].
+        /// A measured joint moves without a command \[rad/s\].
         Runaway = 5 => "runaway",
-        /// The difference between measured and commanded joints swings and grows \[rad\].
+        /// The difference between measured and commanded joints oscillates with growing amplitude \[rad\].
         Oscillation = 6 => "growing oscillation",
-        /// The arm moves at a part of the speed that is asked for \[1\].
+        /// The arm moves at a fraction of the commanded speed \[1\].
         SlowArm = 7 => "slow arm",
         /// The tool is below its lowest or above its highest height over the paper \[m\].
         Height = 8 => "height over the paper",
@@ -37,7 +36,7 @@ wire_enum! {
         ToolSpeed = 11 => "tool speed",
         /// Too many of the recent ticks were late \[1\].
         LateTicks = 12 => "late ticks",
-        /// Something is nearer than the arm may come to it \[m\].
+        /// An obstacle is nearer than the arm may come to it \[m\].
         Clearance = 13 => "too near",
     }
 }
@@ -46,13 +45,13 @@ wire! {
     /// Evidence behind a latched stop: which joint, how much, and the limit that was broken.
     "foretrace.StopDetailV1"
     pub struct StopDetail {
-        /// [`StopCause`]; the unit of `amount` and `limit` is its.
+        /// [`StopCause`], which determines the unit of `amount` and `limit`.
         pub cause: u32,
         /// Joint index from 0, base first; −1: the tool, or no joint.
         pub joint: i32,
-        /// What was seen.
+        /// Observed value.
         pub amount: f64,
-        /// What was allowed.
+        /// Allowed value.
         pub limit: f64,
         /// Release of the tick in which the stop latched \[ns\]; 0: no stop has latched.
         pub at_ns: u64,
@@ -60,7 +59,7 @@ wire! {
 }
 
 impl StopDetail {
-    /// Nothing has stopped the loop.
+    /// No stop.
     pub const NONE: Self = Self { cause: 0, joint: -1, amount: 0.0, limit: 0.0, at_ns: 0 };
 }
 
@@ -116,7 +115,7 @@ impl fmt::Display for StopDetail {
             StopCause::Tilt => write!(f, "the tool is tilted by {amount:.3} rad, limit {limit:.3} rad"),
             StopCause::ToolSpeed => write!(f, "the tool moves at {amount:.3} m/s, limit {limit:.3} m/s"),
             StopCause::Clearance => {
-                write!(f, "something is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
+                write!(f, "an obstacle is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
             }
             StopCause::LateTicks => write!(
                 f,
@@ -129,8 +128,8 @@ impl fmt::Display for StopDetail {
 }
 
 wire! {
-    /// How far the measured tool has been since the daemon took charge, by forward kinematics of the
-    /// *measured* joints in the plane's frame. NaN: nothing measured yet.
+    /// Extremes of the measured tool since the daemon took charge, by forward kinematics of the *measured*
+    /// joints in the plane's frame. NaN: not measured yet.
     "foretrace.ToolExtentV1"
     pub struct ToolExtent {
         /// Lowest height over the paper \[m\].

@@ -1,8 +1,8 @@
-//! `TickRecord`: everything one tick saw, decided and cost. Evidence, at most 2 KiB.
+//! `TickRecord`: inputs, decisions and costs of one tick. At most 2 KiB.
 //!
-//! Contract: unlike inputs, its numbers may be anything, NaN included, so that a fault can be seen; only
-//! enums and flags are checked. `u64::MAX` stands for an unknown age, a negative number for an unknown
-//! residual or error. Positions are in the writing plane's frame unless said otherwise.
+//! Contract: unlike in inputs, numbers may be anything, NaN included, so that faults are visible; only enums
+//! and flags are checked. `u64::MAX` means an unknown age, a negative number an unknown residual or error.
+//! Positions are in the writing plane's frame unless stated otherwise.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -19,16 +19,16 @@ use super::vocabulary::{FaultReason, Mode, Rung, STAGES, SolverPath, Stage, Trus
 use super::{AXES, JOINTS};
 
 wire! {
-    /// Where the time goes between the pen and the arm, part by part \[ns\]; `u64::MAX`: not known.
+    /// The latency from pen to arm in parts \[ns\]; `u64::MAX`: unknown.
     ///
-    /// No sum: a command is stamped one control period after its tick, so what compute and transport take
-    /// within that period delays nothing. The arm's own lag, from a command's stamp to the motion, is told
-    /// apart from these.
+    /// Not to be summed: a command is stamped one control period after its tick, so compute and transport
+    /// within that period delay nothing. The arm's own lag, from a command's stamp to the motion, is
+    /// separate.
     "foretrace.ChainV1"
     pub struct Chain {
-        /// Device stamp to sent, of the newest pen sample: what the reader and its device took.
+        /// Device stamp to sent, of the newest pen sample: time of the device and its reader.
         pub pen_reader_ns: u64,
-        /// Sent to taken in by a tick, of the newest pen sample: shared memory, and waiting for the tick.
+        /// Sent to received by a tick, of the newest pen sample: shared memory, and waiting for the tick.
         pub pen_transport_ns: u64,
         /// Device stamp of the newest pen sample to the release of the tick.
         pub pen_age_ns: u64,
@@ -60,7 +60,7 @@ wire! {
         pub tick: u64,
         /// When it should have started \[ns\].
         pub release_ns: u64,
-        /// The instant its command holds for \[ns\].
+        /// The time at which its command holds \[ns\].
         pub command_stamp_ns: u64,
         /// Time left to the deadline \[ns\]; negative after an overrun.
         pub slack_ns: i64,
@@ -100,7 +100,7 @@ wire! {
         /// Identity of the pen sample behind that command, as echoed: its device stamp \[ns\].
         pub echo_pen_stamp_ns: u64,
 
-        /// Where the tool should be at the command's stamp \[m\].
+        /// Reference of the tool at the command's stamp \[m\].
         pub reference_m: [f64; AXES],
         /// Setpoint: position \[m\].
         pub setpoint_m: [f64; AXES],
@@ -119,7 +119,7 @@ wire! {
 
         /// Trust α: 1 prediction only, 0 hold only.
         pub trust: f64,
-        /// Where α is going.
+        /// Target of α.
         pub trust_target: f64,
         /// The predictor's own score, \[0, 1\].
         pub confidence: f64,
@@ -163,14 +163,14 @@ wire! {
 
         /// One-step error of the predictor at the newest closed grid step \[m\]; negative: none.
         pub predictor_error_m: f64,
-        /// The pen is expected within this distance of the plan's first reference nine times out of ten
-        /// \[m\]; negative: not known.
+        /// Radius about the plan's first reference in which the pen is expected in nine of ten cases \[m\];
+        /// negative: unknown.
         pub predictor_band_m: f64,
         /// Version of the weights in use.
         pub learner_version: u64,
         /// Age of the weights in use \[ns\].
         pub learner_age_ns: u64,
-        /// Who predicts.
+        /// The active predictor.
         pub predictor: PredictorName,
         /// Steps of the roll-out.
         pub preview_steps: u32,
@@ -181,27 +181,25 @@ wire! {
         pub connections_changed: u32,
         /// Totals up to this tick.
         pub counters: Counters,
-        /// The arm's lag, and what the plan makes of it.
+        /// The arm's lag, and the plan's dead time.
         pub arm_lag: ArmLag,
 
-        /// Where the tool would be at the command's stamp had the loop always held (trust 0) \[m\]; zero
-        /// without a ghost.
+        /// Tool position of the command at the same stamp at Hold (trust 0) \[m\]; zero without a ghost.
         pub ghost_tool_m: [f64; AXES],
-        /// The instant for which the next two distances hold, a tenth of a second back \[ns\]; 0: none in
-        /// this tick.
+        /// The time of the next two distances, a tenth of a second back \[ns\]; 0: none in this tick.
         pub compared_ns: u64,
-        /// Distance of the measured tool from the pen at that instant, in the plane \[m\]; negative: none in
+        /// Distance of the measured tool from the pen at that time, in the plane \[m\]; negative: none in
         /// this tick.
         pub error_m: f64,
         /// The same for the ghost's tool, behind an arm of the same lag \[m\]; negative: none in this tick.
         pub ghost_error_m: f64,
         /// [`GhostState`].
         pub ghost_state: u32,
-        /// 1: the pen wrote at that instant.
+        /// 1: the pen wrote at that time.
         pub compared_contact: u32,
         /// Evidence behind the newest latched stop.
         pub stop: StopDetail,
-        /// Part of the speed asked for at which the arm moves, 1: all of it; negative: not known.
+        /// Fraction of the commanded speed at which the arm moves; negative: unknown.
         pub arm_speed_share: f64,
     }
 }
@@ -214,7 +212,7 @@ impl TickRecord {
         self.stage_ns.get(stage as usize).copied().unwrap_or(0)
     }
 
-    /// Set the cost of a stage, saturated to 4.29 s.
+    /// Sets the cost of a stage, saturated to 4.29 s.
     pub fn set_stage(&mut self, stage: Stage, ns: u64) {
         if let Some(cost) = self.stage_ns.get_mut(stage as usize) {
             *cost = u32::try_from(ns).unwrap_or(u32::MAX);

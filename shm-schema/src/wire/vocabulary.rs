@@ -1,17 +1,17 @@
-//! The enumerations of the wire, with the numbers that stand for them.
+//! The enumerations of the wire and their numbers.
 //!
 //! Contract: on the wire an enumeration is a `u32` (statuses: `i32`); numbers are never reused for another
-//! meaning. `TryFrom` refuses what it does not know.
+//! meaning. `TryFrom` refuses unknown numbers.
 
 use std::fmt;
 
-/// A number on the wire that stands for nothing.
+/// An unknown number on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{value} is not a known {kind}")]
 pub struct UnknownValue {
     /// Name of the enumeration.
     pub kind: &'static str,
-    /// What was found.
+    /// The number.
     pub value: i64,
 }
 
@@ -32,7 +32,7 @@ macro_rules! wire_enum {
             /// Every variant, in order of its number.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
-            /// A word for people and JSON; stable.
+            /// A label for people and JSON; stable.
             pub const fn label(self) -> &'static str {
                 match self { $(Self::$variant => $label),+ }
             }
@@ -71,7 +71,7 @@ macro_rules! wire_enum {
 pub(crate) use wire_enum;
 
 wire_enum! {
-    /// What the daemon is doing.
+    /// Mode of the daemon.
     pub enum Mode: u32 {
         /// Not armed; commands are not published.
         Idle = 0 => "idle",
@@ -85,7 +85,7 @@ wire_enum! {
         Stopped = 4 => "stopped",
         /// Stopped by itself, see [`FaultReason`]; needs an explicit arm.
         Fault = 5 => "fault",
-        /// Moving the arm home, or about to; the pen leads nothing.
+        /// Moving the arm home, or about to; the pen has no effect.
         Homing = 6 => "moving home",
     }
 }
@@ -105,7 +105,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// Why trust is what it is.
+    /// Reason for the trust.
     pub enum TrustReason: u32 {
         /// Not following: there is nothing to trust.
         Inactive = 0 => "inactive",
@@ -115,7 +115,7 @@ wire_enum! {
         Manual = 2 => "manual",
         /// From the realised error of past previews.
         Evidence = 3 => "evidence",
-        /// Held between the two thresholds of the evidence.
+        /// Between the two thresholds of the record (hysteresis).
         Hysteresis = 4 => "hysteresis",
         /// On its way to the target at the ramp's rate.
         Ramp = 5 => "ramp",
@@ -125,11 +125,11 @@ wire_enum! {
         PenJump = 7 => "pen jump",
         /// The pen is up.
         PenUp = 8 => "pen up",
-        /// The predictor gave something unusable.
+        /// The predictor's output was unusable.
         PredictorUnhealthy = 9 => "predictor unhealthy",
         /// The predictor was switched a moment ago.
         PredictorSwitched = 10 => "predictor switched",
-        /// Past previews were worse than standing still.
+        /// Past previews were worse than Hold.
         WorseThanHold = 11 => "worse than hold",
         /// Past previews were worse than constant velocity.
         WorseThanConstantVelocity = 12 => "worse than constant velocity",
@@ -145,7 +145,7 @@ wire_enum! {
         SolverUnhealthy = 17 => "plans in trouble",
         /// The learner handed over parameters that were refused.
         LearnerUnhealthy = 18 => "learner unhealthy",
-        /// Believed in part: the arm is too often at its limits, and then hardly better than feedback alone.
+        /// Partly trusted: the arm is saturated too often, and then hardly better than under feedback alone.
         ArmLimited = 19 => "arm at its limits",
     }
 }
@@ -167,9 +167,9 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// What a request asks for.
+    /// Operation of a request.
     pub enum ControlOp: u32 {
-        /// Nothing; the answer carries mode and trust. `value` of the answer: trust.
+        /// None; the answer carries mode and trust. `value` of the answer: trust.
         Query = 0 => "query",
         /// Seed from the measured joints and begin.
         Arm = 1 => "arm",
@@ -185,9 +185,9 @@ wire_enum! {
         SwitchPredictor = 6 => "switch-predictor",
         /// Read the settings file again; only live settings may have changed.
         Reload = 7 => "reload",
-        /// Trust stays as it is.
+        /// Freeze the trust.
         FreezeTrust = 8 => "freeze-trust",
-        /// Move the arm home from where it stands; answered when the way has been looked along.
+        /// Move the arm home from where it stands; answered when the way has been checked.
         MoveHome = 9 => "move-home",
     }
 }
@@ -197,11 +197,11 @@ wire_enum! {
     pub enum ControlStatus: i32 {
         /// Done.
         Ok = 0 => "ok",
-        /// Taken; the effect follows.
+        /// Accepted; the effect follows.
         Accepted = 1 => "accepted",
         /// Malformed: unknown operation, number out of range.
         Invalid = -1 => "invalid request",
-        /// Meant for a daemon of an earlier boot.
+        /// Intended for a daemon of an earlier boot.
         ForeignBoot = -2 => "foreign boot",
         /// Not possible in the present mode.
         WrongMode = -3 => "wrong mode",
@@ -223,7 +223,7 @@ wire_enum! {
         NeedsRestart = -11 => "needs restart",
         /// The daemon is busy with another request.
         Busy = -12 => "busy",
-        /// Something inside failed; the message says what.
+        /// An internal error; the message has details.
         Internal = -13 => "internal error",
         /// Known, but not built into this daemon.
         Unsupported = -14 => "unsupported",
@@ -235,7 +235,7 @@ wire_enum! {
         ToolOutsideWorkspace = -17 => "tool outside workspace",
         /// The tool axis is too far from the plane's normal.
         ToolNotAligned = -18 => "tool not aligned",
-        /// The arm is not where it was told to be, or moves by itself.
+        /// The arm is not where it was commanded to be, or moves by itself.
         NotFollowing = -19 => "arm does not follow",
         /// A stop came after the request to arm was sent.
         StopCame = -20 => "a stop came",
@@ -247,15 +247,15 @@ wire_enum! {
 wire_enum! {
     /// Why the daemon stopped.
     pub enum FaultReason: u32 {
-        /// It did not.
+        /// Not stopped.
         None = 0 => "none",
         /// More time was lost than the configured limit.
         TimeLost = 1 => "time lost",
-        /// The joint state went stale.
+        /// The joint state is stale.
         JointStateStale = 2 => "joint state stale",
         /// The robot reported a protective stop, an emergency stop or a fault.
         RobotStopped = 3 => "robot stopped",
-        /// The measured joints left the commanded ones.
+        /// The measured joints deviate from the commanded ones.
         TrackingError = 4 => "tracking error",
         /// The dead-man stopped beating or asked for a stop.
         DeadMan = 5 => "dead-man",
@@ -269,7 +269,7 @@ wire_enum! {
         ForeignPeer = 9 => "foreign peer",
         /// A thread of the daemon ended or stopped answering.
         Internal = 10 => "internal",
-        /// An operator asked for it.
+        /// An operator requested it.
         Requested = 11 => "requested",
         /// The tool left its envelope: paper, workspace, tilt or speed.
         Envelope = 12 => "tool envelope",
@@ -289,7 +289,7 @@ wire_enum! {
         Pen = 2 => "pen",
         /// Observe and preview.
         Predict = 3 => "predict",
-        /// Evidence to alpha.
+        /// From the record to α.
         Trust = 4 => "trust",
         /// Three axes of MPC.
         Mpc = 5 => "mpc",
@@ -314,7 +314,7 @@ wire_enum! {
         NotFinite = 0 => "not finite",
         /// Finite, but outside a generous physical range.
         OutOfRange = 1 => "out of range",
-        /// A number that stands for no variant.
+        /// A number of no variant.
         UnknownEnum = 2 => "unknown enum",
         /// A flag bit without a meaning.
         UnknownFlags = 3 => "unknown flags",

@@ -1,8 +1,7 @@
-//! A daemon that is killed: peers notice, keep what they have, and a new daemon starts over what it left
-//! behind.
+//! A killed daemon: peers notice and keep their memory, and a new daemon starts over its leftovers.
 //!
-//! The daemon is this test binary, started again with `CHILD` set. It is killed only once it is up: killed
-//! earlier, and as root, the middleware can leave an empty segment that hangs others.
+//! The daemon is this test binary, started again with `CHILD` set. It is killed only once it is up: if killed
+//! earlier, and as root, the middleware can leave an empty segment that makes others hang.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
@@ -84,7 +83,7 @@ fn a_killed_daemon_is_noticed_replaced_and_cleaned_up_after() {
     assert_eq!(instance.daemon(), None);
     assert!(matches!(Session::open(&instance, "late"), Err(ServiceError::NoDaemon { .. })));
 
-    // With a living peer the next daemon takes over, and the peer hears it without doing anything.
+    // With a living peer the next daemon takes over, and the peer receives from it without any action.
     let (second, up) = start(&instance);
     assert_eq!(up, format!("up PeersAlive([{}])", std::process::id()));
     wait_for(|| {
@@ -94,7 +93,7 @@ fn a_killed_daemon_is_noticed_replaced_and_cleaned_up_after() {
     drop((commands, peer));
     drop(second);
 
-    // Without one, the leftovers go.
+    // Without one, the leftovers are purged.
     assert!(instance.shared_memory().unwrap().segments > 0, "a killed daemon leaves its segments");
     let (third, up) = start(&instance);
     assert!(up.starts_with("up Removed(") && up != "up Removed(0)", "{up}");

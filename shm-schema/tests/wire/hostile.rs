@@ -1,4 +1,4 @@
-//! Random bytes as messages: nothing panics, and what passes validation is within its promised range.
+//! Random bytes as messages: nothing panics, and whatever passes validation is within its range.
 //!
 //! FORETRACE_FUZZ_CASES=N runs N cases of each.
 
@@ -6,7 +6,7 @@ use foretrace_shm::*;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// Any bit pattern of `T`; some of its words replaced by numbers that tend to break things.
+/// Any bit pattern of `T`; some of its words replaced by numbers that often break code.
 fn any_bits<T: Wire>() -> impl Strategy<Value = T> {
     let word = prop_oneof![
         2 => any::<u64>(),

@@ -1,4 +1,4 @@
-//! Services made by a program of another version: same names, other layout or other quality of service. All
+//! Services of a program of another version: same names, different layout or quality of service. All are
 //! refused.
 
 use foretrace_shm::*;
@@ -24,7 +24,7 @@ impl Rig {
             lock.announce().unwrap();
             let peer = Session::open(&rig.instance, "peer").unwrap();
             judge(Topic::<PenSample>::open(&peer).unwrap_err());
-            // Neither may a daemon take such services over.
+            // A daemon may not take over such services either.
             let daemon = Session::create(&rig.instance, "daemon", &lock).unwrap();
             assert!(Topic::<PenSample>::create(&daemon).is_err());
         }

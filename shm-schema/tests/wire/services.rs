@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use foretrace_shm::*;
 
-/// An instance of its own per test, with the daemon's side open; removes every trace when dropped.
+/// A separate instance per test, with the daemon's side open; removed completely when dropped.
 struct Rig {
     services: Option<(Session, Services)>,
     lock: Option<InstanceLock>,
@@ -145,7 +145,7 @@ fn refused_messages_are_counted_by_reason_and_do_not_look_dropped() {
     ] {
         assert_eq!(rejections.of(reason), 1, "{reason}");
     }
-    // Only the one from the future, whose header was not believed, leaves a gap.
+    // Only the one from the future, whose header was rejected, leaves a gap.
     assert_eq!((rejections.total(), subscriber.dropped(), subscriber.received()), (4, 1, 1));
 }
 

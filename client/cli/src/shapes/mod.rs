@@ -2,7 +2,7 @@
 //!
 //! Contract: every capsule holds every vertex of its mesh, with the numbers as they are written. All or
 //! nothing: one mesh that cannot be read refuses the whole, with every reason. A cylinder is what foretrace
-//! reads as a capsule (`ik/clearance/bodies.rs`): its ends get half-spheres there, so no spheres are written
+//! reads as a capsule (`arm/bodies.rs`): its ends get half-spheres there, so no spheres are written
 //! beside it.
 
 mod capsule;

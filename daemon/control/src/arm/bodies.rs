@@ -1,9 +1,9 @@
 //! From the URDF's collision geometry to capsules. Start-up only: allocates, returns errors.
 //!
-//! Contract: every capsule holds the whole of its shape. A cylinder gets a half-sphere at either end; a box
-//! lies along its longest edge. Links that hang on the chain by fixed joints (a pen holder) count as parts of
-//! it, what moves beside the chain (fingers) does not. Meshes have no size that a description alone tells:
-//! their links are named instead.
+//! Contract: every capsule contains its whole shape. A cylinder gets a half-sphere at either end; a box
+//! becomes a capsule along its longest edge. Links attached to the chain by fixed joints (a pen holder)
+//! belong to it, branches with moving joints (fingers) do not. A description alone does not tell the size of
+//! a mesh: links with meshes are named instead.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use urdf_rs::{Geometry, Joint, JointType, Robot};
@@ -24,7 +24,7 @@ pub struct Capsule {
     pub radius: f64,
 }
 
-/// What the links of a chain are made of, each in the frame of the moving joint before it.
+/// Shapes of the links of a chain, each in the frame of the moving joint before it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Bodies {
     pub(super) capsules: Vec<Capsule>,
@@ -32,7 +32,7 @@ pub(super) struct Bodies {
     pub(super) meshes: Vec<String>,
 }
 
-/// Where a link stands.
+/// The pose of a link.
 struct Place<'a> {
     name: &'a str,
     link: usize,

@@ -1,8 +1,8 @@
-//! A serial arm of J turning joints: pose, Jacobian and its rate from joint positions.
+//! A serial arm of J revolute joints: pose, Jacobian and its rate from joint positions.
 //!
 //! Contract: built once from a URDF; afterwards pure, no allocation. All vectors are in the base link's
-//! frame, in metres and radians. Every joint frame is turned at construction so that its axis is z: then a
-//! joint costs one plane rotation.
+//! frame, in metres and radians. Every joint frame is rotated at construction so that its axis is z: a joint
+//! then costs one plane rotation.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
@@ -45,7 +45,7 @@ pub struct ChainLimits<const J: usize> {
     pub effort: [f64; J],
 }
 
-/// Where the arm is at one joint position, and how its tool answers to joint velocities.
+/// The pose of the arm at given joint positions, and the tool's response to joint velocities.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kinematics<const J: usize> {
     /// Tool frame → base frame (3 x 3, orthonormal).
@@ -90,7 +90,7 @@ impl<const J: usize> Chain<J> {
             effort: [0.0; J],
         };
         let mut bodies = found.bodies;
-        // Carries the turn that made the previous joint's axis z, undone before the next link.
+        // Carries the rotation that made the previous joint's axis z, undone before the next link.
         let mut turned = Matrix3::identity();
         let rows = limits.names.iter_mut().zip(&mut limits.position);
         let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort);
@@ -144,25 +144,26 @@ impl<const J: usize> Chain<J> {
         (&self.base, &self.tip)
     }
 
-    /// What the links are made of, base first: each in the frame of its joint, whose z is the joint's axis
-    /// (see [`Kinematics::frames`]).
+    /// Shapes of the links, base first, each in the frame of its joint, whose z is the joint's axis (see
+    /// [`Kinematics::frames`]).
     #[must_use]
     pub fn capsules(&self) -> &[Capsule] {
         &self.bodies.capsules
     }
 
-    /// Links whose collision geometry is nothing but meshes, for which there are no capsules.
+    /// Links whose collision geometry consists of meshes only, which have no capsules.
     #[must_use]
     pub fn mesh_links(&self) -> &[String] {
         &self.bodies.meshes
     }
 
-    /// Farthest that a point of a capsule's axis can be from the axis of each joint that moves it \[m\]; 0
-    /// for the others.
+    /// Largest distance of a point of the capsule's axis from the axis of each joint that moves it \[m\]; 0
+    /// for the other joints.
     pub(crate) fn levers(&self, capsule: &Capsule) -> [f64; J] {
         let mut levers = [0.0; J];
         let Segment { from, to } = capsule.segment;
-        // Seen from the origin of the joint at hand; across its axis only for the capsule's own.
+        // Measured from the origin of the current joint; perpendicular to its axis only for the capsule's own
+        // joint.
         let mut beyond = from.norm().max(to.norm());
         let own = from.xy().norm().max(to.xy().norm());
         let inner = levers.iter_mut().zip(&self.links).enumerate().take(capsule.link).rev();
@@ -173,7 +174,7 @@ impl<const J: usize> Chain<J> {
         levers
     }
 
-    /// Where the joint after `link` turns, in the frame of `link` \[m\].
+    /// Origin of the joint after `link`, in the frame of `link` \[m\].
     pub(crate) fn next_origin(&self, link: usize) -> Vector3<f64> {
         self.links.get(link).map_or_else(Vector3::zeros, |next| next.translation)
     }
@@ -266,7 +267,7 @@ impl<const J: usize> Kinematics<J> {
     }
 }
 
-/// A rotation that takes z to `axis` (unit); which of them does not matter to the chain.
+/// A rotation that takes z to `axis` (unit); any such rotation serves the chain.
 fn rotation_from_z_to(axis: &Vector3<f64>) -> Matrix3<f64> {
     let z = Vector3::z();
     if axis.z >= 1.0 - 1e-15 {

@@ -1,9 +1,8 @@
-//! What a joint may do next: one velocity interval per joint from acceleration, velocity, position and jerk
-//! limits.
+//! Velocity interval of each joint for the next step, from acceleration, velocity, position and jerk limits.
 //!
-//! Contract: IK and guard narrow their answers to the same [`VelocityBox`], so what one plans the other lets
-//! pass. The box is never empty, and from every *viable* state it leads to viable states only, whatever the
-//! length of the next step. A state is viable when a consumer that gets no further command (extrapolate for
+//! Contract: IK and guard restrict their answers to the same [`VelocityBox`], so the guard passes what the IK
+//! solves. The box is never empty, and from every *viable* state it leads to viable states only, whatever the
+//! length of the next step. A state is viable if a consumer that receives no further command (extrapolate for
 //! `hold_s`, then brake at `deceleration`) stops inside the position limits:
 //!
 //!   q̇·hold + q̇²/(2·a_b) ≤ q_max − q     for q̇ > 0, mirrored for q̇ < 0.
@@ -18,7 +17,7 @@ use thiserror::Error;
 /// Why limits were refused.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LimitError {
-    /// The position interval is empty or not a number.
+    /// The position interval is empty or NaN.
     #[error(
         "joint {joint}: position limits [{lower}, {upper}] rad are not an interval; give lower < upper \
          (infinite for none)"
@@ -56,7 +55,7 @@ pub enum LimitError {
         /// \[rad/s²\]
         acceleration: f64,
     },
-    /// The hold time is negative, too long or not a number.
+    /// The hold time is negative, too long or NaN.
     #[error("hold time {hold_s} s must be between 0 and 1 s")]
     Hold {
         /// \[s\]
@@ -110,7 +109,7 @@ impl<const J: usize> JointLimits<J> {
     /// States how a consumer stops by itself: extrapolation for `hold_s` \[s\], then `deceleration`
     /// \[rad/s²\].
     ///
-    /// Every command inside the box can then be followed by silence without leaving the position limits.
+    /// After every command inside the box the stream may then end without leaving the position limits.
     ///
     /// # Errors
     ///
@@ -167,7 +166,7 @@ impl<const J: usize> JointLimits<J> {
         self.hold_s
     }
 
-    /// True when every joint is inside its position limits and can still stop there (module head).
+    /// Whether every joint is inside its position limits and can still stop there (see the module).
     #[must_use]
     pub fn is_viable(&self, motion: &JointMotion<J>) -> bool {
         self.position.iter().zip(&self.deceleration).zip(motion.q.iter().zip(&motion.qd)).all(
@@ -237,8 +236,8 @@ impl<const J: usize> VelocityBox<J> {
 /// The velocity box for a step of `elapsed` seconds from `motion`, which must be finite.
 ///
 /// Acceleration comes first (continuity with the last command), then velocity and viability inside what
-/// acceleration leaves, then jerk inside that. Outside the limits the box still holds one velocity at least,
-/// and leads back.
+/// acceleration leaves, then jerk inside that. Outside the limits the box still contains at least one
+/// velocity, and leads back.
 #[must_use]
 pub fn velocity_box<const J: usize>(
     motion: &JointMotion<J>,
@@ -281,7 +280,7 @@ pub fn velocity_box<const J: usize>(
 #[must_use]
 pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> f64 {
     if v_max * (h + hold) + v_max * v_max / (2.0 * decel) <= room {
-        // Far from the limit, which is nearly always: no square root.
+        // Far from the limit, the usual case: no square root.
         v_max
     } else if room >= 0.0 {
         let b = decel * (h + hold);
@@ -324,12 +323,11 @@ fn within(x: f64, lower: f64, upper: f64) -> f64 {
     x.max(lower).min(upper)
 }
 
-/// From full acceleration to full braking where the limits say nothing about jerk \[s\]: ten ticks at 500 Hz.
-/// An arm that speeds up goes on doing so for two thirds of it; a longer ramp would cost more way than it
-/// saves shaking.
+/// Default time from full acceleration to full braking without jerk limits \[s\]: ten ticks at 500 Hz. A
+/// longer ramp costs more distance than it reduces vibration.
 pub const EASE_S: f64 = 0.02;
 
-/// The longest that a follower's jerk limits may make the same take \[s\].
+/// The longest time that a follower's jerk limits may take for the same \[s\].
 pub const LONGEST_EASE_S: f64 = 0.05;
 
 /// The jerk limits, or where there are none (acceleration + deceleration)/[`EASE_S`], per joint \[rad/s³\].

@@ -1,7 +1,6 @@
-//! What the arm is: its kinematic chain, what its joints may do, and how late it follows.
+//! The arm: its kinematic chain, the limits of its joints, and its lag.
 //!
-//! Contract: no memory but that of [`lag`], no policy. Everything that plans for the arm, solves for it or
-//! judges it starts from here.
+//! Contract: no memory but that of [`lag`], no policy. Planner, solvers and monitors use this description.
 
 pub(crate) mod bodies;
 pub mod chain;

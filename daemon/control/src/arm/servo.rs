@@ -1,13 +1,13 @@
-//! The arm's servo, where it is known to be a filter and not a pure delay.
+//! The arm's servo, if it is a filter and not a pure delay.
 //!
 //! Contract: critically damped second order, ÿ = ω²(p − y) − 2ωẏ from the commanded tool position p to the
-//! arm's y, group delay 2/ω, per axis of the plane's frame. [`Servo::follow`] says where the arm gets to with
-//! what was really published; the plan counts on what the servo will make of it (`mpc::behind`). Absent: what
-//! the servo does beyond this order, and any pure delay before it (that is dead time).
+//! arm's y, group delay 2/ω, per axis of the plane's frame. [`Servo::follow`] gives the arm's response to
+//! what was really published; the plan predicts that response (`mpc::behind`). Absent: dynamics beyond this
+//! order, and any pure delay before it (which is dead time).
 
 use crate::units::AxisState;
 
-/// See the module's description.
+/// The filter, see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Servo {
     /// ω \[1/s\].
@@ -15,12 +15,12 @@ pub(crate) struct Servo {
 }
 
 impl Servo {
-    /// The servo with the group delay `delay_ns` \[ns\]; `None` for 0: the arm is where the command is.
+    /// The servo with the group delay `delay_ns` \[ns\]; `None` for 0: the arm is at the command.
     pub(crate) fn new(delay_ns: u64) -> Option<Self> {
         (delay_ns > 0).then(|| Self { omega: 2e9 / delay_ns as f64 })
     }
 
-    /// The arm after `dt` \[s\] in which the command went straight from `from` to `to` \[m\]; exact.
+    /// The arm after `dt` \[s\] in which the command moved linearly from `from` to `to` \[m\]; exact.
     pub(crate) fn follow(&self, arm: &AxisState, from: f64, to: f64, dt: f64) -> AxisState {
         let w = self.omega;
         let slope = (to - from) / dt;

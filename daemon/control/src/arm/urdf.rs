@@ -1,7 +1,7 @@
 //! From a URDF text to the joints of one serial chain, base to tip. Start-up only: allocates, returns errors.
 //!
-//! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses everything
-//! that the control law could not follow, naming the joint or link. Collision geometry becomes capsules
+//! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses whatever
+//! the control law cannot follow, naming the joint or link. Collision geometry becomes capsules
 //! ([`crate::clearance`]); inertia, visuals and transmissions are ignored.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -16,7 +16,7 @@ pub enum ChainError {
     /// Not XML, or not URDF.
     #[error("the robot description cannot be read as URDF: {reason}")]
     Malformed {
-        /// The parser's words.
+        /// The parser's message.
         reason: String,
     },
     /// A macro file that has to be expanded first.
@@ -58,7 +58,7 @@ pub enum ChainError {
         /// The link.
         link: String,
     },
-    /// The tip does not hang on the base.
+    /// The tip is not below the base.
     #[error("link `{tip}` is not below link `{base}`")]
     Disconnected {
         /// Base link.
@@ -79,7 +79,7 @@ pub enum ChainError {
     Mimic {
         /// Joint name.
         joint: String,
-        /// Whom it mimics.
+        /// Name of the other joint.
         other: String,
     },
     /// The wrong number of moving joints.
@@ -94,7 +94,7 @@ pub enum ChainError {
         /// Tip link.
         tip: String,
     },
-    /// The axis is shorter than 1e-6 or not a number.
+    /// The axis is shorter than 1e-6 or NaN.
     #[error("joint `{joint}`: axis [{x}, {y}, {z}] has no direction")]
     Axis {
         /// Joint name.
@@ -106,13 +106,13 @@ pub enum ChainError {
         /// Axis component.
         z: f64,
     },
-    /// An origin is not finite.
+    /// An origin is non-finite.
     #[error("joint `{joint}`: origin xyz or rpy is not a finite number")]
     Origin {
         /// Joint name.
         joint: String,
     },
-    /// A shape of the collision geometry has no size or no place.
+    /// A shape of the collision geometry has an invalid size or origin.
     #[error(
         "link `{link}`: a shape of its collision geometry has a size that is not positive, or a number that \
          is not finite"
@@ -121,7 +121,7 @@ pub enum ChainError {
         /// Link name.
         link: String,
     },
-    /// The limit element is missing, empty or not a number.
+    /// The limit element is missing, empty or NaN.
     #[error(
         "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, \
          finite and lower < upper"
@@ -200,7 +200,7 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
 /// # Errors
 /// A xacro file, not XML, not URDF, or no links.
 pub fn description(text: &str) -> Result<Robot, ChainError> {
-    // Macros are no elements of URDF: what is read without them is a part of the arm, or nothing.
+    // Macros are not URDF: without expansion only part of the arm would be read, or nothing.
     if xacro(text) {
         return Err(ChainError::Xacro);
     }
@@ -212,7 +212,7 @@ pub fn description(text: &str) -> Result<Robot, ChainError> {
     Ok(robot)
 }
 
-/// An element or a substitution of xacro; a mere declaration of its name space is left behind by expanding.
+/// Whether the text has elements or substitutions of xacro; expansion leaves the namespace declaration alone.
 fn xacro(text: &str) -> bool {
     text.contains("<xacro:") || text.contains("=\"${") || text.contains("=\"$(")
 }

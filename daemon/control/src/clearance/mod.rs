@@ -7,22 +7,21 @@
 //!
 //! The gap above the margin then shrinks exponentially at most. T_a = max v/a is the longest time in which
 //! the IK itself stops the joints, T_b = max v/a_b that of a consumer without commands, T_j = max a/j with
-//! the jerk of a stop. Joints that slow down in proportion change every closing speed by the factor 1 − h/T,
-//! the gaps by 1 − ξh at most: to first order braking keeps all rows at once, whatever the pairs, and the QP
-//! always has an answer.
+//! the jerk of a stop. Joints that slow down in proportion scale every closing speed by 1 − h/T and every gap
+//! by at least 1 − ξh, so braking satisfies all rows at once to first order, and the QP is feasible.
 //!
-//! A consumer that hears nothing any more brakes every joint by itself, so joints that kept a gap together
-//! may close it. A second row looks at where that ends, q_s = q + q̇(h + hold) + q̇|q̇|/(2a_b), with distance
-//! d_s and gradient nᵀJ_s there:
+//! A consumer that receives no more commands brakes every joint independently, so joints that together kept a
+//! gap may close it. A second row bounds the distance where that braking ends, q_s = q + q̇(h + hold) +
+//! q̇|q̇|/(2a_b), with distance d_s and gradient nᵀJ_s there:
 //!
 //!   nᵀJ_s (h + hold + |q̇|/a_b)(q̇' − q̇) ≥ min(d, margin) − d_s
 //!
-//! Going on as that consumer would keeps q_s, so these rows too leave an answer. What both leave out (the way
-//! to q_s, turning normals within a tick, position limits in the way of braking) is what the margin is for;
-//! rows that cannot be kept yield with the least violation.
+//! Unchanged velocities keep q_s, so these rows are feasible too. The margin covers what both rows neglect:
+//! the path to q_s, normals that turn within a tick, position limits that cut braking short. Rows that cannot
+//! be satisfied are relaxed with the least violation.
 //!
-//! Contract: after construction no allocation, bounded work, no panic. The rows of a tick are a function of
-//! its inputs; what is remembered between ticks (`watch`) only saves measuring distances that cannot matter.
+//! Contract: no allocation after construction, bounded work, no panic. The rows of a tick are a function of
+//! its inputs; the memory between ticks (`watch`) only saves distance computations that cannot matter.
 //! *Source*: Faverjon and Tournassoud, "A local based approach for path planning of manipulators with a high
 //! number of degrees of freedom", ICRA 1987; Kanehiro et al., "A local collision avoidance method for
 //! non-strictly convex polyhedra", RSS 2008.
@@ -49,18 +48,18 @@ use pairs::Pair;
 use watch::{Reach, Watch};
 pub use way::{Looked, Obstructed, Way};
 
-/// Most capsules of one arm.
+/// Largest number of capsules of one arm.
 pub const MAX_CAPSULES: usize = 24;
 
-/// Fastest way back to the margin \[m/s\].
+/// Fastest retreat to the margin \[m/s\].
 const RETREAT_MPS: f64 = 0.05;
 
-/// What to keep away from, and how far.
+/// What to keep away from, and at which distance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClearanceSettings {
     /// Distance kept between capsules and whatever they must not touch \[m\].
     pub margin_m: f64,
-    /// The arm keeps away from itself.
+    /// Whether the arm keeps away from itself.
     pub itself: bool,
     /// At most [`MAX_OBSTACLES`].
     pub obstacles: Vec<Obstacle>,
@@ -87,7 +86,7 @@ pub enum ClearanceError {
         /// How many.
         count: usize,
     },
-    /// There is something to keep away from, but nothing is known of the arm's shape.
+    /// There is something to keep away from, but the shape of the arm is unknown.
     #[error(
         "no moving link has a sphere, cylinder, capsule or box as collision geometry (only meshes: \
          {meshes}), so nothing can be kept away"
@@ -98,7 +97,7 @@ pub enum ClearanceError {
     },
 }
 
-/// Evidence of one tick; the default is that of nothing to keep away from.
+/// Evidence of one tick; the default: nothing to keep away from.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ClearanceReport {
     /// Rows that could have mattered.
@@ -109,7 +108,7 @@ pub struct ClearanceReport {
     pub yielded: u32,
 }
 
-/// What rows ask of a gap that is used up.
+/// What a row demands once its gap is used up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inside {
     /// Go back to the margin.
@@ -180,24 +179,24 @@ impl<const J: usize> Clearance<J> {
         self.margin
     }
 
-    /// The rows found last.
+    /// The rows of the last call.
     pub(crate) fn found(&self) -> &Offered<J> {
         &self.found
     }
 
-    /// ξ: the share of the gap that may close per second \[1/s\].
+    /// ξ: the fraction of the gap that may close per second \[1/s\].
     #[must_use]
     pub const fn rate_hz(&self) -> f64 {
         self.rate
     }
 
-    /// Links of the arm itself that are watched against each other, inner one first, once for each pair of
-    /// their capsules.
+    /// Pairs of links that are checked against each other, inner link first, one entry per pair of their
+    /// capsules.
     pub fn links(&self) -> impl Iterator<Item = [usize; 2]> {
         self.pairs.iter().filter_map(|pair| Some([pair.first.link, pair.other_link()?]))
     }
 
-    /// What is nearest; `None` where nothing is to be kept away. For start-up checks: allocates.
+    /// The nearest pair; `None` if there is nothing to keep away from. For start-up checks: allocates.
     #[must_use]
     pub fn nearest(&self, kinematics: &Kinematics<J>) -> Option<Nearest> {
         let measured = self.pairs.iter().map(|pair| (pair, pair.separations(kinematics, |_| {})));
@@ -205,8 +204,8 @@ impl<const J: usize> Clearance<J> {
         nearest.map(|(pair, distance)| pair.nearest(distance))
     }
 
-    /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`; those that no velocity in the
-    /// box could break are left out, and beyond the capacity those that are farthest from being broken.
+    /// The rows for a step of `elapsed` seconds inside `allowed` from `motion`. Rows that no velocity in the
+    /// box can violate are left out, and beyond the capacity those with the most room.
     pub fn rows(
         &mut self,
         kinematics: &Kinematics<J>,
@@ -235,7 +234,7 @@ impl<const J: usize> Clearance<J> {
                 let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
                 found.offer(&row, bound, allowed);
             });
-            // No silent consumer gets that far.
+            // A consumer without commands never gets that far.
             let farthest: f64 = pair.levers.iter().zip(&glide).map(|(lever, angle)| lever * angle).sum();
             if distance - *margin <= farthest {
                 let silent = silent.get_or_insert_with(|| Silence::after(chain, limits, motion, elapsed));

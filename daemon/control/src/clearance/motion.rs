@@ -1,4 +1,4 @@
-//! How points of the links answer to the joints, and where a consumer comes to rest.
+//! Velocity and acceleration of points on the links, and where a consumer without commands comes to rest.
 
 use nalgebra::Vector3;
 
@@ -7,7 +7,7 @@ use crate::arm::limits::{JointLimits, JointMotion, VelocityBox};
 use crate::clearance::pairs::Pair;
 use crate::geometry::Separation;
 
-/// The links' motion while no joint accelerates.
+/// Motion of the links at zero joint acceleration.
 pub(super) struct Moving<'a, const J: usize> {
     kinematics: &'a Kinematics<J>,
     /// Angular velocity \[rad/s\] and acceleration \[rad/s²\] of each moving link, and its origin's
@@ -33,7 +33,7 @@ impl<'a, const J: usize> Moving<'a, J> {
         Self { kinematics, links }
     }
 
-    /// The same for the two sides of a pair against each other: nᵀJ \[m/rad\], and nᵀJ̇q̇ \[m/s²\].
+    /// nᵀJ \[m/rad\] and nᵀJ̇q̇ \[m/s²\] of the two sides of a pair relative to each other.
     pub(super) fn apart(&self, pair: &Pair<J>, separation: &Separation) -> ([f64; J], f64) {
         let (mut row, mut bending) = self.toward(pair.first.link, &separation.point, &separation.normal);
         if let Some(link) = pair.other_link() {
@@ -61,15 +61,15 @@ impl<'a, const J: usize> Moving<'a, J> {
     }
 }
 
-/// Where a consumer comes to rest that hears nothing after the next command, if that goes on as the last.
+/// Where a consumer comes to rest that receives nothing after the next command, if that continues the last.
 pub(super) struct Silence<const J: usize> {
     pub(super) kinematics: Kinematics<J>,
-    /// How much farther it comes per change of the next velocity, per joint \[s\].
+    /// Change of that position per change of the next velocity, per joint \[s\].
     pub(super) gain: [f64; J],
 }
 
 impl<const J: usize> Silence<J> {
-    /// q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking by itself, and h + hold + |q̇|/a_b.
+    /// q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking independently, and h + hold + |q̇|/a_b.
     pub(super) fn after(
         chain: &Chain<J>,
         limits: &JointLimits<J>,
@@ -85,7 +85,7 @@ impl<const J: usize> Silence<J> {
         Self { kinematics: chain.forward(&q), gain }
     }
 
-    /// Farthest that each joint can be turned until then, by any next velocity in the box \[rad\].
+    /// Largest rotation of each joint until then, for any next velocity in the box \[rad\].
     pub(super) fn farthest(
         limits: &JointLimits<J>,
         motion: &JointMotion<J>,

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::geometry::{Cuboid, HalfSpace};
 
-/// Most planes plus boxes that one arm can heed.
+/// Largest number of planes and boxes together.
 pub const MAX_OBSTACLES: usize = 16;
 
 /// Something the arm must not touch, in the base frame.
@@ -20,7 +20,7 @@ pub enum Obstacle {
 /// Why an obstacle was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum ObstacleError {
-    /// The normal is no direction.
+    /// The normal is not a unit vector.
     #[error("the normal [{x}, {y}, {z}] has length {length:.4} instead of 1")]
     Normal {
         /// Component.
@@ -42,12 +42,12 @@ pub enum ObstacleError {
         /// \[m\]
         z: f64,
     },
-    /// Some number is NaN or infinite.
+    /// A number is NaN or infinite.
     #[error("a number is not finite")]
     NotFinite,
 }
 
-/// A unit vector written with few digits is taken for one.
+/// Normals written with few digits count as unit vectors.
 const LENGTH_TOLERANCE: f64 = 1e-2;
 
 impl Obstacle {
@@ -55,7 +55,7 @@ impl Obstacle {
     ///
     /// # Errors
     ///
-    /// A number that is not finite, a normal of another length.
+    /// A non-finite number, or a normal of another length.
     pub fn plane(point: [f64; 3], normal: [f64; 3]) -> Result<Self, ObstacleError> {
         if !point.iter().chain(&normal).all(|x| x.is_finite()) {
             return Err(ObstacleError::NotFinite);
@@ -74,7 +74,7 @@ impl Obstacle {
     ///
     /// # Errors
     ///
-    /// A number that is not finite, a size that is not positive.
+    /// A non-finite number, or a size that is not positive.
     pub fn cuboid(centre: [f64; 3], size: [f64; 3], rpy: [f64; 3]) -> Result<Self, ObstacleError> {
         if !centre.iter().chain(&size).chain(&rpy).all(|x| x.is_finite()) {
             return Err(ObstacleError::NotFinite);

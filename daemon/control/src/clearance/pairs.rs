@@ -1,4 +1,4 @@
-//! What can come near what, and how fast at most.
+//! Which pairs of shapes can come near each other, and how fast at most.
 
 use std::f64::consts::PI;
 
@@ -7,7 +7,7 @@ use crate::arm::limits::JointLimits;
 use crate::clearance::{Capsule, Obstacle};
 use crate::geometry::{Cuboid, HalfSpace, Segment, Separation, point_plane, segment_box, segment_segment};
 
-/// Postures per joint in which neighbours of neighbours are tried.
+/// Postures per joint at which links two joints apart are tested for collision.
 const TRIED: u32 = 48;
 
 /// What is nearest to what.
@@ -26,13 +26,13 @@ pub struct Nearest {
 pub(super) struct Pair<const J: usize> {
     pub(super) first: Capsule,
     pub(super) other: Other,
-    /// Fastest that each joint can change their distance [m/rad]: how far from its axis the one that it moves
-    /// reaches.
+    /// Largest change of the pair's distance per rotation of each joint \[m/rad\]: the radius that the moved
+    /// side reaches about the joint's axis.
     pub(super) levers: [f64; J],
-    /// Farthest that two of their points can be apart while both turn with the arm \[m\]; 0 beside what
-    /// stands still.
+    /// Largest distance between two of their points while both move with the arm \[m\]; 0 for a fixed
+    /// obstacle.
     pub(super) span: f64,
-    /// Which of the planes or of the boxes the other side is, as listed; 0 for a capsule.
+    /// Index of the plane or box as listed in the settings; 0 for a capsule.
     number: usize,
 }
 
@@ -64,7 +64,7 @@ impl<const J: usize> Pair<J> {
         };
         let (axis, radius) = (kinematics.axis(&self.first), self.first.radius);
         match &self.other {
-            // Both ends: a capsule that lies along a plane can neither approach nor tilt into it.
+            // Both ends, so that a capsule parallel to a plane can neither approach nor tilt into it.
             Other::Plane(plane) => {
                 tell(point_plane(&axis.from, plane), radius);
                 if axis.from != axis.to {
@@ -84,7 +84,7 @@ impl<const J: usize> Pair<J> {
         nearest
     }
 
-    /// Both sides for people, as the settings number them.
+    /// Names of both sides for messages, numbered as in the settings.
     pub(super) fn called(&self) -> String {
         let (link, number) = (&self.first.name, self.number);
         match &self.other {
@@ -103,10 +103,10 @@ impl<const J: usize> Pair<J> {
     }
 }
 
-/// Every moving capsule with every obstacle that it can be moved away from.
+/// Pairs every moving capsule with every obstacle whose distance it can change.
 pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obstacle]) -> Vec<Pair<J>> {
     let first_axis = chain.forward(&[0.0; J]).jacobian.fixed_view::<3, 1>(3, 0).into_owned();
-    // The base cannot be moved away from anything.
+    // The base does not move.
     let moving = chain.capsules().iter().filter(|capsule| capsule.link > 0);
     let (mut planes, mut boxes) = (0.., 0..);
     let numbers: Vec<usize> = obstacles
@@ -121,7 +121,7 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
     pairs
         .filter_map(|(capsule, obstacle, number)| {
             let other = match obstacle {
-                // The first link turns in parallel to a table that the arm stands on: no joint changes that
+                // A first link that turns parallel to the table that the arm stands on: no joint changes that
                 // gap.
                 Obstacle::HalfSpace(plane)
                     if capsule.link == 1 && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
@@ -136,8 +136,8 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
         .collect()
 }
 
-/// Pairs of capsules that may meet: those of links at least two joints apart, except where exactly two joints
-/// lie between and no posture of these (of `TRIED` by `TRIED`) makes them meet.
+/// Pairs of capsules that may collide: those of links at least two joints apart, except where exactly two
+/// joints lie between and none of `TRIED` by `TRIED` postures makes them collide.
 pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J>) -> Vec<Pair<J>> {
     let capsules = chain.capsules();
     let all = capsules.iter().flat_map(|first| {
@@ -148,7 +148,7 @@ pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J
         .map(|(first, second)| {
             let mut levers = chain.levers(second);
             let span = levers.get(first.link).copied().unwrap_or_default();
-            // What moves both alike changes nothing between them.
+            // Joints that move both sides alike do not change the distance.
             levers.iter_mut().take(first.link).for_each(|lever| *lever = 0.0);
             let turns_at = chain.next_origin(first.link);
             let Segment { from, to } = first.segment;

@@ -1,25 +1,25 @@
-//! Which pairs have to be measured in a tick: nearly always none.
+//! Which pairs must be measured in a tick: usually none.
 //!
-//! A pair's row matters only where some velocity of the box breaks it, and that needs
+//! A pair's row matters only where some velocity in the box violates it, which requires
 //!
 //!   d − margin ≤ Σ_j lever_j x_j + span·k,     x_j = v_j (1 + h s)/ξ,   k = h s²/(2ξ),   s = Σ_j |q̇_j|
 //!
 //! with v_j the larger of |q̇_j| and the box's fastest: Σ lever_j v_j bounds the closing speed, and the
 //! acceleration of two witness points along their normal at q̈ = 0 is at most 2s·Σ lever_j |q̇_j| + s²·span,
-//! of which a row holds h/2. Since the distance was measured at q', it has fallen by Σ lever_j |q_j − q'_j|
-//! at most. So a pair is measured anew only when what was seen of it last may be used up, wherever q has been
-//! in between; jumps of q are covered like motion.
+//! of which a row contains h/2. Since the distance was measured at q', it has decreased by at most Σ lever_j
+//! |q_j − q'_j|. So a pair is measured again only when its last known gap may be used up, whatever q was in
+//! between; jumps of q are covered like motion.
 //!
-//! Contract: what is skipped has no row, so rows depend on the tick's inputs alone, not on what is
-//! remembered. No allocation after construction.
+//! Contract: a skipped pair has no row, so rows depend on the tick's inputs alone, not on the memory. No
+//! allocation after construction.
 
 use crate::arm::limits::{JointMotion, VelocityBox};
 use crate::clearance::pairs::Pair;
 
-/// What rounding may take off a distance \[m\].
+/// Rounding of a distance \[m\].
 const ROUNDING_M: f64 = 1e-9;
 
-/// How far one tick reaches.
+/// How far one tick can move the arm.
 pub(super) struct Reach<const J: usize> {
     /// x, per joint \[rad\].
     angle: [f64; J],
@@ -51,9 +51,10 @@ struct Seen<const J: usize> {
 #[derive(Debug, Clone)]
 pub(super) struct Watch<const J: usize> {
     seen: Vec<Seen<J>>,
-    /// Pairs that are looked at in every tick, in order.
+    /// Pairs that are checked in every tick, in order.
     near: Vec<usize>,
-    /// All others, at once: max over them of lever_j / (gap at `since`) \[1/rad\], and of span / gap \[1\].
+    /// All others, checked together: max over them of lever_j / (gap at `since`) \[1/rad\], and of span / gap
+    /// \[1\].
     levers: [f64; J],
     span: f64,
     since: [f64; J],
@@ -61,8 +62,8 @@ pub(super) struct Watch<const J: usize> {
 }
 
 impl<const J: usize> Watch<J> {
-    /// A pair stays among the far ones while it reaches over no more than this part of its gap: then one look
-    /// at all holds.
+    /// A pair stays among the far ones while the tick's motion uses no more than this fraction of its gap:
+    /// then one check covers all of them.
     const SHARE: f64 = 1.0 / (J as f64 + 4.0);
 
     /// Nothing seen yet of `count` pairs.
@@ -78,7 +79,7 @@ impl<const J: usize> Watch<J> {
     }
 
     /// Calls `measure` with every pair, in order, that may have a row at `q`, and with the gap above the
-    /// margin \[m\] from which on it has none; it returns the pair's distance \[m\].
+    /// margin \[m\] beyond which it has none; `measure` returns the pair's distance \[m\].
     pub(super) fn look(
         &mut self,
         pairs: &[Pair<J>],
@@ -164,7 +165,7 @@ mod tests {
         (motion, allowed)
     }
 
-    /// The right-hand side of the module's description: what a pair's gap must exceed to have no row \[m\].
+    /// The right-hand side of the module's inequality: a pair with a larger gap has no row \[m\].
     fn wanted(pair: &Pair<6>, motion: &JointMotion<6>, allowed: &VelocityBox<6>) -> f64 {
         let s: f64 = motion.qd.iter().map(|v| v.abs()).sum();
         let closing: f64 = (0..6)
@@ -176,7 +177,7 @@ mod tests {
         closing + pair.span * STEP_S * s * s / (2.0 * RATE_HZ)
     }
 
-    /// Pairs that are measured in a look, with the gap that was asked for.
+    /// Pairs that are measured in one call, with the gap that was asked for.
     fn looked(
         watch: &mut Watch<6>,
         pairs: &[Pair<6>],
@@ -219,8 +220,8 @@ mod tests {
         }
     }
 
-    /// Distances that change as fast as levers let them: no pair is passed over that may have a row, and
-    /// nearly all others are.
+    /// Distances change as fast as the levers allow: no pair that may have a row is skipped, and nearly all
+    /// others are.
     #[test]
     fn nothing_comes_near_unseen() {
         let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(4));

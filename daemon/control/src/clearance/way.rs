@@ -1,27 +1,26 @@
-//! Whether a straight way in joint space is clear, looked along piece by piece before anything moves.
+//! Whether a straight path in joint space is clear, checked point by point before anything moves.
 //!
-//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by Σ_j lever_j |Δq_j| per unit of s at most. From
-//! a place where it is (d − least) more than it must be, nothing can touch before s has grown by (d − least)
-//! / Σ_j lever_j |Δq_j|: the next place that has to be looked at is where the first pair's share of that
-//! ends. Steps are never shorter than `STEP_M` of way, or a thousandth of the whole; what may hide in one is
-//! less than [`MORE_M`], which is kept on top of the margin.
+//! Along q(s) = q₀ + s·Δq the distance d of a pair changes by at most Σ_j lever_j |Δq_j| per unit of s. Its
+//! least distance allowed cannot be reached before s has grown by (d − least) / Σ_j lever_j |Δq_j|: the next
+//! point to check is the smallest of these steps over all pairs. Steps are never shorter than `STEP_M` of
+//! motion, or a thousandth of the path; what such a step may hide is less than [`MORE_M`], which is added to
+//! the margin.
 //!
 //! Contract: pure; no allocation after construction; bounded work per call and a bounded number of calls per
-//! way. A pair that begins nearer than the margin may not come nearer than it begins, one that ends near it
-//! may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
+//! path. A pair that begins nearer than the margin may not come nearer than it begins; a pair that ends
+//! nearer may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
 
 use crate::arm::chain::Chain;
 use crate::clearance::watch::Watch;
 use crate::clearance::{Clearance, Kinematics};
 
-/// Shortest way that any body goes between two looks \[m\], by the levers, which are more than it really
-/// goes.
+/// Shortest motion of any body between two checks \[m\], bounded by the levers.
 const STEP_M: f64 = 1e-3;
-/// Most looks along one way.
+/// Most checks along one path.
 const LOOKS: f64 = 1000.0;
-/// Kept on top of the margin, so that rows that damp closing speeds leave some on the whole way \[m\].
+/// Added to the margin, so that the damping rows leave some speed along the whole path \[m\].
 pub const MORE_M: f64 = 1e-3;
-/// A pair that begins nearer may come nearer by rounding only \[m\].
+/// A pair that begins nearer than the margin may come nearer by rounding only \[m\].
 const ROUNDING_M: f64 = 1e-6;
 
 /// What stands in the way.
@@ -29,37 +28,37 @@ const ROUNDING_M: f64 = 1e-6;
 pub struct Obstructed {
     /// Number of the pair, see [`Clearance::pair_names`].
     pub pair: u16,
-    /// Where on the way, 0 to 1.
+    /// Position on the path, 0 to 1.
     pub share: f64,
-    /// How near they would come there \[m\]; negative where they overlap.
+    /// Their distance there \[m\]; negative where they overlap.
     pub distance_m: f64,
 }
 
-/// What a look along a way found.
+/// Result of one check along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Looked {
-    /// Nothing so far.
+    /// Clear so far; more points to check.
     SoFar,
-    /// Nothing on the whole way.
+    /// The whole path is clear.
     Clear,
-    /// Something.
+    /// A pair comes too near.
     Blocked(Obstructed),
 }
 
-/// A way, and how far it was looked along.
+/// A path, and how far it was checked.
 #[derive(Debug, Clone)]
 pub struct Way<const J: usize> {
     from: [f64; J],
     to: [f64; J],
     share: f64,
-    /// Per pair, how near it may come \[m\].
+    /// Smallest distance allowed per pair \[m\].
     least: Vec<f64>,
-    /// The end was looked at, which says how near it may come there.
+    /// Whether the end was checked, which sets the smallest distance allowed there.
     end_seen: bool,
 }
 
 impl<const J: usize> Way<J> {
-    /// Room for the pairs of `clearance`; from zero to zero.
+    /// A path from zero to zero with room for the pairs of `clearance`.
     #[must_use]
     pub fn new(clearance: Option<&Clearance<J>>) -> Self {
         let pairs = clearance.map_or(0, |clearance| clearance.pairs.len());
@@ -72,7 +71,7 @@ impl<const J: usize> Way<J> {
         }
     }
 
-    /// Begins to look along the way from `from` to `to` \[rad\].
+    /// Begins to check the path from `from` to `to` \[rad\].
     pub fn begin(&mut self, from: [f64; J], to: [f64; J]) {
         (self.from, self.to, self.share, self.end_seen) = (from, to, 0.0, false);
     }
@@ -90,7 +89,7 @@ impl<const J: usize> Way<J> {
 }
 
 impl<const J: usize> Clearance<J> {
-    /// Looks at one more place of `way`. `chain` is the one that this was made for.
+    /// Checks one more point of `way`. `chain` is the one that this clearance was made for.
     pub fn look_along(&self, chain: &Chain<J>, way: &mut Way<J>) -> Looked {
         if !way.end_seen {
             return self.look_at_end(chain, way);
@@ -108,7 +107,7 @@ impl<const J: usize> Clearance<J> {
             let reach_m: f64 = turns.map(|((from, to), lever)| lever * (to - from).abs()).sum();
             farthest_m = farthest_m.max(reach_m);
             let more = distance_m - *least;
-            // Written so that what is no number is in the way.
+            // Written so that a NaN distance blocks the path.
             if !(more >= 0.0) && nearest.is_none_or(|(worst, _)| !(more >= worst)) {
                 let pair = u16::try_from(index).unwrap_or(u16::MAX);
                 nearest = Some((more, Obstructed { pair, share: way.share, distance_m }));
@@ -128,7 +127,7 @@ impl<const J: usize> Clearance<J> {
         Looked::SoFar
     }
 
-    /// An end that keeps the margin is as good as any, even if nothing is left on top.
+    /// An end that keeps the margin is allowed, even without the addition.
     fn look_at_end(&self, chain: &Chain<J>, way: &mut Way<J>) -> Looked {
         let kinematics = chain.forward(&way.at(1.0));
         for (pair, least) in self.pairs.iter().zip(&mut way.least) {
@@ -139,33 +138,32 @@ impl<const J: usize> Clearance<J> {
         Looked::SoFar
     }
 
-    /// The same, gaps closing at `share` of the rate at most.
+    /// The same clearance, with gaps closing at `share` of the rate at most.
     #[must_use]
     pub fn damped(mut self, share: f64) -> Self {
         self.rate *= share;
-        // The copy of a list keeps no room for more.
+        // A clone's list has no spare capacity.
         self.watch = Watch::new(self.pairs.len());
         self
     }
 
-    /// The part of `qd` \[rad/s\] that keeps every row found last, 1 where it keeps them all.
+    /// The fraction of `qd` \[rad/s\] that satisfies every row of the last call; 1 if all of it does.
     pub(crate) fn share_kept(&self, qd: &[f64; J]) -> f64 {
         let kept = self.found.rows().iter().map(|(row, bound)| {
             let speed: f64 = row.iter().zip(qd).map(|(c, v)| c * v).sum();
-            // No share of a motion that does not close the gap would open it.
+            // A motion that does not close the gap opens it by no share of its speed.
             if speed >= bound || speed >= 0.0 { 1.0 } else { bound.min(0.0) / speed }
         });
         kept.fold(1.0, f64::min)
     }
 
-    /// The smallest distance at `kinematics`, and the pair that has it: without allocation.
+    /// The smallest distance at `kinematics` \[m\] and its pair. Does not allocate.
     pub(crate) fn nearest_pair(&self, kinematics: &Kinematics<J>) -> Option<(u16, f64)> {
         let all = self.pairs.iter().zip(0_u16..).map(|(pair, n)| (n, pair.separations(kinematics, |_| {})));
         all.min_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 
-    /// What each pair is called, for people: "`forearm_link` and box 2", numbered as in the settings.
-    /// Allocates.
+    /// Name of each pair for messages: "`forearm_link` and box 2", numbered as in the settings. Allocates.
     #[must_use]
     pub fn pair_names(&self) -> Vec<String> {
         self.pairs.iter().map(|pair| pair.called()).collect()

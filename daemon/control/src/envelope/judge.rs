@@ -1,20 +1,20 @@
-//! Where the published command has the tool, and whether that is too far out.
+//! Where the published command puts the tool, and whether that is outside the envelope.
 
 use super::{Envelope, SPEED_MARGIN, TILT_MARGIN_RAD};
 use crate::arm::Kinematics;
 use crate::stop::{StopCause, StopDetail};
 
-/// Rounding: what is outside goes no farther by so much \[m, rad\].
+/// Rounding: a tool outside may move out by this much without being judged \[m, rad\].
 const ROUNDING: f64 = 1e-6;
 
-/// How far beyond the envelope the tool may be, because it was when it was armed; never grows.
+/// How far outside the envelope the tool may be because it was when it was armed; never grows.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Allowed {
     place: [f64; 3],
     tilt: f64,
 }
 
-/// Where one command has the tool.
+/// Tool position, tilt and speed of one command.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EnvelopeFigures {
     /// In the plane's frame \[m\].
@@ -41,12 +41,12 @@ impl<const J: usize> Envelope<J> {
         Allowed { place, tilt: (figures.tilt - self.tilt - TILT_MARGIN_RAD).max(0.0) }
     }
 
-    /// Begins anew with an arm that stands where it is: from outside it may come in.
+    /// Begins anew where the arm stands; a tool that is outside may come in.
     pub fn begin(&mut self, kinematics: &Kinematics<J>) {
         self.allowed = self.beyond(&self.figures(kinematics, 0.0));
     }
 
-    /// What of the envelope a command leaves, if it does.
+    /// Which bound of the envelope a command violates, if any.
     #[must_use]
     pub fn judge(&mut self, figures: &EnvelopeFigures) -> Option<StopDetail> {
         let beyond = self.beyond(figures);

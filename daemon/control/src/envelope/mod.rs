@@ -1,18 +1,18 @@
-//! The tool's envelope: workspace, height over the paper, tilt and speed, whatever the plan thinks.
+//! The tool's envelope: bounds on workspace, height over the paper, tilt and speed, independent of the plan.
 //!
-//! Two halves. Before the joints move, rows on their velocities (in the IK's QP, and in stops): along the way
-//! n to a bound,
+//! Two halves. Before the joints move, rows on their velocities (in the IK's QP, and in stops): along the
+//! direction n towards a bound,
 //!
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≤ v,     v: the fastest from which the tool is at rest before the bound,
 //!
-//! with the deceleration that the joints' limits give it there, half of Σ_j |nᵀJ_j| a_j (half: several
-//! bounds, and a Jacobian that turns meanwhile). Joint limits are the QP's box and hard, keeping clear of
-//! things has the higher price, the envelope comes next, then the task. From outside of a bound rows only
-//! forbid to go farther out. After the command is made, its forward kinematics are judged: beyond the margin,
-//! and farther out than before, the loop latches a stop.
+//! with half of the deceleration that the joint limits give there, ½ Σ_j |nᵀJ_j| a_j (half, because several
+//! bounds may be active and the Jacobian changes meanwhile). Joint limits are the QP's box and hard;
+//! clearance rows have the higher price, then the envelope, then the task. Outside a bound, rows only forbid
+//! moving farther out. After the command is made, its forward kinematics are judged: beyond the margin and
+//! farther out than before, the loop latches a stop.
 //!
-//! Contract: no allocation, bounded work, no panic. Nothing is remembered but how far outside the tool was
-//! when it was armed. A tick in which the velocities wanted keep all rows keeps its bits.
+//! Contract: no allocation, bounded work, no panic. The only memory is how far outside the tool was when it
+//! was armed. A tick whose wanted velocities satisfy all rows is unchanged bit for bit.
 
 mod judge;
 mod rows;
@@ -27,7 +27,7 @@ use crate::arm::{JointLimits, Kinematics};
 use crate::plane::Plane;
 use judge::Allowed;
 
-/// Rows are laid this share of the margin beyond the workspace; the rest is for what they cannot keep.
+/// Rows lie this fraction of the margin outside the workspace; the rest is for what they cannot prevent.
 const ROW_SHARE: f64 = 0.5;
 /// A tilt beyond its limit by this much, and a speed by this share, latch a stop.
 const TILT_MARGIN_RAD: f64 = 0.03;
@@ -38,7 +38,7 @@ const SPEED_MARGIN: f64 = 0.1;
 pub struct Envelope<const J: usize> {
     plane: Plane,
     limits: JointLimits<J>,
-    /// Lowest and highest along the plane's axes that rows lead to, and beyond which a stop latches \[m\].
+    /// Lowest and highest position along the plane's axes for the rows, and for the stop \[m\].
     inner: [[f64; 2]; 3],
     outer: [[f64; 2]; 3],
     tilt: f64,

@@ -9,26 +9,25 @@ use crate::mpc::AxisLimits;
 use crate::qp::offered::Offered;
 use crate::units::AxisState;
 
-/// Price of a row beside one that keeps clear of things.
+/// Price of an envelope row relative to a clearance row.
 const WEIGHT: f64 = 0.1;
-/// Share of the largest deceleration that is counted on.
+/// Fraction of the largest deceleration that rows assume.
 const COUNTED_ON: f64 = 0.5;
-/// Halvings of the interval that holds the fastest speed that can still be stopped, where joints have jerk
-/// limits.
+/// Bisections for the fastest speed that can still be stopped, where joints have jerk limits.
 const HALVINGS: u32 = 24;
 
-/// The bounds along one way: a plane's axis, or the tilt.
+/// The bounds along one direction: an axis of the plane, or the tilt.
 struct Way<const J: usize> {
     /// Velocity along it is row · q̇ \[m/rad or 1\].
     row: [f64; J],
-    /// What is added to it by bending within the step \[m/s\].
+    /// Added to it by the curvature of the motion within the step \[m/s\].
     bent: f64,
     /// Room to the lower and the upper bound \[m, rad\].
     room: [f64; 2],
 }
 
 impl<const J: usize> Envelope<J> {
-    /// `wanted` \[rad/s\] breaks a row of [`Self::offer`]; not exactly: it may say so where none is.
+    /// Whether `wanted` \[rad/s\] may violate a row of [`Self::offer`]; conservative.
     #[must_use]
     pub(crate) fn may_break(
         &self,
@@ -103,8 +102,8 @@ impl<const J: usize> Envelope<J> {
         see(Way { row, bent, room: [f64::INFINITY, self.tilt - tilt] });
     }
 
-    /// The fastest along `way`, in the direction `sign`, from which `room` is enough to come to rest; 0 where
-    /// there is none.
+    /// The fastest speed along `way` in the direction `sign` that can be stopped within `room`; 0 if there is
+    /// no room.
     fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, room: f64, elapsed: f64, sign: f64) -> f64 {
         if room <= 0.0 {
             return 0.0;
@@ -180,8 +179,8 @@ mod tests {
         Envelope::new(&settings, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()
     }
 
-    /// How far a step at `v` after one at `now` leads \[m\], with the stop behind it that ends without
-    /// acceleration, in steps of 10 µs.
+    /// How far a step at `v` after one at `now` leads \[m\], together with the stop after it that ends
+    /// without acceleration; integrated in steps of 10 µs.
     fn farthest_m(v: f64, now: f64, elapsed: f64) -> f64 {
         let step = 1e-5;
         let (mut x, mut speed) = (v * elapsed, v);
@@ -190,7 +189,7 @@ mod tests {
         while speed > 0.0 {
             x += step * (speed + 0.5 * step * a);
             speed += step * a;
-            // What is left is the way back to no acceleration.
+            // The rest of the motion brings the acceleration back to zero.
             let ends = a < 0.0 && speed <= 0.5 * a * a / JERK;
             a = if ends { (a + step * JERK).min(0.0) } else { (a - step * JERK).max(-BRAKING) };
             most = most.max(x);

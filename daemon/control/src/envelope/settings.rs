@@ -1,15 +1,15 @@
-//! What the envelope is made of, and the bounds of its numbers.
+//! Settings of the envelope and their ranges.
 
 use thiserror::Error;
 
-/// How far the tool may go, however it is led.
+/// How far and how fast the tool may move, whatever commands it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnvelopeSettings {
-    /// Beyond the workspace by more than this a stop latches \[m\].
+    /// A tool farther outside the workspace than this latches a stop \[m\].
     pub margin_m: f64,
     /// Largest angle between the tool's axis and the plane's normal \[rad\].
     pub max_tilt_rad: f64,
-    /// Fastest tool \[m/s\]; `None`: what the plan's limits and the IK's corrections amount to together.
+    /// Fastest tool \[m/s\]; `None`: the plan's limits and the IK's corrections together.
     pub max_speed_mps: Option<f64>,
 }
 
@@ -30,7 +30,7 @@ pub struct EnvelopeError {
 }
 
 impl EnvelopeSettings {
-    /// Check every bound; NaN is outside every range.
+    /// Checks every bound; NaN is outside every range.
     ///
     /// # Errors
     /// The first bound broken.

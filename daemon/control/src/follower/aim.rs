@@ -1,4 +1,4 @@
-//! The reference: what the plan is to follow, and how far ahead.
+//! The reference: what the plan is to follow, and how far ahead of the pen.
 
 use super::Follower;
 use super::io::Mode;
@@ -8,12 +8,12 @@ use crate::reference::resting;
 use crate::units::{Stamp, Trust};
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// The nearest lead that a plan looks at, as far as there are bands \[steps\].
+    /// The nearest lead that a plan uses, as far as there are error bands \[steps\].
     pub(super) fn nearest_lead(&self) -> usize {
         ((self.ahead_ns() / self.settings.pen.step_ns) as usize + 1).min(BAND_LEADS)
     }
 
-    /// How far ahead references lie: the dead time, without the servo that the plan models, and the plan's
+    /// How far ahead references lie: the dead time without the servo that the plan models, plus the plan's
     /// response.
     pub(super) fn ahead_ns(&self) -> u64 {
         self.dead_time.ns().saturating_sub(self.settings.servo_ns()).saturating_add(self.settings.response_ns)

@@ -2,35 +2,35 @@
 //! trust in it.
 
 use super::Follower;
+use super::intake::PenNews;
 use super::io::Health;
-use super::see::PenNews;
 use crate::predict::OnlineWeights;
 use crate::predict::refine::Look;
 use crate::skill::{Foreseen, Happened, Record, SkillReport};
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
 
-/// Leads whose record decides, from the first that the plan looks at: what comes later weighs little in a
-/// plan that is made anew in every tick.
+/// Number of leads whose record decides, from the nearest one of the plan: later ones weigh little in a plan
+/// that is made anew in every tick.
 const LEADS_JUDGED: usize = 2;
 
-/// How long a refused set of weights counts against the learner, unless a sound one follows: the memory of
+/// How long a refused set of weights counts against the learner, unless a valid one follows: the memory of
 /// the record.
 const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
 
-/// What a tick leaves for the next one to learn from.
+/// What a tick leaves for the next one to judge.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Left {
-    /// A preview was made, ...
+    /// A preview was made.
     made: bool,
-    /// ... with this claim of its predictor.
+    /// Lead and error band that the predictor claimed for that preview.
     claim: Option<(usize, f64)>,
     look: Option<Look>,
     pub(super) at_limit: Option<bool>,
 }
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// Learns what past previews were worth, before a new one takes the place of the last.
-    pub(super) fn learn(&mut self, pen: &PenNews) {
+    /// Judges past previews, before a new one replaces the last.
+    pub(super) fn judge_past_previews(&mut self, pen: &PenNews) {
         let Left { made, claim, look, at_limit } = std::mem::take(&mut self.left);
         let preview = made.then(|| Foreseen {
             base: self.preview.base_position(),
@@ -53,7 +53,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
     }
 
-    /// Another predictor takes over, if one waits and nothing of the last one's preview is used any more.
+    /// Changes the predictor, if a change is pending and no part of the old preview is in use (α = 0).
     pub(super) fn switch(&mut self) -> bool {
         if self.trust.alpha().alpha() > 0.0 {
             return false;
@@ -68,7 +68,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         switched
     }
 
-    /// Rolls the predictor out anew; a preview from a new grid point will be judged.
+    /// Computes the preview anew; one from a new grid point will be judged.
     pub(super) fn predict(&mut self, pen: &PenNews) {
         let steps = self.settings.steps_for(N, self.dead_time.ns());
         self.preview.refresh(&self.previewer, steps);
@@ -85,8 +85,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.skill.report(nearest, nearest + LEADS_JUDGED - 1)
     }
 
-    /// Moves the preview by what the newest sample says, and shortens it to the shares that past previews
-    /// justify.
+    /// Corrects the preview by the newest sample, and shrinks it to the shares that past previews justify.
     pub(super) fn refine(&mut self, skill: &SkillReport, health: &mut Health) {
         if let Some(newest) = self.pen.newest() {
             let per_step =
@@ -100,7 +99,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         }
     }
 
-    /// Trust in the preview, after what past ones were worth.
+    /// Updates the trust in the preview from the record of past ones.
     pub(super) fn believe(&mut self, pen: &PenNews, record: Record) -> TrustReport {
         let report = self.trust.update(
             &TrustInputs {

@@ -1,4 +1,4 @@
-//! What the loop makes of the news from the way home.
+//! What the loop does at the events of the way home.
 
 use super::Follower;
 use super::io::Refusal;
@@ -10,8 +10,8 @@ use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns
-    /// whether the way is clear, in the tick in which that is known.
-    pub(super) fn heed_home(&mut self, now: Stamp, news: &HomeNews) -> Option<Result<(), Refusal>> {
+    /// whether the way is clear, in the tick in which that is decided.
+    pub(super) fn take_stock_of_home(&mut self, now: Stamp, news: &HomeNews) -> Option<Result<(), Refusal>> {
         match news {
             HomeNews::None => None,
             HomeNews::Clear => Some(Ok(())),
@@ -39,7 +39,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     }
 }
 
-/// Casts saturate; what is no number is 0.
+/// Whole numbers for the wire. Casts saturate; NaN becomes 0.
 fn whole(by: &Obstructed) -> WayBlocked {
     WayBlocked { pair: by.pair, percent: (100.0 * by.share) as u8, distance_um: (1e6 * by.distance_m) as i32 }
 }

@@ -11,10 +11,10 @@ use crate::stop::{StopDetail, StopReason};
 use crate::trust::TrustReport;
 use crate::units::{AxisState, Stamp};
 
-/// Most grid steps that one tick may close; the rest stays queued for the next tick.
+/// Most grid steps that one tick may close; the rest stay queued for the next tick.
 pub const MAX_STEPS_PER_TICK: usize = 8;
 
-/// Measured state of the arm, already validated by whoever received it.
+/// Measured state of the arm, already validated by the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointReading<const J: usize> {
     /// When it was measured, on the host's monotonic clock.
@@ -46,11 +46,11 @@ pub enum Mode {
     Armed,
     /// Following the pen.
     Following,
-    /// The pen fell silent: at rest where it was last seen.
+    /// The pen is silent: at rest at its last position.
     Holding,
     /// Stopped (or stopping) and latched until armed again.
     Stopped,
-    /// As `Stopped`, because the arm reported a safety stop.
+    /// Like `Stopped`, because the arm reported a safety stop.
     Fault,
     /// Moving the arm home, or about to.
     Homing,
@@ -103,11 +103,11 @@ impl Health {
     pub const ENABLE_MISSING: u32 = 1 << 12;
     /// Periods were lost before this tick.
     pub const TIME_LOST: u32 = 1 << 13;
-    /// A joint state was refused: not finite, older than the last, or stamped in the future.
+    /// A joint state was refused: non-finite, older than the last, or stamped in the future.
     pub const JOINTS_REJECTED: u32 = 1 << 15;
-    /// Keeping clear of a plane, a box or itself, or the tool's envelope, held the arm back.
+    /// Clearance rows or the tool's envelope held the arm back.
     pub const CLEARANCE: u32 = 1 << 16;
-    /// Fell off the fresh plan.
+    /// Used something below the fresh plan on the ladder.
     pub const FALLBACK: u32 = 1 << 14;
 
     pub(crate) fn set(&mut self, bit: u32) {
@@ -136,7 +136,7 @@ impl Default for Budget {
     }
 }
 
-/// The parts of a step whose cost is reported apart.
+/// The parts of a step whose cost is reported separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Requests, joint states, pen samples onto the grid.
@@ -147,17 +147,17 @@ pub enum Stage {
     Mpc,
     /// Inverse kinematics.
     Ik,
-    /// Guard and book-keeping.
+    /// Guard and record keeping.
     Guard,
 }
 
-/// Told when a stage ends, so that the shell can time stages while the law knows no clock.
+/// Receives the end of every stage, so that the shell can time stages although the law has no clock.
 pub trait StageClock {
     /// `stage` has just ended.
     fn lap(&mut self, stage: Stage);
 }
 
-/// A stage clock that keeps no time.
+/// A stage clock that ignores all stages.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoClock;
 
@@ -178,8 +178,8 @@ pub struct StepInput<'a, const J: usize> {
     pub enable: Option<EnableReading>,
     /// At most one request a tick.
     pub request: Option<Request>,
-    /// A stop that the shell demands, latched before anything else is looked at: [`StopReason::Requested`] by
-    /// a way that needs no request, [`StopReason::Overruns`] with its evidence.
+    /// A stop that the shell demands, latched first of all: [`StopReason::Requested`] by a path that needs no
+    /// request, [`StopReason::Overruns`] with its evidence.
     pub halt: Option<(StopReason, StopDetail)>,
     /// Weights promoted by the learner since the last tick.
     pub weights: Option<&'a OnlineWeights>,
@@ -213,7 +213,7 @@ pub struct JointCommand<const J: usize> {
 pub struct HomeProgress {
     /// The way was found clear, and the motion has begun.
     pub moving: bool,
-    /// Share of the way that was gone, 0 to 1.
+    /// Fraction of the way done, 0 to 1.
     pub share: f64,
     /// How long the rest takes with nothing near \[s\].
     pub left_s: f64,
@@ -224,8 +224,8 @@ pub struct HomeProgress {
 pub struct StepOutput<const J: usize> {
     /// The command; `None` only while the loop is not in charge of the arm (Idle).
     pub command: Option<JointCommand<J>>,
-    /// The command is the first since arming: it begins where the arm stands, not where the last stream
-    /// ended.
+    /// The command is the first since arming: it begins where the arm stands, not where the last stream of
+    /// commands ended.
     pub begins: bool,
     /// Mode after the step.
     pub mode: Mode,
@@ -233,13 +233,13 @@ pub struct StepOutput<const J: usize> {
     pub stop_reason: StopReason,
     /// The evidence behind the newest latched stop.
     pub stop_detail: StopDetail,
-    /// Part of the speed asked for at which the arm moves, in (0, 1]; `None`: not known.
+    /// Fraction of the requested speed at which the arm moves, in (0, 1]; `None`: unknown.
     pub arm_speed_share: Option<f64>,
     /// Answer to the request, if there was one.
     pub answer: Option<Result<(), Refusal>>,
     /// While the arm is moved home, how far it is.
     pub home: Option<HomeProgress>,
-    /// The way home was looked along: it is clear, or why not. Ticks after the request was taken.
+    /// Result of checking the way home: clear, or why not. Comes ticks after the request was accepted.
     pub way: Option<Result<(), Refusal>>,
     /// Which fallback made the command.
     pub rung: Rung,
@@ -259,18 +259,18 @@ pub struct StepOutput<const J: usize> {
     pub pen_position: [f64; 2],
     /// The newest accepted pen sample touches the paper.
     pub pen_contact: bool,
-    /// Receipts so far.
+    /// Counts of pen samples so far.
     pub pen_counters: PenCounters,
     /// The newest pen sample refused, with the evidence.
     pub pen_refused: Option<PenRefusal>,
     /// Error of the one-step prediction of the newest closed grid step \[m\]; `None` when no step closed.
     pub predictor_error: Option<f64>,
-    /// The pen is expected within this distance of where the plan's first reference has it, before any
-    /// velocity lead, in nine of ten cases \[m\]; `None` while too little has been seen, or too far ahead.
+    /// Radius about the plan's first reference, before any velocity lead, in which the pen is expected in
+    /// nine of ten cases \[m\]; `None` while too little has been observed, or too far ahead.
     pub predictor_band: Option<f64>,
     /// Dead time τ that the references looked ahead by \[ns\].
     pub dead_time_ns: u64,
-    /// How late the arm was measured to be; `None` while that is not known.
+    /// Measured lag of the arm; `None` while unknown.
     pub lag: Option<LagEstimate>,
     /// First reference of the plan in the plane frame \[m\].
     pub reference: [f64; 3],

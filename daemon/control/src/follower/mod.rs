@@ -6,21 +6,21 @@
 //! the same outputs, bit for bit.
 //!
 //! Time: at `now` the commanded state is the one published last. The step plans from it and publishes the
-//! joints for `now` + dt with the mean velocity over that period, so that a consumer who follows q + q̇·(t −
-//! stamp) moves in straight pieces from command to command.
+//! joints for `now` + dt with the mean velocity over that period, so that a consumer which follows q + q̇·(t
+//! − stamp) moves on straight segments from command to command.
 
 mod aim;
 mod answer;
 mod foresee;
-mod heed;
 mod home;
+mod intake;
 mod io;
 mod motion;
 mod plans;
 mod report;
 mod request;
-mod see;
 mod settings;
+mod stock;
 mod tracking;
 mod watch;
 
@@ -59,17 +59,17 @@ pub struct Follower<const N: usize, const J: usize> {
     refiner: Box<Refiner>,
     pending_predictor: Option<PredictorKind>,
     skill: Box<Skill>,
-    /// What the last tick left for the skill to learn from.
+    /// What the last tick left for the skill to judge.
     left: Left,
     reference: Reference,
     trust: TrustControl,
     trust_request: TrustRequest,
     plans: Plans,
-    /// See [`TrustInputs::overtaxed`].
+    /// See [`crate::trust::TrustInputs::overtaxed`].
     overtaxed: Option<bool>,
     outcome: Box<Outcome>,
-    /// For so long the learner is not trusted after a set of its was refused [ns]: by then evidence has
-    /// judged the set in force.
+    /// How long the learner is not trusted after one of its sets was refused \[ns\]; by then the record
+    /// judges the set in force.
     learner_doubt_ns: u64,
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
@@ -105,7 +105,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust_request: settings.trust_request,
             plans: Plans::default(),
             overtaxed: None,
-            // The tool is the command's, which a plan that models its servo has ahead of the arm.
+            // The tool is the command's; a plan that models the servo puts that ahead of the arm.
             outcome: Box::new(Outcome::new(
                 settings.period_ns,
                 feedback_lag_s - settings.mpc.servo_s,
@@ -123,11 +123,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// Gives the recorded future to the oracle and makes it the predictor (experiments only).
     pub fn use_oracle(&mut self, oracle: Oracle) {
         self.previewer.load_recording(oracle);
-        // A recording was just loaded, the only thing `choose` can miss.
+        // The recording was just loaded, the only thing `choose` can miss.
         let _ = self.previewer.choose(PredictorKind::ORACLE);
     }
 
-    /// What it was built from.
+    /// The settings it was built from.
     #[must_use]
     pub fn settings(&self) -> &FollowerSettings<J> {
         &self.settings
@@ -141,12 +141,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         weights
     }
 
-    /// Takes charge of an arm that stands at `q` \[rad\], whoever had it before: for a loop that runs beside
-    /// the real one.
+    /// Takes charge of an arm that stands at `q` \[rad\], without a request: for a loop that runs beside the
+    /// real one.
     ///
     /// # Errors
     ///
-    /// The joints or the tool are where no arm may be armed.
+    /// The arm may not be armed there.
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
         self.monitor.begin(now);
@@ -154,10 +154,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Ok(())
     }
 
-    /// One tick. `budget` was decided by the caller from its own clock; `clock` is told when a stage ends.
+    /// One tick. The caller decides `budget` from its own clock; `clock` is told when a stage ends.
     ///
-    /// The stages stand in the order in which they run, which is that of the data. What a stage needs of a
-    /// later one is what that came to in the tick before.
+    /// The stages stand in the order in which they run, which is the order of the data. What a stage needs of
+    /// a later one is that stage's result of the tick before.
     pub fn step(
         &mut self,
         input: &StepInput<'_, J>,
@@ -169,13 +169,13 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         // Watch and monitor: what arrived, whether the arm is where it was told to be, what the operator
         // wants.
-        let seen = self.see(input, &mut health);
+        let seen = self.take_in(input, &mut health);
         // Pen: samples onto the grid.
         let pen = self.read_pen(now, input.pen, &mut health);
         clock.lap(Stage::Pen);
 
-        // Skill: what came of past previews.
-        self.learn(&pen);
+        // Skill: how good past previews were.
+        self.judge_past_previews(&pen);
         // Predict, with the weights that the learner promoted and the predictor that the operator chose.
         self.adopt(input.weights, &mut health);
         let switched = self.switch();
@@ -185,7 +185,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         // Refine by samples newer than the grid, as far as past previews justify.
         let skill = self.skill();
         self.refine(&skill, &mut health);
-        // Trust: how far to believe what came of it.
+        // Trust: how much of the preview to use.
         let trust = self.believe(&pen, skill.record);
         clock.lap(Stage::Predict);
 
@@ -194,7 +194,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.mover.pace_mps = self.monitor.allowed_mps();
         // Plan, solve, keep the envelope, guard: the plan's first step as joints that may be published.
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
-        let way = self.heed(now, seen.lost_ns, matches!(wanted, Some(Wanted::Follow { .. })), &moved, health);
+        let followed = matches!(wanted, Some(Wanted::Follow { .. }));
+        // Take stock: what the tick came to, for lag, monitor and the next tick.
+        let way = self.take_stock(now, seen.lost_ns, followed, &moved, health);
         clock.lap(Stage::Guard);
 
         self.report(now, Outcomes { health, seen, pen, trust, moved, way })

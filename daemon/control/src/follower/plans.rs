@@ -1,26 +1,26 @@
-//! How planning went of late, of the ticks that wanted to follow.
+//! How planning went lately, over the ticks that were to follow the pen.
 //!
-//! Contract: total, no memory but two shares.
+//! Contract: total; the only memory are two shares.
 
 use super::{Health, Rung};
 
-/// Ticks over which the share of those that had to stop forgets.
+/// Memory of the share of ticks that had to stop \[ticks\].
 const STOPPED_TICKS: f64 = 50.0;
-/// The same of those whose plan failed: longer than from one lift of the pen to the next, which costs steps
-/// of the solver.
+/// Memory of the share of ticks whose plan failed \[ticks\]: longer than from one lift of the pen to the
+/// next, which costs solver steps.
 const FAILED_TICKS: f64 = 500.0;
 
 /// Shares of the recent ticks, in \[0, 1\].
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Plans {
-    /// Had to stop: no plan, or no joints for it.
+    /// Share that had to stop: no plan, or no joints for it.
     pub(super) stopped: f64,
-    /// Asked for a plan that failed. Those that were told to leave it out do not count.
+    /// Share whose plan failed. Ticks that were told to shed the solve do not count.
     pub(super) failed: f64,
 }
 
 impl Plans {
-    /// A tick that wanted to follow came to `rung`, with `health`.
+    /// Counts a tick that was to follow the pen and ended on `rung` with `health`.
     pub(super) fn see(&mut self, rung: Rung, health: Health) {
         let one_if = |is: bool| f64::from(u8::from(is));
         self.stopped += (one_if(matches!(rung, Rung::Stop | Rung::Hold)) - self.stopped) / STOPPED_TICKS;

@@ -1,9 +1,9 @@
 //! The last stage of a tick: what was decided, as plain data.
 
 use super::Follower;
+use super::intake::{PenNews, Seen};
 use super::io::{Health, JointCommand, Mode, Refusal, StepOutput};
 use super::motion::Moved;
-use super::see::{PenNews, Seen};
 use crate::pen::PenOrigin;
 use crate::trust::TrustReport;
 use crate::units::Stamp;

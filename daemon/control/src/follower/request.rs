@@ -24,7 +24,7 @@ pub enum Request {
 }
 
 impl WayBlocked {
-    /// In place of a pair: the tip would be below the paper, and the distance is its height.
+    /// In place of a pair: the tip would be below the paper; the distance is the tip's height.
     pub const PAPER: u16 = u16::MAX - 1;
 }
 
@@ -33,9 +33,9 @@ impl WayBlocked {
 pub struct WayBlocked {
     /// Number of the pair, see [`crate::clearance::Clearance::pair_names`], or [`Self::PAPER`].
     pub pair: u16,
-    /// Where on the way \[%\].
+    /// Position on the way \[%\].
     pub percent: u8,
-    /// How near they would come there \[µm\]; negative where they overlap.
+    /// Distance there \[µm\]; negative where they overlap.
     pub distance_um: i32,
 }
 
@@ -72,7 +72,7 @@ pub enum Refusal {
     NotFollowing,
     /// A stop came after the request to arm was sent.
     StopCame,
-    /// The value is not a number in its legal range.
+    /// The value is outside its legal range, or NaN.
     BadValue,
     /// The predictor asked for is not available in this loop.
     PredictorUnavailable,

@@ -1,4 +1,4 @@
-//! What the control law has to know before it starts, and the checks that the parts fit together.
+//! What the control law must know before it starts, and checks that the parts fit together.
 
 use std::fmt;
 
@@ -19,12 +19,12 @@ use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSe
 use crate::skill::SkillParameters;
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 
-/// Bounds of time and motion around the law itself.
+/// Safety bounds of the loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SafetySettings {
     /// Periods for which a consumer may follow a command after its stamp.
     pub valid_periods: u32,
-    /// A machine that stood still for longer than this latches a stop \[ns\].
+    /// A process that stood still for longer than this latches a stop \[ns\].
     pub latch_after_ns: u64,
     /// Joint states older than this stop the arm \[ns\].
     pub joint_state_timeout_ns: u64,
@@ -45,9 +45,9 @@ pub struct SafetySettings {
     /// The tool stays lifted after arming until it is this close to the pen \[m\]; five times as far away,
     /// and 50 mm, it lifts again.
     pub approach_distance: f64,
-    /// How far the arm may be from where it was told to be.
+    /// How far the arm may be from where it was commanded to be.
     pub tracking: TrackingSettings,
-    /// How far the tool may go whatever the plan is. Not where the plan has no limits.
+    /// How far the tool may move whatever the plan is. Not used for a plan without limits.
     pub envelope: EnvelopeSettings,
 }
 
@@ -64,13 +64,13 @@ pub struct FollowerSettings<const J: usize> {
     pub models: Models,
     /// Weights at start of those that learn online.
     pub weights: OnlineWeights,
-    /// How samples newer than the grid move a preview.
+    /// Parameters of the shares and records of past previews.
     pub refine: RefineParameters,
     /// The numbers behind shares and records of past previews.
     pub skill: SkillParameters,
-    /// When to believe the preview.
+    /// When to trust the preview.
     pub trust: TrustSettings,
-    /// Who decides at start.
+    /// Who decides the trust at start.
     pub trust_request: TrustRequest,
     /// Gains, limits and solver of the plan.
     pub mpc: MpcSettings,
@@ -86,17 +86,17 @@ pub struct FollowerSettings<const J: usize> {
     pub ik_backend: IkBackend,
     /// What the arm keeps away from; `None`: nothing, not even itself.
     pub clearance: Option<ClearanceSettings>,
-    /// Time from command to arm motion, τ, at start \[ns\]. What of it is the arm's servo (`mpc.servo_s`) the
-    /// plan models; the rest is pure delay.
+    /// Time from command to arm motion, τ, at start \[ns\]. The plan models the part of it that is the arm's
+    /// servo (`mpc.servo_s`); the rest is pure delay.
     pub dead_time_ns: u64,
     /// Whether τ follows the measured lag of the arm afterwards.
     pub following: Following,
     /// Bounds of time and motion.
     pub safety: SafetySettings,
-    /// How much farther ahead than the dead time references lie \[ns\]: what the plan itself needs to answer.
+    /// How much farther ahead than the dead time references lie \[ns\]: the plan's own response time.
     pub response_ns: u64,
-    /// This much of the predicted velocity is added to the references \[ns\]: takes out the lag that badly
-    /// foreseen hands leave.
+    /// The references are advanced by this much of the predicted velocity \[ns\]: removes the lag that hands
+    /// which are hard to predict would leave.
     pub velocity_lead_ns: u64,
 }
 
@@ -157,23 +157,23 @@ pub enum FollowerError {
         /// Step of the grid \[ns\]
         grid_ns: u64,
     },
-    /// The tool goes past its target and comes back, for ever.
+    /// The tool oscillates about its target without end.
     #[error(
-        "at its limits the tool does not come to rest: along axis {axis} it swings by {swing_m:.4} m about a \
-         pen that rests; {would}"
+        "with saturated limits the tool does not come to rest: along axis {axis} it oscillates by \
+         {swing_m:.4} m about a pen that rests; {would}"
     )]
     NoRest {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// From turn to turn \[m\].
+        /// Amplitude \[m\].
         swing_m: f64,
-        /// What would do.
+        /// A setting that would come to rest.
         would: Would,
     },
-    /// With so little jerk a joint that brakes hard turns round before it rests.
+    /// With so little jerk a joint that brakes hard reverses before it rests.
     #[error(
         "joint {joint}: with a jerk limit of {jerk} rad/s³ it takes longer than 50 ms to go from full \
-         speeding up to full braking, so a stop would turn the joint round and back; {needed} rad/s³ would \
+         speeding up to full braking, so a stop would make the joint reverse twice; {needed} rad/s³ would \
          do, or less acceleration"
     )]
     JointJerk {
@@ -181,23 +181,23 @@ pub enum FollowerError {
         joint: usize,
         /// As given \[rad/s³\].
         jerk: f64,
-        /// The least that would do \[rad/s³\].
+        /// The least that is enough \[rad/s³\].
         needed: f64,
     },
-    /// A plan with so little jerk does not see its stops.
+    /// With so little jerk a plan does not foresee its stops.
     #[error(
         "{whose} leave the plan a jerk of {jerk_mps3:.3} m/s³ along axis {axis}: with it stops take longer \
-         than the plan looks ahead, so the tool would swing about the pen; {needed_mps3:.0} m/s³ would do, \
-         or a longer horizon"
+         than the plan looks ahead, so the tool would oscillate about the pen; {needed_mps3:.0} m/s³ would \
+         do, or a longer horizon"
     )]
     LittleJerk {
         /// `the plan's limits` or `the joints' jerk limits`.
         whose: &'static str,
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// What there is \[m/s³\].
+        /// As given \[m/s³\].
         jerk_mps3: f64,
-        /// What would do \[m/s³\].
+        /// The least that is enough \[m/s³\].
         needed_mps3: f64,
     },
     /// The pen grid.
@@ -226,7 +226,7 @@ pub enum FollowerError {
     Trust(#[from] TrustError),
 }
 
-/// A setting with which an arm comes to rest that does not as it is.
+/// A change of one setting with which the arm comes to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Would {
     /// The plan's velocity limit along the axis \[m/s\].
@@ -237,7 +237,7 @@ pub enum Would {
     PositionGain(f64),
     /// The cap of the solver's steps.
     Steps(u32),
-    /// None that was tried.
+    /// None of those tried.
     Nothing,
 }
 
@@ -260,14 +260,14 @@ impl<const J: usize> FollowerSettings<J> {
         u64::from(self.safety.valid_periods).saturating_mul(self.period_ns)
     }
 
-    /// The limits that plans of `N` steps are made with, x, y and z: as set, or less where the joints do not
-    /// give them or the horizon does not see a stop from them.
+    /// The limits with which plans of `N` steps are made, x, y and z: as set, or lower where the joints do
+    /// not give them or stops from them exceed the horizon.
     #[must_use]
     pub fn plan_limits<const N: usize>(&self) -> [AxisLimits; 3] {
         super::motion::paced::<N, J>(self).limits()
     }
 
-    /// The latest that the arm may be without being blamed for it \[ns\].
+    /// The longest lag of the arm that is not an error \[ns\].
     #[must_use]
     pub fn longest_lag_ns(&self) -> u64 {
         match self.following {
@@ -284,8 +284,8 @@ impl<const J: usize> FollowerSettings<J> {
 
     /// Steps to roll out for a horizon of `horizon`: N + ⌈(τ + age_max)/Δ⌉ + 1 (control law, section 1).
     ///
-    /// τ is the longest that it may become; age_max is the age at which the pen counts as stale, plus the
-    /// step that may be open.
+    /// τ is the longest that it may become; age_max is the age at which the pen counts as stale, plus one
+    /// open step.
     ///
     /// # Errors
     ///
@@ -300,7 +300,7 @@ impl<const J: usize> FollowerSettings<J> {
         Ok(needed)
     }
 
-    /// The same for the dead time of the moment, so that a short one costs no more than it must.
+    /// The same for the current dead time, so that a short one costs no more than it must.
     pub(super) fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
         let plan_ns = (self.mpc.step_s * 1e9 * horizon as f64) as u64;
         let ahead_ns = dead_time_ns
@@ -358,8 +358,8 @@ impl<const J: usize> FollowerSettings<J> {
         }
     }
 
-    /// Whether every joint's acceleration can fade out before it has turned the joint round: while
-    /// acceleration a fades with jerk j, velocity changes by a²/(2j).
+    /// Whether every joint's acceleration can fade out before the joint reverses: while acceleration a fades
+    /// with jerk j, velocity changes by a²/(2j).
     fn joints_ease(&self) -> Result<(), FollowerError> {
         let Some(jerk) = self.limits.jerk() else { return Ok(()) };
         let most = self.limits.acceleration().iter().zip(self.limits.deceleration());

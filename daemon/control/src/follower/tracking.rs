@@ -1,4 +1,4 @@
-//! The tracking monitor inside the loop: what it is shown, and what follows from what it finds.
+//! The tracking monitor inside the loop: its inputs, and the stops that follow from its findings.
 
 use super::Follower;
 use super::io::JointReading;

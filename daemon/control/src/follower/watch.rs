@@ -1,4 +1,4 @@
-//! Modes: who is in charge of the arm, and what takes the charge away.
+//! Modes: whether the loop is in charge of the arm, and what ends that.
 //!
 //! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy
 //! arm at rest.
@@ -8,13 +8,13 @@ use super::settings::SafetySettings;
 use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
 
-/// Stamps may be this far ahead of the tick's release [ns]: messages arrive after it, and periods are up to
+/// Stamps may be this far ahead of the tick's release \[ns\]: messages arrive after it, and periods are up to
 /// 20 ms.
 const MAX_AHEAD_NS: i64 = 50_000_000;
 
-/// An arm is armed at a state that is older than so many of its own intervals \[1\], and than this \[ns\],
-/// only after the next one: it may have been the last word of an arm that is gone, and the next arm stands
-/// elsewhere.
+/// A joint state older than this many of its own intervals \[1\], and than this \[ns\], is not enough for
+/// arming; the next one is awaited. It may be the last state of an arm that is gone, and the next arm may
+/// stand elsewhere.
 const ARMING_INTERVALS: i64 = 3;
 const ARMING_LEAST_NS: i64 = 20_000_000;
 
@@ -24,9 +24,9 @@ pub(super) struct Watch<const J: usize> {
     settings: SafetySettings,
     mode: Mode,
     reason: StopReason,
-    /// Kept over an arming, so that what stopped the loop last can be read afterwards.
+    /// Kept across an arming, so that the last stop can be read afterwards.
     detail: StopDetail,
-    /// Goes to Idle once at rest.
+    /// Go to Idle once at rest.
     letting_go: bool,
     joints: Option<JointReading<J>>,
     /// Between the newest two joint states \[ns\].
@@ -78,9 +78,9 @@ impl<const J: usize> Watch<J> {
         matches!(self.mode, Mode::Stopped | Mode::Fault)
     }
 
-    /// Takes in what arrived; never replaces something newer by something older.
+    /// Stores what arrived; never replaces something newer by something older.
     ///
-    /// What is stamped far ahead of `now` is refused: it would look fresh for ever.
+    /// Stamps far ahead of `now` are refused: they would look fresh for a long time.
     pub(super) fn observe(
         &mut self,
         now: Stamp,
@@ -107,7 +107,7 @@ impl<const J: usize> Watch<J> {
         }
     }
 
-    /// Latches a stop if the arm or the operator is gone. Judged by stamps.
+    /// Latches a stop if arm or operator are stale. Judged by stamps.
     pub(super) fn check(&mut self, now: Stamp, health: &mut Health) {
         let stale = !self.joints_fresh(now);
         if stale {
@@ -131,12 +131,12 @@ impl<const J: usize> Watch<J> {
         }
     }
 
-    /// Follows while the pen speaks, holds when it falls silent.
-    pub(super) fn heed_pen(&mut self, pen_age_ns: Option<u64>) {
+    /// Follows while the pen is live, holds when it is silent.
+    pub(super) fn observe_pen(&mut self, pen_age_ns: Option<u64>) {
         let younger_than = |most_ns: u64| pen_age_ns.is_some_and(|age| age <= most_ns);
         let hold_after_ns = self.settings.hold_after_ns;
-        // Stamps that fall behind would otherwise hold in every tick before a sample and follow in every one
-        // after it.
+        // Without hysteresis, stamps that fall behind would hold in every tick before a sample and follow in
+        // every tick after it.
         let again_ns = hold_after_ns / 2;
         self.mode = match self.mode {
             Mode::Armed | Mode::Holding if younger_than(again_ns) => Mode::Following,
@@ -213,7 +213,7 @@ impl<const J: usize> Watch<J> {
         self.take_charge(now, Mode::Homing);
     }
 
-    /// Gives an arm that stands still back.
+    /// Gives back an arm that stands still.
     pub(super) fn leave(&mut self) {
         self.mode = Mode::Idle;
     }
@@ -225,7 +225,7 @@ impl<const J: usize> Watch<J> {
         self.enable_honoured = self.enable_held(now);
     }
 
-    /// The operator let go: the last word stands, however old, until the switch is held again.
+    /// Whether the operator has let go: the last message counts, however old, until the switch is held again.
     fn enable_stops(&self) -> bool {
         self.enable.is_some_and(|enable| enable.stop)
     }

@@ -1,32 +1,32 @@
-//! What the real arm makes of its commands, so that the ghost's arm can make the same of its own.
+//! A fit of the real arm's response to its commands, so that the ghost's arm responds alike.
 //!
-//! Contract: an arm whose lag L is known is measured where the commands wanted it L ago, but for what its
+//! Contract: an arm with known lag L is measured where the commands wanted it L ago, apart from what its
 //! servo filters. To second order in time that is
 //!
 //! measured(t) ≈ c(t − L) + b ċ(t − L) + a c̈(t − L)
 //!
-//! for any linear arm (Taylor expansion of its frequency response about 0): b is what L misses, a the spread
-//! of its impulse response. Both are fitted to the real commands and measurements by least squares that
-//! forget, pulled towards 0 while little has moved. Without this, an arm that rounds corners would look
-//! better than its ghost, because a smaller path at the same lag is nearer to the pen. Not modelled: limits
-//! that the arm runs into. Nothing allocates.
+//! for any linear arm (Taylor expansion of its frequency response about 0): b is the error of L, a the spread
+//! of the impulse response. Both are fitted to real commands and measurements by least squares with
+//! forgetting, regularised towards 0 while little has moved. Without the fit, an arm that rounds corners
+//! would look better than its ghost, because a smaller path at the same lag is nearer to the pen. Not
+//! modelled: saturation of the arm. Nothing allocates.
 
 use super::track::Track;
 use crate::units::Stamp;
 
-/// Distance of the commands that derivatives are taken from \[ns\].
+/// Half-width of the central differences \[ns\].
 const REACH_NS: u64 = 15_000_000;
-/// Motion that counts as much as the pull towards a mere delay: squared speed \[m²/s²\] and acceleration
-/// \[m²/s⁴\], summed over instants. A quarter of a second of ordinary writing has more.
+/// Regularisation: the pull towards a pure delay counts as much as this motion, squared speed \[m²/s²\] and
+/// acceleration \[m²/s⁴\] summed over samples. A quarter of a second of ordinary writing has more.
 const PULL: [f64; 2] = [0.05, 20.0];
-/// Evidence fades with this much time of motion \[ns\]; a pause makes it no older.
+/// Time constant of forgetting, in time of motion \[ns\]; a pause does not age the evidence.
 const MEMORY_NS: f64 = 3e9;
-/// Instants further apart than this count as this far apart \[ns\].
+/// Samples further apart than this count as this far apart \[ns\].
 const STEP_NS: i64 = 20_000_000;
-/// Largest b [s]: L may be the configured dead time of quite another arm as long as nothing better is known.
+/// Largest b \[s\]: L may be the configured dead time of another arm while nothing better is known.
 const LARGEST_S: f64 = 0.06;
 
-/// A command of a while ago, with its derivatives.
+/// A past command with its derivatives.
 #[derive(Debug, Clone, Copy)]
 struct Command {
     position: [f64; 2],
@@ -35,7 +35,7 @@ struct Command {
 }
 
 impl Command {
-    /// Central differences about `then`; `None` where the commands are not known around it.
+    /// Central differences about `then`; `None` where the commands around it are unknown.
     fn at(commands: &Track, then: Stamp) -> Option<Self> {
         let before = commands.at(Stamp(then.0.checked_sub(REACH_NS)?))?.position;
         let position = commands.at(then)?.position;
@@ -56,20 +56,20 @@ impl Command {
 /// The fit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ArmFit {
-    /// Sums of ċċ, ċc̈, c̈c̈, and of what is left of the measured position times ċ and c̈.
+    /// Sums of ċċ, ċc̈, c̈c̈, and of the residual of the measured position times ċ and c̈.
     vv: f64,
     va: f64,
     aa: f64,
     rv: f64,
     ra: f64,
-    /// Newest instant learned from.
+    /// Newest sample learned from.
     learned: Option<Stamp>,
     /// b \[s\] and a \[s²\].
     response: [f64; 2],
 }
 
 impl ArmFit {
-    /// Learns that what was commanded `then` became the tool position `measured` \[m\].
+    /// Learns that the command at `then` became the tool position `measured` \[m\].
     pub fn learn(&mut self, commands: &Track, then: Stamp, measured: [f64; 2]) {
         let Some(command) = Command::at(commands, then).filter(|_| measured.iter().all(|x| x.is_finite()))
         else {
@@ -90,7 +90,7 @@ impl ArmFit {
         }
         let [pull_v, pull_a] = PULL;
         let (vv, aa) = (self.vv + pull_v, self.aa + pull_a);
-        // Positive: both pulls are.
+        // Positive definite: both regularisation terms are positive.
         let determinant = vv * aa - self.va * self.va;
         let b = (self.rv * aa - self.ra * self.va) / determinant;
         let a = (self.ra * vv - self.rv * self.va) / determinant;
@@ -100,8 +100,8 @@ impl ArmFit {
         }
     }
 
-    /// Where an arm like this one is with what `commands` wanted `then` \[m\]; `None` where they are not
-    /// known.
+    /// Where an arm like this one is after the command at `then` \[m\]; `None` where the commands are
+    /// unknown.
     #[must_use]
     pub fn respond(&self, commands: &Track, then: Stamp) -> Option<[f64; 2]> {
         let Command { position: [x, y], velocity: [vx, vy], acceleration: [ax, ay] } =
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(fit.respond(&track, Stamp(0)), None);
     }
 
-    /// Against the normal equations over all instants, each with its age in time of motion.
+    /// Against the normal equations over all samples, each with its age in time of motion.
     #[test]
     fn the_fit_is_least_squares_over_what_is_not_forgotten() {
         let track = commands(|t| [0.02 * (9.0 * t).sin() + 0.01 * (4.0 * t).cos(), 0.015 * (14.0 * t).sin()]);
@@ -208,7 +208,7 @@ mod tests {
             let (before, here, after) = (at(ms - 15), at(ms), at(ms + 15));
             let velocity = [0, 1].map(|i| (after[i] - before[i]) / (2.0 * h));
             let acceleration = [0, 1].map(|i| (after[i] - 2.0 * here[i] + before[i]) / (h * h));
-            // A filter that changes on the way, and something that no filter explains.
+            // A filter that changes meanwhile, and a disturbance that no filter explains.
             let b = if k < 60 { 0.02 } else { -0.01 };
             let off =
                 [0, 1].map(|i| b * velocity[i] + 2e-4 * acceleration[i] + 1e-4 * (k as f64 * 0.7).sin());
@@ -217,7 +217,7 @@ mod tests {
             cases.push((1.0, [velocity, acceleration, off]));
             fit.learn(&track, Stamp(ms * MS), [here[0] + off[0], here[1] + off[1]]);
         }
-        // Σ of the products of velocity, acceleration and what is left, by their places.
+        // Σ of the products of velocity, acceleration and residual, by their places.
         let sum = |one: usize, other: usize| {
             let dot = |case: &[[f64; 2]; 3]| (0..2).map(|i| case[one][i] * case[other][i]).sum::<f64>();
             cases.iter().map(|(weight, case)| weight * dot(case)).sum::<f64>()

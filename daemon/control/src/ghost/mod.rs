@@ -1,15 +1,15 @@
-//! The ghost: what Hold alone (trust 0) would have done with the same pen, arm and limits, beside the loop
-//! that really runs, and how much the prediction saves against it.
+//! The ghost: the same loop at Hold (α = 0) with the same pen, arm and limits, run beside the real loop, and
+//! how much the prediction gains over it.
 //!
-//! Contract: fed with what each tick of the real loop shows. A second [`Follower`] with the same settings and
-//! trust 0 takes over the arm whenever the real one does, from the same measured joints, and sees the newest
-//! pen reading of every tick at the same instant. The real arm is where its measured joints put it; the
-//! ghost's arm answers its commands as the real one was measured to answer its own ([`ArmFit`]): late by the
-//! lag, and rounded by the servo. Both are judged at the stamps of the real measurements, once the pen is
-//! known around them. Only while the loop follows, and only after both tools have come near the pen. Where
-//! ticks are missing the ghost cannot know what the pen did: it starts anew from the real command at rest and
-//! is judged again after a second. Work per tick is one step of the law; nothing allocates after
-//! construction. Absent: threads, and where the lag comes from.
+//! Contract: fed with the output of each tick of the real loop. A second [`Follower`] with the same settings
+//! and trust 0 takes over the arm whenever the real one does, from the same measured joints, and receives the
+//! newest pen reading of every tick at the same instant. The real arm is where its measured joints put it;
+//! the ghost's arm responds to its commands as the real one was measured to respond to its own ([`ArmFit`]):
+//! late by the lag, and rounded by the servo. Both are judged at the stamps of the real measurements, once
+//! the pen around them is known, only while the loop follows, and only after both tools have come near the
+//! pen. Where ticks are missing the ghost cannot know what the pen did: it starts anew from the real command
+//! at rest and is judged again after a second. Work per tick is one step of the law; nothing allocates after
+//! construction. Absent: threads, and the source of the lag.
 
 mod arm;
 mod score;
@@ -31,11 +31,11 @@ use crate::predict::PredictorKind;
 use crate::trust::TrustRequest;
 use crate::units::{Stamp, Trust};
 
-/// An instant is judged this much later [ns]: every shift of the lag, and a pen that is 50 ms old.
+/// Delay of the judgement \[ns\]: enough for every shift of the lag and a pen that is 50 ms old.
 const JUDGED_AFTER_NS: u64 = PEN_AHEAD_NS + 50_000_000;
-/// Figures called recent forget within this much writing \[ns\].
+/// Memory of recent figures, in time of writing \[ns\].
 const MEMORY_NS: u64 = 3_000_000_000;
-/// After missing ticks both tools are given this long to move alike again \[ns\].
+/// Settling time of both tools after missing ticks \[ns\].
 const SETTLING_NS: u64 = 1_000_000_000;
 /// Gaps in the pen longer than this are not interpolated \[ns\]; as in the lab's score.
 const PEN_GAP_NS: i64 = 50_000_000;
@@ -43,13 +43,13 @@ const PEN_GAP_NS: i64 = 50_000_000;
 const TOOL_GAP_NS: i64 = 50_000_000;
 /// Points kept: half a second at 1 kHz.
 const KEPT: usize = 512;
-/// The jump gate of the real loop has judged already \[m/s\].
+/// No jump gate: the real loop's has judged already \[m/s\].
 const ANY_SPEED_MPS: f64 = 1e9;
 
 /// What one tick of the real loop showed.
 #[derive(Debug, Clone, Copy)]
 pub struct GhostTick<'a, const J: usize> {
-    /// Number of the tick; they follow each other by one.
+    /// Number of the tick; consecutive.
     pub tick: u64,
     /// Nominal release time of the tick.
     pub now: Stamp,
@@ -59,7 +59,7 @@ pub struct GhostTick<'a, const J: usize> {
     pub output: &'a StepOutput<J>,
     /// Newest measured joints \[rad\] and their stamp.
     pub measured: Option<(Stamp, [f64; J])>,
-    /// How late the arm is, from the stamp of a command to the motion \[ns\]; negative: ahead of it.
+    /// Lag of the arm, from the stamp of a command to the motion \[ns\]; negative: ahead of it.
     pub lag_ns: i64,
 }
 
@@ -69,9 +69,9 @@ pub enum GhostState {
     /// The loop does not follow the pen.
     #[default]
     Off,
-    /// One of both tools is still on its way to the pen.
+    /// One of the tools is still on its way to the pen.
     Approaching,
-    /// Ticks were missing; both tools are given time to move alike again.
+    /// Ticks were missing; both tools settle.
     Settling,
     /// It can.
     Comparable,
@@ -80,7 +80,7 @@ pub enum GhostState {
 /// Both tools at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
-    /// When.
+    /// The instant.
     pub instant: Stamp,
     /// Distance of the real tool from the pen \[m\].
     pub error_m: f64,
@@ -101,12 +101,12 @@ pub struct GhostReport {
     pub compared: Option<Compared>,
 }
 
-/// How both do, since the loop was armed.
+/// Scores of both, since the loop was armed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GhostFigures {
     /// Whether they are being compared.
     pub state: GhostState,
-    /// How long the pen wrote while they were \[s\].
+    /// How long the pen wrote meanwhile \[s\].
     pub seconds: f64,
     /// The real loop.
     pub real: Tracking,
@@ -133,9 +133,9 @@ pub struct Ghost<const N: usize, const J: usize> {
     sent: Track,
     tool: Track,
     arm: ArmFit,
-    /// Where the real tool was when it was last measured, and when.
+    /// Where and when the real tool was last measured.
     measured: (Stamp, [f64; 2]),
-    /// Measured instants that wait to be judged: when, and where the real tool was.
+    /// Measurements that wait to be judged: when, and where the real tool was.
     waiting: VecDeque<(Stamp, [f64; 2])>,
     score: Score,
 }
@@ -170,7 +170,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         })
     }
 
-    /// Goes along with one tick of the real loop.
+    /// Follows one tick of the real loop.
     pub fn follow(&mut self, tick: &GhostTick<'_, J>) -> GhostReport {
         let output = tick.output;
         let whole =
@@ -206,7 +206,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             shadow.tool
         });
         if !matches!(shadow.mode, Mode::Armed | Mode::Following | Mode::Holding) {
-            // It stopped where the real loop did not: not the same motion any more.
+            // It stopped where the real loop did not: the two can no longer be compared.
             self.last_tick = None;
         }
         let fresh = self.measure(tick);
@@ -217,14 +217,14 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         GhostReport { state: self.state, tool, compared: self.judge(tick) }
     }
 
-    /// How both do.
+    /// Scores of both.
     #[must_use]
     pub fn figures(&self) -> GhostFigures {
         let [real, ghost] = self.score.tracking();
         GhostFigures { state: self.state, seconds: self.score.seconds(), real, ghost }
     }
 
-    /// Nothing that was goes on.
+    /// Ends the comparison.
     fn part(&mut self) {
         self.approached = false;
         self.sent.clear();
@@ -232,7 +232,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         self.waiting.clear();
     }
 
-    /// Puts the ghost where the real arm is, where the two begin together or were parted; `false` when it
+    /// Puts the ghost where the real arm is, if the two begin together or the comparison ended; `false` if it
     /// cannot.
     fn take_over(&mut self, tick: &GhostTick<'_, J>, begins: bool, whole: bool) -> bool {
         if whole && !begins {
@@ -242,7 +242,7 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         let joints = if together {
             tick.measured.map(|(_, q)| q)
         } else {
-            // Who does not know how the arm got here cannot take it over in motion.
+            // A moving arm whose past is unknown cannot be taken over.
             self.settled_at = tick.now.plus_ns(SETTLING_NS);
             tick.output.command.map(|command| command.q)
         };
@@ -262,14 +262,14 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             origin: output.pen_origin,
             ..PenReading::new(stamp, output.pen_position, output.pen_contact)
         });
-        // The same reading again is refused as a repeat and changes nothing.
+        // A repeated reading is refused as a repeat and changes nothing.
         let joints = JointReading { stamp: tick.now, q: self.commanded, qd: [0.0; J], motion_allowed: true };
         let input =
             StepInput { pen: reading.as_slice(), joints: Some(&joints), ..StepInput::nothing(tick.now) };
         self.follower.step(&input, tick.budget, &mut NoClock)
     }
 
-    /// Notes where the real tool was measured; returns whether that is news.
+    /// Stores where the real tool was measured; returns whether that is new.
     fn measure(&mut self, tick: &GhostTick<'_, J>) -> bool {
         let Some((stamp, q)) = tick.measured.filter(|(stamp, _)| *stamp > self.measured.0) else {
             return false;
@@ -284,7 +284,8 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         if tick.output.mode != Mode::Following || shadow.mode != Mode::Following {
             self.approached = false;
         } else if !self.approached {
-            // Where the arms are, not where they are sent: the way to the pen is over when they have gone it.
+            // Judged by the arms, not by their commands: the approach to the pen ends when the arms have
+            // arrived.
             let (measured, real) = self.measured;
             let [px, py] = tick.output.pen_position;
             let near = |[x, y]: [f64; 2]| (x - px).hypot(y - py) <= self.approach_distance;
@@ -319,20 +320,19 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
     }
 }
 
-/// What was commanded for the motion of an arm so late at `instant`.
+/// When the command for the motion at `instant` was given, for an arm with this lag.
 fn earlier(instant: Stamp, lag_ns: i64) -> Stamp {
     Stamp(instant.0.saturating_add_signed(lag_ns.saturating_neg()))
 }
 
-/// The settings of a loop that only holds, fed with readings that were judged and placed in the plane
-/// already.
+/// The settings of a loop that only holds, with readings that were already judged and placed in the plane.
 fn of_hold<const J: usize>(mut settings: FollowerSettings<J>) -> FollowerSettings<J> {
     settings.trust_request = TrustRequest::Manual(Trust::NONE);
     settings.preview.kind = PredictorKind::HOLD;
     settings.pen.max_speed_mps = ANY_SPEED_MPS;
     settings.plane.pen_scale = 1.0;
     settings.plane.pen_origin = [0.0; 2];
-    // The operator's hand is on the real arm; the ghost goes along with what became of it.
+    // The operator's commands go to the real arm; the ghost follows their effects.
     settings.safety.enable_required = false;
     settings
 }

@@ -1,8 +1,8 @@
-//! How far behind the pen two tools are, in millimetres and in milliseconds, lately and over a whole session.
+//! Distance and lag of two tools behind the pen, recent and over a whole session.
 //!
 //! Contract: both tools are judged at the same instants against the same pen. Lag is the shift s with the
-//! least mean of |tool(t) − pen(t − s)|², on a grid of 5 ms from −50 to 200 ms with a parabola through the
-//! neighbours of the least: what the lab calls lag. Sums only, nothing is kept; nothing allocates.
+//! least mean of |tool(t) − pen(t − s)|², on a grid of 5 ms from −50 to 200 ms, refined by a parabola through
+//! the minimum and its neighbours, as in the lab. Keeps sums only; nothing allocates.
 
 use super::track::Track;
 use crate::units::Stamp;
@@ -13,7 +13,7 @@ const FIRST_MS: i64 = -50;
 const STRIDE_MS: i64 = 5;
 /// Shifts tried: up to 200 ms.
 const SHIFTS: usize = 51;
-/// A lag from fewer instants than this is chance.
+/// Fewest samples for a lag.
 const FEWEST: f64 = 50.0;
 
 /// How much later than an instant the pen must be known for every shift \[ns\].
@@ -22,19 +22,19 @@ pub const PEN_AHEAD_NS: u64 = FIRST_MS.unsigned_abs() * 1_000_000;
 /// How one tool does.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tracking {
-    /// Root mean square of the distance to the pen while it writes, lately \[m\].
+    /// Root mean square of the distance to the pen while it writes, recent \[m\].
     pub recent_rms: Option<f64>,
     /// The same over the whole session \[m\].
     pub session_rms: Option<f64>,
     /// The same over the whole session, hovering included \[m\].
     pub hover_rms: Option<f64>,
-    /// How late the tool is, lately \[s\].
+    /// Lag of the tool, recent \[s\].
     pub recent_lag: Option<f64>,
-    /// How late the tool is, over the whole session \[s\].
+    /// Lag of the tool over the whole session \[s\].
     pub session_lag: Option<f64>,
 }
 
-/// A sum that may forget, and how much has gone into it.
+/// A weighted mean that may forget, and its total weight.
 #[derive(Debug, Clone, Copy, Default)]
 struct Mean {
     sum: f64,
@@ -64,10 +64,10 @@ struct Shifts([Mean; SHIFTS]);
 impl Shifts {
     const EMPTY: Self = Self([Mean { sum: 0.0, weight: 0.0 }; SHIFTS]);
 
-    /// Where the mean is least \[s\].
+    /// The shift with the least mean \[s\].
     fn lag(&self) -> Option<f64> {
         let most = self.0.iter().map(|mean| mean.weight).fold(0.0, f64::max);
-        // Shifts that few instants speak for were tried in gaps of the pen only.
+        // Shifts with few samples were only tried in gaps of the pen.
         let mean = |index: usize| {
             let Mean { sum, weight } = *self.0.get(index)?;
             (weight >= FEWEST && weight >= 0.5 * most).then(|| sum / weight)
@@ -135,20 +135,21 @@ impl Sums {
 pub struct Score {
     sums: [Sums; 2],
     memory_ns: f64,
-    /// Newest instant judged.
+    /// Newest sample judged.
     judged: Option<Stamp>,
-    /// Newest instant that went into the lag.
+    /// Newest sample used for the lag.
     shifted: Option<Stamp>,
     seconds: f64,
 }
 
-/// Instants that count for the lag are at least this far apart [ns]: closer ones say the same again.
+/// Samples for the lag are at least this far apart \[ns\]: closer ones carry no new information.
 const SHIFT_EVERY_NS: i64 = 5_000_000;
-/// A pause in writing makes nothing older; instants further apart than this count as this far apart \[ns\].
+/// A pause in writing does not age the figures; samples further apart than this count as this far apart
+/// \[ns\].
 const LONGEST_STEP_NS: i64 = 20_000_000;
 
 impl Score {
-    /// Nothing judged yet; figures called recent forget within about `memory_ns` of judged time.
+    /// Nothing judged yet; recent figures forget within about `memory_ns` of judged time.
     #[must_use]
     pub fn new(memory_ns: u64) -> Self {
         Self {
@@ -160,11 +161,11 @@ impl Score {
         }
     }
 
-    /// Judges both tools where they were at `instant` \[m\]; returns their distances to the pen \[m\] and
+    /// Judges both tools at their positions at `instant` \[m\]; returns their distances to the pen \[m\] and
     /// whether it wrote.
     ///
     /// `pen` must reach [`PEN_AHEAD_NS`] beyond `instant` for all shifts to count. `None` where the pen is
-    /// not known.
+    /// unknown.
     pub fn judge(&mut self, instant: Stamp, tools: [[f64; 2]; 2], pen: &Track) -> Option<([f64; 2], bool)> {
         self.shift(instant, tools, pen);
         let at = pen.at(instant)?;
@@ -213,7 +214,7 @@ impl Score {
     }
 }
 
-/// Time that an instant stands for \[ns\].
+/// Time that a sample stands for \[ns\].
 fn step(last: Option<Stamp>, instant: Stamp) -> f64 {
     last.map_or(0, |last| instant.since(last).clamp(0, LONGEST_STEP_NS)) as f64
 }

@@ -1,7 +1,7 @@
-//! Where something was lately: stamped positions in the plane, and the straight lines between them.
+//! A recent path: stamped positions in the plane, with linear interpolation between them.
 //!
-//! Contract: keeps the newest points only, everything allocated at construction. Stamps rise; what does not
-//! is left out.
+//! Contract: keeps the newest points only, all allocated at construction. Stamps increase; points that do not
+//! are ignored.
 
 use std::collections::VecDeque;
 
@@ -27,7 +27,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// Room for `capacity` points; nothing is known between points further apart than `max_gap_ns`.
+    /// Room for `capacity` points; no interpolation between points further apart than `max_gap_ns`.
     #[must_use]
     pub fn new(capacity: usize, max_gap_ns: i64) -> Self {
         let capacity = capacity.max(2);
@@ -45,7 +45,7 @@ impl Track {
         self.points.push_back(point);
     }
 
-    /// Where it was at `instant`, on the paper if both neighbours are; `None` before, after and in gaps.
+    /// The point at `instant`, on the paper if both neighbours are; `None` before, after and in gaps.
     #[must_use]
     pub fn at(&self, instant: Stamp) -> Option<Point> {
         let next = self.points.partition_point(|point| point.stamp <= instant);

@@ -1,6 +1,6 @@
 //! An independent judge of published commands: recomputes every limit from stamps and positions.
 //!
-//! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that a mistake there cannot
+//! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that an error there cannot
 //! hide here. Counts, never alters. Absent: jerk, whose limit yields to the others.
 
 use crate::arm::limits::JointLimits;
@@ -9,8 +9,8 @@ use crate::units::Stamp;
 /// Allowed excess relative to each limit: rounding of (q₁ − q₀)/elapsed at 1 kHz is below 1e-12 rad / (1 ms)²
 /// = 1e-6 rad/s².
 const RELATIVE: f64 = 1e-6;
-/// Allowed excess of positions \[rad\], for rounding of the sum q + q̇·elapsed. A way to rest may be
-/// [`RELATIVE`] too long besides.
+/// Allowed excess of positions \[rad\], for rounding of the sum q + q̇·elapsed. A stopping distance may
+/// additionally be [`RELATIVE`] too long.
 const POSITION_RAD: f64 = 1e-9;
 
 /// How many commands broke which rule. One command can break several.
@@ -28,11 +28,12 @@ pub struct Violations {
     pub acceleration: u64,
     /// The positions do not follow from the claimed velocities: the command jumped.
     pub continuity: u64,
-    /// Whoever hears nothing after this command leaves the position limits: it leads to no stop inside them.
+    /// A consumer that receives nothing after this command leaves the position limits: it cannot stop inside
+    /// them.
     pub viability: u64,
 }
 
-/// What was seen so far.
+/// Counts and extremes so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CommandStatistics {
     /// Commands judged, the first included.
@@ -72,13 +73,13 @@ impl<const J: usize> CommandChecker<J> {
         Self { limits, last: None, statistics: CommandStatistics::default() }
     }
 
-    /// What was seen so far.
+    /// Counts and extremes so far.
     #[must_use]
     pub const fn statistics(&self) -> &CommandStatistics {
         &self.statistics
     }
 
-    /// Forgets the last command, not the counts: the next one starts a new stream (arming anew, another
+    /// Forgets the last command, not the counts: the next one starts a new stream (a new arming, another
     /// daemon).
     pub fn restart(&mut self) {
         self.last = None;
@@ -89,10 +90,10 @@ impl<const J: usize> CommandChecker<J> {
     ///
     /// Velocity and acceleration are judged over the time between the two stamps. Positions must lie between
     /// what the old and the new velocity cover in that time; once the old command is past `valid_until` its
-    /// consumer may have braked, and rest counts as a third velocity. Going on at `qd` until `valid_until`,
-    /// then braking at the limits' deceleration, must end inside the position limits; a joint that is outside
-    /// already is not blamed for this side once more. A command that is not finite or not newer does not
-    /// become the last one.
+    /// consumer may have braked, and rest counts as a third velocity. Continuing at `qd` until `valid_until`,
+    /// then braking at the limits' deceleration, must end inside the position limits; a joint that is already
+    /// outside is not counted again for that side. A command that is non-finite or not newer does not become
+    /// the last one.
     pub fn observe(&mut self, stamp: Stamp, valid_until: Stamp, q: &[f64; J], qd: &[f64; J]) -> bool {
         self.statistics.count += 1;
         let before = self.statistics.violations;

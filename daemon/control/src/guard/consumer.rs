@@ -1,9 +1,9 @@
-//! What a consumer does with the last command it has: the one rule shared by the arm and by the daemon after
-//! a stall.
+//! What a consumer does with its last command: the one rule shared by the arm and by the daemon after a
+//! stall.
 //!
-//! Contract: pure and closed-form for any instant, so that both sides agree without talking. Between ticks it
-//! is linear interpolation toward the command; past its stamp extrapolation until `valid_until`, then braking
-//! to rest.
+//! Contract: pure and closed-form for any instant, so that both sides agree without communication. Between
+//! ticks it is linear interpolation towards the command; past its stamp extrapolation until `valid_until`,
+//! then braking to rest.
 
 use super::Commanded;
 use crate::arm::limits::JointMotion;

@@ -19,7 +19,7 @@
 //! use foretrace_control::arm::JointLimits;
 //! use foretrace_control::units::Stamp;
 //!
-//! // Two joints [rad, rad/s, rad/s²]; whoever obeys extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
+//! // Two joints [rad, rad/s, rad/s²]; the consumer extrapolates for 10 ms, then brakes at 20 and 10 rad/s².
 //! let limits = JointLimits::new([[-3.1, 3.1], [-1.0, 0.5]], [3.0, 1.5], [40.0, 20.0])?
 //!     .with_stale_braking(0.010, [20.0, 10.0])?;
 //! let (guard, stop) = (Guard::new(limits), StopProfile::new(limits));
@@ -93,7 +93,7 @@ impl<const J: usize> Commanded<J> {
         &self.motion.q
     }
 
-    /// [rad/s]: mean velocity of the step that ended at the stamp.
+    /// \[rad/s\]: mean velocity of the step that ended at the stamp.
     #[must_use]
     pub const fn qd(&self) -> &[f64; J] {
         &self.motion.qd
@@ -172,8 +172,8 @@ pub struct Guard<const J: usize> {
 }
 
 impl<const J: usize> Guard<J> {
-    /// A guard that keeps `limits`; steps longer than 0.1 s, or than consumers extrapolate, count as that
-    /// long.
+    /// A guard that keeps `limits`; steps longer than 0.1 s, or longer than consumers extrapolate, count as
+    /// that long.
     #[must_use]
     pub const fn new(limits: JointLimits<J>) -> Self {
         Self { limits, longest_step_s: limits.hold_s().max(0.1) }
@@ -187,9 +187,9 @@ impl<const J: usize> Guard<J> {
 
     /// The legal command for `stamp` nearest to the proposed joint positions `q` \[rad\], joint by joint.
     ///
-    /// Velocity is what the positions and stamps imply, (q − q_last)/elapsed; nobody's word is taken for it.
-    /// `last` is what whoever obeys follows at `stamp`: where it may have begun to brake by itself, take
-    /// `last` from [`consumer_state`].
+    /// Velocity is what positions and stamps imply, (q − q_last)/elapsed; no claimed velocity is used. `last`
+    /// is what the consumer follows at `stamp`: where it may already brake by itself, take `last` from
+    /// [`consumer_state`].
     #[must_use]
     pub fn clamp(&self, last: &Commanded<J>, q: &[f64; J], stamp: Stamp) -> Verdict<J> {
         let elapsed = stamp.seconds_since(last.stamp);
@@ -237,8 +237,8 @@ impl<const J: usize> Guard<J> {
             let v = if inside { wanted } else { wanted.max(lower).min(upper) };
             // A proposal inside the box passes bit for bit.
             *q = if inside && finite { *proposed } else { old_q + v * h };
-            // Rounding must put no joint outside, and none further outside. More than rounding would break
-            // the acceleration.
+            // Rounding must put no joint outside its limits, and none farther outside. More than rounding
+            // would break the acceleration.
             let kept = q.max(q_min.min(old_q)).min(q_max.max(old_q));
             if ((kept - old_q) / h - old_qd).abs() <= a * h + rounding {
                 *q = kept;
@@ -246,7 +246,8 @@ impl<const J: usize> Guard<J> {
             *qd = (*q - old_q) / h;
             *qdd = (*qd - old_qd) / h;
             if !(q.is_finite() && qd.is_finite() && qdd.is_finite()) {
-                // Only states near the end of the number range come here; no motion from them means anything.
+                // Only states near the largest representable numbers come here; no motion from them is
+                // meaningful.
                 (*q, *qd, *qdd) = (old_q, 0.0, 0.0);
             }
             if !inside {
@@ -261,7 +262,8 @@ impl<const J: usize> Guard<J> {
     }
 }
 
-/// How far outside its interval a velocity \[rad/s\] is still rounding: positions near `q` are only so fine.
+/// How far outside its interval a velocity \[rad/s\] still counts as rounding, given the precision of
+/// positions near `q`.
 fn rounding_radps(q: f64, acceleration: f64, h: f64) -> f64 {
     let grain = 2.0 * f64::EPSILON * q.abs() / h;
     ROUNDING_RADPS.min(grain.max(ROUNDING_SHARE * acceleration * h))

@@ -69,7 +69,7 @@ impl<const J: usize> StopProfile<J> {
 /// + 1) where n jerk·h ≤ b. Braking along it is exact in discrete time: v and b reach zero at the same tick.
 fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
     let speed = v.abs();
-    // At rest the braking direction is against whatever acceleration is left.
+    // At rest the braking direction opposes the remaining acceleration.
     let sign = if v != 0.0 { v.signum() } else { -a.signum() };
     let braking = -a * sign;
     let step = jerk * h;

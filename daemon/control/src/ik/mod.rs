@@ -2,9 +2,8 @@
 //!
 //!   min over q̇ in the box:  ½ ‖J(q) q̇ − v*‖²_W + ½ λ‖q̇‖² + posture        v* = velocity + K·pose error
 //!
-//! Where the arm comes near a plane, a box or itself, rows of [`crate::clearance`] are added, and where the
-//! tool comes near the bounds of its [`crate::envelope`], rows of that; a tick whose answer keeps them all is
-//! solved as if there were none.
+//! Near a plane, a box or the arm itself, rows of [`crate::clearance`] are added, and near the bounds of the
+//! tool's [`crate::envelope`] rows of that. A tick whose solution satisfies them all is solved without them.
 //!
 //! Contract: no allocation, no panic; the answer is finite and inside [`crate::arm::velocity_box`] whatever
 //! the input. All kinematics belong to the joint positions last *commanded*, never to measured ones.
@@ -12,7 +11,7 @@
 //! around obstacles, several solution branches.
 
 pub mod task;
-pub mod reach;
+pub mod pose;
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
@@ -22,7 +21,7 @@ use crate::clearance::{Clearance, ClearanceReport, Inside};
 use crate::envelope::Envelope;
 use crate::qp::offered::Offered;
 
-pub use reach::solve_pose;
+pub use pose::solve_pose;
 pub use task::{IkSettings, ToolTarget};
 
 use crate::qp::QpStatus;
@@ -43,7 +42,7 @@ pub struct IkStep<const J: usize> {
 /// Evidence of one IK step; the default is that of no step yet.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IkReport {
-    /// Who produced the velocities.
+    /// What produced the velocities.
     pub source: IkSource,
     /// How the QP ended.
     pub status: QpStatus,
@@ -53,8 +52,7 @@ pub struct IkReport {
     pub active: ActiveBounds,
     /// KKT residual of the QP; NaN where nothing was solved.
     pub kkt_residual: f64,
-    /// Wanted minus achieved velocity of the tool origin, base frame [m/s]: what limits and damping took
-    /// away.
+    /// Wanted minus achieved velocity of the tool origin, base frame \[m/s\]: effect of limits and damping.
     pub velocity_error: Vector3<f64>,
     /// Size of the tilt rate that was wanted and not achieved \[rad/s\]; spin does not count.
     pub tilt_error: f64,
@@ -62,13 +60,13 @@ pub struct IkReport {
     pub damping: f64,
     /// Distance to the nearest singularity \[m\], see [`task::singularity`].
     pub singularity: f64,
-    /// What keeping clear of planes, boxes and itself did.
+    /// Effect of the clearance rows.
     pub clearance: ClearanceReport,
-    /// Rows of the tool's envelope that held the motion back, and that could not be kept.
+    /// Rows of the tool's envelope that held the motion back, and rows that could not be satisfied.
     pub envelope: [u32; 2],
 }
 
-/// Who produced the joint velocities.
+/// What produced the joint velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum IkSource {
     /// The box QP.
@@ -106,8 +104,8 @@ pub struct Ik<const J: usize> {
     clarabel: Option<Box<ClarabelBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
     envelope: Option<Box<Envelope<J>>>,
-    /// The envelope is out of force: the pen does not lead the tool.
-    unbound: bool,
+    /// Whether the tool's envelope is kept; not on the way home, where the pen does not lead the tool.
+    envelope_in_force: bool,
     offered: Offered<J>,
 }
 
@@ -121,7 +119,7 @@ impl<const J: usize> Ik<J> {
             clarabel: None,
             clearance: None,
             envelope: None,
-            unbound: false,
+            envelope_in_force: true,
             offered: Offered::default(),
         }
     }
@@ -141,7 +139,7 @@ impl<const J: usize> Ik<J> {
         Ok(self)
     }
 
-    /// The same IK keeping clear of planes, boxes and itself. Rows are always solved exactly.
+    /// The same IK with clearance rows. Problems with rows are always solved exactly.
     #[must_use]
     pub fn keeping_clear(mut self, clearance: Clearance<J>) -> Self {
         self.clearance = Some(Box::new(clearance));
@@ -155,20 +153,20 @@ impl<const J: usize> Ik<J> {
         self
     }
 
-    /// What it keeps clear of, if of anything.
+    /// The clearance, if any.
     #[must_use]
     pub fn clearance(&self) -> Option<&Clearance<J>> {
         self.clearance.as_deref()
     }
 
-    /// Puts the tool's envelope in force, as it is from the beginning, or out of it.
+    /// Puts the tool's envelope in force, as it is initially, or out of force.
     pub const fn bind(&mut self, in_force: bool) {
-        self.unbound = !in_force;
+        self.envelope_in_force = in_force;
     }
 
-    /// The tool's envelope, if there is one in force.
+    /// The tool's envelope, if there is one and it is in force.
     pub fn envelope(&mut self) -> Option<&mut Envelope<J>> {
-        self.envelope.as_deref_mut().filter(|_| !self.unbound)
+        self.envelope.as_deref_mut().filter(|_| self.envelope_in_force)
     }
 
     /// Limits kept.
@@ -211,7 +209,7 @@ impl<const J: usize> Ik<J> {
         let mut kept_by = [0; 2];
         let held = self.held_back(kinematics, motion, &answer.qd, &allowed, elapsed, Inside::Retreat);
         if held.broken {
-            // A price that counts whatever the weights of the task are.
+            // Scaled so that the price of a row outweighs the task whatever its weights are.
             let scale = 1.0 / self.settings.normal_weight.powi(2).max(1.0);
             let kept =
                 row_qp::solve(&(task.h * scale), &(task.g * scale), &lower, &upper, self.offered.rows());
@@ -250,12 +248,11 @@ impl<const J: usize> Ik<J> {
         IkStep { qd, report }
     }
 
-    /// The velocities nearest to `wanted` \[rad/s\], a step of a stop, that come no nearer to anything than
-    /// the rows allow.
+    /// The velocities nearest to `wanted` \[rad/s\], a step of a stop, that satisfy the rows.
     ///
-    /// Joints that brake independently can close a gap that they kept together. Rows of a stop ask for no
-    /// retreat, so rest keeps them all: min ‖q̇ − wanted‖² over box and rows is never farther from rest than
-    /// `wanted`, where rest is in the box.
+    /// Joints that brake independently can close a gap that they kept together. Rows of a stop demand no
+    /// retreat, so zero velocity satisfies them all: the minimiser of ‖q̇ − wanted‖² over box and rows is
+    /// never farther from rest than `wanted`, if rest is in the box.
     #[must_use]
     pub fn stopping(
         &mut self,
@@ -282,8 +279,7 @@ impl<const J: usize> Ik<J> {
         StopStep { qd, clearance, envelope }
     }
 
-    /// Finds out whether `wanted` \[rad/s\] breaks a row that keeps clear or the envelope; if so, `offered`
-    /// has all of them.
+    /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope; if so, `offered` holds all rows.
     fn held_back(
         &mut self,
         kinematics: &Kinematics<J>,
@@ -299,7 +295,7 @@ impl<const J: usize> Ik<J> {
             held.clear = rows.len();
             held.broken = !rows.kept_by(wanted, ROW_TOLERANCE);
         }
-        let envelope = self.envelope.as_ref().filter(|_| !self.unbound);
+        let envelope = self.envelope.as_ref().filter(|_| self.envelope_in_force);
         if let Some(envelope) = envelope {
             held.broken |= envelope.may_break(kinematics, motion, wanted, elapsed);
         }
@@ -316,7 +312,7 @@ impl<const J: usize> Ik<J> {
     }
 }
 
-/// Whether rows hold the motion back, and how many of them, the first, keep clear of things.
+/// Whether rows hold the motion back, and how many of them, counted from the first, are clearance rows.
 #[derive(Debug, Clone, Copy)]
 struct HeldBack {
     broken: bool,
@@ -324,7 +320,7 @@ struct HeldBack {
 }
 
 impl HeldBack {
-    /// What the rows did that are `held` and `yielded`, bit by bit.
+    /// Splits the bits `held` and `yielded` into those of clearance and of the envelope.
     fn reports(&self, [held, yielded]: [u32; 2]) -> (ClearanceReport, [u32; 2]) {
         let clear = u32::MAX.checked_shr(32 - self.clear.min(32) as u32).unwrap_or(0);
         let report = ClearanceReport {
@@ -336,12 +332,12 @@ impl HeldBack {
     }
 }
 
-/// Joint velocities of a stop, and what keeping clear did to them.
+/// Joint velocities of a stop, and the effect of the rows on them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopStep<const J: usize> {
-    /// \[rad/s\], inside the velocity box if what was asked for is.
+    /// \[rad/s\], inside the velocity box if the wanted velocities are.
     pub qd: [f64; J],
-    /// `held` and `yielded` are 0 where nothing was changed.
+    /// `held` and `yielded` are 0 if nothing was changed.
     pub clearance: ClearanceReport,
     /// See [`IkReport::envelope`].
     pub envelope: [u32; 2],
@@ -364,7 +360,7 @@ impl<const J: usize> Answer<J> {
     }
 }
 
-/// A legal answer without the QP: clamped damped least squares, or braking where that is not finite.
+/// A legal answer without the QP: clamped damped least squares, or braking if that is non-finite.
 fn fallback<const J: usize>(
     task: &task::Task<J>,
     motion: &JointMotion<J>,

@@ -1,28 +1,27 @@
 //! What the tool should do next, as a least-squares cost over joint velocities.
 //!
 //! Contract: pure, no allocation. Linear rows in the base frame \[m/s\]; angular rows in the tool frame,
-//! multiplied by a length so that they are metres per second too. The rotation about the tool axis is a task
-//! of its own with a weak weight: an arm of 6 joints then has as many rows as joints, so the weak row bends
-//! nothing while no limit is active.
+//! multiplied by a length so that they are metres per second too. The rotation about the tool axis is a
+//! separate task with a small weight: an arm of 6 joints then has as many rows as joints, so the small weight
+//! distorts nothing while no limit is active.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 use crate::arm::chain::Kinematics;
 
-/// Tilt of the tool from which turns weigh fully \[rad\]: letters tilt a pen of 15 cm by half of it in one
-/// tick of a hundred.
+/// Tilt of the tool from which rotations have full weight \[rad\].
 pub const FULL_TILT_RAD: f64 = 0.15;
 
-/// What the tool is asked for during one step, in the base frame.
+/// Target of the tool for one step, in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolTarget {
     /// Wanted tool origin at the instant of the last command \[m\].
     pub position: Vector3<f64>,
-    /// Wanted mean velocity of the tool origin over the step [m/s]: (next − now) / dt.
+    /// Wanted mean velocity of the tool origin over the step \[m/s\]: (next − now) / dt.
     pub velocity: Vector3<f64>,
     /// Wanted direction of the tool's z axis, a unit vector: against the plane's normal.
     pub axis: Vector3<f64>,
-    /// Direction the tool's x axis should show, seen along the tool axis; `None` only stops the spin.
+    /// Direction of the tool's x axis, seen along the tool axis; `None` only stops the spin.
     pub spin: Option<Vector3<f64>>,
 }
 
@@ -37,16 +36,16 @@ impl ToolTarget {
 /// Weights and gains of one IK step. All finite, lengths and gains positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IkSettings<const J: usize> {
-    /// K: share of the pose error removed per second \[1/s\], at most 1/dt.
+    /// K: fraction of the pose error removed per second \[1/s\], at most 1/dt.
     pub gain_hz: f64,
     /// Length that makes a rotation comparable with a displacement \[m\].
     pub orientation_m: f64,
-    /// Weight of position errors along the wanted tool axis relative to those across it, 1 or more: where
-    /// joints cannot do both, the tip leaves the line rather than the paper.
+    /// Weight of position errors along the wanted tool axis relative to those across it, at least 1: where
+    /// joints cannot satisfy both, the tip leaves the line rather than the paper.
     pub normal_weight: f64,
-    /// Weight of rotations relative to displacements of a point `orientation_m` away, up to 1: where joints
-    /// cannot do both, the tool tilts a little and the tip stays on the line. Of an upright tool; it grows to
-    /// 1 at [`FULL_TILT_RAD`].
+    /// Weight of rotations relative to displacements of a point `orientation_m` away, at most 1: where joints
+    /// cannot satisfy both, the tool tilts a little and the tip stays on the line. Applies to an upright
+    /// tool; it grows to 1 at [`FULL_TILT_RAD`].
     pub tilt_weight: f64,
     /// Weight of the rotation about the tool axis relative to the other two, 0 to 1.
     pub spin_weight: f64,
@@ -60,11 +59,11 @@ pub struct IkSettings<const J: usize> {
     pub correction_mps: f64,
     /// Corrections are slowed so that they can end with this deceleration \[m/s²\].
     pub correction_mps2: f64,
-    /// Pull toward `home` \[m²\], for arms with more joints than the task; 0 for none.
+    /// Pull towards `home` \[m²\], for arms with more joints than the task; 0 for none.
     pub posture_weight_m2: f64,
     /// Rate of that pull \[1/s\].
     pub posture_hz: f64,
-    /// Joint positions the pull leads to \[rad\].
+    /// Joint positions of that pull \[rad\].
     pub home: [f64; J],
 }
 
@@ -90,15 +89,15 @@ impl<const J: usize> IkSettings<J> {
     }
 }
 
-/// Half the cost's Hessian and gradient, with what it was made of.
+/// Hessian and gradient of half the cost, and the terms that they consist of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task<const J: usize> {
     /// H = AᵀA + (λ + μ)·1, J x J \[m²\].
     pub h: SMatrix<f64, J, J>,
     /// g = −Aᵀb − μ·q̇_home, J.
     pub g: SVector<f64, J>,
-    /// A: weighted Jacobian, 6 x J \[m/rad\]. Rows: linear x, y, z (base), stretched along the wanted tool
-    /// axis; angular x, y, z (tool) times lengths and weights.
+    /// A: weighted Jacobian, 6 x J \[m/rad\]. Rows: linear x, y, z (base), scaled along the wanted tool axis;
+    /// angular x, y, z (tool) times lengths and weights.
     pub rows: SMatrix<f64, 6, J>,
     /// b: weighted velocities wanted, 6 \[m/s\].
     pub wanted: Vector6<f64>,
@@ -171,21 +170,20 @@ pub fn assemble<const J: usize>(
     Task { h, g, rows, wanted, tilt_weight, damping, singularity }
 }
 
-/// `upright` where the tool's z lies on `axis`, 1 from [`FULL_TILT_RAD`] on, and smooth between.
+/// `upright` if the tool's z is along `axis`, 1 from [`FULL_TILT_RAD`] on, smooth in between.
 fn tilt_weight(upright: f64, tool: &Matrix3<f64>, axis: &Vector3<f64>) -> f64 {
     let z = tool.column(2);
     let ratio2 = (z - axis).norm_squared() / (FULL_TILT_RAD * FULL_TILT_RAD);
     upright + (1.0 - upright) * (ratio2 * ratio2).min(1.0)
 }
 
-/// Stretches by `factor` along the unit vector `axis`, and leaves what is across it: 1 + (factor − 1) axis
-/// axisᵀ.
+/// Scales by `factor` along the unit vector `axis` and by 1 across it: 1 + (factor − 1) axis axisᵀ.
 #[must_use]
 pub fn stretch(axis: &Vector3<f64>, factor: f64) -> Matrix3<f64> {
     Matrix3::identity() + axis * axis.transpose() * (factor - 1.0)
 }
 
-/// A distance to singularities that is smooth in q and cheap: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) \[m\].
+/// A cheap measure of the distance to singularities, smooth in q: (tr (A₅A₅ᵀ + floor)⁻¹)^(−½) \[m\].
 ///
 /// A₅ are the rows of position and tool axis. With σ_min the smallest singular value of A₅ it lies between
 /// σ_min/√5 and σ_min (up to the floor).
@@ -204,7 +202,7 @@ pub fn singularity<const J: usize>(rows: &SMatrix<f64, 6, J>, floor: f64) -> f64
             }
         }
     }
-    // LDLᵀ in place of Cholesky: no square roots. Then tr(G⁻¹) = Σ_i ‖row i of L⁻¹‖² / d_i.
+    // LDLᵀ instead of Cholesky avoids square roots. Then tr(G⁻¹) = Σ_i ‖row i of L⁻¹‖² / d_i.
     let mut inverse_factor = [[0.0; 5]; 5];
     let mut trace = 0.0;
     for i in 0..5 {
@@ -243,24 +241,25 @@ fn corrected(error: &Vector3<f64>, gain: f64, v_max: f64, a_max: f64) -> Vector3
     if gain * distance <= limit { error * gain } else { error * (limit / distance) }
 }
 
-/// Rotation \[rad\] still to do, in the base frame: tilt of the tool's z onto `axis`, then spin of its x
-/// toward `spin`.
+/// Remaining rotation \[rad\] in the base frame: tilt of the tool's z onto `axis`, then spin of its x towards
+/// `spin`.
 fn orientation_error(tool: &Matrix3<f64>, axis: &Vector3<f64>, spin: Option<&Vector3<f64>>) -> Vector3<f64> {
     let (x, z): (Vector3<f64>, Vector3<f64>) = (tool.column(0).into_owned(), tool.column(2).into_owned());
     let tilt = turn_between(&z, axis, &x);
     match spin {
-        // Only what the spin can mend: the part of the direction across the tool axis.
+        // Only the component across the tool axis, which spin can correct.
         Some(direction) => {
             let across = direction - z * z.dot(direction);
-            // Fades out where the direction lies along the tool axis and says nothing about the spin.
+            // Fades out as the direction approaches the tool axis, where it does not define the spin.
             tilt + turn_between(&x, &(across / across.norm().max(0.1)), &z)
         }
         None => tilt,
     }
 }
 
-/// The turn from unit vector `from` onto `to`: length sin θ up to a right angle, 2 − sin θ beyond (times the
-/// length of `to`, so that both meet); `spare` is the axis at θ = π, where every axis would do.
+/// The rotation from unit vector `from` onto `to`: length sin θ up to a right angle, 2 − sin θ beyond (times
+/// the length of `to`, so that both are continuous); `spare` is the axis used at θ = π, where any axis is
+/// valid.
 fn turn_between(from: &Vector3<f64>, to: &Vector3<f64>, spare: &Vector3<f64>) -> Vector3<f64> {
     let turn = from.cross(to);
     if from.dot(to) >= 0.0 {
@@ -292,8 +291,7 @@ mod tests {
         }
     }
 
-    /// Half a turn of the spin is as far as can be, the fraction of it that shows along the tool axis
-    /// nothing.
+    /// The spin error is largest at half a turn; a direction along the tool axis gives none.
     #[test]
     fn tilt_and_spin_are_mended_together() {
         let tool = Matrix3::identity();
@@ -303,12 +301,12 @@ mod tests {
         let tilt = Vector3::new(-(0.1_f64.sin()), 0.0, 0.0);
         assert!((error(tilted, None) - tilt).norm() < 1e-15);
         for angle in [-2.5, -0.4, 0.7, PI] {
-            // Seen along the tool axis only: how far the direction leans toward it says nothing.
+            // Only the direction seen along the tool axis counts, however much it leans.
             let spun = error(tilted, Some(Vector3::new(angle.cos(), angle.sin(), 0.5)));
             let far = if angle.abs() < FRAC_PI_2 { angle.sin() } else { angle.signum() * 2.0 - angle.sin() };
             assert!((spun - tilt - Vector3::z() * far).norm() < 1e-9, "{angle}: {spun}");
         }
-        // A direction along the tool axis fades out: 0.05 of it across count half.
+        // A direction along the tool axis fades out: 0.05 across it counts half.
         let faint = error(Vector3::z(), Some(Vector3::new(0.0, 0.05, 1.0)));
         assert!((faint - Vector3::z() * 0.5).norm() < 1e-12, "{faint}");
     }
@@ -335,7 +333,7 @@ mod tests {
         let weight =
             |tilt: f64| tilt_weight(0.2, &Matrix3::identity(), &Vector3::new(tilt.sin(), 0.0, tilt.cos()));
         assert_eq!((weight(0.0), weight(0.2), weight(2.0)), (0.2, 1.0, 1.0));
-        // Half of the full tilt: a sixteenth of the way.
+        // At half of the full tilt, a sixteenth of the increase.
         assert!((weight(0.5 * FULL_TILT_RAD) - (0.2 + 0.8 / 16.0)).abs() < 1e-3, "{}", weight(0.075));
         let settings = IkSettings::for_period(0.002, [0.0; 6]);
         let IkSettings { damping_floor_m2: floor, damping_peak_m2: peak, singular_m, .. } = settings;

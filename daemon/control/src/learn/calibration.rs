@@ -1,13 +1,14 @@
-//! `Calibration`: the error bands of every predictor, from what came after its previews.
+//! `Calibration`: the error bands of every predictor, from the outcome of its previews.
 //!
 //! Adaptive conformal prediction per predictor and lead h. With the score s = |predicted − real| / (level ·
-//! metres per unit) of a preview h steps ago and c the factor in force: ln c ← ln c + η·(\[s > c\] − (1 −
+//! metres per unit) of a preview made h steps ago and the current factor c: ln c ← ln c + η·(\[s > c\] − (1 −
 //! coverage)). Whatever the pen does, the share of misses after T updates then differs from 1 − coverage by
-//! no more than (|ln c_T − ln c_0|)/(ηT): no model of the errors is assumed. η starts large and settles.
-//! Source: Gibbs & Candès 2021, Adaptive Conformal Inference Under Distribution Shift, in logarithms so that
-//! c stays positive; the level makes one factor fit slow and fast hands.
+//! at most (|ln c_T − ln c_0|)/(ηT): no model of the errors is assumed. η starts large and decreases. Source:
+//! Gibbs & Candès 2021, Adaptive Conformal Inference Under Distribution Shift, in logarithms so that c stays
+//! positive; the level makes one factor fit slow and fast hands.
 //!
-//! Cases in which the pen rests before and after say nothing and are left out; so is what a jump interrupted.
+//! Cases in which the pen rests before and after carry no information and are left out, as are those cut off
+//! by a jump.
 
 use crate::pen::REST;
 use crate::predict::LearnStep;
@@ -16,9 +17,9 @@ use crate::predict::{Models, OnlineWeights, Panel, PredictorKind, WeightsError};
 
 /// Predictors that get bands: all but the oracle.
 const KINDS: usize = PredictorKind::LIVE.len();
-/// Steps between two previews that are judged: those of neighbouring steps say nearly the same.
+/// Steps between two judged previews: those of neighbouring steps are nearly the same.
 const STRIDE: usize = 3;
-/// Previews that wait at most.
+/// Most previews waiting for their outcome.
 const SHOTS: usize = BAND_LEADS.div_ceil(STRIDE);
 /// η after many updates.
 const RATE: f64 = 0.03;
@@ -29,18 +30,18 @@ const WARM: u32 = 50;
 /// Bounds of ln c: c from a thousandth to a thousand recent steps.
 const LN_BOUND: f64 = 7.0;
 
-/// What one step's previews said.
+/// The previews made at one step.
 #[derive(Debug, Clone, Copy)]
 struct Shot {
-    /// Recent step when it was made \[m\].
+    /// Step length of the pen when they were made \[m\].
     unit_m: f64,
     /// The pen rested.
     resting: bool,
     /// Steps since.
     age: usize,
-    /// Way of the pen since \[m\].
+    /// Path of the pen since \[m\].
     way: [f64; 2],
-    /// Predicted ways \[m\]; KINDS x BAND_LEADS.
+    /// Predicted displacements \[m\]; KINDS x BAND_LEADS.
     paths: [[[f64; 2]; BAND_LEADS]; KINDS],
 }
 
@@ -53,7 +54,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// As far off as the pen goes in `steps`: a band that is too wide is safer than one too narrow.
+    /// As wide as the pen's motion in `steps`: a band too wide is safer than one too narrow.
     #[must_use]
     pub fn untried(steps: f64) -> Self {
         Self { ln: steps.ln().clamp(-LN_BOUND, LN_BOUND), updates: 0, misses: 0 }
@@ -76,14 +77,14 @@ impl Factor {
     }
 }
 
-/// The learner's own panel of predictors and the judgement of their previews.
+/// The learner's own panel of predictors, and the judgement of their previews.
 #[derive(Debug, Clone)]
 pub struct Calibration {
     panel: Panel,
     /// Newest first.
     shots: Box<[Shot]>,
     waiting: usize,
-    /// Steps since the newest shot.
+    /// Steps since the newest previews.
     since: usize,
     factors: [[Factor; BAND_LEADS]; KINDS],
 }
@@ -110,7 +111,7 @@ impl Calibration {
         Ok(Self { panel, shots: vec![shot; SHOTS].into_boxed_slice(), waiting: 0, since: 0, factors })
     }
 
-    /// The pen was interrupted.
+    /// The stroke was interrupted.
     pub fn interrupt(&mut self) {
         self.panel.forget();
         self.waiting = 0;
@@ -126,8 +127,8 @@ impl Calibration {
         self.panel.set_weights(weights)
     }
 
-    /// Judges the previews that this step of ordinary motion follows; every few steps lets every predictor
-    /// preview.
+    /// Judges the previews whose outcome this step of ordinary motion shows; every few steps all predictors
+    /// make new previews.
     pub fn observe(&mut self, step: &LearnStep) {
         let moved = step.x.map(|x| x * step.scale_m);
         self.judge(moved);
@@ -148,7 +149,7 @@ impl Calibration {
         self.waiting = (self.waiting + 1).min(SHOTS);
     }
 
-    /// The bands as they are.
+    /// The present bands.
     #[must_use]
     pub fn table(&self) -> BandTable {
         let mut table = BandTable::default();

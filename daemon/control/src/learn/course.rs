@@ -1,10 +1,9 @@
-//! `Course`: one online model on its way into the loop; the only place where weights are promoted or taken
-//! back.
+//! `Course`: the candidate and live weights of one online model; the only place where weights are promoted or
+//! rolled back.
 //!
-//! Contract: the candidate learns, the live weights are frozen, the previous ones are kept to return to.
+//! Contract: the candidate learns, the live weights are frozen, the previous ones are kept for a rollback.
 //! Whatever the model, what becomes live is finite, was not worse than the live weights on recent motion, and
-//! carries a version never used before. A candidate that leaves its bounds starts again from the live
-//! weights.
+//! carries a version never used before. A candidate that leaves its bounds restarts from the live weights.
 
 use std::fmt::Debug;
 use std::iter::Sum;
@@ -23,23 +22,23 @@ pub struct Rule {
     pub memory_steps: f64,
     /// Moving steps compared since the last change before anything is promoted or rolled back.
     pub min_evidence: u32,
-    /// A settled candidate is promoted when its error is below this part of the live error, at most 1.
+    /// A candidate is promoted when its error is below this fraction of the live error, at most 1.
     pub promote_ratio: f64,
-    /// The live weights are rolled back when their error is above this many times their predecessor's, at
-    /// least 1; for weights that follow their candidate at least 1.5 counts.
+    /// The live weights are rolled back when their error is above this multiple of their predecessor's, at
+    /// least 1; for weights that follow their candidate at least 1.5.
     pub rollback_ratio: f64,
     /// Moving steps between two hand-overs of a candidate that the live weights follow.
     pub follow_steps: u32,
 }
 
-/// A following candidate may be this much worse: two runs of luck differ by as much.
+/// A following candidate may be worse by this factor: chance differences are as large.
 const FOLLOW_RATIO: f64 = 1.02;
-/// Live weights that follow are taken back only when this much worse than their anchor: what they follow
-/// changes with the writing, and a little worse on the last letter is no fault.
+/// Live weights that follow are rolled back only when worse than their anchor by this factor: they adapt to
+/// the current writing, and a little worse on the last letter is no fault.
 const ASTRAY_RATIO: f64 = 1.5;
-/// Candidate error above this many times the live error: start the candidate again from the live weights.
+/// A candidate whose error exceeds the live error by this factor restarts from the live weights.
 const ABANDON_RATIO: f64 = 2.0;
-/// Evidence, in units of the least, after which an anchor is renewed.
+/// Evidence, as a multiple of the least, after which an anchor is renewed.
 const ANCHOR_AGE: u32 = 3;
 
 /// What happened to one model's weights.
@@ -47,11 +46,11 @@ const ANCHOR_AGE: u32 = 3;
 pub struct CourseCounters {
     /// Candidates promoted.
     pub promotions: u64,
-    /// Promotions taken back.
+    /// Promotions rolled back.
     pub rollbacks: u64,
-    /// Candidates thrown away because a parameter left its bounds or was not finite.
+    /// Candidates discarded because a parameter left its bounds or was non-finite.
     pub poisoned: u64,
-    /// Candidates thrown away because they did much worse than the live weights.
+    /// Candidates discarded because they were much worse than the live weights.
     pub abandoned: u64,
 }
 
@@ -71,20 +70,20 @@ impl Sum for CourseCounters {
 pub struct CourseErrors {
     /// The candidate against the live weights.
     pub candidate: Versus,
-    /// The live weights against those one would return to.
+    /// The live weights against those of a rollback.
     pub live: Versus,
 }
 
 /// The course of a model of any type.
 pub(super) trait AnyCourse: Debug + Send + Sync {
-    /// Whose.
+    /// The predictor.
     fn kind(&self) -> PredictorKind;
 
-    /// The pen was interrupted: memory is emptied.
+    /// The stroke was interrupted: memory is cleared.
     fn interrupt(&mut self);
 
-    /// One step of ordinary motion, learned from if `learnable`; changes its part of `live` when the evidence
-    /// asks for it, giving it `version`.
+    /// One step of ordinary motion, used for learning if `learnable`; changes its part of `live` when the
+    /// evidence demands it, with version `version`.
     fn learn(
         &mut self,
         step: &LearnStep,
@@ -93,14 +92,14 @@ pub(super) trait AnyCourse: Debug + Send + Sync {
         version: u64,
     ) -> Option<Promotion>;
 
-    /// Checks what `propose` would refuse.
+    /// Checks `weights` as `propose` does.
     ///
     /// # Errors
     ///
     /// Weights that are invalid or do not fit.
     fn judge(&self, weights: &OnlineWeights) -> Result<(), WeightsError>;
 
-    /// Replaces the candidate by weights from elsewhere; they must still earn their promotion.
+    /// Replaces the candidate by external weights; they must still earn their promotion.
     ///
     /// # Errors
     ///
@@ -116,7 +115,7 @@ pub(super) trait AnyCourse: Debug + Send + Sync {
     /// What happened so far.
     fn counters(&self) -> CourseCounters;
 
-    /// The same course once more.
+    /// A copy of the course.
     fn copied(&self) -> Box<dyn AnyCourse>;
 }
 
@@ -126,8 +125,8 @@ impl Clone for Box<dyn AnyCourse> {
     }
 }
 
-/// One model: candidate, previous weights, their comparison. The live weights stand in the set that is handed
-/// over.
+/// One model: candidate, previous weights and their comparison. The live weights are in the set that is
+/// handed over.
 #[derive(Debug, Clone)]
 pub(super) struct Course<P: Handed> {
     rule: Rule,
@@ -234,8 +233,8 @@ impl<P: Handed> Course<P> {
         Ok(Self { rule, candidate, previous, shadow, since: 0, counters })
     }
 
-    /// Exchanges the live weights if the evidence asks for it; why, and the errors of what leaves and what
-    /// comes.
+    /// Exchanges the live weights if the evidence demands it; returns why, and the errors of the old and the
+    /// new weights.
     fn decide(&mut self, live: &mut Parameters<P>) -> Option<(PromotionCause, f64, f64)> {
         let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
         let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;
@@ -290,7 +289,7 @@ impl<P: Handed> Course<P> {
         None
     }
 
-    // The live weights were judged before they became live: they cannot be refused.
+    // The live weights were checked before they became live: they cannot be refused.
 
     fn continue_from(&mut self, live: &Parameters<P>) {
         let _ = self.candidate.continue_from(live);

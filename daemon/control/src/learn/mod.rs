@@ -1,10 +1,10 @@
 //! Online learning: candidates learn from the pen, the live weights are frozen, evidence decides.
 //!
 //! Contract: one call per grid step, no clock and no allocation after construction, so that the learner
-//! thread, the lab and replay make the same weights. What reaches the loop is whole, finite and was not worse
-//! than the live weights on recent motion; what then turns out worse than its predecessor is rolled back.
-//! Parameters carry over from stroke to stroke, memory does not. One course per model, the same rules for
-//! all.
+//! thread, the lab and replay make the same weights. What reaches the loop is complete, finite and was not
+//! worse than the live weights on recent motion; weights that turn out worse than their predecessor are
+//! rolled back. Parameters persist from stroke to stroke, memory does not. One course per model, the same
+//! rules for all.
 
 mod shadow;
 mod course;
@@ -22,28 +22,25 @@ use crate::predict::models::for_each_taught;
 use crate::predict::{LearnStep, Models, OnlineWeights, PredictorKind, WeightsError, models};
 use course::{AnyCourse, Course};
 
-/// How the learner learns and when it dares.
+/// How the learner learns, and when it promotes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnerSettings {
-    /// Leads over which weights are compared: those that the plan looks at, see [`Leads::of_loop`].
+    /// Leads over which weights are compared: those that the plan uses, see [`Leads::of_loop`].
     pub leads: Leads,
     /// When live weights may change.
     pub rule: Rule,
-    /// Displacements longer than this are remembered but not learned from \[in the plane; an ordinary step is
-    /// 14\].
+    /// Longer displacements enter the memory but are not learned from \[in the plane; an ordinary step has
+    /// length 14, that is 10 per axis\].
     pub max_learned: f64,
 }
 
 impl LearnerSettings {
-    /// The learner of the preset loop behind a dead time of `dead_time_ns`, with a plan of 10 steps.
+    /// The learner of the preset loop with a dead time of `dead_time_ns` and a plan of 10 steps.
     ///
-    /// Chosen on UNIPEN train writers (20 of TOS with hover path, 18 of CED with lift-and-travel) and on
-    /// made-up smooth strokes, all at 10 ms, one fresh learner per writer: delays 2-16, one to three decay
-    /// rates, AdaGrad 1e-3 to 1, RMSProp, Adam. Delay 9 and AdaGrad 0.01 win; the paper's 0.1 learns fast and
-    /// then wanders. Evidence, memory and ratios hardly matter within a factor of two. So for the read-out of
-    /// DyBM+ESN (rates 0.003 to 0.3, on the 47 train writers of CED and TOS); AR-RLS gains up to a tenth
-    /// there from a gate of 100 and Huber 12 instead of 40 and 6. Note: learning *change* on top of
-    /// `Persistent` is an addition to the paper; `Zero` is its own start.
+    /// Chosen on train writers of UNIPEN (20 of TOS with hover path, 18 of CED with lift-and-travel) and on
+    /// synthetic smooth strokes, all at 10 ms, one fresh learner per writer. Evidence, memory and ratios
+    /// matter little within a factor of two. Note: learning the *change* on top of `Persistent` is an
+    /// addition to the paper; `Zero` is the paper's start.
     #[must_use]
     pub fn preset(step_ns: u64, dead_time_ns: u64) -> Self {
         Self {
@@ -94,7 +91,7 @@ pub enum PromotionCause {
 /// New live weights of one model; the whole set is [`Learner::weights`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Promotion {
-    /// Whose.
+    /// The predictor.
     pub model: PredictorKind,
     /// Their version, never used before.
     pub version: u64,
@@ -102,9 +99,9 @@ pub struct Promotion {
     pub cause: PromotionCause,
     /// Grid index of the step that decided.
     pub index: u64,
-    /// Recent roll-out error of the weights that leave (mean squared) \[in the plane, per step, squared\].
+    /// Recent roll-out error of the old weights (mean squared) \[in the plane, per step, squared\].
     pub error_leaving: f64,
-    /// Recent roll-out error of the weights that come.
+    /// Recent roll-out error of the new weights.
     pub error_coming: f64,
 }
 
@@ -129,7 +126,7 @@ macro_rules! courses {
 
 for_each_taught!(courses);
 
-/// What one step brought.
+/// Result of one step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Lesson {
     changes: [Option<Promotion>; MODELS],
@@ -151,17 +148,17 @@ pub struct LearnCounters {
     pub received: u64,
     /// Steps that the candidates learned from.
     pub updates: u64,
-    /// Remembered but too long to learn from.
+    /// Stored in memory but too long to learn from.
     pub unlearned: u64,
-    /// Starts, jumps and lost steps: the memory was emptied.
+    /// Starts, jumps and lost steps: the memory was cleared.
     pub interruptions: u64,
-    /// Not finite.
+    /// Non-finite.
     pub refused: u64,
     /// Of all models together.
     pub courses: CourseCounters,
 }
 
-/// Steps of motion between two hand-overs of error bands that come alone.
+/// Steps of motion between two hand-overs of error bands without new weights.
 const BAND_STEPS: u32 = 10;
 
 /// All models that learn online, the set of live weights, and the bands of every predictor.
@@ -242,7 +239,7 @@ impl Learner {
         let [dx, dy] = step.x;
         let learnable = dx.hypot(dy) <= self.settings.max_learned;
         *(if learnable { &mut self.counters.updates } else { &mut self.counters.unlearned }) += 1;
-        // Whatever changes in this step goes out in one set.
+        // All changes of this step go out in one set.
         let (version, live) = (self.live.version + 1, &mut self.live);
         let changes = self.courses.each_mut().map(|course| course.learn(step, learnable, live, version));
         let mut lesson = Lesson { changes, hand_over: false };
@@ -253,14 +250,14 @@ impl Learner {
             self.since = 0;
             self.live.version = version;
             self.live.bands = self.calibration.table();
-            // Live weights were judged before they became live: they cannot be refused.
+            // The live weights were checked before they became live: they cannot be refused.
             let _ = self.calibration.set_weights(&self.live);
             lesson.hand_over = true;
         }
         lesson
     }
 
-    /// Replaces the candidates by weights from elsewhere; they must still earn their promotion.
+    /// Replaces the candidates by external weights; they must still earn their promotion.
     ///
     /// # Errors
     ///
@@ -300,7 +297,7 @@ impl Learner {
         self.course(model).map_or_else(CourseErrors::default, |course| course.errors())
     }
 
-    /// What became of the predictors' error bands.
+    /// Statistics of the predictors' error bands.
     #[must_use]
     pub const fn calibration(&self) -> &Calibration {
         &self.calibration

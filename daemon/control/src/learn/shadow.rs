@@ -1,11 +1,10 @@
-//! Shadow comparison: what would each set of weights have predicted, and how wrong was it?
+//! Shadow comparison: the roll-out error that each set of weights would have had.
 //!
-//! At every step each contender rolls out to the last lead that counts from the same memory; when that many
-//! steps have passed the error is known: e = mean over the leads i that count of |P_i − S_i|²/i², with P_i
-//! and S_i the predicted and the real displacement summed over i steps, i.e. the mean squared error of the
-//! mean velocity over every lead that the plan looks at. The candidate is judged on predictions made before
-//! it learned from what they predict. Pauses say nothing and are left out; one wild step counts no more than
-//! a bounded error.
+//! At every step each contender rolls out to the last lead from the same memory; that many steps later the
+//! error is known: e = mean over the leads i of |P_i − S_i|²/i², with P_i and S_i the predicted and the real
+//! displacement summed over i steps, i.e. the mean squared error of the mean velocity over every lead that
+//! the plan uses. The candidate is judged on predictions made before it learned from their outcome. Pauses
+//! are left out; errors are capped, so that one outlier has bounded weight.
 
 use thiserror::Error;
 
@@ -14,7 +13,7 @@ use crate::pen::{REST, TARGET_RMS};
 /// Farthest lead of the comparison \[steps\].
 pub const MAX_LEAD: usize = 32;
 
-/// Errors count no more than this [in the plane, squared]: three typical displacements.
+/// Errors are capped at this [in the plane, squared]: three typical displacements.
 const ERROR_CAP: f64 = 18.0 * TARGET_RMS * TARGET_RMS;
 
 /// The leads that count, both included \[steps after the newest closed one\].
@@ -47,9 +46,9 @@ impl Leads {
         Ok(Self { first, last })
     }
 
-    /// What a plan of `horizon` steps looks at behind a dead time of `dead_time_ns`: reference i lies i steps
-    /// and the dead time ahead of a grid point that is up to one step old. What lies beyond [`MAX_LEAD`] is
-    /// left out.
+    /// The leads that a plan of `horizon` steps uses behind a dead time of `dead_time_ns`: reference i lies i
+    /// steps and the dead time ahead of a grid point that is up to one step old. Leads beyond [`MAX_LEAD`]
+    /// are left out.
     #[must_use]
     pub fn of_loop(step_ns: u64, dead_time_ns: u64, horizon: usize) -> Self {
         let step_ns = step_ns.max(1);
@@ -78,9 +77,9 @@ impl Leads {
 pub struct Versus {
     /// Moving steps compared since one of the two changed, other than by learning.
     pub compared: u32,
-    /// Of the challenger.
+    /// Error of the challenger.
     pub challenger: f64,
-    /// Of the one it is compared with.
+    /// Error of the one it is compared with.
     pub other: f64,
 }
 
@@ -112,7 +111,7 @@ struct RollOuts {
 pub(super) struct Shadow {
     leads: Leads,
     memory: f64,
-    /// Roll-outs that wait for their future, newest first; `leads.last` of them.
+    /// Roll-outs whose outcome is pending, newest first; `leads.last` of them.
     pending: Box<[RollOuts]>,
     /// Real displacements since the oldest of them, newest first.
     recent: Path,
@@ -136,19 +135,19 @@ impl Shadow {
         }
     }
 
-    /// The memory was emptied: nothing that waits will see its future.
+    /// The memory was cleared: pending roll-outs have no outcome.
     pub(super) fn interrupt(&mut self) {
         self.waiting = 0;
     }
 
-    /// Other weights compete from here on.
+    /// Starts the comparison of the candidate anew.
     pub(super) fn restart(&mut self) {
         self.waiting = 0;
         self.candidate = Versus::default();
         self.restart_previous();
     }
 
-    /// The live weights compete with others from here on.
+    /// Starts the comparison with the previous weights anew.
     pub(super) fn restart_previous(&mut self) {
         self.live = Versus::default();
         for rollouts in &mut self.pending {
@@ -166,7 +165,7 @@ impl Shadow {
         self.live
     }
 
-    /// Judges the roll-outs whose last step has just been seen; `true` when they say something.
+    /// Judges the roll-outs whose last step has just been observed; `true` if they carry information.
     pub(super) fn settle(&mut self, x: [f64; 2]) -> bool {
         self.recent.rotate_right(1);
         if let Some(newest) = self.recent.first_mut() {
@@ -192,7 +191,7 @@ impl Shadow {
         true
     }
 
-    /// Room for the contenders' roll-outs from the present memory: candidate, live, previous.
+    /// Stores the contenders' roll-outs from the present memory: candidate, live, previous.
     pub(super) fn preview(&mut self, mut roll_out: impl FnMut(Contender, &mut [[f64; 2]]) -> bool) {
         self.pending.rotate_right(1);
         let Some(RollOuts { candidate, live, previous }) = self.pending.first_mut() else { return };
@@ -207,7 +206,7 @@ impl Shadow {
     }
 }
 
-/// Who rolls out.
+/// Which weights roll out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Contender {
     Candidate,
@@ -216,7 +215,7 @@ pub(super) enum Contender {
     Previous,
 }
 
-/// e of the module's doc; `predicted` oldest first, `real` newest first, both per step.
+/// e of the module; `predicted` oldest first, `real` newest first, both per step.
 fn path_error(predicted: &Path, real: &[[f64; 2]], first: usize) -> f64 {
     let mut error = 0.0;
     let mut ahead = 0.0;

@@ -1,29 +1,27 @@
-//! Joints that are held at one speed again and again while their commands ask for more: the ceiling of a slow
+//! Joints whose speed is cut off at one value while their commands ask for more: the speed ceiling of a slow
 //! arm.
 //!
-//! Contract: a slow arm that is asked for short strokes makes up for them between the strokes, and then looks
-//! like one that is late. But a filter rounds speeds, and a ceiling cuts them off: of the time in which it
-//! moves, a joint that is cut off spends most at its fastest; speeds of a sine are within 5 % of their peak
-//! for a fifth of it.
+//! Contract: between short strokes a slow arm catches up, so it looks like one that is merely late. But a
+//! filter rounds speeds, and a ceiling cuts them off: a joint that is cut off spends most of its moving time
+//! at its fastest, whereas the speed of a sine is within 5 % of its peak for a fifth of the time.
 
-/// The fastest that a joint moved is forgotten within this time \[s\], what commands asked for lately within
-/// that one, and the shares of the time within the last.
+/// Memory of the fastest speed of a joint, of what commands asked for, and of the shares of time \[s\].
 const TOP_S: f64 = 6.0;
 const ASKED_S: f64 = 0.4;
 const SHARE_S: f64 = 1.0;
-/// A joint moves from this share of its fastest on, and is at it from that on.
+/// Shares of its fastest speed from which a joint counts as moving, and as being at its fastest.
 const MOVES: f64 = 0.2;
 const AT_TOP: f64 = 0.95;
-/// Faster than ever by this factor: what was at its fastest is not any more.
+/// A speed above the fastest by this factor restarts the count.
 const FASTER: f64 = 1.05;
-/// It is cut off when it is at its fastest for this share of so much motion \[s\],
+/// A joint is cut off if it is at its fastest for this share of this much motion \[s\],
 const CUT_OFF: f64 = 0.45;
 const LEAST_MOTION_S: f64 = 0.5;
-/// in so many strokes: a single one behind a filter may have any shape. It is well below from this share
-/// down,
+/// in this many strokes (a single stroke behind a filter may have any shape), between which it falls below
+/// this share of its fastest,
 const LEAST_VISITS: u32 = 3;
 const BELOW: f64 = 0.7;
-/// and that fastest is no creeping \[rad/s\].
+/// and if its fastest is at least this \[rad/s\].
 const LEAST_RADPS: f64 = 0.05;
 
 /// One joint.
@@ -33,10 +31,10 @@ struct Joint {
     asked: f64,
     moving_s: f64,
     at_top_s: f64,
-    /// It came to its fastest from well below so often.
+    /// How often it came to its fastest from well below.
     visits: u32,
     below: bool,
-    /// What was asked for while it was at its fastest, times seconds.
+    /// Commanded speed while it was at its fastest, integrated over time.
     asked_then: f64,
 }
 
@@ -72,7 +70,7 @@ impl<const J: usize> Ceiling<J> {
         let keep = |memory_s: f64| (1.0 - elapsed_s / memory_s).max(0.0);
         for (joint, speed) in self.joints.iter_mut().zip(speeds) {
             let speed = speed.abs();
-            // The way up to it counts as motion.
+            // The rise to the fastest speed counts as motion.
             if speed > FASTER * joint.top {
                 (joint.at_top_s, joint.asked_then, joint.visits) = (0.0, 0.0, 0);
             }
@@ -93,8 +91,8 @@ impl<const J: usize> Ceiling<J> {
         }
     }
 
-    /// The least share of what was asked for that a joint is cut off at, if it is below `least`; the evidence
-    /// is used up by that.
+    /// The least share of its commanded speed at which a joint is cut off, if below `least`; then starts
+    /// anew.
     pub(super) fn share(&mut self, least: f64) -> Option<f64> {
         let mut found: Option<f64> = None;
         for joint in &mut self.joints {
@@ -115,8 +113,8 @@ impl<const J: usize> Ceiling<J> {
 mod tests {
     use super::*;
 
-    /// What is found of a joint asked for strokes of up to 2 rad/s, whose speed is `speed` of what is asked,
-    /// within 6 s.
+    /// Result for a joint with strokes of up to 2 rad/s whose speed is `speed` of the commanded one, within 6
+    /// s.
     fn found(mut speed: impl FnMut(f64, f64) -> f64) -> Option<f64> {
         let mut ceiling = Ceiling::<1>::new();
         (0..3000_u32).find_map(|tick| {
@@ -151,7 +149,7 @@ mod tests {
     fn a_constant_speed_that_is_reached_is_no_ceiling() {
         let mut ceiling = Ceiling::<1>::new();
         for tick in 0..5000 {
-            // A burst that was rounded, then a straight line.
+            // A burst with rounded speed, then a straight line.
             let (asked, speed) = if tick < 100 { (2.0, 1.0) } else { (0.4, 0.4) };
             ceiling.commanded(0, asked);
             ceiling.measured(2e-3, &[speed]);

@@ -1,31 +1,31 @@
-//! A joint that moves against its commands while the others show how late the arm is.
+//! A joint that moves against its commands, judged at the lag that the other joints show.
 //!
-//! Contract: small letters turned about stay inside the span of their commands, and motion to and fro turned
-//! about looks like motion half a period late. But all joints of an arm are equally late: at the lag that
-//! explains the others best, a turned joint is anticorrelated. All sums forget within [`KEEP`]; a change of
-//! the lag passes through them within the time that blame takes.
+//! Contract: small letters mirrored stay inside the span of their commands, and mirrored oscillation looks
+//! like oscillation half a period late. But all joints of an arm have the same lag: at the lag that explains
+//! the others best, a mirrored joint is anticorrelated. All sums forget by [`KEEP`]; a change of the lag
+//! passes through them before a fault is reported.
 
 use super::path::Path;
 
 /// Candidate lags: 0, 10, ... 200 ms.
 const LAGS: usize = 21;
-/// What is kept of each sum from block to block: 1/e in 0.3 s.
+/// Forgetting factor of each sum from block to block: 1/e in 0.3 s.
 const KEEP: f64 = 0.967;
-/// Judged every so many blocks.
+/// Judged once in this many blocks.
 const EVERY: u64 = 4;
-/// So many judgements in a row are blamed: 0.32 s, longer than the sums remember.
+/// Findings in a row before a fault is reported: 0.32 s, longer than the memory of the sums.
 const IN_A_ROW: u32 = 8;
-/// The others agree with their commands at least this well, and the joint disagrees at least this much.
+/// Least correlation of the other joints with their commands, and least anticorrelation of the faulty one.
 const AGREES: f64 = 0.8;
 const AGAINST: f64 = -0.5;
 
-/// Sums over the recent motion.
+/// Sums over recent motion.
 #[derive(Debug, Clone)]
 pub(super) struct Directions<const J: usize> {
     /// Per lag and joint: Σ measured · commanded step, and Σ of the squared commanded step.
     products: [[f64; J]; LAGS],
     asked: [[f64; J]; LAGS],
-    /// Σ of the squared measured step, and of its size.
+    /// Σ of the squared measured step, and of its absolute value.
     done: [f64; J],
     travel: [f64; J],
     in_a_row: [u32; J],
@@ -42,8 +42,8 @@ impl<const J: usize> Directions<J> {
         }
     }
 
-    /// Block `block` of the measured joints is complete. Returns a joint that moves against its commands by
-    /// more than `limit` \[rad\], as travel within the memory, and by how much.
+    /// Called when block `block` of the measured joints is complete. Returns a joint that moved against its
+    /// commands by more than `limit` \[rad\], as travel within the memory, and by how much.
     pub(super) fn see(
         &mut self,
         block: u64,
@@ -69,7 +69,7 @@ impl<const J: usize> Directions<J> {
 
     fn judge(&mut self, limit: f64) -> Option<(usize, f64)> {
         let scale = |asked: f64, done: f64| (asked * done).sqrt();
-        // Per lag: how well all joints together agree, as numerator and denominator.
+        // Per lag: correlation of all joints together, as numerator and denominator.
         let mut whole = [[0.0; 2]; LAGS];
         for (whole, (products, asked)) in whole.iter_mut().zip(self.products.iter().zip(&self.asked)) {
             let scales = asked.iter().zip(&self.done).map(|(asked, done)| scale(*asked, *done));
@@ -108,8 +108,8 @@ mod tests {
     use super::*;
     use crate::units::Stamp;
 
-    /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 turned about or not. Block after
-    /// which it is blamed.
+    /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 mirrored or not. Returns the block
+    /// in which it is reported.
     fn blamed(sign: f64, hz: f64, lag_change: bool) -> Option<u64> {
         let (mut commands, mut measured) = (Path::<3>::new(), Path::<3>::new());
         let mut directions = Directions::new();
@@ -147,7 +147,7 @@ mod tests {
         }
     }
 
-    /// Every sum over all complete blocks, each worth 0.967 of the one after it.
+    /// Every sum over all complete blocks, weighted by 0.967 per block of age.
     #[test]
     fn sums_are_over_the_steps_of_all_blocks_and_forget() {
         let (mut commands, mut measured) = (Path::<2>::new(), Path::<2>::new());
@@ -158,7 +158,7 @@ mod tests {
             let (t, stamp) = (tick as f64 * 2e-3, Stamp(1_000_000_000 + tick * 2_000_000));
             commands.push(stamp, &at(t));
             measured.push(stamp, &at(t - 0.03).map(|q| 0.7 * q));
-            // The first sample of a block closes the one before; that of the path has no step.
+            // The first sample of a block closes the one before; the first block of a path has no step.
             if tick % 5 == 0 && tick >= 10 {
                 let block = measured.newest() - 1;
                 asked.push(commands.step(block).unwrap());

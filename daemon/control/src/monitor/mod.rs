@@ -1,17 +1,17 @@
-//! Whether the arm is where it was told to be: measured joints against all commands that they may be
+//! Whether the arm is where it was commanded to be: measured joints against all commands that they may be
 //! answering.
 //!
-//! Contract: pure, total, no allocation, bounded work per joint state; everything by stamps. An arm that is
-//! as late as the settings allow, by a delay, a servo filter or both, jittering or changing its lag at any
-//! moment, is never blamed: its joints are weighted means of commands within \[stamp − (longest lag + spread
-//! of the filter), stamp\], so they lie inside the span of those. Blamed is, joint by joint:
+//! Contract: pure, total, no allocation, bounded work per joint state; judges by stamps only. An arm with any
+//! lag that the settings allow, by a delay, a servo filter or both, with jitter or a changing lag, is never
+//! reported: its joints are weighted means of commands within \[stamp − (longest lag + spread of the filter),
+//! stamp\], so they lie inside the span of those. Reported per joint:
 //! - *deviation*: outside the span by more than the tolerance, the tool as well;
 //! - *runaway* and *wrong direction*: outside by half of the tolerance and moving away;
 //! - *oscillation*: outside on alternating sides, farther with each swing;
 //! - *no motion*: commands moved the joint, at every lag that is possible, and it stood.
 //!
-//! After a stop for such a reason the arm may not be armed while it moves by itself or stands elsewhere than
-//! it is held, until an operator disarms. Absent: what the arm was when nobody commanded it; force.
+//! After a stop for such a reason the arm may not be armed while it moves by itself or is not where it is
+//! held, until an operator disarms. Absent: the arm before it was commanded; force.
 
 mod ceiling;
 mod direction;
@@ -33,37 +33,37 @@ use crate::arm::lag::LagEstimate;
 use crate::stop::{StopCause, StopDetail};
 use crate::units::Stamp;
 
-/// Where nothing says how late the arm may be, it may be this late \[ns\].
+/// The longest lag, if the settings do not say \[ns\].
 pub const LONGEST_LAG_NS: u64 = 200_000_000;
-/// Commands may hold up to a period after the stamp of the joint state that answers them, and stamps are only
-/// so good \[ns\].
+/// A command may take effect up to a period after the stamp of the joint state that answers it, and stamps
+/// are inexact \[ns\].
 const AHEAD_NS: u64 = 10_000_000;
-/// A critically damped filter with the group delay T has answered all but 1.7 % of a command after 3 T: T,
-/// and this much more.
+/// A critically damped filter with group delay T has answered all but 1.7 % of a command after 3 T: T, and
+/// this multiple of it more.
 const SPREAD: f64 = 2.0;
-/// An estimate of the lag says something about the spread when its standard deviation is at most this \[s\],
+/// The lag estimate determines the spread if its standard deviation is at most this \[s\],
 const GOOD_S: f64 = 3e-3;
-/// and the arm has moved for so many blocks of 10 ms since it was armed: what another arm left behind is
-/// forgotten by then,
+/// and if the arm has moved in this many blocks of 10 ms since it was armed, by when the evidence of another
+/// arm is forgotten,
 const LEARNED_BLOCKS: u32 = 200;
-/// a block in which a joint was commanded to move by this much \[rad\].
+/// counting blocks in which a joint was commanded to move by this much \[rad\].
 const MOVING_RAD: f64 = 5e-4;
-/// Jitter and doubt on top of it \[ns\].
+/// Allowance for jitter and uncertainty on top of it \[ns\].
 const JITTER_NS: u64 = 20_000_000;
-/// Commands must have moved a joint within this time \[ns\], which ended the longest lag ago.
+/// Commands must have moved a joint within a window of this length, which ended one longest lag ago \[ns\].
 const MOTION_NS: u64 = 250_000_000;
-/// A joint that does less than this share of its commands stands still.
+/// A joint that moves by less than this share of its commands stands still.
 const STILL_SHARE: f64 = 0.05;
-/// A joint outside its commands by this share of the tolerance, and going, is on its way beyond it.
+/// A joint outside its commands by this share of the tolerance and moving away is leaving.
 const LEAVING: f64 = 0.5;
-/// Swings outside the commands count from this share of the tolerance on, and are blamed from that on.
+/// Swings outside the commands count from the first share of the tolerance, and are reported from the second.
 const SWINGING: f64 = 0.1;
 const SWUNG: f64 = 0.25;
-/// Travel against commands that is blamed, as a multiple of the motion that has to show.
+/// Travel against commands that is reported, as a multiple of the motion that must show.
 const AGAINST: f64 = 2.0;
-/// An arm outside its commands by this share of the tolerances has fallen behind.
+/// An arm outside its commands by this share of the tolerances is behind.
 const BEHIND: f64 = 0.1;
-/// A slow arm that is being slowed down for may be so many times as far away.
+/// Factor on the tolerances of a slow arm while the tool is being slowed down.
 const PATIENT: f64 = 3.0;
 /// Speeds are measured over this time at least \[ns\].
 const SPEED_NS: u64 = 16_000_000;
@@ -80,19 +80,19 @@ pub struct Monitor<const J: usize> {
     swings: Swings<J>,
     directions: Directions<J>,
     pace: Pace<J>,
-    /// The newest joint state was outside the commands, if not far.
+    /// The newest joint state was slightly outside the commands.
     behind: bool,
-    /// How late the arm is taken to be \[s\].
+    /// Assumed lag of the arm \[s\].
     lag_s: f64,
-    /// Joint states from before belong to another life.
+    /// Joint states from before this are ignored.
     begun: Stamp,
     /// Blocks of commanded motion since then.
     moved: u32,
-    /// Since when something is wrong, and what it was first.
+    /// Since when something is wrong, and the first finding.
     since: Option<(Stamp, StopDetail)>,
-    /// The block in which standing still was looked for last.
+    /// The block in which standing still was last checked.
     looked: u64,
-    /// A stop was latched here, and nobody has acknowledged it.
+    /// A stop was latched here and has not been acknowledged.
     suspect: bool,
 }
 
@@ -105,7 +105,7 @@ struct Wrong {
 }
 
 impl<const J: usize> Monitor<J> {
-    /// A monitor that has seen nothing of an arm that may be `longest_ns` late.
+    /// A monitor without observations, of an arm whose lag is at most `longest_ns`.
     #[must_use]
     pub fn new(settings: TrackingSettings, longest_ns: u64) -> Self {
         Self {
@@ -135,7 +135,7 @@ impl<const J: usize> Monitor<J> {
         Box::new(Self::new(settings, longest_ns))
     }
 
-    /// The loop takes charge of an arm that stands still: earlier commands and joint states count no more.
+    /// The loop takes charge of an arm that stands still: earlier commands and joint states are ignored.
     pub fn begin(&mut self, now: Stamp) {
         self.commands.clear();
         self.tools.clear();
@@ -156,21 +156,20 @@ impl<const J: usize> Monitor<J> {
         self.pace.commanded(stamp, q, tool, self.lag_s);
     }
 
-    /// Part of the speed asked for at which the arm moves; `None` until it has moved.
+    /// Fraction of the commanded speed at which the arm moves; `None` until it has moved.
     #[must_use]
     pub fn speed_share(&self) -> Option<f64> {
         self.pace.share()
     }
 
-    /// How fast the tool may be asked to go in front of a slow arm \[m/s\]; `None`: as fast as its limits
-    /// allow.
+    /// Speed limit of the tool for a slow arm \[m/s\]; `None`: its own limits.
     #[must_use]
     pub fn allowed_mps(&self) -> Option<f64> {
         self.pace.allowed_mps().filter(|_| self.settings.slow_arm == SlowArm::SlowDown)
     }
 
-    /// A joint state of an arm in charge: joints `q` \[rad\], by which the tool is at `tool` \[m\], plane
-    /// frame, measured at `stamp`. Returns what is wrong with it, once that has lasted.
+    /// A joint state of an arm in charge: joints `q` \[rad\], which put the tool at `tool` \[m\], plane
+    /// frame, measured at `stamp`. Returns what is wrong, once that has lasted.
     pub fn measured(
         &mut self,
         stamp: Stamp,
@@ -206,13 +205,13 @@ impl<const J: usize> Monitor<J> {
         }
     }
 
-    /// An operator gives the arm back, and thereby says that what stopped it is known.
+    /// An operator gives the arm back, and thereby acknowledges what stopped it.
     pub fn acknowledge(&mut self) {
         self.suspect = false;
     }
 
-    /// Whether what stopped the arm here is still there, as far as can be seen: it moves by itself at more
-    /// than `speed_radps`, or stands elsewhere than where it is held.
+    /// Whether the reason for the stop still shows: the arm moves by itself at more than `speed_radps`, or is
+    /// not where it is held.
     #[must_use]
     pub fn unsettled(&self, speed_radps: f64) -> bool {
         if !self.suspect {
@@ -227,7 +226,7 @@ impl<const J: usize> Monitor<J> {
         moves || away
     }
 
-    /// How old the oldest command is that a joint state may still be answering \[ns\].
+    /// Age of the oldest command that a joint state may still be answering \[ns\].
     fn reach_ns(&mut self, lag: Option<&LagEstimate>) -> u64 {
         let longest_s = self.longest_ns as f64 * 1e-9;
         let known = lag.filter(|lag| self.moved >= LEARNED_BLOCKS && lag.std_s <= GOOD_S);
@@ -238,7 +237,7 @@ impl<const J: usize> Monitor<J> {
         self.longest_ns.saturating_add(spread_ns).saturating_add(JITTER_NS).min(KEPT_NS)
     }
 
-    /// The worst that is outside of all commands from `oldest` to `stamp`.
+    /// The largest deviation from all commands from `oldest` to `stamp`.
     fn outside(
         &mut self,
         oldest: Stamp,
@@ -274,7 +273,7 @@ impl<const J: usize> Monitor<J> {
             }
             let leaving = speed * outside.signum();
             if away > LEAVING * joint_rad && away <= joint_rad && leaving > runaway_radps {
-                // How far commands lead the other way, of all that may be answered.
+                // The largest lead of the commands in the other direction, of all that may be answered.
                 let against = if *outside > 0.0 { high - commanded } else { commanded - low };
                 if against > LEAVING * joint_rad {
                     blame(StopCause::WrongDirection, joint, away, LEAVING * joint_rad);
@@ -293,8 +292,8 @@ impl<const J: usize> Monitor<J> {
         worst
     }
 
-    /// What is wrong, once that has lasted. What it was first stays its cause: who runs away ends up far
-    /// outside.
+    /// What is wrong, once that has lasted. The first finding remains the cause: a runaway also ends as a
+    /// deviation.
     fn lasting(&mut self, stamp: Stamp, found: Option<Wrong>) -> Option<StopDetail> {
         let detail = found?.detail;
         let (since, first) = self.since.get_or_insert((stamp, detail));
@@ -305,7 +304,7 @@ impl<const J: usize> Monitor<J> {
         (stamp.since(*since) >= hold_ns).then_some(*first)
     }
 
-    /// An arm that was just found to be slow, where that is a reason to stop.
+    /// An arm that was just found to be slow, if that is a reason to stop.
     fn slow(&mut self, stamp: Stamp, speeds: &[f64; J]) -> Option<StopDetail> {
         let share = self.pace.measured(stamp, speeds, self.behind)?;
         let (cause, amount) = (StopCause::SlowArm, share);
@@ -313,8 +312,8 @@ impl<const J: usize> Monitor<J> {
         (self.settings.slow_arm == SlowArm::Stop).then_some(detail)
     }
 
-    /// A joint that stood while its commands moved it, whatever the lag, or moved against them; looked for
-    /// once in a block.
+    /// A joint that stood while its commands moved it, at every possible lag, or moved against them; checked
+    /// once per block.
     fn standing(&mut self, stamp: Stamp) -> Option<StopDetail> {
         if self.measured.newest() == self.looked {
             return None;
@@ -343,7 +342,7 @@ impl<const J: usize> Monitor<J> {
         let still = pairs.filter(|(_, (asked, done))| **asked > limit && **done < STILL_SHARE * **asked);
         let count = still.clone().count();
         let (joint, (asked, _)) = still.max_by(|a, b| a.1.0.total_cmp(b.1.0))?;
-        // All that were asked stand: that is the arm.
+        // All joints that were commanded stand: report the arm, not a joint.
         let joint = if count == moved && moved > 1 { None } else { u8::try_from(joint).ok() };
         Some(StopDetail { cause: StopCause::NoMotion, joint, amount: *asked, limit, ..StopDetail::default() })
     }

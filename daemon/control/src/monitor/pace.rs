@@ -1,10 +1,10 @@
-//! Arms that move at a part of the speed that is asked for, as behind a speed slider: noticed, and how fast
-//! they may be asked to go.
+//! Arms that move at a fraction of the commanded speed, as behind a speed slider: detection, and the speed
+//! that may be asked of them.
 //!
-//! Contract: a slow arm has a ceiling to its joint speeds, whatever its lag. Its fastest motion in a while is
-//! compared with that of a model which is as late as the arm and damps as much as such an arm can: a
-//! critically damped filter with the whole lag as its group delay. An honest arm is at least as fast. What is
-//! too slow twice in a row counts, once there was some motion; the tool is then asked for no more than what
+//! Contract: a slow arm has a ceiling on its joint speeds, whatever its lag. Its fastest recent motion is
+//! compared with that of a model with the same lag and the most damping that such an arm can have: a
+//! critically damped filter with the whole lag as its group delay. A sound arm is at least as fast. An arm
+//! found too slow twice in a row, after enough motion, is slow; the tool is then asked for no more than what
 //! the arm has shown, and for a little more with every window in which the arm keeps up.
 
 use super::ceiling::Ceiling;
@@ -12,39 +12,39 @@ use crate::units::Stamp;
 
 /// Length of a window \[ns\].
 const WINDOW_NS: i64 = 100_000_000;
-/// Windows in which the arm may have been as fast as its model is now: a model of an arm of unknown lag is
-/// slow itself.
+/// Windows in which the arm may already have reached the model's present speed: a model of an arm with
+/// unknown lag is slow itself.
 const REMEMBERED: usize = 6;
 /// An arm that reaches less than this share of the speed of its model is slow,
 pub(super) const SLOW_SHARE: f64 = 0.75;
-/// if that shows in so many windows in a row, after so many that could be judged: the first strokes after
-/// arming say little. One that reaches less than this share stands,
+/// if that shows in this many windows in a row, after this many that could be judged (the first strokes after
+/// arming say little). One that reaches less than the last share stands,
 const SLOW_WINDOWS: u32 = 2;
 const LEAST_WINDOWS: u32 = 8;
 const STANDS: f64 = 0.05;
 /// where the model reaches this speed \[rad/s\].
 const JUDGED_RADPS: f64 = 0.25;
-/// What is kept from window to window of the fastest that the tool was asked to go.
+/// Factor from window to window on the fastest commanded tool speed.
 const TOOL_KEPT: f64 = 0.9;
-/// A slow arm has so long to come back to its commands \[ns\].
+/// Time for a slow arm to come back to its commands \[ns\].
 const PATIENCE_NS: u64 = 1_000_000_000;
-/// An arm that reaches this share keeps up, and may be asked for so much more in the next window.
+/// An arm that reaches this share keeps up; its limit grows by the second factor in the next window.
 const KEEPS_UP: f64 = 0.95;
 const MORE: f64 = 1.01;
-/// Let go at so many times what was asked for when the arm was found slow: that may have been the beginning
-/// of more.
+/// The limit is released at this multiple of the speed asked for when the arm was found slow, which may have
+/// been the beginning of faster motion.
 const RELEASED: f64 = 3.0;
-/// Never asked for less than this part of what it was asked for last, nor slower than this \[m/s\].
+/// The limit falls per window to no less than this share of the speed asked for last, nor below this \[m/s\].
 const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
-/// Nor for more than this part of it, while the arm is behind.
+/// While the arm is behind, the limit is at most this share of it.
 const BEHIND_STEP: f64 = 0.95;
-/// The model is late by this much at least \[s\],
+/// Least lag of the model \[s\],
 const LEAST_LAG_S: f64 = 0.016;
-/// and its speed is smoothed over this time [s]: the arm's are means over two or three joint states, which
-/// short strokes lose more by than long ones.
+/// and smoothing time of its speed \[s\]: the arm's speeds are means over two or three joint states, which
+/// reduces short strokes more than long ones.
 const SMOOTH_S: f64 = 0.012;
-/// Longer steps of the model count as this \[s\].
+/// Longer steps of the model count as this long \[s\].
 const LONGEST_STEP_S: f64 = 0.02;
 
 /// Fastest in a window: the model and the arm, joint by joint \[rad/s\], and the commanded tool \[m/s\].
@@ -59,7 +59,7 @@ impl<const J: usize> Peaks<J> {
     const NONE: Self = Self { model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
 }
 
-/// The model, two windows, and what follows from them.
+/// The model, two windows, and the results.
 #[derive(Debug, Clone)]
 pub(super) struct Pace<const J: usize> {
     /// Position, speed and smoothed speed of each joint.
@@ -70,23 +70,22 @@ pub(super) struct Pace<const J: usize> {
     tool: Option<(Stamp, [f64; 3])>,
     before: Peaks<J>,
     now: Peaks<J>,
-    /// Fastest of the arm in each of the last windows: it may be ahead of its model.
+    /// Fastest speeds of the arm in each of the last windows: it may be ahead of its model.
     arms: [[f64; J]; REMEMBERED],
     ceiling: Ceiling<J>,
-    /// When joints were measured last, and where they were commanded to be \[rad\].
+    /// When joints were last measured, and where they were commanded to be \[rad\].
     seen: Option<Stamp>,
     sent: Option<(Stamp, [f64; J])>,
     window: Option<Stamp>,
     windows: u32,
     judged_windows: u32,
     slow_in_a_row: u32,
-    /// It was outside its commands, if not far, in this window.
+    /// It was slightly outside its commands in this window.
     behind: bool,
-    /// A slow arm is given until then to come back to its commands.
+    /// A slow arm has until then to come back to its commands.
     patient_until: Option<Stamp>,
     judged: bool,
-    /// How fast the tool was asked to go when the arm was found slow, and how fast it may be asked to go
-    /// \[m/s\].
+    /// Tool speed asked for when the arm was found slow, and the present limit \[m/s\].
     slowed: Option<[f64; 2]>,
 }
 
@@ -114,22 +113,23 @@ impl<const J: usize> Pace<J> {
         }
     }
 
-    /// Part of the speed asked for at which the arm moves, 1 unless it is slow; `None` until it has moved.
+    /// Fraction of the commanded speed at which the arm moves, 1 unless it is slow; `None` until it has
+    /// moved.
     pub(super) fn share(&self) -> Option<f64> {
         self.slowed.map(|[asked, allowed]| (allowed / asked).min(1.0)).or(self.judged.then_some(1.0))
     }
 
-    /// The arm goes its way, but too slowly: what is asked of it is being made less.
+    /// The arm follows, but too slowly, and is being asked for less.
     pub(super) fn patient(&self, stamp: Stamp) -> bool {
         self.slowed.is_some() || self.patient_until.is_some_and(|until| stamp < until)
     }
 
-    /// How fast the tool may be asked to go \[m/s\]; `None`: as fast as its limits allow.
+    /// Speed limit of the tool \[m/s\]; `None`: its own limits.
     pub(super) fn allowed_mps(&self) -> Option<f64> {
         self.slowed.map(|[_, allowed]| allowed)
     }
 
-    /// Joints `q` \[rad\] and tool \[m\] commanded for `stamp`, to an arm that is `lag_s` late.
+    /// Joints `q` \[rad\] and tool \[m\] commanded for `stamp`, to an arm with lag `lag_s`.
     pub(super) fn commanded(&mut self, stamp: Stamp, q: &[f64; J], tool: &[f64; 3], lag_s: f64) {
         if let Some((before, from)) = self.tool.replace((stamp, *tool)) {
             let elapsed_s = stamp.seconds_since(before).max(1e-4);
@@ -146,8 +146,8 @@ impl<const J: usize> Pace<J> {
         let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0, 0.0])));
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
-        // Behind a target that stands for the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t).
-        // A slow arm looks later and later, and an arm that late might be as slow.
+        // Behind a target that is constant over the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). The lag of a
+        // slow arm seems to grow, and a model with that lag would be as slow.
         self.lag_s = if self.slowed.is_some() { self.lag_s.min(lag_s) } else { lag_s };
         let w = 2.0 / self.lag_s.max(LEAST_LAG_S);
         let decay = (-w * elapsed_s).exp();
@@ -165,7 +165,7 @@ impl<const J: usize> Pace<J> {
     }
 
     /// The joints were measured to move at `speeds` \[rad/s\], `behind` their commands or not. Returns the
-    /// share of an arm that was just found to be slow.
+    /// share of speed of an arm that was just found to be slow.
     pub(super) fn measured(&mut self, stamp: Stamp, speeds: &[f64; J], behind: bool) -> Option<f64> {
         self.behind |= behind;
         let elapsed_s = self.seen.replace(stamp).map_or(0.0, |before| stamp.seconds_since(before));
@@ -223,7 +223,7 @@ impl<const J: usize> Pace<J> {
                 self.slowed = Some([tool_mps, (share.max(LEAST_STEP) * tool_mps).max(LEAST_MPS)]);
                 Some(share)
             }
-            // At its ceiling it falls behind, however near to what is asked that is.
+            // At its ceiling it falls behind, however near that is to the commanded speed.
             Some([_, allowed]) if share < KEEPS_UP || behind => {
                 *allowed = (share.clamp(LEAST_STEP, BEHIND_STEP) * *allowed).max(LEAST_MPS);
                 None

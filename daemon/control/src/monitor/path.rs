@@ -1,18 +1,18 @@
-//! Where K numbers have been lately: the least and the largest of each in blocks of 10 ms.
+//! The recent range of K numbers: minimum and maximum in blocks of 10 ms.
 //!
-//! Contract: between two samples the line counts, over a gap in time as well, for half of a second and more.
-//! What happened before the first sample is not known. Bounded work per sample, no allocation.
+//! Contract: samples are joined by straight lines, also over gaps in time, for more than half a second.
+//! Nothing is known from before the first sample. Bounded work per sample, no allocation.
 
 use crate::units::Stamp;
 
 /// Length of a block \[ns\].
 const BLOCK_NS: u64 = 10_000_000;
-/// Blocks kept: the longest lag, what a filter with that lag spreads, and a window beside it.
+/// Blocks kept: the longest lag, the spread of a filter with that lag, and a window.
 const KEPT: usize = 128;
-/// The longest time that can be asked about \[ns\].
+/// The longest time that can be queried \[ns\].
 pub(super) const KEPT_NS: u64 = (KEPT as u64 - 2) * BLOCK_NS;
 
-/// The least and the largest of each number.
+/// Minimum and maximum of each number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Span<const K: usize> {
     pub(super) low: [f64; K],
@@ -35,7 +35,7 @@ impl<const K: usize> Span<K> {
         }
     }
 
-    /// How far `point` is outside, positive above, negative below.
+    /// Distance of `point` outside the range, positive above, negative below.
     pub(super) fn outside(&self, point: &[f64; K]) -> [f64; K] {
         let mut beyond = [0.0; K];
         let bounds = self.low.iter().zip(&self.high);
@@ -45,7 +45,7 @@ impl<const K: usize> Span<K> {
         beyond
     }
 
-    /// Largest minus least of each.
+    /// Maximum minus minimum of each.
     pub(super) fn width(&self) -> [f64; K] {
         let mut width = [0.0; K];
         for (width, (low, high)) in width.iter_mut().zip(self.low.iter().zip(&self.high)) {
@@ -65,7 +65,7 @@ pub(super) struct Path<const K: usize> {
     /// First and newest block.
     begin: u64,
     end: u64,
-    /// Blocks that were put together before: the first, the last, and what they hold.
+    /// Cache of the last query: first and last block, and their range.
     known: (u64, u64, Span<K>),
 }
 
@@ -91,7 +91,7 @@ impl<const K: usize> Path<K> {
         self.end
     }
 
-    /// `point` held at `stamp`; what is not newer than the last one is left out.
+    /// Adds `point` at `stamp`; ignored unless newer than the last one.
     pub(super) fn push(&mut self, stamp: Stamp, point: &[f64; K]) {
         let block = stamp.0 / BLOCK_NS;
         match self.last {
@@ -130,8 +130,8 @@ impl<const K: usize> Path<K> {
         }
     }
 
-    /// How far the numbers went in a block that is complete, from the end of the block before; `None` where
-    /// that is not known.
+    /// How far the numbers moved in a complete block, from the end of the block before; `None` where that is
+    /// unknown.
     pub(super) fn step(&self, block: u64) -> Option<[f64; K]> {
         self.last.as_ref()?;
         let before = block.checked_sub(1).filter(|before| *before >= self.begin)?;
@@ -145,8 +145,8 @@ impl<const K: usize> Path<K> {
         Some(step)
     }
 
-    /// The span of everything from `from` to `to`, as far as it is known; the nearest block, where that is
-    /// empty. `None` before the first sample.
+    /// The range from `from` to `to`, as far as it is known; the nearest block if that is empty. `None`
+    /// before the first sample.
     pub(super) fn span(&mut self, from: Stamp, to: Stamp) -> Option<Span<K>> {
         self.last.as_ref()?;
         let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));

@@ -1,5 +1,4 @@
-//! The newest joint states, for the speed at which joints really move: an arm's own word on that may be
-//! wrong.
+//! The newest joint states, for the measured speed of the joints: the speed that an arm reports may be wrong.
 
 use crate::units::Stamp;
 
@@ -33,7 +32,7 @@ impl<const J: usize> Recent<J> {
         self.back(0).map(|(_, q)| q)
     }
 
-    /// Mean speeds up to now, over the shortest time of at least `over_ns` that is known \[rad/s\].
+    /// Mean speeds up to now, over the shortest known time of at least `over_ns` \[rad/s\].
     pub(super) fn speed(&self, over_ns: u64) -> Option<[f64; J]> {
         let (now, here) = self.back(0)?;
         let before = |(stamp, _): &&(Stamp, [f64; J])| now.0.saturating_sub(stamp.0) >= over_ns;
@@ -46,7 +45,7 @@ impl<const J: usize> Recent<J> {
         Some(speed)
     }
 
-    /// The joint state so many before the newest.
+    /// The joint state `age` states before the newest.
     fn back(&self, age: usize) -> Option<&(Stamp, [f64; J])> {
         let index = self.count.checked_sub(age + 1)?;
         if age < KEPT { self.ring.get(index % KEPT) } else { None }

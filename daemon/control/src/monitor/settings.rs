@@ -1,6 +1,6 @@
-//! What the tracking monitor allows an arm to do, and for how long.
+//! Tolerances of the tracking monitor.
 
-/// An arm that moves at a part of the speed that is asked for.
+/// What happens to an arm that moves at a fraction of the commanded speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SlowArm {
     /// The tool slows with it.
@@ -10,7 +10,7 @@ pub enum SlowArm {
     Stop,
 }
 
-/// Limits on how an arm may differ from its commands. There is no value that turns the monitor off.
+/// Limits on the difference between an arm and its commands. No value turns the monitor off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackingSettings {
     /// Farthest that a measured joint may be from every command that it may be answering \[rad\], 0.002 to
@@ -22,14 +22,14 @@ pub struct TrackingSettings {
     pub still_rad: f64,
     /// A joint that leaves its commands faster than this runs away \[rad/s\], 0.02 to 3.
     pub runaway_radps: f64,
-    /// What is wrong for this long, and in two joint states, latches \[ns\], at most 200 ms.
+    /// A finding that lasts this long, and in two joint states, latches a stop \[ns\], at most 200 ms.
     pub hold_ns: u64,
-    /// What becomes of the tool in front of a slow arm.
+    /// What happens to the tool in front of a slow arm.
     pub slow_arm: SlowArm,
 }
 
 impl TrackingSettings {
-    /// Found by measurement, see docs/results/not-following.md.
+    /// From measurements, see docs/results/not-following.md.
     pub const DEFAULT: Self = Self {
         joint_rad: 0.02,
         tool_m: 0.015,

@@ -1,9 +1,8 @@
-//! Joints that swing about their commands, farther with every swing: a loop somewhere that is about to be
-//! unstable.
+//! Joints that oscillate about their commands with growing amplitude: a loop somewhere that becomes unstable.
 
 use crate::units::Stamp;
 
-/// A swing is farther than the one before by this factor,
+/// Each amplitude is larger than the one before by this factor,
 const GROWTH: f64 = 1.05;
 /// and follows it within this time \[ns\].
 const LONGEST_NS: i64 = 1_000_000_000;
@@ -11,7 +10,7 @@ const LONGEST_NS: i64 = 1_000_000_000;
 /// One joint.
 #[derive(Debug, Clone, Copy, Default)]
 struct Swing {
-    /// Farthest of the swing that goes on, signed, and of the two before \[rad\].
+    /// Largest distance in the present swing, signed, and in the two before \[rad\].
     peaks: [f64; 3],
     /// When it was outside last.
     at: Stamp,
@@ -29,9 +28,9 @@ impl<const J: usize> Swings<J> {
         Self { joints: [still; J] }
     }
 
-    /// How far each joint is outside its commands \[rad\], signed; distances up to `least` count as none.
-    /// Returns the swing of each joint whose third in a row is farther than the second, and that farther than
-    /// the first.
+    /// `outside`: distance of each joint from its commands \[rad\], signed; up to `least` counts as zero.
+    /// Returns the amplitude of each joint whose third swing in a row is larger than the second, and that
+    /// larger than the first.
     pub(super) fn see(&mut self, stamp: Stamp, outside: &[f64; J], least: f64) -> [Option<f64>; J] {
         let mut grown = [None; J];
         for (grown, (swing, outside)) in grown.iter_mut().zip(self.joints.iter_mut().zip(outside)) {
@@ -61,7 +60,7 @@ impl<const J: usize> Swings<J> {
 mod tests {
     use super::*;
 
-    /// What became of a swing of `amplitude` times e^(growth t), looked at for 2 s.
+    /// Whether a swing of amplitude times e^(growth t) is reported within 2 s.
     fn grows(growth: f64) -> bool {
         let mut swings = Swings::<1>::new();
         (0..1000_u64).any(|tick| {

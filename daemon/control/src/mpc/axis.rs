@@ -17,7 +17,7 @@ const FEASIBILITY: f64 = 1e-11;
 /// Above this residual an iterative refinement is tried; it costs about as much as one more active row.
 const REFINE_ABOVE: f64 = KKT_TOLERANCE * 0.03;
 
-/// Refinements before giving up. One is enough almost always; a multiplier that changes sign takes another.
+/// Most refinements. One is nearly always enough; a multiplier that changes sign takes another.
 const REFINEMENTS: u32 = 4;
 
 /// ½J of one axis at one tick, in normalised units with positions counted from the start.
@@ -34,11 +34,11 @@ pub(super) struct AxisProblem<'a, const N: usize> {
 
 impl<const N: usize> AxisProblem<'_, N> {
     /// Linear term q = ∇½J at zero jerk, and its size, which the residuals are relative to: 1 + max |q|.
-    /// `None` when anything that enters it is not finite.
+    /// `None` if any input is non-finite.
     #[inline]
     pub(super) fn linear_term(&self) -> Option<([f64; N], f64)> {
         let linear = self.gradient(&rollout(&self.start, &[0.0; N]), &[[0.0; N]; 4]);
-        // A sum keeps a NaN, which a maximum drops.
+        // A sum propagates a NaN, which a maximum drops.
         let size = linear.iter().map(|entry| entry.abs()).sum::<f64>();
         (size < f64::INFINITY).then(|| (linear, 1.0 + largest(&linear)))
     }
@@ -157,7 +157,7 @@ impl<const N: usize> AxisProblem<'_, N> {
     }
 
     /// The full KKT residual at a point: stationarity relative to `scale` plus the largest multiplier; row
-    /// values against what their multipliers claim, relative to 1 + their size; multipliers against \[−ρ,
+    /// values against what their multipliers require, relative to 1 + their size; multipliers against \[−ρ,
     /// ρ\].
     #[inline]
     pub(super) fn residual(
@@ -170,7 +170,7 @@ impl<const N: usize> AxisProblem<'_, N> {
         let forces = largest(multipliers.as_flattened());
         let stationarity = largest(gradient) / (scale + forces);
         let mut worst = 0.0_f64;
-        // Sums carry a NaN that a maximum would have dropped.
+        // Sums propagate a NaN that a maximum would drop.
         let mut sum = stationarity;
         let limits = self.bounds.lower.as_flattened().iter().zip(self.bounds.upper.as_flattened());
         let prices = self.bounds.penalty.as_flattened().iter().zip(multipliers.as_flattened());
@@ -178,7 +178,8 @@ impl<const N: usize> AxisProblem<'_, N> {
             sum += r;
             let (above, below) = (r - upper, lower - r);
             let off = if *z != 0.0 {
-                // Positive towards the inside: a held row is on its bound, a saturated one on or beyond it.
+                // Positive towards the inside: an active row is on its bound, a saturated one on or beyond
+                // it.
                 let short = if *z > 0.0 { -above } else { -below };
                 let excess = (z.abs() - penalty) / (scale + forces);
                 worst = worst.max(excess);

@@ -1,9 +1,9 @@
-//! What the arm makes of a plan, where its servo is a filter: the cost looks at the arm, the limits at the
+//! The arm's response to a plan if its servo is a filter: the cost concerns the arm, the limits concern the
 //! command.
 //!
 //! Contract: the servo of `crate::arm::servo` sampled on the plan's grid, exact for commands of constant jerk
-//! per step; normalised units (mm, steps). The arm's state is \[position, velocity\]. Absent: what limits in
-//! the arm's own controller do to a command.
+//! per step; normalised units (mm, steps). The arm's state is \[position, velocity\]. Absent: limits inside
+//! the arm's own controller.
 
 use std::ops::{Add, Mul};
 
@@ -13,14 +13,14 @@ use super::model::{MotionRows, State};
 use crate::qp::cholesky::Square;
 use crate::qp::dual::Rows;
 
-/// A number, or one per axis.
+/// A scalar, or one per axis.
 pub(super) trait Quantity: Copy + Add<Output = Self> + Mul<f64, Output = Self> {}
 impl<T: Copy + Add<Output = T> + Mul<f64, Output = T>> Quantity for T {}
 
 /// Position and velocity of the arm; normalised.
 pub(super) type Arm<T> = [T; 2];
 
-/// See the module's description.
+/// The sampled servo, see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Behind {
     /// Next arm state for each entry of this one.
@@ -127,8 +127,8 @@ impl Behind {
         }
     }
 
-    /// How the arm answers jerks, per quantity (position, velocity, acceleration): N x N, row i−1 is step i,
-    /// column j is u_j.
+    /// The arm's response to jerks, per quantity (position, velocity, acceleration): N x N, row i−1 is step
+    /// i, column j is u_j.
     #[must_use]
     pub fn responses<const N: usize>(&self) -> [Square<N>; 3] {
         let mut responses = [[[0.0; N]; N]; 3];

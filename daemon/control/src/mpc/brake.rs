@@ -1,26 +1,26 @@
-//! The stop that is always possible: along each axis a plan may only lead to states from which the tool comes
-//! to rest inside its bounds.
+//! The stop that is always possible: a plan may only lead to states from which the tool can come to rest
+//! inside its bounds, axis by axis.
 //!
-//! The horizon of a plan may be shorter than a stop, and its bounds are soft, so its cost alone cannot know.
-//! A stop here ends at rest, velocity and acceleration both zero: one that only turns the velocity round
-//! comes back as fast as it came.
+//! The horizon may be shorter than a stop, and its bounds are soft, so the cost alone does not ensure that. A
+//! stop here ends at rest, velocity and acceleration both zero: one that only reverses the velocity would
+//! come back as fast.
 //!
-//! Contract: pure, no allocation, bounded work. Where bounds cannot be kept any more, the stop itself is what
-//! is left; from outside of them every way is open that leads no farther out.
+//! Contract: pure, no allocation, bounded work. Where bounds can no longer be kept, the answer is the stop
+//! itself; from outside the bounds every motion that leads no farther out is allowed.
 
 use super::limits::AxisLimits;
 use crate::units::AxisState;
 
-/// Halvings of the way between plan and stop.
+/// Bisections between plan and stop.
 const HALVINGS: u32 = 20;
-/// Rounding [m]: a stop that is repeated must not be found outside of itself.
+/// Rounding \[m\]: repeating a stop must not be judged as leaving it.
 const ROUNDING_M: f64 = 1e-9;
 
-/// A stop in two pieces of constant jerk and one of constant acceleration between them, seen so that the
-/// velocity is shed.
+/// A stop in two segments of constant jerk and one of constant acceleration between them, with the sign
+/// chosen so that the velocity decreases.
 #[derive(Debug, Clone, Copy)]
 struct Stop {
-    /// +1 or −1: the direction of the velocity that is shed.
+    /// +1 or −1: the direction of the velocity.
     sign: f64,
     jerk: f64,
     /// Durations: acceleration falls to −braking, stays there, comes back to zero \[s\].
@@ -36,7 +36,7 @@ impl Stop {
         let sign = if unwound < 0.0 { -1.0 } else { 1.0 };
         let (v, a) = (sign * state.velocity, sign * state.acceleration);
         let needed = (jerk * v + 0.5 * a * a).max(0.0).sqrt().max(-a);
-        // What already brakes harder than the limit is taken to go on like that.
+        // A state that already brakes harder than the limit is assumed to continue so.
         let most = most.max(-a);
         let braking = needed.min(most);
         let stays_s = if needed > most && most > 0.0 {
@@ -62,7 +62,7 @@ impl Stop {
 }
 
 impl AxisLimits {
-    /// Lowest and highest place on the way of `state` to rest, as hard as jerk and acceleration allow \[m\].
+    /// Lowest and highest position while `state` comes to rest, as hard as jerk and acceleration allow \[m\].
     #[must_use]
     pub fn stopping_m(&self, state: &AxisState) -> [f64; 2] {
         let here = state.position;
@@ -72,7 +72,7 @@ impl AxisLimits {
         let stop = Stop::of(state, self.jerk_mps3, self.acceleration_mps2);
         let end = stop.after(state, stop.falls_s + stop.stays_s + stop.returns_s).position;
         let (v, a) = (stop.sign * state.velocity, stop.sign * state.acceleration);
-        // It first goes on the other way, until the acceleration that it has has turned it.
+        // It first moves the other way, until its acceleration has reversed it.
         let turns = if v < 0.0 {
             let turned_s = (a - (a * a + 2.0 * stop.jerk * v).max(0.0).sqrt()) / stop.jerk;
             stop.after(state, turned_s.max(0.0)).position
@@ -100,8 +100,8 @@ impl AxisLimits {
         speed.min(self.velocity_mps)
     }
 
-    /// The state nearest to `planned` on the way to a stop from which the tool still comes to rest inside its
-    /// bounds; `planned` itself, bit for bit, where it does. `seconds`: from `state` to `planned`.
+    /// The state nearest to `planned`, on the way to a stop, from which the tool can still come to rest
+    /// inside its bounds; `planned` itself, bit for bit, if it can. `seconds`: from `state` to `planned`.
     #[must_use]
     pub fn kept_stoppable(&self, state: &AxisState, planned: &AxisState, seconds: f64) -> AxisState {
         if self.jerk_mps3 == f64::INFINITY {
@@ -115,7 +115,7 @@ impl AxisLimits {
         if inside(planned, [low, high]) {
             return *planned;
         }
-        // What cannot be helped any more does not count; all else must not grow.
+        // Excess that cannot be avoided does not count; it must not grow.
         let [lowest, highest] = self.stopping_m(state);
         let open = [low.min(lowest - ROUNDING_M), high.max(highest + ROUNDING_M)];
         if inside(planned, open) {
@@ -192,7 +192,7 @@ mod tests {
         }
     }
 
-    /// Whoever always wants to speed up towards a bound comes to rest in front of it.
+    /// A plan that always accelerates towards a bound comes to rest in front of it.
     #[test]
     fn whatever_is_planned_stays_inside() {
         for (sign, jerk) in [(1.0, 800.0), (-1.0, 800.0), (1.0, 20.0)] {

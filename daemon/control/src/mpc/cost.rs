@@ -27,32 +27,31 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// G_c for plans in steps of 10 ms. Velocity as dear as position damps the approach to a held pen: a 1 mm
-    /// step overshoots by 2 %, a 10 mm step by 0.5 % and settles within 70 ms. Without it 5 to 10 %; with
-    /// twice as much the arm lags 20 % more behind a moving pen. Acceleration is left to the effort weight.
+    /// G_c for plans in steps of 10 ms. A velocity gain as large as the position gain damps the approach to a
+    /// held pen: overshoot 2 % for a 1 mm step, 0.5 % for a 10 mm step, settling time 70 ms. Twice the
+    /// velocity gain costs 20 % more lag behind a moving pen. Acceleration is left to the effort weight.
     pub const FEEDBACK: Self = Self { position: 1.0, velocity: 1.0, acceleration: 0.0, decay: 1.0 };
 
-    /// G_f for plans in steps of 10 ms. Position leads, since it is what a reader of the letter sees; some
-    /// velocity keeps steps in the preview from being answered by jerk. A previewed acceleration is mostly
-    /// noise and is not followed. The decay halves a weight within about four steps: the error of real
-    /// predictions doubles with every doubling of the lead.
+    /// G_f for plans in steps of 10 ms. Position dominates, since a reader sees it; some velocity gain keeps
+    /// steps in the preview from causing jerk. A predicted acceleration is mostly noise and is not followed.
+    /// The decay halves a weight within about four steps, because the error of predictions doubles with the
+    /// lead.
     pub const FEEDFORWARD: Self = Self { position: 1.0, velocity: 0.3, acceleration: 0.0, decay: 0.85 };
 
-    /// β for plans in steps of 10 ms. 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³
-    /// RMS, the letters' own jerk; white noise of 0.05 mm in the preview adds 20 m/s³. A fifth of it adds 40
-    /// m/s³ for no visible gain; twenty times as much lets the error with a constant-velocity preview grow by
-    /// half.
+    /// β for plans in steps of 10 ms: 30 mm letters follow a perfect preview within 0.007 mm RMS with 50 m/s³
+    /// RMS, the letters' own jerk, and white noise of 0.05 mm in the preview adds 20 m/s³. A smaller weight
+    /// adds jerk for no visible gain; a much larger one increases the error.
     pub const EFFORT: f64 = 0.05;
 }
 
-/// How far H H⁻¹ may be from I: each refinement of a plan gains about that factor.
+/// Largest deviation of H H⁻¹ from I: each refinement of a plan gains about that factor.
 const INVERSION: f64 = 1e-4;
 
 /// The objective of one axis at one trust.
 #[derive(Debug, Clone)]
 pub struct Cost<const N: usize> {
     gains: [Gains; 2],
-    /// The errors are those of the arm behind this servo; none: of the command.
+    /// The servo behind which errors are counted; none: errors of the command.
     behind: Option<Behind>,
     /// Squared gains (acceleration, velocity, position) x N, feedback then feedforward.
     feedback: Weights<N>,
@@ -116,7 +115,7 @@ impl<const N: usize> Cost<N> {
         worst
     }
 
-    /// The same objective at every α.
+    /// Whether the objective is the same at every α.
     #[must_use]
     pub(super) fn same_gains(&self, other: &Self) -> bool {
         self.gains == other.gains && self.effort == other.effort
@@ -218,7 +217,7 @@ impl<const N: usize> Cost<N> {
         for (((a, v), p), ((ca, cv), cp)) in to.zip(held) {
             (*a, *v, *p) = (ca * held_acceleration, cv * held_velocity, cp * held_position);
         }
-        // A predictor that is not trusted at all must not be able to spoil Hold.
+        // A predictor at zero trust must have no effect on Hold.
         if self.alpha > 0.0 {
             let [on_acceleration, on_velocity, on_position] = &mut pull;
             let [fa, fv, fp] = feedforward;

@@ -1,9 +1,9 @@
 //! The unconstrained optimum of all three axes at once, one axis per lane.
 //!
 //! The usual tick: no limit is active, and everything is two backward sweeps, one product with H⁻¹ and two
-//! forward sweeps over four-wide numbers that the compiler turns into vector instructions on any x86-64. Each
-//! lane says whether it keeps its limits and carries its certificate; a lane that does not is left to
-//! [`super::axis`]. Same equations and units as there.
+//! forward sweeps over four-wide numbers that the compiler vectorises on any x86-64. Each lane says whether
+//! it keeps its limits and carries its certificate; a lane that does not is left to [`super::axis`]. Same
+//! equations and units as there.
 
 use std::array::from_fn;
 
@@ -20,7 +20,7 @@ use crate::units::AxisState;
 pub(super) enum Free<const N: usize> {
     /// All axes have the same gains.
     Shared(Box<Blended<f64, N>>),
-    /// They have not.
+    /// The axes have different gains.
     Own(Box<Blended<Lanes, N>>),
 }
 
@@ -61,7 +61,7 @@ impl<const N: usize> Free<N> {
 /// The numbers of [`Free`], with coefficients of kind `C`.
 #[derive(Debug, Clone)]
 pub(super) struct Blended<C, const N: usize> {
-    /// (1−α)G_c² and αG_f² with the factors from SI units multiplied in, and their normalised sum; per step
+    /// (1−α)G_c² and αG_f² including the factors from SI units, and their normalised sum; per step
     /// acceleration, velocity, position.
     feedback: [[C; 3]; N],
     feedforward: [[C; 3]; N],
@@ -72,18 +72,19 @@ pub(super) struct Blended<C, const N: usize> {
     largest: [Lanes; 3],
     workspace: [Lanes; 2],
     reads_preview: bool,
-    /// The servo behind which errors count; the same for all axes.
+    /// The servo behind which errors are counted; the same for all axes.
     behind: Option<Behind>,
 }
 
-/// What the three lanes came to.
+/// Results of the three lanes.
 #[derive(Debug, Clone)]
 pub(super) struct FreeOptimum<const N: usize> {
     jerks: [Lanes; N],
     start: [Lanes; 3],
     /// 1 + max |q|
     scale: Lanes,
-    /// Sum of the absolute gradient at the optimum over `scale`: bounds its largest entry, and keeps a NaN.
+    /// Sum of the absolute gradient at the optimum over `scale`: bounds its largest entry, and propagates
+    /// NaN.
     residual: Lanes,
     inside: [bool; 3],
 }
@@ -198,7 +199,7 @@ impl<C: Coefficient, const N: usize> Blended<C, N> {
         for (pull, weights) in pull.iter_mut().zip(&self.feedback).take(rolled(N)) {
             *pull = from_weights(weights, &held);
         }
-        // A predictor that is not trusted at all must not be able to spoil Hold.
+        // A predictor at zero trust must have no effect on Hold.
         if self.reads_preview {
             let [px, py, pz] = preview;
             let references = px.iter().zip(py).zip(pz);
@@ -308,7 +309,7 @@ impl<const N: usize> FreeOptimum<N> {
         self.inside.get(axis).is_some_and(|inside| *inside)
     }
 
-    /// Upper bound of the axis' stationarity residual; NaN for input that is not finite.
+    /// Upper bound of the axis' stationarity residual; NaN for non-finite input.
     #[inline(always)]
     pub(super) fn residual(&self, axis: usize) -> f64 {
         self.residual.axis(axis)

@@ -1,7 +1,7 @@
-//! Four numbers that are worked on together: one per axis, and a spare that makes the count even.
+//! Four numbers processed together: one per axis, and one for padding.
 //!
-//! Plain arrays; the compiler turns them into pairs of SSE2 instructions on any x86-64. NaN goes through sums
-//! and products as usual; what comparisons do with it is said where they are defined.
+//! Plain arrays, which the compiler vectorises on any x86-64. NaN propagates through sums and products as
+//! usual; comparisons state what they do with it.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -93,8 +93,8 @@ impl Mul<f64> for Lanes {
 
 /// What lanes are multiplied with: one number for all axes, or one per axis.
 ///
-/// Axes with equal gains share their coefficients: a quarter of the memory, which a tick finds cold every
-/// time.
+/// Axes with equal gains share their coefficients: a quarter of the memory, which is cold in the cache at
+/// every tick.
 pub(super) trait Coefficient: Copy + std::fmt::Debug {
     const ZERO: Self;
     fn of(axes: [f64; 3]) -> Self;

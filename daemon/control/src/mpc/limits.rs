@@ -8,7 +8,7 @@ use super::model::{MotionRows, Scale, rollout};
 use crate::qp::dual::{Bounds, Gram, Rows};
 use crate::units::AxisState;
 
-/// What one axis of the writing plane's frame may do.
+/// Limits of one axis of the writing plane's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisLimits {
     /// Largest |jerk| \[m/s³\]; never exceeded.
@@ -22,10 +22,9 @@ pub struct AxisLimits {
 }
 
 impl AxisLimits {
-    /// How far `state` still goes in the direction `sign` (±1) when it brakes as hard as jerk and
-    /// acceleration allow \[m\].
+    /// How far `state` still moves in the direction `sign` (±1) under full braking \[m\].
     ///
-    /// A state that already brakes harder than its limit is taken to go on like that.
+    /// A state that already brakes harder than its limit is assumed to continue so.
     #[must_use]
     pub fn braking_m(&self, state: &AxisState, sign: f64) -> f64 {
         let Self { jerk_mps3: jerk, acceleration_mps2: most, .. } = *self;
@@ -40,8 +39,7 @@ impl AxisLimits {
         if left > 0.0 {
             return (after(turned) + left * left / (2.0 * braking)).max(0.0);
         }
-        // It stands before its acceleration has turned, or goes the other way all the time and has no such
-        // instant.
+        // It comes to rest before its acceleration has reversed, or moves the other way all the time.
         let stands = (acceleration + (acceleration * acceleration + 2.0 * jerk * velocity).sqrt()) / jerk;
         after(stands.max(0.0)).max(0.0)
     }
@@ -49,7 +47,7 @@ impl AxisLimits {
 
 /// ρ of the exact penalty: what one unit of violation adds to ½J, per step; normalised units.
 ///
-/// A hard optimum is kept as long as its multipliers stay below. The pull of an error e \[mm\] on the
+/// Limits are kept exactly as long as their multipliers stay below ρ. The pull of an error e \[mm\] on the
 /// acceleration at the start of the horizon is about G² e N³/6 in ½J, so ρ decides up to which error a limit
 /// holds; beyond, the optimum trades violation for error.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,8 +61,8 @@ pub struct SoftPenalty {
 }
 
 impl SoftPenalty {
-    /// Acceleration before velocity before position where they exclude each other: motors trip on the first,
-    /// while the joint limits of IK and guard still stand behind the last.
+    /// Acceleration before velocity before position if they conflict: motors trip on the first, while the
+    /// joint limits of IK and guard still protect the last.
     pub const DEFAULT: Self = Self { acceleration: 1e6, velocity: 1e6, position: 1e6 };
 }
 

@@ -2,9 +2,9 @@
 //!
 //! Per axis, ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖² over the condensed triple integrator,
 //! jerk hard, acceleration, velocity and position softened by an exact penalty. Behind a servo that is a
-//! filter, x̃ in the errors is the arm's motion, and only the limits and the effort are the command's. The
-//! axes are independent. The unconstrained optimum comes from constant gains and *is* the answer if it keeps
-//! every limit; else the exact dual active set; else a status, and the caller falls back. Every answer
+//! filter, the x̃ of the errors is the arm's motion, and only the limits and the effort concern the command.
+//! The axes are independent. The unconstrained optimum comes from constant gains and is the answer if it
+//! keeps every limit; else the exact dual active set; else a status, and the caller falls back. Every answer
 //! carries its KKT residual: stationarity relative to 1 + max|q| + max|z|, rows relative to 1 + |r|, in units
 //! of mm and steps.
 //!
@@ -53,7 +53,7 @@ pub struct Start {
 /// The planner of three axes over `N` steps.
 pub struct Mpc<const N: usize> {
     step_s: f64,
-    /// Group delay of the servo behind which errors count \[s\]; 0: none.
+    /// Group delay of the servo behind which errors are counted \[s\]; 0: none.
     servo_s: f64,
     scale: Scale,
     max_iterations: u32,
@@ -72,7 +72,7 @@ impl<const N: usize> std::fmt::Debug for Mpc<N> {
 
 struct Axis<const N: usize> {
     cost: Cost<N>,
-    /// Positions absolute \[mm\]; the working copy's count from the start.
+    /// Positions absolute \[mm\]; those of the working copy count from the start.
     rows: Bounds<4, N>,
     shifted: Bounds<4, N>,
     clarabel: Option<SoftRowQp>,
@@ -128,9 +128,9 @@ impl<const N: usize> Mpc<N> {
     /// i·Δ after now, i = 1..N, per axis; all in the writing plane's frame, SI units. At trust 0 the preview
     /// is not read. `max_iterations`: this tick's budget per axis, on top of the settings' ceiling.
     ///
-    /// `plan` is written only if the report is usable; it is left alone otherwise.
+    /// `plan` is written only if the report is usable, and is unchanged otherwise.
     ///
-    /// Behind a servo the arm is taken to be where the command is; [`Mpc::plan_behind`] is told where it is.
+    /// Assumes that the arm is at the command; [`Mpc::plan_behind`] takes its position behind a servo.
     pub fn plan(
         &mut self,
         start: &[AxisState; 3],
@@ -144,7 +144,7 @@ impl<const N: usize> Mpc<N> {
         self.plan_behind(&from, conservative, preview, trust, max_iterations, plan)
     }
 
-    /// The same with the arm elsewhere than the command.
+    /// The same with the arm at another position than the command.
     pub fn plan_behind(
         &mut self,
         Start { command: start, arm }: &Start,
@@ -220,10 +220,10 @@ impl<const N: usize> Mpc<N> {
 }
 
 impl<const N: usize> Axis<N> {
-    /// Solve one axis that its lane could not: limits are active, numbers are bad, or Clarabel was asked for.
-    /// `inputs`: command and arm at the start, held target, references. Returns normalised jerks.
+    /// Solves one axis that its lane could not: limits are active, numbers are non-finite, or Clarabel was
+    /// selected. `inputs`: command and arm at the start, held target, references. Returns normalised jerks.
     ///
-    /// Not inlined: the usual tick needs none of this code, and finds its own cold in the cache.
+    /// Not inlined: the usual tick needs none of this code and keeps its own in the cache.
     #[inline(never)]
     fn solve(
         &mut self,

@@ -1,4 +1,4 @@
-//! What the MPC hands on: the plan, and how it was found.
+//! Output of the MPC: the plan, and how it was found.
 
 use crate::qp::QpStatus;
 use crate::units::AxisState;
@@ -42,14 +42,14 @@ impl<const N: usize> Plan<N> {
                 *state = state.advanced(*jerk, spent);
                 left -= spent;
             }
-            // What rounding has left over beyond the last step belongs to it.
+            // Rounding beyond the last step belongs to it.
             *state = state.advanced(jerks.last().copied().unwrap_or(0.0), left);
         }
         Some(states)
     }
 }
 
-/// Which way led to an axis' jerks.
+/// Which method gave an axis' jerks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SolvePath {
     /// Constant gains: the unconstrained optimum keeps every limit.
@@ -93,7 +93,7 @@ impl ActiveLimits {
 /// How one axis was solved.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AxisReport {
-    /// The way taken.
+    /// The method used.
     pub path: SolvePath,
     /// Whether the jerks may be used.
     pub status: QpStatus,

@@ -33,10 +33,10 @@ pub struct MpcSettings {
     pub effort: f64,
     /// Limits per axis of the writing plane's frame.
     pub axes: [AxisLimits; 3],
-    /// The limits on jerk, acceleration and velocity are off, the workspace is not: for experiments with arms
-    /// that have none.
+    /// Switches off the limits on jerk, acceleration and velocity, not the workspace: for experiments with
+    /// arms without limits.
     pub unlimited: bool,
-    /// Price of leaving the soft limits.
+    /// Penalties on the soft limits.
     pub soft_penalty: SoftPenalty,
     /// Solver.
     pub backend: Backend,
@@ -140,7 +140,7 @@ pub enum MpcError {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
     },
-    /// The plan looks too little ahead for its gains.
+    /// The plan's horizon is too short for its gains.
     #[error(
         "MPC does not settle: at trust {alpha} a small deviation of axis {axis} becomes {per_s:.1e} times as \
          large every second; raise the gains on velocity, or look farther ahead: more steps, longer ones, \
@@ -151,7 +151,7 @@ pub enum MpcError {
         axis: usize,
         /// Trust α.
         alpha: f64,
-        /// Growth per second, 1: it stays.
+        /// Growth per second; 1: does not decay.
         per_s: f64,
     },
     /// Clarabel refused the problem.
@@ -163,7 +163,7 @@ pub enum MpcError {
 }
 
 impl MpcSettings {
-    /// The limits that hold: infinite ones on jerk, acceleration and velocity where those are off.
+    /// The limits in force: infinite on jerk, acceleration and velocity where those are off.
     #[must_use]
     pub fn limits(&self) -> [AxisLimits; 3] {
         let off = f64::INFINITY;

@@ -1,8 +1,8 @@
-//! The plan as linear feedback: what it makes of a small deviation, far from every limit. For start-up.
+//! The plan as linear feedback: its response to a small deviation, far from every limit. For start-up.
 //!
-//! Contract: no limit counts here, whatever the settings; both answers come from the gains that the usual
-//! tick uses. Source of the criterion: a linear map x ↦ Mx dies away exactly if all eigenvalues of M lie
-//! inside the unit circle.
+//! Contract: ignores all limits, whatever the settings; both answers come from the gains of the usual tick.
+//! Source of the criterion: a linear map x ↦ Mx decays exactly if all eigenvalues of M lie inside the unit
+//! circle.
 
 use nalgebra::{SMatrix, SVector, Schur};
 
@@ -12,32 +12,31 @@ use crate::units::{AxisState, Trust};
 
 /// Position, velocity and acceleration of the command, position and velocity of the arm.
 const STATES: usize = 5;
-/// Trusts at which a plan has to settle: a blend of two costs that settle need not.
+/// Trusts at which a plan must settle: a blend of two costs that both settle need not.
 const TRUSTS: [f64; 10] = [0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0];
 
-/// What becomes of a deviation within one period; normalised units.
+/// The map of a deviation over one period; normalised units.
 type Map = SMatrix<f64, STATES, STATES>;
 
 impl<const N: usize> Mpc<N> {
-    /// By how much feedback alone, planned anew every `period_s` \[s\], has the arm behind a target that
-    /// moves steadily \[s\]: in the state that comes back to itself while the target goes on. NaN where there
-    /// is none.
+    /// Steady-state lag \[s\] of the arm behind a target at constant velocity, under feedback alone that
+    /// plans anew every `period_s` \[s\]. NaN if there is no steady state.
     #[must_use]
     pub fn feedback_lag_s(&mut self, period_s: f64) -> f64 {
         let Some([map, ..]) = self.maps(Trust::NONE, period_s) else { return f64::NAN };
-        // The target moves by one unit a period.
+        // The target moves by one unit per period.
         let moved = SVector::from([1.0, 0.0, 0.0, if self.servo_s > 0.0 { 1.0 } else { 0.0 }, 0.0]);
         let steady = (map - Map::identity()).lu().solve(&moved);
         let behind = if self.servo_s > 0.0 { 3 } else { 0 };
         steady.and_then(|state| state.get(behind).copied()).map_or(f64::NAN, |offset| -offset * period_s)
     }
 
-    /// The plan settles: a deviation from a target at rest dies away where every tick of `period_s` \[s\]
-    /// plans anew, on every axis, at each of ten trusts. Looking too little ahead it does not: the plan never
-    /// sees that it will swing back.
+    /// Whether the plan settles: a deviation from a target at rest decays if every tick of `period_s` \[s\]
+    /// plans anew, on every axis, at each of ten trusts. A plan with too short a horizon does not foresee
+    /// that it will overshoot.
     ///
     /// # Errors
-    /// [`MpcError::Swings`] where a deviation stays or grows; a cost that cannot be inverted.
+    /// [`MpcError::Swings`] if a deviation stays or grows; a cost that cannot be inverted.
     pub fn settles(&mut self, period_s: f64) -> Result<(), MpcError> {
         for alpha in TRUSTS {
             let maps = self.maps(Trust::new(alpha), period_s).ok_or(MpcError::Singular { axis: 0 })?;
@@ -59,7 +58,7 @@ impl<const N: usize> Mpc<N> {
         let servo = Servo::new((self.servo_s * 1e9).round() as u64);
         let still = AxisState::at_rest(0.0);
         let [position, velocity, acceleration] = self.unit_deviations();
-        // Without a servo the arm is where the command is, and has no columns of its own.
+        // Without a servo the arm is at the command, and has no columns of its own.
         let begins = [
             (position, still),
             (velocity, still),
@@ -102,8 +101,8 @@ impl<const N: usize> Mpc<N> {
     }
 }
 
-/// By what a deviation is multiplied in each period in the long run: the largest eigenvalue's magnitude. NaN
-/// where there is none.
+/// Factor by which a deviation grows per period in the long run: the largest magnitude of an eigenvalue. NaN
+/// if there is none.
 fn growth(map: Map) -> f64 {
     let finite = map.iter().all(|value| value.is_finite());
     let schur = finite.then(|| Schur::try_new(map, f64::EPSILON, 10_000)).flatten();

@@ -2,7 +2,7 @@
 
 use super::lanes::{Coefficient, Lanes};
 
-/// Where the motion begins; its position is the origin.
+/// Start of the motion; its position is the origin.
 #[derive(Clone, Copy)]
 pub(super) struct Begin {
     pub(super) velocity: Lanes,
@@ -24,10 +24,10 @@ pub(super) fn roll<const N: usize>(jerks: &[Lanes; N], begin: &Begin, motion: &m
     }
 }
 
-/// A loop bound that the compiler must not know.
+/// A loop bound that is opaque to the compiler.
 ///
-/// Unrolled, the sweeps are kilobytes of code, and a tick finds code cold: fetching it takes longer than
-/// running it.
+/// Unrolled, the sweeps are kilobytes of code that is cold in the cache at every tick: fetching it takes
+/// longer than running it.
 #[inline(always)]
 pub(super) fn rolled(steps: usize) -> usize {
     std::hint::black_box(steps)

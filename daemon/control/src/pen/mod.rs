@@ -1,10 +1,9 @@
 //! The pen: irregular stamped samples in, closed steps of a uniform absolute grid out.
 //!
-//! Contract: grid point k is the instant k·Δ of the monotonic clock. It is closed by the first sample stamped
-//! at or after it, by linear interpolation between the two samples around it, so nothing newer than the
-//! newest sample is ever used and a regular sample is never delayed. Work per call is bounded by the queue;
-//! nothing allocates. Absent on purpose: prediction, contact height, calibration (positions are already in
-//! plane metres).
+//! Contract: grid point k is the time k·Δ of the monotonic clock. It is closed by the first sample stamped at
+//! or after it, by linear interpolation between the two samples around it, so nothing newer than the newest
+//! sample is ever used and a regular sample is never delayed. Work per call is bounded by the queue; nothing
+//! allocates. Absent: prediction, contact height, calibration (positions are already in plane metres).
 
 mod queue;
 mod silence;
@@ -20,15 +19,15 @@ use thiserror::Error;
 
 use crate::units::Stamp;
 
-/// Where a reading comes from. Carried along and never looked at: the number and the reading's stamp are the
-/// identity under which a sample is followed from the device to the joint command and back.
+/// Origin of a reading, passed through unchanged: the number and the reading's stamp identify a sample from
+/// the device to the joint command and back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PenOrigin {
-    /// Number in its sender's sequence, from 1; 0: not known.
+    /// Number in its sender's sequence, from 1; 0: unknown.
     pub sequence: u64,
-    /// When it was sent; 0: not known.
+    /// When it was sent; 0: unknown.
     pub sent: Stamp,
-    /// When it was taken in; 0: not known.
+    /// When it was received; 0: unknown.
     pub received: Stamp,
 }
 
@@ -57,12 +56,12 @@ impl PenReading {
 /// How a grid step relates to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Motion {
-    /// First step after start, a gap or lost steps: there is no displacement, history starts here.
+    /// First step after a start, a gap or lost steps: no displacement, history begins here.
     #[default]
     Start,
     /// Ordinary motion: `displacement` may be observed and learned.
     Continues,
-    /// The pen was elsewhere at once: `displacement` is not motion, history starts here.
+    /// The pen jumped: `displacement` is not motion, history begins here.
     Jump,
 }
 
@@ -88,7 +87,7 @@ pub enum PenRejection {
     NonFinite,
     /// Outside the position bounds.
     OutOfRange,
-    /// Stamped further ahead of now than the clocks may disagree.
+    /// Stamped further ahead of now than clocks may differ.
     FromFuture,
     /// Same stamp as the newest reading.
     Repeat,
@@ -103,9 +102,9 @@ pub enum PenRejection {
 pub struct PenRefusal {
     /// Why.
     pub why: PenRejection,
-    /// Coordinate 0 or 1, where one is to blame.
+    /// Coordinate 0 or 1, if one caused it.
     pub axis: Option<u8>,
-    /// The coordinate \[m\], or how far the stamp lies from where it should \[s\].
+    /// The coordinate \[m\], or the error of the stamp \[s\].
     pub value: f64,
     /// The bound that was broken, in the same unit.
     pub bound: f64,
@@ -113,17 +112,16 @@ pub struct PenRefusal {
     pub at: Stamp,
 }
 
-/// What became of one reading.
+/// The verdict on one reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Receipt {
     /// Taken into the grid.
     Accepted,
-    /// Refused and counted; the tracker is as if it had not been sent (an `Outlier` is remembered as a
-    /// suspect).
+    /// Refused and counted; otherwise without effect (an `Outlier` is remembered as a suspect).
     Rejected(PenRejection),
 }
 
-/// What a pen may do. The defaults suit handwriting enlarged to a few centimetres.
+/// Limits of a pen. The defaults suit handwriting enlarged to a few centimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PenSettings {
     /// Grid step Δ \[ns\].
@@ -136,7 +134,7 @@ pub struct PenSettings {
     /// Jump gate: a sample further from the last one than this speed allows is a jump or a glitch \[m/s\].
     pub max_speed_mps: f64,
     /// Samples closer in time than this are judged by the gate as if this far apart \[ns\]: stamps jitter,
-    /// and one count of the digitiser over a microsecond is not a speed.
+    /// and one count of the digitiser within a microsecond is no speed.
     pub min_interval_ns: u64,
     /// Smallest legal position \[m\].
     pub position_min_m: [f64; 2],
@@ -179,7 +177,7 @@ pub enum PenError {
         /// Largest legal number of steps.
         steps: u64,
     },
-    /// Clock disagreement of more than a second hides a wrong clock.
+    /// A clock difference of more than a second is an error of the clock.
     #[error("largest lead of a pen stamp is {got_ns} ns, legal are 0 to 1_000_000_000 ns: use 20_000_000")]
     Future {
         /// As given \[ns\].
@@ -191,7 +189,7 @@ pub enum PenError {
         /// As given \[m/s\].
         got_mps: f64,
     },
-    /// Smallest interval longer than a step would blunt the gate.
+    /// A smallest interval longer than a step would make the gate too tolerant.
     #[error(
         "smallest pen interval is {got_ns} ns, legal are 1 to the grid step ({step_ns} ns): use 2_000_000"
     )]
@@ -201,7 +199,7 @@ pub enum PenError {
         /// Δ \[ns\].
         step_ns: u64,
     },
-    /// Empty or endless position range.
+    /// Empty or infinite position range.
     #[error("pen position range on axis {axis} is [{min_m}, {max_m}] m: it must be finite and not empty")]
     Bounds {
         /// 0 = x, 1 = y.

@@ -1,8 +1,8 @@
-//! A ring of closed grid steps with a fixed capacity: when full, the oldest step makes room and is counted.
+//! A ring of closed grid steps with a fixed capacity: when full, the oldest step is dropped and counted.
 
 use super::{GridStep, Motion};
 
-/// Closed steps that wait for the follower at most.
+/// Most closed steps that wait for the follower.
 pub const STEP_QUEUE_CAPACITY: usize = 64;
 
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +22,7 @@ impl StepQueue {
         let lost = u64::from(self.len == STEP_QUEUE_CAPACITY);
         if lost == 1 {
             self.pop();
-            // What follows a lost step has no predecessor that anybody saw.
+            // The step after a lost one has no known predecessor.
             if let Some(oldest) = self.slots.get_mut(self.head)
                 && oldest.motion == Motion::Continues
             {

@@ -1,38 +1,37 @@
-//! `SpeedScale`: the running normaliser between metres and the units predictors see.
+//! `SpeedScale`: the running normaliser between metres and the units of the predictors.
 //!
 //! Normalised displacement = displacement / scale, with the scale chosen so that the RMS per component of
-//! moving steps is about [`TARGET_RMS`]. Pauses do not shrink it, jumps do not touch it, one fast step moves
-//! it little.
+//! moving steps is about [`TARGET_RMS`]. Pauses do not shrink it, jumps do not affect it, one fast step
+//! changes it little.
 
 use super::{GridStep, Motion, PenError};
 
 /// RMS per component of a normalised displacement while the pen moves: the order of the reference recordings.
 pub const TARGET_RMS: f64 = 10.0;
 
-/// A pen that goes less far than this in a step rests [normalised, length in the plane]: a fourteenth of an
-/// ordinary step. Everything that learns from motion, or judges it, takes this for rest.
+/// A pen with shorter steps rests [normalised, length in the plane]: a fourteenth of an ordinary step. Used
+/// wherever motion is learned or judged.
 pub const REST: f64 = 0.1 * TARGET_RMS;
 
-/// A way `x` in one step \[normalised\] is rest. What is not a number is motion, so that it stays visible.
+/// Whether a step `x` \[normalised\] is rest. NaN counts as motion, so that it stays visible.
 #[must_use]
 #[inline]
 pub fn rests([x, y]: [f64; 2]) -> bool {
     x * x + y * y < REST * REST
 }
 
-/// A step shorter than this part of the typical one is a pause or a turning point and counts little.
+/// A step shorter than this share of the typical one is a pause or a turning point and has little weight.
 const SLOW: f64 = 0.2;
-/// How little, so that a pause in which the pen trembles hardly matters.
+/// That weight, so that a pause in which the pen trembles hardly matters.
 const SLOW_WEIGHT: f64 = 0.05;
-/// After this many slow steps without a fast one it is not a pause: the scale is too large, and slow steps
-/// count fully.
+/// After this many slow steps without a fast one the scale is too large, and slow steps have full weight.
 const SLOW_PATIENCE: u32 = 200;
-/// A step longer than this many typical ones counts as that many.
+/// A step longer than this many typical ones is clipped to that.
 const FAST: f64 = 3.0;
-/// Weight of the initial value in steps: after as many moving steps the pen's own speed counts half.
+/// Weight of the initial value in steps: after as many moving steps the pen's own speed has half the weight.
 const PRIOR_STEPS: f64 = 20.0;
 
-/// How the scale starts and how fast it may follow.
+/// How the scale starts and how fast it adapts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedScaleSettings {
     /// Scale before any motion \[m per unit\]; 1e-4 is 0.14 m/s at a step of 10 ms, letters of 3 cm.
@@ -41,9 +40,9 @@ pub struct SpeedScaleSettings {
     pub min_m: f64,
     /// Largest scale \[m per unit\].
     pub max_m: f64,
-    /// Moving steps over which the scale forgets.
+    /// Memory in moving steps.
     pub memory_steps: f64,
-    /// Displacements below this are standing still \[m\].
+    /// Smaller displacements are rest \[m\].
     pub still_m: f64,
     /// Largest relative change of the scale per step.
     pub max_change: f64,
@@ -68,9 +67,9 @@ pub struct SpeedScale {
     settings: SpeedScaleSettings,
     /// Mean squared displacement per component of moving steps \[m²\].
     mean_square: f64,
-    /// Steps behind that mean, up to the memory.
+    /// Steps in that mean, up to the memory.
     weight: f64,
-    /// Slow steps since the last one that was not.
+    /// Slow steps since the last fast one.
     slow_run: u32,
     scale_m: f64,
 }
@@ -104,7 +103,7 @@ impl SpeedScale {
         displacement.map(|d| d / self.scale_m)
     }
 
-    /// Follows one grid step; only ordinary motion counts.
+    /// Adapts to one grid step; only ordinary motion counts.
     pub fn observe(&mut self, step: &GridStep) {
         if step.motion != Motion::Continues {
             return;
@@ -125,7 +124,7 @@ impl SpeedScale {
         self.scale_m = wanted
             .clamp(self.scale_m / change, self.scale_m * change)
             .clamp(self.settings.min_m, self.settings.max_m);
-        // The mean stays with the scale's bounds, or it would run away from what it can express.
+        // The mean stays within the scale's bounds, or it would drift beyond what the scale can express.
         let (lowest, highest) = (self.settings.min_m * TARGET_RMS, self.settings.max_m * TARGET_RMS);
         self.mean_square = self.mean_square.clamp(lowest * lowest, highest * highest);
     }

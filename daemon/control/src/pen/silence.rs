@@ -1,14 +1,14 @@
-//! Where a pen rests whose samples stay away: many devices say nothing while the pen stands.
+//! Where a pen rests whose samples have stopped: many devices send nothing while the pen stands.
 
 use super::PenReading;
 use crate::units::Stamp;
 
-/// Longest time between samples that a device may be used to \[ns\]; longer ones are pauses.
+/// Longest sampling interval of a device \[ns\]; longer ones are pauses.
 const LONGEST_INTERVAL_NS: u64 = 40_000_000;
-/// No device is taken to be silent sooner \[ns\].
+/// Shortest time after which a device counts as silent \[ns\].
 const LEAST_PATIENCE_NS: u64 = 20_000_000;
 
-/// The newest sample and the usual time between samples.
+/// The newest sample and the usual sampling interval.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Silence {
     heard: Option<(Stamp, [f64; 2])>,
@@ -16,12 +16,12 @@ pub(crate) struct Silence {
 }
 
 impl Silence {
-    /// Nothing heard yet; a device that is taken to sample once in `interval_ns` \[ns\].
+    /// No samples yet; a device that is assumed to sample once in `interval_ns` \[ns\].
     pub(crate) const fn new(interval_ns: u64) -> Self {
         Self { heard: None, interval_ns }
     }
 
-    /// The newest sample; it may be told again.
+    /// Takes in the newest sample; it may be repeated.
     pub(crate) fn hear(&mut self, newest: &PenReading) {
         let elapsed_ns = self.heard.map_or(0, |(heard, _)| newest.stamp.0.saturating_sub(heard.0));
         if (1..=LONGEST_INTERVAL_NS).contains(&elapsed_ns) {
@@ -30,8 +30,8 @@ impl Silence {
         self.heard = Some((newest.stamp, newest.position));
     }
 
-    /// Where the pen is taken to have come to rest \[m\], if the device has been silent for longer than it
-    /// usually is.
+    /// Where the pen is assumed to have come to rest \[m\], if the device has been silent for longer than
+    /// usual.
     pub(crate) fn resting_at(&self, now: Stamp) -> Option<[f64; 2]> {
         let patience_ns = (self.interval_ns * 5 / 2).max(LEAST_PATIENCE_NS);
         let (_, position) = self.heard.filter(|(heard, _)| now.0.saturating_sub(heard.0) > patience_ns)?;

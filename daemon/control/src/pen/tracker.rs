@@ -1,16 +1,15 @@
 //! `PenTracker`: judges readings and closes grid steps.
 //!
-//! Jumps and glitches: a reading that is too far for the jump gate is refused as `Outlier` and remembered as
-//! a suspect. If the next reading is back where the pen was, the suspect was a glitch and nothing else
-//! happens. If the next one is nearer to the suspect, the pen really is there: it is accepted and the steps
-//! it closes are `Jump`. So one wild sample costs nothing, a real jump is followed one sample late, and an
-//! ordinary sample is never held back.
+//! Jumps and glitches: a reading too far for the jump gate is refused as `Outlier` and remembered as a
+//! suspect. If the next reading is back near the pen, the suspect was a glitch. If it is nearer to the
+//! suspect, the pen has jumped: it is accepted and the steps it closes are `Jump`. So a single outlier has no
+//! effect, a real jump is followed one sample late, and an ordinary sample is never delayed.
 
 use super::queue::StepQueue;
 use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt};
 use crate::units::Stamp;
 
-/// What happened to all readings so far: `received` = `accepted` + sum of the rejections.
+/// Counts over all readings: `received` = `accepted` + sum of the rejections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PenCounters {
     /// Readings given to `ingest`.
@@ -21,7 +20,7 @@ pub struct PenCounters {
     pub non_finite: u64,
     /// Refused: outside the position bounds.
     pub out_of_range: u64,
-    /// Refused: stamped in the future.
+    /// Refused: stamped too far in the future.
     pub from_future: u64,
     /// Refused: same stamp again.
     pub repeats: u64,
@@ -33,7 +32,7 @@ pub struct PenCounters {
     pub jumps: u64,
     /// Restarts of the grid (the first sample ever, and every gap).
     pub restarts: u64,
-    /// Closed grid steps lost because nobody pulled them.
+    /// Closed grid steps lost because they were not pulled.
     pub overwritten: u64,
 }
 
@@ -64,7 +63,7 @@ impl PenCounters {
     }
 }
 
-/// The pen's state: newest accepted reading, newest closed grid point, steps not yet pulled.
+/// State of the pen: newest accepted reading, newest closed grid point, steps not yet pulled.
 #[derive(Debug, Clone, Copy)]
 pub struct PenTracker {
     settings: PenSettings,
@@ -80,7 +79,7 @@ pub struct PenTracker {
 }
 
 impl PenTracker {
-    /// A tracker that has seen nothing.
+    /// A tracker without readings.
     ///
     /// # Errors
     ///
@@ -111,7 +110,7 @@ impl PenTracker {
         receipt
     }
 
-    /// The newest refusal that its sender can mend; glitches and repeated samples are none.
+    /// The newest refusal that its sender can remedy; glitches and repeated samples are not stored.
     #[must_use]
     pub fn refused(&self) -> Option<PenRefusal> {
         self.refused
@@ -215,8 +214,8 @@ impl PenTracker {
             self.suspect = Some(*reading);
             return Receipt::Rejected(Outlier);
         }
-        // With every refused reading a jump looks slower from where the pen was: by now it may pass for
-        // motion. A suspect that is one by its stamp alone lies on the way, and leaves half of it.
+        // With every refused reading the apparent speed from the last position falls, until it may pass for
+        // motion. A suspect that is fast by its stamp alone lies on the way, and half of the speed remains.
         let jumped = speed > fastest || 2.0 * suspected < speed;
         let motion = if jumped { Motion::Jump } else { Motion::Continues };
         self.counters.jumps += u64::from(jumped);
@@ -244,8 +243,7 @@ impl PenTracker {
             // index <= to.stamp / step_ns, so the product cannot overflow.
             let into_ns = index * step_ns - from.stamp.0;
             let position = match motion {
-                // Where a jumping pen was in between is unknown: it stays until the sample that shows it
-                // elsewhere.
+                // The path of a jumping pen is unknown: it stays until the sample that shows it elsewhere.
                 Motion::Jump if index * step_ns < to.stamp.0 => from.position,
                 Motion::Jump => to.position,
                 _ => interpolate(from.position, to.position, into_ns as f64 / span_ns),
@@ -272,7 +270,7 @@ impl PenTracker {
     }
 }
 
-/// Speed of a pen that is at `to` after `from` [m/s]: what the jump gate judges.
+/// Speed of a pen that is at `to` after `from` \[m/s\]: what the jump gate judges.
 fn speed_mps(from: &PenReading, to: &PenReading, settings: &PenSettings) -> f64 {
     let elapsed_ns = to.stamp.0.saturating_sub(from.stamp.0).max(settings.min_interval_ns);
     let [x, y] = difference(to.position, from.position);

@@ -1,24 +1,24 @@
-//! Error bands: how far from its prediction the pen has lately been, per predictor and lead.
+//! Error bands: the recent error of the prediction, per predictor and lead.
 //!
 //! Contract: a band is a radius r such that the pen came to lie within r of the predicted position in
-//! [`COVERAGE`] of the recent cases. The table holds factors without a unit; r = factor x (level · metres per
-//! unit), so that a band follows the speed of the hand and costs the loop one multiplication. Made by
+//! [`COVERAGE`] of the recent cases. The table holds dimensionless factors; r = factor x (level · metres per
+//! unit), so that a band scales with the speed of the hand and costs the loop one multiplication. Made by
 //! [`crate::learn::Calibration`].
 
 use super::PredictorKind;
 use super::online::WeightsError;
 use crate::pen::REST;
 
-/// Leads with a band of their own \[steps\]; farther ahead there is none.
+/// Leads with a band \[steps\]; none farther ahead.
 pub const BAND_LEADS: usize = 24;
 
-/// Share of the cases in which the pen shall lie within the band.
+/// Share of cases in which the pen should lie within the band.
 pub const COVERAGE: f64 = 0.9;
 
 /// Largest legal factor: ten thousand times the recent step.
 const MAX_FACTOR: f32 = 1e4;
 
-/// Factors of one predictor, one per lead from 1; 0: not known yet.
+/// Factors of one predictor, one per lead from 1; 0: unknown.
 pub type BandFactors = [f32; BAND_LEADS];
 
 /// Factors of all predictors, in the order of [`PredictorKind::ALL`]; the oracle's stay 0.
@@ -33,7 +33,7 @@ impl BandTable {
     ///
     /// # Errors
     ///
-    /// The first that is negative, too large or not a number.
+    /// The first that is negative, too large or NaN.
     pub fn validate(&self) -> Result<(), WeightsError> {
         match self.factors.iter().flatten().find(|factor| !(0.0 <= **factor && **factor <= MAX_FACTOR)) {
             Some(got) => Err(WeightsError::Setting {
@@ -69,8 +69,8 @@ impl PreviewBands {
         Self { factors, unit_m }
     }
 
-    /// Radius \[m\] at `lead` steps after the newest closed one, between whole leads on the straight line; 0
-    /// at lead 0. `None` beyond [`BAND_LEADS`] or while too little has been seen.
+    /// Radius \[m\] at `lead` steps after the newest closed one, interpolated linearly between whole leads; 0
+    /// at lead 0. `None` beyond [`BAND_LEADS`] or without enough cases.
     #[must_use]
     pub fn at(&self, lead: f64) -> Option<f64> {
         if !(0.0 <= lead && lead <= BAND_LEADS as f64) {
@@ -90,7 +90,7 @@ impl PreviewBands {
     }
 }
 
-/// Steps over which the level forgets.
+/// Memory of the level \[steps\].
 const LEVEL_STEPS: f64 = 8.0;
 
 /// Mean squared step after `x` \[in the plane, squared\].

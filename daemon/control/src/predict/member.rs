@@ -1,5 +1,5 @@
-//! `Member`: a predictor as the panel holds it, whatever its type: it observes, previews, and takes new
-//! weights if it learns.
+//! `Member`: the panel's interface to a predictor of any type: it observes, previews, and takes new weights
+//! if it learns.
 
 use std::fmt::Debug;
 
@@ -12,12 +12,12 @@ pub trait AnyPredictor: Predictor + Debug + Send + Sync {}
 
 impl<P: Predictor + Debug + Send + Sync> AnyPredictor for P {}
 
-/// One that is part of a panel.
+/// A predictor in a panel.
 pub(super) trait Member: AnyPredictor {
     /// A copy with its memory.
     fn copied(&self) -> Box<dyn Member>;
 
-    /// What `take_over` would say.
+    /// Checks `weights` as `take_over` does.
     ///
     /// # Errors
     ///
@@ -26,7 +26,7 @@ pub(super) trait Member: AnyPredictor {
         Ok(())
     }
 
-    /// Takes its part of `weights` over, unless that is in use already; memory stays.
+    /// Takes over its part of `weights`, unless already in use; memory stays.
     ///
     /// # Errors
     ///

@@ -6,9 +6,9 @@
 //! never SI. [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
 //!
 //! *The unit of length* here, in [`crate::learn`] and in [`crate::skill`]: the running scale makes the RMS of
-//! a moving pen's steps 10 per axis ([`crate::pen::TARGET_RMS`]), whatever hand and size of the writing, so a
-//! step of ordinary motion is about 14 long (√2 · 10). What bounds or measures a length says which it is:
-//! *per axis*, of each component by itself, or *in the plane*, of the vector.
+//! a moving pen's steps 10 per axis ([`crate::pen::TARGET_RMS`]), whatever the hand and the size of the
+//! writing, so a step of ordinary motion is about 14 long (√2 · 10). Every bound or measure of a length says
+//! which it is: *per axis*, of each component, or *in the plane*, of the vector.
 
 pub mod models;
 pub mod bands;
@@ -51,20 +51,19 @@ pub trait Predictor {
         self.preview_within(f64::INFINITY, out);
     }
 
-    /// As `preview`, with no predicted displacement longer than `limit` (normalised, in the plane): where
-    /// predictions are fed back, the limited one is, so that a model that diverges on its own output
-    /// saturates instead.
+    /// As `preview`, with no predicted displacement longer than `limit` (normalised, in the plane). Where
+    /// predictions are fed back, the limited one is, so that a diverging model saturates.
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]);
 
     /// Forgets the history; parameters stay.
     fn reset(&mut self);
 
-    /// Hears where the loop is: newest closed grid index and present scale \[m per unit\]. For what replays a
+    /// Tells the newest closed grid index and the present scale \[m per unit\]. For predictors that replay a
     /// recording.
     fn place(&mut self, _index: u64, _scale_m: f64) {}
 }
 
-/// `x` shortened to `limit` if it is longer in the plane; what is not finite becomes NaN, so that it stays
+/// `x` shortened to `limit` if it is longer in the plane; non-finite values become NaN, so that they stay
 /// visible.
 #[must_use]
 #[inline]
@@ -74,7 +73,7 @@ pub(crate) fn shortened(x: [f64; 2], limit: f64) -> [f64; 2] {
     if squared <= limit * limit {
         return x;
     }
-    // Through the largest component first: the square of a huge one overflows.
+    // Scaled by the largest component first, because the square of a large number overflows.
     let largest = a.abs().max(b.abs());
     let (a, b) = (a / largest, b / largest);
     let factor = limit / a.hypot(b);

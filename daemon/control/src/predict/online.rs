@@ -1,10 +1,8 @@
-//! `OnlineModel`: what every model that learns from the pen offers, so that the learner, the lab and replay
-//! treat all alike.
+//! `OnlineModel`: the interface of every model that learns online, used by the learner, the lab and replay.
 //!
-//! Contract: parameters (θ), memory of the pen, and the learner's own accumulators are three things.
-//! Parameters are plain copies that may cross threads; memory empties when the pen is interrupted;
-//! accumulators never leave the learner. `learn` is one function for training offline and online. No
-//! allocation, no clock.
+//! Contract: parameters (θ), memory of the pen, and the learner's accumulators are separate. Parameters are
+//! plain copies that may cross threads; memory is cleared when the pen is interrupted; accumulators never
+//! leave the learner. `learn` is one function for training offline and online. No allocation, no clock.
 
 use std::fmt::Debug;
 
@@ -12,17 +10,17 @@ use thiserror::Error;
 
 use crate::pen::TARGET_RMS;
 
-/// A displacement with a component beyond this \[per axis\] is no motion in any unit: its squares would drown
-/// or overflow whatever a learner adds up.
+/// A displacement with a component beyond this \[per axis\] is no motion in any unit: its square would swamp
+/// or overflow a learner's sums.
 pub const LARGEST_DISPLACEMENT: f64 = 1e6;
 
-/// `x` can be remembered and learned from; NaN cannot.
+/// Whether `x` can be remembered and learned from; NaN cannot.
 #[inline]
 pub(crate) fn is_usable(x: [f64; 2]) -> bool {
     x.iter().all(|x| x.abs() <= LARGEST_DISPLACEMENT)
 }
 
-/// Parameters of a model with what they were made for; they reach the loop whole or not at all.
+/// Parameters of a model with what they were made for; they reach the loop complete or not at all.
 pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
     /// Name in messages.
     const MODEL: &'static str;
@@ -47,8 +45,7 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
     /// The first bound that is broken; NaN and infinity break all of them.
     fn validate(&self) -> Result<(), WeightsError>;
 
-    /// Checks that `other` may replace these in a running loop; says nothing about its numbers (see
-    /// `validate`).
+    /// Checks that `other` may replace these in a running loop; its numbers are not checked (see `validate`).
     ///
     /// # Errors
     ///
@@ -75,12 +72,12 @@ pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
 
 /// A model of the pen that learns one step at a time.
 ///
-/// What is not motion (NaN, beyond [`LARGEST_DISPLACEMENT`], or beyond a model's own gate) empties the memory
-/// and is not learned from, so that finite or not, no input poisons parameters or accumulators.
+/// Whatever is not motion (NaN, beyond [`LARGEST_DISPLACEMENT`], or beyond a model's own gate) clears the
+/// memory and is not learned from, so that no input corrupts parameters or accumulators.
 pub trait OnlineModel {
     /// θ; whole sets of it are exchanged between threads.
     type Parameters: ModelParameters;
-    /// What it remembers of the pen, and nothing else.
+    /// Its memory of the pen, and nothing else.
     type Memory: Copy + PartialEq + Debug;
 
     /// Learns from one real displacement, then remembers it; returns the prediction made before seeing it.
@@ -98,8 +95,7 @@ pub trait OnlineModel {
     /// Present memory.
     fn memory(&self) -> &Self::Memory;
 
-    /// Replaces the parameters; accumulators and memory stay, so that learning goes on at the pace it had
-    /// reached.
+    /// Replaces the parameters; accumulators and memory stay, so that learning continues at its present rate.
     ///
     /// # Errors
     ///
@@ -148,13 +144,13 @@ pub enum WeightsError {
         /// Most.
         max: usize,
     },
-    /// A trace would never forget, or is not a number.
+    /// A trace would never forget, or is NaN.
     #[error("DyBM decay rate is {got}, legal are 0 to below 1")]
     Decay {
         /// As given.
         got: f64,
     },
-    /// A parameter is NaN, infinite or absurdly large.
+    /// A parameter is NaN, infinite or too large.
     #[error("{model} parameter is {got}, legal are finite values within ±{limit}")]
     Magnitude {
         /// Whose.
@@ -191,7 +187,7 @@ pub enum WeightsError {
         /// Of the loop \[ns\].
         loop_ns: u64,
     },
-    /// Learned on displacements normalised otherwise.
+    /// Learned on displacements with another normalisation.
     #[error("{model} weights are for inputs of RMS {got}, the loop feeds RMS {wanted}: retrain")]
     InputScale {
         /// Whose.
@@ -212,7 +208,7 @@ pub enum WeightsError {
         /// Delay of the loop.
         loop_delay: usize,
     },
-    /// A read-out learned on another reservoir means nothing here.
+    /// The read-out was learned on another reservoir.
     #[error(
         "DyBM+ESN weights belong to reservoir {got:#018x}, the loop has {wanted:#018x}: use the same seed, \
          leak and radius"

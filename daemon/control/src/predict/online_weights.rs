@@ -1,8 +1,8 @@
 //! `OnlineWeights`: everything that crosses from the learner to the loop, as one plain copy.
 //!
-//! Contract: whole sets only. Every part carries its own version, so that a part which has not changed costs
-//! nothing to take over; the set's version counts hand-overs. What is not finite, too large or made for
-//! another loop is refused together with the set that carries it. One part per line of [`for_each_taught`].
+//! Contract: complete sets only. Every part carries its own version, so that an unchanged part costs nothing
+//! to take over; the set's version counts hand-overs. A set with a part that is non-finite, too large or made
+//! for another loop is refused. One part per line of [`for_each_taught`].
 
 use super::bands::BandTable;
 use super::models::{self, Models, for_each_taught};
@@ -12,10 +12,10 @@ use super::taught::{Handed, Parameters, Taught};
 macro_rules! online_weights {
     ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident,
         $weights:ident}),+ $(,)?) => {
-        /// Parameters of all models that learn online, and how wrong every predictor has lately been.
+        /// Parameters of all models that learn online, and the error bands of every predictor.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct OnlineWeights {
-            /// Counts sets handed over; 0: nothing was.
+            /// Counts sets handed over; 0: none yet.
             pub version: u64,
             $($(#[doc = $doc])+ $(#[cfg($when)])? pub $part: models::$room::$weights,)+
             /// Bands of all predictors.

@@ -1,18 +1,18 @@
 //! `Panel`: every predictor behind one memory of the pen, in normalised units.
 //!
-//! Contract: all observe every step, so a switch needs no new history. The loop previews from its panel, the
-//! learner calibrates error bands on one of its own: the same code, fed with the same steps, so the bands are
-//! those of the loop. Whoever stands in the registry is a member.
+//! Contract: all predictors observe every step, so a switch needs no new history. The loop previews from its
+//! panel, the learner calibrates error bands on one of its own, with the same code and the same steps, so the
+//! bands are those of the loop. Every predictor in the registry is a member.
 
 use super::member::{Member, Plain};
 use super::models::REGISTRY;
 use super::online::WeightsError;
 use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind};
 
-/// Answers where a predictor is not there or knows nothing.
+/// Answers for a predictor that is absent or has no history.
 const NOBODY: &Plain<Hold> = &Plain(Hold);
 
-/// What a roll-out came to.
+/// Result of a roll-out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RollOut {
     /// Every number was finite; if not, all positions are the first.
@@ -24,7 +24,7 @@ pub struct RollOut {
 /// All predictors.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// In the order of the registry; `None`: what it needs is not there.
+    /// In the order of the registry; `None`: its requirements are missing.
     members: [Option<Box<dyn Member>>; REGISTRY.len()],
     /// Something was observed since the memories were last emptied.
     knows: bool,
@@ -97,7 +97,7 @@ impl Panel {
         let mut scratch = [[0.0; 2]; MAX_PREVIEW];
         let wanted = out.len().min(MAX_PREVIEW);
         let steps = scratch.get_mut(..wanted).unwrap_or_default();
-        // What is known is not bounded.
+        // A recording is not bounded.
         let limit = if kind.needs() == Needs::Recording { f64::INFINITY } else { limit };
         self.predictor(kind).preview_within(limit, steps);
         let mut report = RollOut { finite: true, limited: 0 };
@@ -112,7 +112,7 @@ impl Panel {
             }
             *position = [x, y];
         }
-        // One NaN anywhere is in every later sum.
+        // A NaN anywhere propagates to every later sum.
         if !(x.is_finite() && y.is_finite()) {
             report.finite = false;
             out.fill(from);
@@ -127,7 +127,7 @@ impl Panel {
         }
     }
 
-    /// Tells where the loop is.
+    /// Tells the position of the loop on the grid.
     pub(super) fn place(&mut self, index: u64, scale_m: f64) {
         for member in self.members.iter_mut().flatten() {
             member.place(index, scale_m);
@@ -145,8 +145,8 @@ impl Panel {
         self.members.get(kind.index())?.as_deref()
     }
 
-    /// Whoever answers for `kind`: Hold for what is not there, and for everybody who knows nothing yet; a
-    /// recording knows.
+    /// The predictor that answers for `kind`: Hold if it is absent or has no history; the oracle needs no
+    /// history.
     fn predictor(&self, kind: PredictorKind) -> &dyn Member {
         match self.member(kind) {
             Some(member) if self.knows || kind.needs() == Needs::Recording => member,

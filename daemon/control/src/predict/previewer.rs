@@ -1,12 +1,12 @@
-//! `Previewer`: what the follower uses. Grid steps in metres go in, predicted positions in metres come out.
+//! `Previewer`: the follower's interface. Grid steps in metres go in, predicted positions in metres come out.
 //!
-//! Contract: every predictor observes every step, so switching needs no new history. A start, a jump or lost
-//! steps empty all memories. A preview that is not finite is replaced by Hold and says so.
+//! Contract: every predictor observes every step, so a switch needs no new history. A start, a jump or lost
+//! steps clear all memories. A non-finite preview is replaced by Hold and reported.
 //!
-//! Bound on the rollout: a linear model fed with its own output may diverge within 16 steps (learned matrices
-//! with an eigenvalue above 1 are common while it learns). A hand does not suddenly move much faster than it
-//! recently did, so no predicted displacement may exceed `limit_factor` times the recent peak; the bounded
-//! value is what is fed back. The models themselves stay exact, the bound exists only here.
+//! Bound on the roll-out: a linear model fed with its own output may diverge within 16 steps (learned
+//! matrices with an eigenvalue above 1 are common while it learns). A hand does not suddenly move much faster
+//! than it recently did, so no predicted displacement may exceed `limit_factor` times the recent peak; the
+//! bounded value is fed back. The models themselves are unbounded.
 
 use thiserror::Error;
 
@@ -25,8 +25,7 @@ pub struct PreviewSettings {
     pub kind: PredictorKind,
     /// Longest predicted displacement in units of the recent peak, at least 1.
     pub limit_factor: f64,
-    /// Factor per step by which the recent peak fades, in (0, 1); 0.98 is half in a third of a second at 10
-    /// ms.
+    /// Decay per step of the recent peak, in (0, 1); 0.98 halves it in a third of a second at 10 ms.
     pub peak_fade: f64,
     /// Normaliser.
     pub scale: SpeedScaleSettings,
@@ -78,7 +77,7 @@ pub enum PreviewError {
     },
 }
 
-/// What one preview is worth.
+/// A preview's reference point and quality.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PreviewReport {
     /// Grid index of the newest closed step; entry i of the preview is the instant (base_index + i + 1)·Δ.
@@ -89,11 +88,11 @@ pub struct PreviewReport {
     pub finite: bool,
     /// How many predicted displacements the bound on the rollout shortened.
     pub limited: u32,
-    /// How far off this predictor has lately been, per lead.
+    /// Error bands of this predictor, per lead.
     pub bands: PreviewBands,
 }
 
-/// Displacements beyond this are not taken for motion [per axis]: a thousand times the typical one.
+/// Larger displacements are not motion [per axis]: a thousand times the typical one.
 const LARGEST_OBSERVED: f64 = 1000.0 * TARGET_RMS;
 
 /// All predictors behind one history, and the normaliser.
@@ -182,8 +181,8 @@ impl Previewer {
     }
 
     /// Predicts positions \[m\] at the grid points after the newest closed step with the active predictor;
-    /// `None` (and `out` untouched) before the first step. At most [`MAX_PREVIEW`](super::MAX_PREVIEW)
-    /// entries are filled with predictions, the rest repeats the last.
+    /// `None` (and `out` unchanged) before the first step. At most [`MAX_PREVIEW`](super::MAX_PREVIEW)
+    /// entries are predictions, the rest repeats the last.
     pub fn preview(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         self.preview_of(self.active, out)
     }
@@ -204,11 +203,11 @@ impl Previewer {
         })
     }
 
-    /// Makes another predictor answer from the next preview on.
+    /// Makes another predictor active from the next preview on.
     ///
     /// # Errors
     ///
-    /// A predictor that is not there; the old one stays.
+    /// A predictor that is absent; the old one stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
         offered(&self.panel, kind)?;
         self.active = kind;
@@ -221,7 +220,7 @@ impl Previewer {
         self.panel.offers(kind)
     }
 
-    /// The predictor that answers.
+    /// The active predictor.
     #[must_use]
     pub fn active(&self) -> PredictorKind {
         self.active
@@ -276,20 +275,21 @@ impl Previewer {
         self.scale.metres_per_unit()
     }
 
-    /// Empties all memories, e.g. when the pen is gone for good; the scale stays.
+    /// Clears all memories, e.g. when the pen is gone for good; the scale stays.
     pub fn forget(&mut self) {
         self.history = 0;
         self.level_square = 0.0;
         self.panel.forget();
     }
 
-    /// Longest predicted displacement \[in the plane\]; the peak counts as no less than 10, that a resting
-    /// hand may set off.
+    /// Longest predicted displacement \[in the plane\]; the peak counts as at least 10, because a resting
+    /// hand may start.
     fn limit(&self) -> f64 {
         self.settings.limit_factor * self.peak.max(TARGET_RMS)
     }
 
-    /// NaN and what would drown the memory are no motion, whatever the pen tracker's gate let through.
+    /// NaN and displacements that would swamp the memory are no motion, even if they passed the pen tracker's
+    /// gate.
     fn plausible(&self, step: &GridStep) -> bool {
         self.scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST_OBSERVED)
     }
@@ -303,7 +303,7 @@ impl Previewer {
     }
 }
 
-/// What `kind` lacks.
+/// Why `kind` is not available.
 fn offered(panel: &Panel, kind: PredictorKind) -> Result<(), PreviewError> {
     let predictor = kind.name();
     match kind.needs() {

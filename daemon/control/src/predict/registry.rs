@@ -1,9 +1,9 @@
-//! `PredictorKind`: which of the predictors, and what the registry says about it.
+//! `PredictorKind`: one of the predictors, and its entry in the registry.
 //!
 //! Contract: [`REGISTRY`] is the only list of predictors. Panel, settings, requests, reports, lab, benches
-//! and tests go through [`PredictorKind::ALL`] or [`PredictorKind::LIVE`], so that a line in the registry is
-//! all that a further predictor takes. Its name is its identity outside of this process: it never changes its
-//! meaning. Its place is good for this build only.
+//! and tests use [`PredictorKind::ALL`] or [`PredictorKind::LIVE`], so that a new predictor needs one line in
+//! the registry. Its name is its identity outside of this process and never changes its meaning. Its index is
+//! valid for this build only.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use super::online::WeightsError;
 use super::taught::{Handed, Learning, Taught};
 use super::{Models, OnlineWeights, Predictor};
 
-/// Bytes of the longest name: what a message has room for.
+/// Bytes of the longest name, for which messages have room.
 pub const LONGEST_NAME: usize = 24;
 
 /// What a predictor needs besides the pen.
@@ -21,22 +21,22 @@ pub const LONGEST_NAME: usize = 24;
 pub enum Needs {
     /// Nothing: it can always be chosen.
     Nothing,
-    /// A network that was trained offline.
+    /// A network trained offline.
     Network,
     /// The recorded future: experiments only.
     Recording,
 }
 
-/// A predictor that is made of a network.
+/// A predictor that consists of a network.
 pub trait Trained: Predictor + Clone + fmt::Debug + Send + Sync + Sized + 'static {
-    /// The predictor with empty memory, where its network was loaded.
+    /// The predictor with empty memory, if its network was loaded.
     fn of(models: &Models) -> Option<Self>;
 }
 
-/// A member with empty memory; `None` where what it needs is not there.
+/// A member with empty memory; `None` if its requirements are missing.
 type Building = fn(&Models, &OnlineWeights) -> Result<Option<Box<dyn Member>>, WeightsError>;
 
-/// The learner of a model, taken for a predictor.
+/// The learner of a model, as a predictor.
 type Schooling = fn(&Models, &OnlineWeights) -> Result<Box<dyn AnyPredictor>, WeightsError>;
 
 /// A line of the registry.
@@ -46,7 +46,7 @@ pub struct Entry {
     about: &'static str,
     needs: Needs,
     build: Building,
-    /// Of those that learn.
+    /// Only for predictors that learn.
     learner: Option<Schooling>,
     has: fn(&Models) -> bool,
 }
@@ -76,7 +76,7 @@ impl Entry {
         Self { name: P::NAME, about, needs, build, learner: Some(learner), has: |_| true }
     }
 
-    /// A predictor that is made of a network.
+    /// A predictor that consists of a network.
     #[must_use]
     pub const fn trained<P: Trained>(name: &'static str, about: &'static str) -> Self {
         let build: Building =
@@ -91,7 +91,7 @@ impl Entry {
         Self { name, about, needs: Needs::Recording, build: |_, _| Ok(None), learner: None, has: |_| true }
     }
 
-    /// As a member of a panel.
+    /// Builds it as a member of a panel.
     ///
     /// # Errors
     ///
@@ -105,7 +105,7 @@ impl Entry {
     }
 }
 
-/// One of the predictors, by its place in [`REGISTRY`].
+/// One of the predictors, by its index in [`REGISTRY`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct PredictorKind(u8);
 
@@ -119,23 +119,23 @@ const LIVE: usize = {
     live
 };
 
-// Those that the code itself asks for by name; a predictor that it does not needs no constant.
+// Constants for predictors that code names; others need none.
 impl PredictorKind {
-    /// The paper's conservative model, and what is left where nothing can be predicted.
+    /// The paper's conservative model, and the fallback of all others.
     pub const HOLD: Self = known("hold");
     /// The baseline of the paper's Table 1.
     pub const CONSTANT_VELOCITY: Self = known("constant-velocity");
-    /// The paper's own.
+    /// The paper's predictor.
     pub const DYBM: Self = known("dybm");
-    /// What experiments know of the future.
+    /// The recorded future, for experiments.
     pub const ORACLE: Self = known("oracle");
     /// The trained network.
     pub const LSTM: Self = known("lstm");
-    /// The paper's own with a reservoir.
+    /// The paper's predictor with a reservoir.
     pub const DYBM_ESN: Self = known("dybm-esn");
     /// Recursive least squares.
     pub const AR_RLS: Self = known("ar-rls");
-    /// The one that is shipped.
+    /// The preset.
     pub const MIXTURE: Self = known("mixture");
 }
 
@@ -153,7 +153,7 @@ impl PredictorKind {
         all
     };
 
-    /// Those that a running loop has: all but what needs a recording.
+    /// Those available in a running loop: all that need no recording.
     pub const LIVE: [Self; LIVE] = {
         let mut live = [Self(0); LIVE];
         let mut room: &mut [Self] = &mut live;
@@ -208,13 +208,13 @@ impl PredictorKind {
         self.entry().needs
     }
 
-    /// It learns online.
+    /// Whether it learns online.
     #[must_use]
     pub const fn learns(self) -> bool {
         self.entry().learner.is_some()
     }
 
-    /// The predictor by itself, with empty memory; `None` where what it needs is not there.
+    /// The predictor by itself, with empty memory; `None` if its requirements are missing.
     ///
     /// # Errors
     ///
@@ -228,7 +228,7 @@ impl PredictorKind {
         Ok(member.map(|member| -> Box<dyn AnyPredictor> { member }))
     }
 
-    /// The same, learning from whatever it observes; `None` where it does not learn.
+    /// The same, learning from every observation; `None` if it does not learn.
     ///
     /// # Errors
     ///
@@ -241,14 +241,13 @@ impl PredictorKind {
         self.entry().learner.map(|learner| learner(models, weights)).transpose()
     }
 
-    /// `models` have what it needs; what needs a recording needs that as well.
+    /// Whether `models` have its requirements, apart from a recording.
     #[must_use]
     pub(super) fn is_in(self, models: &Models) -> bool {
         (self.entry().has)(models)
     }
 
-    /// What to tell someone who asks for a predictor by its name of earlier versions; empty for all other
-    /// names.
+    /// Hint for a request with a name of earlier versions; empty for other names.
     #[must_use]
     pub fn renamed(name: &str) -> &'static str {
         if name == "ours" || name.starts_with("ours-") {
@@ -282,7 +281,7 @@ impl PredictorKind {
             left -= 1;
             rest = others;
         }
-        // No kind is made with a place that the registry does not have.
+        // Every kind is made with an index of the registry.
         &super::models::hold::ENTRY
     }
 }
@@ -305,7 +304,7 @@ pub const fn kind_of<P: Taught>() -> PredictorKind {
     const { known(P::NAME) }
 }
 
-/// For constants: a name that nobody has does not compile.
+/// For constants: an unknown name does not compile.
 #[expect(clippy::panic, reason = "runs while the law is compiled")]
 const fn known(name: &str) -> PredictorKind {
     match PredictorKind::from_name(name) {
@@ -336,7 +335,7 @@ const fn is_name(name: &[u8]) -> bool {
     !name.is_empty() && name.len() <= LONGEST_NAME
 }
 
-// Names go into messages and files; a name that stands twice would make the second predictor unreachable.
+// Names appear in messages and files; a duplicate would make the second predictor unreachable.
 const _: () = {
     assert!(REGISTRY.len() <= u8::MAX as usize, "there are too many predictors");
     let mut rest: &[Entry] = REGISTRY;

@@ -1,22 +1,21 @@
-//! What a closed grid step is to whoever learns from it.
+//! A closed grid step as the learner receives it.
 
 use crate::pen::Motion;
 
-/// What the learner needs of one grid step; made by [`super::Previewer::observe`].
+/// Input of the learner for one grid step; made by [`super::Previewer::observe`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnStep {
     /// Grid index k.
     pub index: u64,
     /// Normalised displacement, zero unless the motion continues.
     pub x: [f64; 2],
-    /// Only `Continues` is learned from; the others empty the memory.
+    /// Only `Continues` is learned from; the others clear the memory.
     pub motion: Motion,
     /// The pen touches the paper.
     pub contact: bool,
     /// Metres per normalised unit.
     pub scale_m: f64,
-    /// Longest displacement that the loop lets a predictor predict after this step, normalised \[in the
-    /// plane\].
+    /// Bound on predicted displacements after this step, normalised \[in the plane\].
     pub limit: f64,
     /// The recent step, normalised \[in the plane\].
     pub level: f64,

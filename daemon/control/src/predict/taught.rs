@@ -1,8 +1,8 @@
-//! `Taught`: what a predictor that learns online is to the panel, the learner and the set of weights between
-//! them.
+//! `Taught`: the interface of a predictor that learns online to the panel, the learner and the set of
+//! weights.
 //!
-//! Contract: a model says here how it starts, how it predicts and how it learns, all from [`Models`] and its
-//! own parameters. Whatever goes through all models that learn goes through the list
+//! Contract: a model states here how it starts, predicts and learns, all from [`Models`] and its own
+//! parameters. Code for all models that learn uses the list
 //! [`for_each_taught`](super::models::for_each_taught).
 
 use std::fmt::Debug;
@@ -10,13 +10,13 @@ use std::fmt::Debug;
 use super::online::{ModelParameters, OnlineModel, WeightsError};
 use super::{Models, OnlineWeights, Predictor};
 
-/// How a model's live weights go with its candidate.
+/// How a model's live weights follow its candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Promoted when clearly better; the weights before are what one returns to, and evidence begins anew.
+    /// Promoted when clearly better; a rollback returns to the weights before, and evidence begins anew.
     Settled,
-    /// Follows the candidate every few steps unless recent evidence speaks against it; one returns to an
-    /// anchor, which is renewed when the live weights have done no worse for long enough.
+    /// Follows the candidate every few steps unless recent evidence is against it; a rollback returns to an
+    /// anchor, which is renewed when the live weights have been no worse for long enough.
     Following,
 }
 
@@ -24,9 +24,9 @@ pub enum Pace {
 pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
     /// Its name in the registry.
     const NAME: &'static str;
-    /// How fast the loop gets what was learned.
+    /// How its live weights follow the candidate.
     const PACE: Pace;
-    /// Who learns.
+    /// The learner.
     type Learner: OnlineModel + Clone + Debug + Send + Sync + 'static;
 
     /// The parameters before anything was learned.
@@ -56,7 +56,7 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
     /// Parameters that are invalid or do not fit (see [`ModelParameters::accepts`]); the old ones stay.
     fn set_weights(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError>;
 
-    /// What `set_weights` would say; the version in use is not judged again.
+    /// Checks `parameters` as `set_weights` does; the version in use is not checked again.
     ///
     /// # Errors
     ///
@@ -85,8 +85,7 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 /// θ of a predictor.
 pub type Parameters<P> = <<P as Taught>::Learner as OnlineModel>::Parameters;
 
-/// A predictor whose parameters are part of what the learner hands over; made by the list of those that
-/// learn.
+/// A predictor whose parameters are part of the learner's set; implemented by the list of those that learn.
 pub trait Handed: Taught {
     /// Its part of the set.
     fn part(weights: &OnlineWeights) -> &Parameters<Self>;
@@ -95,8 +94,7 @@ pub trait Handed: Taught {
     fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self>;
 }
 
-/// A learner that predicts for itself: it learns from whatever it observes, and nobody judges what it
-/// learned.
+/// A learner used as a predictor: it learns from every observation, without promotion.
 #[derive(Debug, Clone)]
 pub struct Learning<M>(pub M);
 
@@ -106,7 +104,7 @@ impl<M: OnlineModel> Predictor for Learning<M> {
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
-        // Who asks for nothing shall not pay for it.
+        // Without outputs there is nothing to compute.
         if !out.is_empty() {
             self.0.preview_from(self.0.parameters(), self.0.memory(), limit, out);
         }

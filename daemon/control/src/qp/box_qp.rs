@@ -40,8 +40,8 @@ pub struct BoxSolution<const J: usize> {
     pub iterations: u32,
     /// The bounds that hold `x`.
     pub active: ActiveBounds,
-    /// Largest gradient component that no bound explains, relative to the largest sum of absolute terms
-    /// that make up a component; NaN where nothing was solved.
+    /// Largest gradient component that no bound explains, relative to the largest sum of absolute terms of a
+    /// component; NaN if nothing was solved.
     pub kkt_residual: f64,
 }
 
@@ -61,7 +61,7 @@ pub fn solve<const J: usize>(
 ) -> BoxSolution<J> {
     let [[g]] = [g.data.0];
     let ([[lower]], [[upper]]) = ([lower.data.0], [upper.data.0]);
-    // Column by column or row by row is the same for a symmetric matrix.
+    // Rows and columns of a symmetric matrix are the same.
     let h = &h.data.0;
     let failed = |status| BoxSolution {
         x: SVector::from(clamped(&[0.0; J], &lower, &upper)),
@@ -119,8 +119,8 @@ pub fn solve<const J: usize>(
     BoxSolution { x: SVector::from(x), status, iterations, active, kkt_residual }
 }
 
-/// Another solver's answer `x` in the same form: active coordinates on their bounds, the rest inside, judged
-/// by the same residual.
+/// The answer `x` of another solver in the same form: active coordinates on their bounds, the rest inside,
+/// with the same residual.
 #[expect(clippy::too_many_arguments, reason = "the problem, the answer, and what the solver said of it")]
 pub(super) fn judged<const J: usize>(
     h: &SMatrix<f64, J, J>,
@@ -207,7 +207,7 @@ pub(super) fn pinned<const J: usize>(
     pinned
 }
 
-/// The free coordinates solved anew for the held ones, with H itself instead of updated quantities.
+/// Solves the free coordinates again for the held ones, with H itself instead of updated quantities.
 #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]
 fn polished<const J: usize>(
     h: &Square<J>,
@@ -255,7 +255,7 @@ fn residual<const J: usize>(h: &Square<J>, g: &[f64; J], x: &[f64; J], active: A
         } else {
             gradient.abs()
         };
-        // f64::max drops a NaN; a residual must keep it.
+        // f64::max drops a NaN; a residual must propagate it.
         if unexplained.is_nan() || unexplained > worst {
             worst = unexplained;
         }

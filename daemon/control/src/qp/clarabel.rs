@@ -1,9 +1,9 @@
-//! Clarabel as a second solver for the same problems: selectable backend, and judge in tests.
+//! Clarabel as a second solver for the same problems: selectable backend, and reference in tests.
 //!
 //! Built once, data updated in place: presolve and zero-dropping off, every structural zero kept, bounds
-//! finite. Soft rows get a slack each. The only file that names clarabel. Contract: never panics on bad
-//! numbers, but each solve allocates once or twice inside clarabel (its timers), and an answer with active
-//! rows is good to about 1e-2 of a limit although its objective is good to 1e-8.
+//! finite. Soft rows get a slack each. The only file that names clarabel. Contract: never panics on
+//! non-finite numbers, but each solve allocates once or twice inside clarabel (its timers), and an answer
+//! with active rows is accurate to about 1e-2 of a limit although its objective is accurate to 1e-8.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::NonnegativeConeT;
@@ -21,7 +21,7 @@ const MAX_ITERATIONS: u32 = 60;
 /// Clarabel's settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ClarabelProfile {
-    /// As clarabel ships.
+    /// Clarabel's defaults.
     Default,
     /// Equilibration and iterative refinement off, tolerances 1e-8: more than twice as fast and as accurate,
     /// but only on data already scaled to the order of one.
@@ -95,7 +95,7 @@ impl SoftRowQp {
             triplets.iter().map(|entry| entry.2).collect(),
         );
 
-        // Identity to start with, but with the pattern of a full upper triangle.
+        // Identity initially, but with the pattern of a full upper triangle.
         let mut pointers = vec![0];
         let (mut indices, mut hessian) = (Vec::new(), Vec::new());
         for column in 0..N {
@@ -150,7 +150,8 @@ impl SoftRowQp {
             for ((to, penalty), ((y, s), (y_below, s_below))) in
                 multipliers.iter_mut().zip(&self.penalties).zip(sides)
             {
-                // At an interior point everything is a little positive: the larger of a pair is the real one.
+                // At an interior point all multipliers are slightly positive: the larger of a pair is the
+                // active one.
                 let held = |y: f64, s: f64| if y > s { y } else { 0.0 };
                 let mut z = held(*y, *s) - held(*y_below, *s_below);
                 if penalty.is_finite() {

@@ -20,7 +20,7 @@
 /// four limits on each of N steps are then typed by N alone.)
 pub type Rows<const B: usize, const L: usize> = [[f64; L]; B];
 
-/// Below this share of its own diagonal the rest of a Gram column is rounding: the row is dependent.
+/// A Gram column whose remainder is below this share of its diagonal is rounding: the row is dependent.
 const DEPENDENT: f64 = 1e-12;
 
 /// What the rows must satisfy.
@@ -57,8 +57,8 @@ pub enum Termination {
 #[derive(Debug, Clone)]
 pub struct DualActiveSet<const B: usize, const L: usize, const W: usize> {
     multiplier: Rows<B, L>,
-    /// What each row must satisfy in its present state: everything while active, the outer side of its bound
-    /// while saturated.
+    /// What each row must satisfy in its present state: both bounds while inactive, the outer side of its
+    /// bound while saturated.
     lower: Rows<B, L>,
     upper: Rows<B, L>,
     count: usize,
@@ -71,7 +71,7 @@ pub struct DualActiveSet<const B: usize, const L: usize, const W: usize> {
     reciprocal: [f64; W],
 }
 
-/// What stops a step.
+/// What ends a step.
 #[derive(Clone, Copy, PartialEq)]
 enum Block {
     Full,
@@ -150,7 +150,7 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
     /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the
     /// others being still: one step of iterative refinement. Returns Σ G_·j Δz_j, by which all rows drop.
     ///
-    /// A multiplier that rounding had put on the wrong side of 0 or ρ ends exactly there, its row inactive.
+    /// A multiplier that rounding put on the wrong side of 0 or ρ ends exactly there, its row inactive.
     #[inline]
     #[expect(clippy::indexing_slicing, reason = "slots are below count <= W")]
     pub fn correct(&mut self, change: &[f64; W], bounds: &Bounds<B, L>) -> Rows<B, L> {
@@ -164,7 +164,7 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
             let inward = self.side[slot] * (before + delta[slot]);
             let kept = inward.max(0.0).min(penalty);
             let after = self.side[slot] * kept;
-            // A multiplier is up to ρ: `after − before` would round off what the refinement is about.
+            // A multiplier may be as large as ρ: `after − before` would round off the refinement.
             let moved = if kept == inward { delta[slot] } else { after - before };
             add_scaled(&mut dropped, &self.columns[slot], moved);
             self.multiplier.as_flattened_mut()[row] = after;
@@ -176,9 +176,9 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         dropped
     }
 
-    /// The row that breaks its present bounds most by weight, if any does by more than `tolerance`.
+    /// The row that violates its present bounds most by weight, if any does by more than `tolerance`.
     ///
-    /// Straight-line passes over all rows, four running maxima: the compiler vectorises both.
+    /// Passes without branches over all rows, with four running maxima, so that the compiler vectorises both.
     #[inline]
     fn most_violated(&self, bounds: &Bounds<B, L>, tolerance: f64, value: &Rows<B, L>) -> Option<usize> {
         let mut scores = [[0.0; L]; B];
@@ -201,8 +201,8 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         if worst > 0.0 { scores.as_flattened().iter().position(|score| *score == worst) } else { None }
     }
 
-    /// Raise or lower the multiplier of row `p` until its row meets its bound, or something blocks.
-    /// `None` when nothing ever would.
+    /// Raises or lowers the multiplier of row `p` until the row meets its bound or another row blocks. `None`
+    /// if nothing ever would.
     #[inline]
     #[expect(
         clippy::indexing_slicing,

@@ -1,9 +1,9 @@
-//! The rows of one tick that matter: those that some velocity in the box could break.
+//! The rows of one tick that matter: those that some velocity in the box could violate.
 
 use crate::arm::limits::VelocityBox;
 use crate::qp::row_qp::RowSet;
 
-/// Rows of one tick, and how much room each leaves [m/s]: negative, the box can break it by so much.
+/// Rows of one tick, and the room that each leaves \[m/s\]: negative, the box can violate it by so much.
 #[derive(Debug, Clone)]
 pub(crate) struct Offered<const J: usize> {
     rows: RowSet<J>,
@@ -17,7 +17,7 @@ impl<const J: usize> Default for Offered<J> {
 }
 
 impl<const J: usize> Offered<J> {
-    /// The rows taken in.
+    /// The rows offered.
     pub(crate) fn rows(&self) -> &RowSet<J> {
         &self.rows
     }
@@ -27,8 +27,8 @@ impl<const J: usize> Offered<J> {
         self.rows.clear();
     }
 
-    /// Takes in a row that some velocity in the box breaks; where there is no room, the one with most room
-    /// gives way.
+    /// Adds a row that some velocity in the box violates; if the set is full, it replaces the row with most
+    /// room.
     pub(crate) fn offer(&mut self, row: &[f64; J], bound: f64, allowed: &VelocityBox<J>) {
         let ends = allowed.lower.iter().zip(&allowed.upper).zip(row);
         let worst: f64 = ends.map(|((low, high), c)| (c * low).min(c * high)).sum();

@@ -1,8 +1,8 @@
-//! Exact minimiser of a small strictly convex quadratic over a box with further rows: velocities that keep
-//! distances.
+//! Exact minimiser of a small strictly convex quadratic over a box with additional soft rows: the joint
+//! velocities of a tick near obstacles or bounds.
 //!
-//! min ½ xᵀH x + gᵀx + ρ Σ_k max(b_k − c_kᵀx, 0), lower ≤ x ≤ upper. The box is hard and the rows yield to it
-//! and to each other, with the least sum of violations: no set of rows is infeasible. With ρ above every
+//! min ½ xᵀH x + gᵀx + ρ Σ_k max(b_k − c_kᵀx, 0), lower ≤ x ≤ upper. The box is hard; rows yield to it and to
+//! each other with the least sum of violations, so no set of rows is infeasible. With ρ above every
 //! multiplier a row holds exactly wherever it can. Contract: no allocation, no panic; an `Optimal` answer
 //! lies in the box exactly and its KKT residual was computed from H, g and the rows themselves.
 
@@ -19,10 +19,11 @@ const BLOCKS: usize = 3;
 /// Price ρ of one unit of violation \[units of g per unit of c\].
 pub const PENALTY: f64 = 1e3;
 
-/// A bound or row violated by less counts as kept, until the answer is refined \[units of x, units of b\].
+/// A smaller violation of a bound or row counts as none, until the answer is refined \[units of x, units of
+/// b\].
 const FEASIBILITY: f64 = 1e-9;
 
-/// Largest violation of a row that the answer does not pay for \[units of b\].
+/// Largest violation of a row that carries no penalty in the answer \[units of b\].
 pub const ROW_TOLERANCE: f64 = 1e-8;
 
 /// Up to 3·J rows c_kᵀx ≥ b_k.
@@ -49,8 +50,8 @@ impl<const J: usize> RowSet<J> {
     /// Most rows that there is room for.
     pub const CAPACITY: usize = BLOCKS * J;
 
-    /// Puts a row at `slot`, which is at most [`Self::len`] and below [`Self::CAPACITY`]; anything else
-    /// changes nothing.
+    /// Puts a row at `slot`, which must be at most [`Self::len`] and below [`Self::CAPACITY`]; else nothing
+    /// changes.
     pub fn put(&mut self, slot: usize, coefficients: &[f64; J], lower: f64) {
         if slot > self.count {
             return;
@@ -62,7 +63,7 @@ impl<const J: usize> RowSet<J> {
         }
     }
 
-    /// Takes all rows out.
+    /// Removes all rows.
     pub fn clear(&mut self) {
         let rows = self.coefficients.as_flattened_mut().iter_mut().zip(self.lower.as_flattened_mut());
         for (row, bound) in rows.take(self.count) {
@@ -89,7 +90,7 @@ impl<const J: usize> RowSet<J> {
         rows.zip(self.lower.as_flattened().iter().copied()).take(self.count)
     }
 
-    /// `x` breaks no row by more than `tolerance`.
+    /// `x` violates no row by more than `tolerance`.
     #[must_use]
     pub fn kept_by(&self, x: &[f64; J], tolerance: f64) -> bool {
         self.iter().all(|(c, lower)| dot(c, x) >= lower - tolerance)
@@ -109,10 +110,10 @@ pub struct RowSolution<const J: usize> {
     pub active: ActiveBounds,
     /// The rows that hold `x`, bit k for row k.
     pub held: u32,
-    /// The rows that yielded, bit k for row k.
+    /// The rows that could not be satisfied, bit k for row k.
     pub yielded: u32,
     /// Largest gradient component that no bound or row explains, relative to the largest sum of absolute
-    /// terms that make up a component; NaN where nothing was solved.
+    /// terms of a component; NaN if nothing was solved.
     pub kkt_residual: f64,
 }
 
@@ -246,8 +247,8 @@ struct RowProblem<'a, const J: usize> {
 }
 
 impl<const J: usize> RowProblem<'_, J> {
-    /// Solution and row multipliers solved anew for what holds them, from H itself instead of updated
-    /// quantities: x = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
+    /// Solves for the solution and the row multipliers again, from H itself instead of updated quantities: x
+    /// = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
     #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]
     fn refined(&self, found: &[f64; J], state: &State) -> Option<([f64; J], Rows<BLOCKS, J>)> {
         let free = |i: usize| (state.active.lower | state.active.upper) >> i & 1 == 0;
@@ -335,7 +336,7 @@ impl<const J: usize> RowProblem<'_, J> {
             } else {
                 gradient.abs()
             };
-            // f64::max drops a NaN; a residual must keep it.
+            // f64::max drops a NaN; a residual must propagate it.
             if unexplained.is_nan() {
                 return unexplained;
             }
@@ -350,7 +351,7 @@ impl<const J: usize> RowProblem<'_, J> {
         worst / scale
     }
 
-    /// Every row is on the side that its multiplier says.
+    /// Every row is on the side that its multiplier requires.
     fn rows_kept(&self, x: &[f64; J], state: &State) -> bool {
         self.rows.iter().enumerate().all(|(k, (c, bound))| {
             let slack = dot(c, x) - bound;

@@ -1,12 +1,12 @@
-//! Where the tool would be if it were led by feedback alone: where the pen was a while ago.
+//! The tool under feedback alone: at the position that the pen had one lag ago.
 
 /// Longest lag of feedback that is modelled \[steps\].
 const LONGEST_LAG: usize = 8;
 
-/// See the module's description.
+/// The delay line, see the module.
 #[derive(Debug, Clone)]
 pub(super) struct Feedback {
-    /// By how much feedback lags behind the samples \[steps\].
+    /// Lag of feedback behind the samples \[steps\].
     lag: f64,
     /// Grid points, newest first \[m\], and how many of them are known.
     grid: [[f64; 2]; LONGEST_LAG + 2],
@@ -14,13 +14,13 @@ pub(super) struct Feedback {
 }
 
 impl Feedback {
-    /// Lag `steps`, at most [`LONGEST_LAG`]; 0 if that is not a number.
+    /// Lag `steps`, at most [`LONGEST_LAG`]; 0 if NaN.
     pub(super) fn new(steps: f64) -> Self {
         let lag = if steps.is_finite() { steps.clamp(0.0, LONGEST_LAG as f64) } else { 0.0 };
         Self { lag, grid: [[0.0; 2]; LONGEST_LAG + 2], seen: 0 }
     }
 
-    /// The pen was elsewhere at once.
+    /// The pen jumped.
     pub(super) fn forget(&mut self) {
         self.seen = 0;
     }
@@ -33,7 +33,7 @@ impl Feedback {
         self.seen = (self.seen + 1).min(self.grid.len());
     }
 
-    /// Where feedback has the tool \[m\] when the newest sample lies at `newest` \[m\], `phase` of a step
+    /// The tool under feedback alone \[m\] when the newest sample is at `newest` \[m\], `phase` of a step
     /// after the newest grid point.
     pub(super) fn tool(&self, newest: [f64; 2], phase: f64) -> [f64; 2] {
         let point = |index: usize| {

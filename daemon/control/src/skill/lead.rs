@@ -1,16 +1,16 @@
-//! What past previews were worth at one lead: sums over cases, which forget.
+//! The record of past previews at one lead: sums over judged cases, with forgetting.
 
 use super::SkillParameters;
 use crate::pen::TARGET_RMS;
 
-/// What is known about one lead; sums forget.
+/// Sums at one lead.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Lead {
     /// Squared errors \[in the plane, squared\].
     pub(super) preview: f64,
     pub(super) hold: f64,
     pub(super) steady: f64,
-    /// ⟨real way, real way⟩, ⟨real way, predicted way⟩ and ⟨predicted way, predicted way⟩.
+    /// ⟨real displacement, real⟩, ⟨real, predicted⟩ and ⟨predicted, predicted⟩.
     pub(super) real: f64,
     pub(super) along: f64,
     pub(super) way: f64,
@@ -18,8 +18,8 @@ pub(super) struct Lead {
 }
 
 impl Lead {
-    /// Before the first case: a few of ordinary motion, `ahead` steps long, in which the preview was better
-    /// than Hold.
+    /// Before the first case: a few cases of ordinary motion, `ahead` steps long, in which the preview was
+    /// better than Hold.
     pub(super) fn untried(ahead: f64, parameters: &SkillParameters) -> Self {
         let way = TARGET_RMS * ahead;
         let hold = parameters.head_start_cases * way * way;
@@ -32,7 +32,7 @@ impl Lead {
             return 1.0;
         }
         let slope = self.along / self.way;
-        // Errors far ahead repeat themselves from step to step.
+        // Errors at far leads are correlated from step to step.
         let independent = 2.0 * self.cases / ahead;
         let deviation = ((self.real / self.way - slope * slope).max(0.0) / independent).sqrt();
         (slope + doubt * deviation).clamp(0.0, 1.0)
@@ -48,7 +48,7 @@ impl Lead {
     }
 }
 
-/// Squared errors over the leads that a plan looks at \[in the plane, squared\], and from how many cases.
+/// Squared errors over the leads that a plan uses \[in the plane, squared\], and the number of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Record {
     /// Of the preview, as it would be used.
@@ -57,10 +57,9 @@ pub struct Record {
     pub hold: f64,
     /// Of constant velocity.
     pub steady: f64,
-    /// Cases of motion of the lead that has most: right before a grid point closes there is hardly any way
+    /// Cases of motion of the lead that has most: just before a grid point closes hardly any displacement is
     /// left to judge.
     pub cases: f64,
-    /// Share of the recent previews whose predictor claimed a band that the pen then left, \[0, 1\]; 0.1 is
-    /// what bands promise.
+    /// Share of recent previews whose claimed band the pen left, \[0, 1\]; bands promise 0.1.
     pub surprise: f64,
 }

@@ -1,18 +1,18 @@
-//! Skill: what past previews of the active predictor were worth, per lead, and how far the newest is believed
+//! Skill: how good past previews of the active predictor were, per lead, and how far the newest is trusted
 //! because of it.
 //!
 //! Contract: fixed size, no allocation, total. One call per tick learns ([`Skill::learn`]), one reports
-//! ([`Skill::report`]). Once per closed grid step every waiting preview is compared with where the pen really
-//! is. From that follow, per lead j (steps after the newest grid point of the preview):
+//! ([`Skill::report`]). Once per closed grid step every pending preview is compared with the pen's real
+//! position. This gives, per lead j (steps after the newest grid point of the preview):
 //!
-//! - *share* w in [0, 1]: trust per step. The regression of the pen's real way since its newest sample on the
-//!   predicted way: a predictor that overshoots at lead 12 is believed there only as far as it pays, and
-//!   fully at lead 2. The scalar α of the paper stays above it.
+//! - *share* w in [0, 1]: trust per step. The regression of the pen's real displacement since its newest
+//!   sample on the predicted displacement: a predictor that overshoots at lead 12 is shortened there and used
+//!   fully at lead 2. The scalar α of the paper is applied on top.
 //! - *mean squared errors* of the preview as it would be used, of Hold, and of constant velocity: the
 //!   evidence for α.
 //!
-//! Lengths are divided by the running scale (RMS 10 per axis in ordinary motion), so one bad stretch counts
-//! as much as it lasted, whatever the size of the writing.
+//! Lengths are divided by the running scale (RMS 10 per axis in ordinary motion), so a bad stretch counts by
+//! its duration, whatever the size of the writing.
 
 mod feedback;
 mod lead;
@@ -31,7 +31,7 @@ use shot::{Shot, Sight};
 use crate::pen::{Motion, rests};
 use crate::predict::refine::{Look, PHASES, REFINED_LEADS, Refiner, Terms, bucket, from};
 
-/// Leads with evidence of their own \[steps\]; farther ahead the last one counts.
+/// Leads with a record of their own \[steps\]; farther leads use the last one.
 pub const SKILL_LEADS: usize = REFINED_LEADS;
 
 /// A preview as it was made.
@@ -39,21 +39,20 @@ pub const SKILL_LEADS: usize = REFINED_LEADS;
 pub struct Foreseen<'a> {
     /// The newest grid point \[m\].
     pub base: [f64; 2],
-    /// The displacement that led to it [m per step]: what constant velocity goes on with.
+    /// The displacement that led to it \[m per step\], which constant velocity repeats.
     pub velocity: [f64; 2],
     /// Predicted positions \[m\], the first one step after the base.
     pub path: &'a [[f64; 2]],
-    /// The predictor says that so many steps ≥ 1 after the base the pen will be within so much \[m\] of the
-    /// path in nine of ten cases.
+    /// Lead ≥ 1 and radius \[m\] of the band that the predictor claims: within it in nine of ten cases.
     pub claim: Option<(usize, f64)>,
 }
 
 /// A grid step that closed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Closed {
-    /// Previews that wait foresaw nothing of a start or a jump.
+    /// Continues; after a start or a jump pending previews are not judged.
     pub motion: Motion,
-    /// Where the pen was \[m\].
+    /// Position of the pen \[m\].
     pub position: [f64; 2],
     /// Metres per normalised unit.
     pub unit_m: f64,
@@ -64,37 +63,37 @@ pub struct Closed {
 pub struct Happened<'a> {
     /// The preview that was made then, if one was.
     pub preview: Option<Foreseen<'a>>,
-    /// What the newest sample said about the preview in force.
+    /// The newest sample's correction of the preview in force.
     pub look: Option<Look>,
-    /// The arm followed a fresh plan in motion, at its limits (joints, acceleration or speed) or not; `None`:
-    /// it did not.
+    /// The arm followed a fresh plan in motion, saturated (joints, acceleration or speed) or not; `None`: it
+    /// did not.
     pub at_limit: Option<bool>,
-    /// For so long \[ns\].
+    /// Duration of that \[ns\].
     pub driven_ns: u64,
     /// Grid steps that closed.
     pub closed: &'a [Closed],
 }
 
-/// How far previews are believed, and why.
+/// How far previews are trusted, and the record behind it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkillReport {
-    /// w per lead from 1 \[1\]; 1 where previews are taken as they are.
+    /// w per lead from 1 \[1\]; 1 where previews are used as they are.
     pub shares: [f64; SKILL_LEADS],
-    /// Part of it that is left now, because the pen has hardly begun to move \[1\].
+    /// Factor on it while the pen begins to move \[1\].
     pub begun: f64,
     /// Sums over the leads asked for.
     pub record: Record,
 }
 
 impl SkillReport {
-    /// How far each step of the preview is believed now \[1\].
+    /// Trust in each step of the preview now \[1\].
     #[must_use]
     pub fn believed(&self) -> [f64; SKILL_LEADS] {
         self.shares.map(|share| share * self.begun)
     }
 }
 
-/// See the module's description.
+/// The record of all leads and the pending previews.
 #[derive(Debug, Clone)]
 pub struct Skill {
     parameters: SkillParameters,
@@ -102,31 +101,31 @@ pub struct Skill {
     shots: [Shot; SKILL_LEADS],
     last: usize,
     waiting: usize,
-    /// Latest part of the step from which the newest shot wants its earlier sample: they take turns.
+    /// Latest phase at which the newest shot takes its earlier sample: phases take turns.
     turn: usize,
     leads: [Lead; SKILL_LEADS],
-    /// What the leads come to.
+    /// Records of the leads.
     shares: [f64; SKILL_LEADS],
-    /// Of the filter by which waiting previews were refined.
+    /// Clarity of the filter by which pending previews were refined.
     clarity: f64,
     step_s: f64,
     feedback: Feedback,
     onset: Onset,
     /// Share of recent claims that were wrong.
     surprise: f64,
-    /// Corrections and shares are used; if not, previews are judged as they are.
+    /// Whether corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
 }
 
 impl Skill {
-    /// Nothing seen yet; grid step `step_s` \[s\]. `per_step`: previews are used, and therefore judged, with
+    /// Without evidence; grid step `step_s` \[s\]. `per_step`: previews are used, and therefore judged, with
     /// corrections and shares.
     #[must_use]
     pub fn new(step_s: f64, per_step: bool) -> Self {
         Self::tuned(step_s, per_step, SkillParameters::SHIPPED)
     }
 
-    /// The same with other parameters than the presets'.
+    /// The same with given parameters.
     #[must_use]
     pub fn tuned(step_s: f64, per_step: bool, parameters: SkillParameters) -> Self {
         let mut skill = Self {
@@ -148,15 +147,15 @@ impl Skill {
         skill
     }
 
-    /// Hold, in the record, is what standing back from the prediction really means: feedback that lags
-    /// `lag_s` \[s\] behind the samples. Without, it is at the sample at once, as no arm is.
+    /// The record's Hold is feedback that lags `lag_s` \[s\] behind the samples. Without this call it has no
+    /// lag, which no arm achieves.
     #[must_use]
     pub fn beside_feedback(mut self, lag_s: f64) -> Self {
         self.feedback = Feedback::new(lag_s / self.step_s);
         self
     }
 
-    /// Another predictor answers from here on: what was learned about the last one goes.
+    /// Another predictor is active from now on: forgets what was learned about the last one.
     pub fn forget(&mut self) {
         self.waiting = 0;
         self.leads = untried_leads(&self.parameters);
@@ -165,12 +164,12 @@ impl Skill {
         self.share_out();
     }
 
-    /// Learns from what happened, and teaches `refiner` what its corrections were worth.
+    /// Learns from what happened, and teaches `refiner` how good its corrections were.
     pub fn learn(&mut self, refiner: &mut Refiner, happened: &Happened<'_>) {
         if let Some(foreseen) = &happened.preview {
             self.shoot(foreseen);
         }
-        // What waits to be learned is about the velocities of another filter.
+        // Pending previews carry velocities of another filter.
         if refiner.clarity() != self.clarity {
             self.clarity = refiner.clarity();
             self.waiting = 0;
@@ -193,15 +192,15 @@ impl Skill {
         }
     }
 
-    /// How far previews are believed, with the record of the leads `first` to `last` \[steps\].
+    /// How far previews are trusted, with the record of the leads `first` to `last` \[steps\].
     #[must_use]
     pub fn report(&self, first: usize, last: usize) -> SkillReport {
-        // Previews are judged without `begun`: what is kept back at first says nothing about them.
+        // Previews are judged without `begun`: the initial reduction says nothing about them.
         let begun = if self.per_step { self.onset.belief() } else { 1.0 };
         SkillReport { shares: self.shares, begun, record: self.record(first, last) }
     }
 
-    /// A grid step closed after ordinary motion: judges every preview that waits.
+    /// A grid step closed after ordinary motion: judges every pending preview.
     fn realise(&mut self, refiner: &mut Refiner, closed: &Closed) {
         let Closed { position, unit_m, .. } = *closed;
         if !(unit_m > 0.0) {
@@ -234,8 +233,8 @@ impl Skill {
         self.share_out();
     }
 
-    /// Learns from what the preview of `shot` had `predicted` \[m\] for the point `position` \[m\], refined
-    /// at `sight`. `None`: a leap, or rest.
+    /// Learns from the difference between the point that the preview of `shot` `predicted` \[m\], refined at
+    /// `sight`, and the real `position` \[m\]. `None`: a jump, or rest.
     fn judge(
         &mut self,
         refiner: &mut Refiner,
@@ -258,7 +257,7 @@ impl Skill {
         let [rx, ry] = normalised(from(position, predicted));
         let [yx, yy] = normalised(from(position, newest));
         let (dx, dy) = (yx - (rx - cx), yy - (ry - cy));
-        // What is not a number is not ordinary either.
+        // NaN is not ordinary motion either.
         let most = self.parameters.leap * (ahead + 0.5);
         let ordinary =
             [rx, ry, yx, yy, dx, dy].iter().chain(terms.iter().flatten().flatten()).all(|v| v.abs() <= most);
@@ -274,7 +273,7 @@ impl Skill {
         }
         Some(Lead {
             preview: square(yx - share * dx, yy - share * dy),
-            // Nobody bounded the velocity, nor what came before; a minimum with a number is a number.
+            // The velocity may be non-finite; `min` with a number gives a number.
             hold: square(hx, hy).min(2.0 * most * most),
             steady: square(yx - vx, yy - vy).min(2.0 * most * most),
             real: square(yx, yy),
@@ -305,10 +304,9 @@ impl Skill {
         self.waiting = (self.waiting + 1).min(SKILL_LEADS);
     }
 
-    /// A newer sample looked at the newest preview.
+    /// A newer sample refines the newest preview.
     fn sight(&mut self, look: &Look) {
-        // Previews that are taken as they are know of nothing newer than their base, and neither may their
-        // yardsticks.
+        // Unrefined previews know nothing newer than their base, and their baselines must not either.
         let held = self.feedback.tool(look.newest, look.phase);
         let usable = self.waiting > 0 && look.phase.is_finite() && self.per_step;
         let Some(shot) = self.shots.get_mut(self.last).filter(|_| usable) else { return };

@@ -1,14 +1,14 @@
-//! Where the pen begins to move: how far its previews are believed there.
+//! Onset: how far previews are trusted while the pen begins to move.
 //!
-//! Contract: fixed size, total. The first steps of a stroke say least about the next ones, and an arm that
-//! has set off at its limits the wrong way takes longest to come back: what is lost by waiting a moment is
-//! less. How much of that there is in the hand, past beginnings tell: where they were foreseen well there is
-//! nothing to wait for. Nor is there for an arm that is hardly ever at its limits.
+//! Contract: fixed size, total. The first steps of a stroke predict the next ones worst, and a saturated arm
+//! that set off in the wrong direction takes longest to return, so waiting costs less. How much applies to
+//! the present hand is learned from its past onsets: where they were predicted well, or where the arm is
+//! rarely saturated, trust is not reduced.
 
 use super::OnsetParameters;
 use crate::pen::{REST, rests};
 
-/// See the module's description.
+/// The record of onsets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Onset {
     parameters: OnsetParameters,
@@ -17,11 +17,11 @@ pub(super) struct Onset {
     /// Steps of rest since the last motion, and of motion since the last rest.
     still: u32,
     moved: u32,
-    /// Squares of how far previews of beginnings went too far, and of real ways, both per step ahead
+    /// Squared overshoot of previews at onsets, and squared real displacement, both per step ahead
     /// \[normalised²\].
     beyond: f64,
     way: f64,
-    /// Part of the arm's recent motion in which it was at its limits.
+    /// Share of the arm's recent motion in which it was saturated.
     limited: f64,
 }
 
@@ -39,7 +39,7 @@ impl Onset {
         }
     }
 
-    /// Another predictor: what is known about beginnings goes, what pen and arm do stays.
+    /// Another predictor: forgets its onsets, keeps what concerns pen and arm.
     pub(super) fn forget(&mut self) {
         let Self { beyond, way, .. } = Self::new(self.parameters);
         (self.beyond, self.way) = (beyond, way);
@@ -65,21 +65,21 @@ impl Onset {
         self.moved
     }
 
-    /// The arm moved for `dt_ns`, at its limits or not.
+    /// The arm moved for `dt_ns`, saturated or not.
     pub(super) fn drove(&mut self, at_limit: bool, dt_ns: u64) {
         let part = (dt_ns as f64 * 1e-9 / self.parameters.memory_s).min(1.0);
         self.limited += part * (f64::from(u8::from(at_limit)) - self.limited);
     }
 
-    /// Share of a preview that is believed now, at least [`OnsetParameters::first`].
+    /// Share of a preview that is trusted now, at least [`OnsetParameters::first`].
     pub(super) fn belief(&self) -> f64 {
         let doubt = (1.0 - self.parameters.first - self.parameters.more * f64::from(self.moved)).max(0.0);
         let bad = self.beyond / (self.parameters.bad * self.way);
         1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / self.parameters.limited).min(1.0)
     }
 
-    /// A preview made after `moved` steps expected the pen to go `predicted`, and it went `real`
-    /// \[normalised\], `ahead` steps later.
+    /// A preview made after `moved` steps predicted the displacement `predicted`; the pen moved by `real`
+    /// \[normalised\] `ahead` steps later.
     pub(super) fn judged(&mut self, moved: u32, predicted: [f64; 2], real: [f64; 2], ahead: f64) {
         if self.parameters.first + self.parameters.more * f64::from(moved) >= 1.0
             || ahead > self.parameters.farthest
@@ -87,7 +87,7 @@ impl Onset {
             return;
         }
         let ([px, py], [x, y]) = (predicted, real);
-        // Of a preview that goes nowhere, and one of less than a step, too little is divided by.
+        // Previews of no motion, or of less than a step, would divide by too small a number.
         let long = px.hypot(py).max(REST);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
         let scale = 1.0 / (ahead * ahead).max(1.0);
@@ -106,7 +106,7 @@ mod tests {
 
     const SHIPPED: OnsetParameters = SkillParameters::SHIPPED.onset;
 
-    /// Previews of beginnings that go `factor` times as far as the pen then does.
+    /// Previews of onsets that predict `factor` times the real displacement.
     fn begin(onset: &mut Onset, cases: u32, factor: f64) {
         for case in 0..cases {
             let ahead = f64::from(1 + case % 9);
@@ -136,7 +136,7 @@ mod tests {
             onset.forget();
             assert_eq!(onset, Onset::new(SHIPPED));
         }
-        // What is foreseen later, or far ahead, says nothing about beginnings.
+        // Later previews and far leads say nothing about onsets.
         let mut onset = Onset::new(SHIPPED);
         for _ in 0..6000 {
             onset.judged(7, [10.0, 0.0], [10.0, 0.0], 1.0);
@@ -158,7 +158,7 @@ mod tests {
         assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "too soon: {}", onset.belief());
         drive(&mut onset, 400, u32::MAX);
         assert!(onset.belief() > 0.95, "{}", onset.belief());
-        // What the arm can do is not forgotten with a predictor.
+        // The arm's record stays when the predictor changes.
         let free = onset.belief();
         onset.forget();
         assert_eq!(onset.belief(), free);

@@ -1,29 +1,29 @@
-//! Previews that wait for what they foresaw, and what newer samples said about them.
+//! Pending previews: predictions whose outcome is not known yet, with the newer samples that refined them.
 
 use super::SKILL_LEADS;
 use crate::predict::refine::Look;
 
-/// A look at a preview, and how things stood then.
+/// One refinement of a preview, with the situation at that time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     /// What the preview was refined by.
     pub(super) look: Look,
-    /// Where the tool would be then \[m\] if it had been led by feedback alone.
+    /// Tool position under feedback alone \[m\].
     pub(super) held: [f64; 2],
     /// Steps since the pen began to move.
     pub(super) moved: u32,
 }
 
-/// One preview that waits for what it foresaw.
+/// One pending preview.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shot {
     /// Grid steps closed since.
     pub(super) age: usize,
-    /// The last before the next grid point closed.
+    /// The last refinement before the next grid point closed.
     pub(super) sight: Sight,
-    /// One from an earlier part of the step: each part of it has to be learned, as each is used.
+    /// A refinement at an earlier phase of the step: every phase is used, so every phase must be learned.
     pub(super) earlier: Option<Sight>,
-    /// Displacement before the preview [m]: what constant velocity goes on with.
+    /// Displacement before the preview \[m\], which constant velocity repeats.
     pub(super) velocity: [f64; 2],
     /// Predicted positions \[m\].
     pub(super) path: [[f64; 2]; SKILL_LEADS],

@@ -1,18 +1,17 @@
-//! What the arm has strength for: how far trust has to come down because the arm is at its limits.
+//! Headroom: how far trust must come down because the arm is saturated.
 //!
-//! An arm at its limits in nearly every tick does not follow what is foreseen, it runs behind it: it comes
-//! late, goes too far, and may be worse than one led by feedback alone. Where it is hardly better
-//! (`outcome`), what is asked for is taken back until the arm is at its limits as often as it should be, and
-//! no more. Where it is much better, limits do no harm.
+//! An arm that is saturated in nearly every tick cannot follow the preview: it lags, overshoots, and may be
+//! worse than under feedback alone. Where it is hardly better (`outcome`), trust is reduced until the arm is
+//! saturated no more often than it should be. Where it is much better, saturation does no harm.
 
 use super::TrustParameters;
 
-/// See the module's description.
+/// The factor on trust.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Headroom {
-    /// Natural logarithm of the share that is justified now, at most 0.
+    /// Natural logarithm of the share justified now, at most 0.
     log_share: f64,
-    /// What was given last.
+    /// The share last given.
     share: f64,
 }
 
@@ -42,7 +41,7 @@ impl Headroom {
         }
     }
 
-    /// Of the trust that the evidence justifies, at least [`TrustParameters::headroom_least`].
+    /// Factor on the trust that the record justifies, at least [`TrustParameters::headroom_least`].
     pub(super) const fn share(&self) -> f64 {
         self.share
     }

@@ -1,11 +1,11 @@
 //! Trust: how much of the preview the follower may use, α in \[0, 1\].
 //!
-//! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is asked for, so no evidence, request
-//! or fault can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview is not
-//! worth anything, and the reason is always given. In automatic mode past previews have to have been better
-//! than standing still, over the leads that the plan looks at, by a margin that is wider on the way up than
-//! on the way down ([`crate::skill::Skill`] keeps their record). What the evidence speaks for is believed as
-//! far as the arm has strength to follow it (`headroom`).
+//! Contract: α moves by at most dt/(ramp_steps·Δ) per update, whatever is requested, so no record, request or
+//! fault can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview has no value,
+//! and the reason is always given. In automatic mode past previews must have been better than Hold, over the
+//! leads that the plan uses, by a margin that is wider on the way up than on the way down
+//! ([`crate::skill::Skill`] keeps the record). The result is reduced if the arm lacks the headroom to follow
+//! it (`headroom`).
 
 mod headroom;
 mod outcome;
@@ -31,15 +31,14 @@ pub struct TrustSettings {
     pub warmup_steps: u32,
     /// Pen samples older than this are stale \[ns\].
     pub stale_after_ns: u64,
-    /// α that a healthy preview is given in automatic mode.
+    /// α given to a healthy preview in automatic mode.
     pub auto_ceiling: Trust,
-    /// Cases of motion per lead that have to be judged before a preview is believed in automatic mode.
+    /// Judged cases of motion per lead before a preview is trusted in automatic mode.
     pub proof_cases: u32,
-    /// Automatic mode believes each step of the preview as far as it paid, and moves it by samples newer than
-    /// the grid's ([`crate::skill::Skill`]). Off: the paper's scalar α over a preview as the predictor gave
-    /// it.
+    /// Automatic mode trusts each step of the preview by its record, and corrects it by samples newer than
+    /// the grid ([`crate::skill::Skill`]). Off: the paper's scalar α over the unmodified preview.
     pub per_step: bool,
-    /// The numbers behind α.
+    /// Parameters of α.
     pub parameters: TrustParameters,
 }
 
@@ -64,13 +63,13 @@ pub enum TrustError {
     /// Δ is zero.
     #[error("trust needs a grid step above 0 ns, e.g. 10_000_000")]
     Step,
-    /// The ramp is shorter than a step, endless or not a number.
+    /// The ramp is shorter than a step, infinite or NaN.
     #[error("trust ramp is {got} steps, legal are 1 to 1000: the paper uses 10")]
     Ramp {
         /// As given.
         got: f64,
     },
-    /// Staleness below one grid step would never trust anything.
+    /// A limit below one grid step would never trust anything.
     #[error(
         "pen samples are stale after {got_ns} ns, legal are {step_ns} (one grid step) to 10_000_000_000 ns"
     )]
@@ -90,7 +89,7 @@ pub enum TrustRequest {
     Auto,
     /// An operator; health still overrules.
     Manual(Trust),
-    /// As it was when an operator asked for it to stay; health still overrules.
+    /// Frozen at its value when an operator requested that; health still overrules.
     Frozen(Trust),
 }
 
@@ -111,20 +110,19 @@ pub struct TrustInputs {
     pub preview_finite: bool,
     /// Another predictor waits for α = 0 to take over.
     pub switching: bool,
-    /// Share of the recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no
+    /// Share of recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no
     /// joints for it.
     pub unplanned: f64,
-    /// Share of the recent ticks whose plan failed, [0, 1]: the solver had too few steps, or found nothing.
+    /// Share of recent ticks whose plan failed, [0, 1]: the solver ran out of steps or found no solution.
     pub failed: f64,
-    /// Parameters of the learner were refused lately, and none were accepted since.
+    /// Parameters of the learner were refused recently, and none accepted since.
     pub weights_refused: bool,
-    /// The last tick was at a limit of joints, acceleration or speed, and following is hardly better than
+    /// The last tick was saturated (joints, acceleration or speed), and following is hardly better than
     /// feedback alone ([`Outcome`]); `None` if nothing moved by a plan.
     pub overtaxed: Option<bool>,
-    /// What a change of trust takes to show in how well the arm follows: dead time and the lag of feedback
-    /// \[ns\].
+    /// Delay from a change of trust to its effect on following: dead time plus the lag of feedback \[ns\].
     pub reaction_ns: u64,
-    /// What past previews were worth.
+    /// The record of past previews.
     pub record: Record,
 }
 
@@ -136,7 +134,7 @@ pub enum TrustReason {
     Disarmed,
     /// No pen sample, or the newest is too old.
     Stale,
-    /// The predictor's numbers are not usable.
+    /// The predictor's output is not usable.
     PredictorInvalid,
     /// Another predictor takes over at α = 0.
     SwitchingPredictor,
@@ -144,15 +142,13 @@ pub enum TrustReason {
     Jump,
     /// Too little history.
     Warmup,
-    /// The operator's value.
+    /// An operator's value.
     Manual,
-    /// The value that an operator froze.
+    /// The value frozen by an operator.
     Frozen,
-    /// Too many recent ticks had nothing to follow, no plan or no joints for it: what begins again begins
-    /// gently.
+    /// Too many recent ticks had no plan or no joints for it; trust resumes gradually.
     SolverUnhealthy,
-    /// The learner handed over parameters that were none: it may have learned from the same steps what the
-    /// predictor remembers.
+    /// The learner handed over invalid parameters: the predictor's memory may hold the same bad steps.
     LearnerUnhealthy,
     /// Too few previews were judged.
     Unproven,
@@ -162,12 +158,12 @@ pub enum TrustReason {
     WorseThanHold,
     /// Past previews were much worse than constant velocity.
     WorseThanSteady,
-    /// Past previews are a little better than Hold, but not yet enough to be believed again.
+    /// Past previews are better than Hold, but not yet by enough to be trusted again.
     Hysteresis,
-    /// The evidence speaks for the preview, but the arm is too often at its limits, and then hardly better
-    /// than feedback alone.
+    /// The record supports the preview, but the arm is saturated too often, and then hardly better than under
+    /// feedback alone.
     ArmLimited,
-    /// The evidence speaks for the preview.
+    /// The record supports the preview.
     Auto,
 }
 
@@ -223,21 +219,21 @@ impl TrustReason {
 pub struct TrustReport {
     /// α to use now.
     pub alpha: Trust,
-    /// Where it is going.
+    /// The target.
     pub target: Trust,
     /// Why.
     pub reason: TrustReason,
 }
 
-/// The ramp and what it remembers.
+/// The ramp and its memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrustControl {
     settings: TrustSettings,
     alpha: f64,
     /// The present warm-up follows a jump.
     after_jump: bool,
-    /// The evidence has not spoken against the predictor, or has spoken for it since: one that is shipped has
-    /// its proof from other hands.
+    /// The record has not gone against the predictor, or has recovered since; a shipped predictor was proven
+    /// on other hands.
     believed: bool,
     surprised: bool,
     unplanned: bool,
@@ -284,7 +280,7 @@ impl TrustControl {
             let overtaxed = inputs.overtaxed.map(|is| is && !right);
             self.headroom.see(overtaxed, inputs.reaction_ns, dt_ns, &parameters);
         }
-        // Written so that what is not a number speaks against.
+        // Written so that NaN counts against the preview.
         self.unplanned = !(inputs.unplanned <= parameters.unplanned.bound(!self.unplanned));
         let (reason, target) = self.judge(inputs, verdict);
         let reach = dt_ns as f64 / (self.settings.ramp_steps * self.settings.step_ns as f64);
@@ -298,7 +294,7 @@ impl TrustControl {
         Trust::new(self.alpha)
     }
 
-    /// What the record says, with a memory of what it said before.
+    /// Judges the record, with hysteresis.
     fn weigh(&mut self, record: &Record) -> TrustReason {
         if !(record.cases >= f64::from(self.settings.proof_cases)) {
             return TrustReason::Unproven;
@@ -306,7 +302,7 @@ impl TrustControl {
         let parameters = &self.settings.parameters;
         self.surprised = !(record.surprise <= parameters.surprise.bound(!self.surprised));
         let (hold, steady) = (parameters.hold.bound(self.believed), parameters.steady.bound(self.believed));
-        // Written so that a record that is not a number speaks against the preview.
+        // Written so that a NaN record counts against the preview.
         let better = record.preview <= hold * record.hold;
         let no_worse =
             record.preview <= steady * record.steady || record.preview <= parameters.clearly * record.hold;

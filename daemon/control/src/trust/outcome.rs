@@ -1,8 +1,9 @@
-//! What following was worth: how far the tool is from the pen, beside how far feedback alone would have been.
+//! Outcome of following: the tool's distance from the pen, relative to that under feedback alone.
 //!
-//! Contract: fixed size, no allocation, total. Of the tool the command is looked at, the dead time before the
-//! sample: where the arm is by then, also where a plan models its servo (commands then lead by what the servo
-//! takes back). Feedback alone has the tool where the pen was that time and its own lag before.
+//! Contract: fixed size, no allocation, total. The command of one dead time before the sample is used as tool
+//! position: that is where the arm is at the sample, also if a plan models its servo (commands then lead by
+//! the servo's lag). Under feedback alone the tool is where the pen was one dead time and feedback lag
+//! earlier.
 
 use super::TrustParameters;
 use crate::units::Stamp;
@@ -10,7 +11,7 @@ use crate::units::Stamp;
 /// Ticks remembered: half a second in periods of 1 ms, more than the longest dead time and lag.
 const TICKS: usize = 512;
 
-/// See the module's description.
+/// The two mean squared errors.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Tool and pen per tick \[m\], a ring; `last` is the newest, `known` how many there are.
@@ -29,7 +30,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Nothing seen yet, in ticks of `period_ns` \[ns\]; feedback lags `lag_s` \[s\] behind the samples.
+    /// Without evidence, in ticks of `period_ns` \[ns\]; feedback lags `lag_s` \[s\] behind the samples.
     #[must_use]
     pub fn new(period_ns: u64, lag_s: f64, parameters: &TrustParameters) -> Self {
         Self {
@@ -46,12 +47,12 @@ impl Outcome {
         }
     }
 
-    /// The arm does not follow: what it does then says nothing.
+    /// The arm does not follow: nothing to judge.
     pub fn forget(&mut self) {
         (self.known, self.followed, self.held) = (0, 0.0, 0.0);
     }
 
-    /// Time was lost: what was seen before is longer ago than its place tells. What it came to stays.
+    /// Time was lost: stored ticks are older than their index says. The mean errors stay.
     pub fn break_off(&mut self) {
         self.known = 0;
     }
@@ -87,7 +88,7 @@ impl Outcome {
         }
     }
 
-    /// What a change in what is asked of the arm takes to show here: dead time and the lag of feedback
+    /// Delay from a change of the plan's targets to its effect here: dead time plus the lag of feedback
     /// \[ns\].
     #[must_use]
     pub const fn reaction_ns(&self, dead_time_ns: u64) -> u64 {
@@ -113,8 +114,8 @@ mod tests {
         [0.02 * (9.0 * t).sin(), 0.01 * (14.0 * t).cos()]
     }
 
-    /// Two seconds of an arm whose tool is, when a command has become motion, where the pen was `late_s`
-    /// before.
+    /// Two seconds of an arm whose tool is, one dead time after the command, where the pen was `late_s`
+    /// earlier.
     fn follow(outcome: &mut Outcome, late_s: f64) {
         for tick in 0..1000_u64 {
             let now = Stamp(1_000_000_000 + tick * PERIOD_NS);
@@ -137,7 +138,7 @@ mod tests {
         follow(&mut outcome, feedback_s);
         assert!((outcome.followed / outcome.held - 1.0).abs() < 0.01, "{}", outcome.followed / outcome.held);
         assert!(outcome.is_poor());
-        // The squares of errors go with the squares of lags.
+        // Squared errors are proportional to squared lags.
         follow(&mut outcome, 0.6 * feedback_s);
         assert!(!outcome.is_poor());
         follow(&mut outcome, 0.8 * feedback_s);
@@ -158,7 +159,7 @@ mod tests {
         }
         assert!(!outcome.is_poor() && asked.is_poor());
         assert!(slow.held < 0.01 * asked.held, "{} {}", slow.held, asked.held);
-        // Parameters that are none learn nothing.
+        // Non-finite parameters have no effect.
         let nothing = TrustParameters { outcome_s: 0.0, outcome_poor: f64::NAN, ..TrustParameters::SHIPPED };
         let mut broken = Outcome::new(PERIOD_NS, LAG_S, &nothing);
         follow(&mut broken, 0.02);

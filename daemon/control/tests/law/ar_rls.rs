@@ -1,5 +1,5 @@
-//! AR-RLS: it finds the process that made its input, lets no jump near its coefficients, and stays sound in
-//! silence.
+//! AR-RLS: it identifies the process behind its input, excludes jumps from its coefficients, and does not
+//! wind up in silence.
 
 use foretrace_control::predict::models::ar_rls::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ORDER, REGRESSORS,
@@ -116,7 +116,7 @@ fn jumps_empty_the_memory_and_are_neither_learned_from_nor_across() {
     assert_eq!(*learner.parameters(), before);
     assert_eq!(learner.memory().recent, [[0.0; 2]; ORDER]);
     assert_eq!(learner.counters().gated, 1);
-    // Nothing precedes the next displacement: it teaches nothing either.
+    // Without predecessors the next displacement is not learned from.
     assert_eq!(learner.learn([5.0, 5.0]), [0.0, 0.0]);
     assert_eq!(*learner.parameters(), before);
     let mut predictor = ArRls::new(before, gate).unwrap();
@@ -146,7 +146,8 @@ fn one_wild_step_moves_the_coefficients_no_more_than_a_clipped_one() {
     assert_ne!(after([huber, -huber]), after([huber * 0.5, -huber]));
 }
 
-/// No wind-up: with `input` for ever, P stays within its bound and the model goes on as if nothing had been.
+/// No wind-up: with `input` for a long time, P stays within its bound and the model recovers as from a cold
+/// start.
 fn stays_sound(name: &str, input: impl Fn(usize) -> [f64; 2]) {
     let settings = ArRlsSettings::default();
     let bound = settings.covariance * REGRESSORS as f64 / settings.forgetting * 1.00001;

@@ -1,4 +1,4 @@
-//! Where an arm may be armed, and by how old a word of it.
+//! Where an arm may be armed, and how old its joint state may be.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::follower::{Budget, FollowerSettings, Refusal, Request, StepInput};
@@ -54,7 +54,7 @@ fn an_arm_may_be_armed_as_tilted_as_its_settings_say() {
     }
 }
 
-/// The answer to arming so many ticks after the last of joint states that came every `every` ticks.
+/// The answer to arming this many ticks after the last of joint states that came every `every` ticks.
 fn armed_after(every: u64, ticks: u64) -> Result<(), Refusal> {
     let mut bench = Bench::new(narrow());
     for tick in 0..=20 * every + ticks {

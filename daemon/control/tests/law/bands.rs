@@ -1,5 +1,4 @@
-//! Error bands: the share of the cases inside is what it claims to be, for every predictor and lead, as the
-//! loop sees it.
+//! Error bands: their coverage is as claimed, for every predictor and lead, as the loop sees it.
 
 use crate::support::learner;
 use crate::support::strokes::handwriting;
@@ -13,8 +12,8 @@ fn previewer(learner: &Learner) -> Previewer {
     Previewer::new(PreviewSettings::default(), learner.models(), learner.weights()).unwrap()
 }
 
-/// Share of the previews from step `from` on whose pen lay inside the band that was claimed, per predictor of
-/// `PredictorKind::LIVE` at `lead`; cases in which the pen rests before and after left out.
+/// Share of the previews from step `from` on for which the pen lay inside the claimed band, per predictor of
+/// `PredictorKind::LIVE` at `lead`, without cases in which the pen rests before and after.
 fn coverage(steps: &[GridStep], lead: usize, from: usize) -> Vec<f64> {
     let mut learner = learner();
     let mut previewer = previewer(&learner);
@@ -50,7 +49,7 @@ fn nine_of_ten_cases_lie_inside_the_band_of_every_predictor_and_lead() {
         let shares = coverage(&steps, lead, 1000);
         println!("lead {lead}: {shares:.3?}");
         for (share, kind) in shares.iter().zip(PredictorKind::LIVE) {
-            // A predictor that still gets better is given bands that are a little too wide.
+            // Bands of a predictor that still improves are a little too wide.
             let legal = COVERAGE - 0.04..=COVERAGE + 0.06;
             assert!(legal.contains(share), "{kind:?} at lead {lead}: {share}");
         }
@@ -59,7 +58,7 @@ fn nine_of_ten_cases_lie_inside_the_band_of_every_predictor_and_lead() {
 
 #[test]
 fn the_share_of_misses_obeys_its_bound_whatever_the_pen_does() {
-    // A pen that changes its habits for good every few seconds, as hostile to a quantile as it gets.
+    // A pen that changes its habits permanently every few seconds, the worst case for a quantile estimate.
     let mut learner = learner();
     let mut previewer = previewer(&learner);
     let mut position = [0.0; 2];

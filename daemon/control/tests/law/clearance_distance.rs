@@ -31,7 +31,7 @@ fn cuboid(rng: &mut Pcg64) -> Cuboid {
     }
 }
 
-/// The smallest of a convex function over 0 to 1, by golden sections.
+/// The minimum of a convex function over 0 to 1, by golden-section search.
 fn smallest(f: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..200 {
@@ -90,7 +90,7 @@ fn a_segment_is_as_far_from_a_box_as_its_nearest_point() {
             apart += 1;
         } else {
             assert!(found.distance <= 1e-6, "{found:?}");
-            // Moved out by the depth it touches; moved a little less it does not get out.
+            // Moved out by the depth it touches; moved a little less it still overlaps.
             let moved = |by: f64| {
                 let shift = found.normal * by;
                 segment_box(&Segment { from: s.from + shift, to: s.to + shift }, &c).distance
@@ -102,8 +102,8 @@ fn a_segment_is_as_far_from_a_box_as_its_nearest_point() {
     assert!(apart > 5_000 && inside > 1_000, "{apart} {inside}");
 }
 
-/// Depth by depth: from far outside to the middle and on, distances of nearby positions differ by no more
-/// than the way.
+/// Continuity: from far outside to the middle, distances of nearby positions differ by no more than their
+/// displacement.
 #[test]
 fn distance_to_a_box_has_no_jumps() {
     let mut rng = Pcg64::seed_from_u64(3);

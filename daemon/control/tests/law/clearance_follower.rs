@@ -1,5 +1,5 @@
-//! Keep-outs through the whole step: hostile pens, spent budgets, stops and lost time never bring the
-//! commanded arm nearer than stated, and an arm that begins inside comes out. `support::Bench` judges every
+//! Keep-outs through the whole step: with hostile pens, spent budgets, stops and lost time the commanded arm
+//! never comes nearer than stated, and an arm that begins inside moves out. `support::Bench` checks every
 //! command's legality and continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
@@ -16,9 +16,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 const MARGIN_M: f64 = 0.01;
-/// How much of the margin commands may use up, whatever happens.
+/// Share of the margin that commands may use in any case \[m\].
 const STATED_M: f64 = 1e-3;
-/// How much of it a consumer may use up that hears nothing any more and brakes every joint by itself.
+/// Share of it that a consumer without commands may use while it brakes every joint independently \[m\].
 const CONSUMER_M: f64 = 5e-3;
 const SEEDS: u64 = 2;
 
@@ -78,7 +78,7 @@ fn distance(judge: &Clearance<6>, chain: &Chain<6>, q: &[f64; 6]) -> f64 {
     judge.nearest(&chain.forward(q)).unwrap().distance_m
 }
 
-/// The smallest distance on the way of a consumer that hears nothing after `output`'s command.
+/// The smallest distance along the motion of a consumer that receives nothing after `output`'s command.
 fn on_its_own(judge: &Clearance<6>, settings: &FollowerSettings<6>, output: &StepOutput<6>) -> f64 {
     let Some(command) = output.command else { return f64::INFINITY };
     let motion = JointMotion { q: command.q, qd: command.qd, qdd: [0.0; 6] };
@@ -89,13 +89,12 @@ fn on_its_own(judge: &Clearance<6>, settings: &FollowerSettings<6>, output: &Ste
     states.map(|motion| distance(judge, &settings.chain, &motion.q)).fold(f64::INFINITY, f64::min)
 }
 
-/// What a life among obstacles came to.
+/// Results of a run among obstacles.
 #[derive(Debug)]
 struct Life {
-    /// Nearest that a command came to anything \[m\], but for the way out of where a consumer got to in lost
-    /// time.
+    /// Smallest distance of a command \[m\], except on the way out of where a consumer got to in lost time.
     smallest: f64,
-    /// Nearest that a consumer came or would have come by itself after a command \[m\].
+    /// Smallest distance of a consumer, real or assumed without commands after each command \[m\].
     alone: f64,
     /// Farthest outside the workspace \[m\].
     outside: f64,
@@ -164,7 +163,7 @@ fn hostile_life(seed: u64, ticks: u32) -> Life {
         let output = bench.tick_with(&samples, request, budget);
         mode = output.mode;
         if let Some(Err(Refusal::ToolNotAligned | Refusal::ToolOutsideWorkspace)) = output.answer {
-            // Somebody leads the arm back by hand.
+            // An operator moves the arm back by hand.
             bench.joints.q = HOME;
             life.led_home += 1;
         }
@@ -203,8 +202,8 @@ fn no_hostile_life_brings_commands_nearer_than_stated() {
         assert!(life.smallest > MARGIN_M - STATED_M, "{seed}: {life:?}");
         assert!(life.alone > MARGIN_M - CONSUMER_M, "{seed}: {life:?}");
         assert_eq!(life.altered, 0, "the guard found nothing to alter");
-        // Sliding along what is in the way neither ends the motion nor, unlike joints that stop each by
-        // itself, leads far out.
+        // Sliding along an obstacle neither ends the motion nor leads far outside, unlike joints that stop
+        // independently.
         assert!(life.outside < 0.12, "{seed}: {life:?}");
         let [fresh, .., resting] = life.rungs;
         assert!(fresh > 60_000 && resting < 20_000, "{seed}: {life:?}");
@@ -212,8 +211,8 @@ fn no_hostile_life_brings_commands_nearer_than_stated() {
     }
 }
 
-/// Armed inside a table, a wall or a box, and told to go deeper: it comes out, never goes deeper, and says
-/// why it moves.
+/// Armed inside a table, a wall or a box, and commanded deeper: it moves out, never deeper, and reports why
+/// it moves.
 #[test]
 fn an_arm_that_begins_inside_comes_out() {
     for depth in [0.0, 0.004, 0.03] {
@@ -246,7 +245,7 @@ fn an_arm_that_begins_inside_comes_out() {
     }
 }
 
-/// An arm that stops inside stays where it is: rows of a stop ask for no retreat.
+/// An arm that stops inside stays where it is: rows of a stop demand no retreat.
 #[test]
 fn an_arm_that_is_to_stand_inside_stands() {
     let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
@@ -258,7 +257,7 @@ fn an_arm_that_is_to_stand_inside_stands() {
     }
 }
 
-/// Keep-outs that the arm stays clear of change no bit of any command.
+/// Keep-outs that the arm does not approach change no bit of any command.
 #[test]
 fn keep_outs_out_of_reach_change_no_bit() {
     let plain = settings(PredictorKind::CONSTANT_VELOCITY);

@@ -1,5 +1,5 @@
-//! Arms driven hard into table, wall, box and themselves: nothing is touched, nothing is illegal, and they
-//! slide.
+//! Arms driven hard into table, wall, box and themselves: nothing is touched, every command is legal, and
+//! they slide.
 
 use crate::support::reaching;
 
@@ -12,7 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 const MARGIN_M: f64 = 0.01;
-/// How much of the margin what first order leaves out may use up.
+/// Share of the margin that the first-order approximation may use \[m\].
 const STATED_M: f64 = 1e-3;
 
 fn settings(itself: bool, obstacles: Vec<Obstacle>) -> ClearanceSettings {
@@ -82,7 +82,7 @@ fn random_motion_into_everything_never_comes_nearer_than_stated() {
     assert_eq!(braked, 0, "a certified answer in every tick");
 }
 
-/// Pressed against a wall while told to go along it: the tool keeps going along.
+/// Pressed against a wall while commanded along it: the tool keeps moving along.
 #[test]
 fn the_arm_slides_along_a_plane() {
     let chain = chain(UR5);
@@ -108,7 +108,7 @@ fn the_arm_slides_along_a_plane() {
     assert!(lowest < 0.2 - 0.05, "it went down as far as it may: {lowest}");
 }
 
-/// Rows that nothing breaks change nothing: the same bits with and without them.
+/// Rows that are not violated change nothing: the same bits with and without them.
 #[test]
 fn far_from_everything_the_answers_are_the_same_bits() {
     let chain = chain(UR5);

@@ -1,4 +1,4 @@
-//! Capsules from the URDF, and rows against finite differences of the distances they come from.
+//! Capsules from the URDF, and rows against finite differences of their distances.
 
 use crate::support::reaching;
 
@@ -35,7 +35,7 @@ fn shapes_become_capsules_in_the_joints_frames() {
     assert_eq!(pen.link, 6);
     assert!((pen.radius - 0.01 * 2f64.sqrt()).abs() < 1e-12);
     assert!((pen.segment.from - pen.segment.to).norm() - 0.1 < 1e-12);
-    // The frame of the last joint is turned so that z is its axis; what counts is where the pen is.
+    // The frame of the last joint is rotated so that z is its axis; only the position of the pen matters.
     let k = chain.forward(&UR5_HOME);
     let (rotation, origin) = (k.frames[5], k.origins.column(5));
     let tip = rotation * pen.segment.to + origin;
@@ -77,12 +77,12 @@ fn embedded_arms_are_clear_of_themselves_at_home() {
         for wanted in [(1, 3), (2, 4), (1, 4), (0, 4), (1, 5), (2, 6), (1, 6)] {
             assert!(pairs.contains(&wanted), "{wanted:?} {pairs:?}");
         }
-        // Joined by two joints, but out of each other's way in every posture.
+        // Joined by two joints, but without collision in every posture.
         assert!(!pairs.contains(&(4, 6)) && !pairs.contains(&(0, 2)), "{pairs:?}");
     }
 }
 
-/// Σ c_j q̇_j is the rate of the distance that the row is about.
+/// Σ c_j q̇_j is the rate of the row's distance.
 #[test]
 fn rows_are_the_gradients_of_distances() {
     let mut rng = Pcg64::seed_from_u64(1);
@@ -117,13 +117,12 @@ fn rows_are_the_gradients_of_distances() {
             };
             (at(h) - at(-h)) / (2.0 * h)
         });
-        // A wide box, so that every row that there is could matter; some are crowded out by rows that are
-        // nearer to breaking.
+        // A wide box, so that every row could matter; some are displaced by rows with less room.
         let allowed = VelocityBox { lower: [-100.0; 6], upper: [100.0; 6] };
         let bound = -kept.rate_hz() * (here.distance_m - 0.01);
         let rows = kept.rows(&chain.forward(&q), &JointMotion::at_rest(q), &allowed, TICK_S, Inside::Retreat);
         let mut found = rows.iter().filter(|(_, b)| (b - bound).abs() < 1e-9);
-        // Where two bodies are equally near the difference means nothing.
+        // Where two bodies are equally near the difference quotient is meaningless.
         let (Some((row, _)), None) = (found.next(), found.next()) else { continue };
         let error = row.iter().zip(&numeric).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(error < 1e-4, "{round}: {row:?} {numeric:?} {here:?}");
@@ -132,8 +131,8 @@ fn rows_are_the_gradients_of_distances() {
     assert!(checked.iter().all(|count| *count > 30), "{checked:?}");
 }
 
-/// What a tick does not measure because nothing can have come near makes no difference: slow and fast motion,
-/// sudden stops, and jumps of the joint positions such as a re-synchronisation makes.
+/// Skipping pairs that cannot have come near makes no difference: slow and fast motion, sudden stops, and
+/// jumps of the joint positions as in a re-synchronisation.
 #[test]
 fn what_is_remembered_changes_no_row() {
     let chain = chain(UR5);

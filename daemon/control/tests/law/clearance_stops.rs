@@ -1,5 +1,4 @@
-//! What is promised of distances where something else than the IK decided the motion: stops, and commands
-//! that were altered.
+//! Guarantees on distances where the IK did not decide the motion: stops, and altered commands.
 
 use crate::support::reaching;
 
@@ -52,7 +51,7 @@ fn stop(arm: &mut Arm<'_>, profile: &StopProfile<6>) -> bool {
     StopProfile::is_done(&arm.last)
 }
 
-/// Stops out of hard driving into everything end soon, and in the margin only as far as stated.
+/// Stops from full motion into everything end soon, and use the margin only as far as stated.
 #[test]
 fn stops_end_and_keep_the_distance() {
     let chain = chain(UR5);
@@ -65,7 +64,7 @@ fn stops_end_and_keep_the_distance() {
         for _ in 0..rng.random_range(5..150) {
             arm.tick(&target);
         }
-        // The same stop, joint by joint: how near it would come.
+        // The same stop with independent joints: its smallest distance.
         let mut apart = arm.last;
         let mut ticks = 0;
         while !StopProfile::is_done(&apart) {
@@ -89,9 +88,8 @@ fn stops_end_and_keep_the_distance() {
     assert!(longest < 100, "{longest}");
 }
 
-/// Whatever alters commands behind the IK (a clamp per joint, another source) may lead inside: what is
-/// promised then is that the IK takes the arm out again from wherever it was left, going deeper only while it
-/// brakes.
+/// Alterations behind the IK (a clamp per joint, another source) may lead inside. The guarantee is then that
+/// the IK moves the arm out from wherever it is, going deeper only while it brakes.
 #[test]
 fn after_altered_commands_the_arm_comes_out_again() {
     let chain = chain(UR5);
@@ -100,7 +98,7 @@ fn after_altered_commands_the_arm_comes_out_again() {
     let (mut left_inside, mut worst) = (0, 0.0f64);
     let mut target = wild(&mut rng);
     for round in 0..300 {
-        // Joint velocities that nobody asked the IK about, legal one by one.
+        // Joint velocities that were not checked by the IK, legal one by one.
         let push: [f64; 6] = std::array::from_fn(|_| rng.random_range(-1.5..1.5));
         for _ in 0..rng.random_range(10..120) {
             let q: [f64; 6] = std::array::from_fn(|i| arm.last.q()[i] + push[i] * TICK_S);
@@ -117,7 +115,7 @@ fn after_altered_commands_the_arm_comes_out_again() {
         // Braking at 40 rad/s² with every joint at its lever of a metre or so.
         let braking = 6.0 * speed * speed / 80.0 + 6.0 * speed * TICK_S;
         let mut deepest = left;
-        // RETREAT_MPS, and twice that time for what is in the way.
+        // RETREAT_MPS, and twice that time for obstacles on the way.
         let ticks = 500 + ((MARGIN_M - left).max(0.0) / 0.05 / TICK_S * 2.0) as u32;
         for tick in 0..ticks {
             arm.tick(&target);
@@ -129,7 +127,7 @@ fn after_altered_commands_the_arm_comes_out_again() {
             );
         }
         worst = worst.max(left.min(MARGIN_M) - deepest);
-        // Out, or held between things that leave no room for the margin on every side: never far inside.
+        // Out, or held between obstacles that leave no room for the margin on every side: never far inside.
         assert!(at(&arm) > 0.5 * MARGIN_M, "{round}: still at {} from {left}", at(&arm));
     }
     println!("{left_inside} times left inside; at most {worst} m deeper while braking");

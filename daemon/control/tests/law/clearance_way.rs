@@ -1,4 +1,4 @@
-//! Looking along a way: how near it may come at its beginning, on the way and at its end.
+//! Checking a path: the smallest distance allowed at its beginning, on the way and at its end.
 
 use crate::support::reaching::*;
 use foretrace_control::arm::Chain;
@@ -35,7 +35,7 @@ fn wall_from(by: f64, distance_m: f64) -> Clearance<6> {
     kept
 }
 
-/// Where the arm turned about its base is nearest to such a wall; it comes nearer on the half radian before.
+/// Where the arm turned about its base is nearest to such a wall; it approaches over the half radian before.
 fn facing() -> f64 {
     let (far, all) = (wall(2.0), (-314..314).map(|k| f64::from(k) * 0.01));
     let nearest = all.min_by(|a, b| away(&far, *a).total_cmp(&away(&far, *b))).unwrap();
@@ -48,7 +48,7 @@ fn facing() -> f64 {
 fn looked(kept: &Clearance<6>, from: f64, to: f64) -> Looked {
     let mut way = Way::new(Some(kept));
     way.begin(turned(from), turned(to));
-    // A thousand looks at most, and one at the end.
+    // At most a thousand checks, and one at the end.
     let found = (0..1002).map(|_| kept.look_along(&ARM, &mut way)).find(|found| *found != Looked::SoFar);
     found.expect("it was looked along to the end")
 }
@@ -60,7 +60,7 @@ fn an_end_that_keeps_the_margin_is_as_good_as_any() {
     for (more, fine) in [(0.0, true), (-0.5, true), (-2.0, false), (500.0, true), (2000.0, true)] {
         let kept = wall_from(to, MARGIN_M + more * ROUNDING_M);
         assert_eq!(looked(&kept, from, to) == Looked::Clear, fine, "{more} µm");
-        // Who begins there may go.
+        // A path that begins there is allowed.
         assert_eq!(looked(&kept, to, from), Looked::Clear, "{more} µm");
     }
     let Looked::Blocked(by) = looked(&wall_from(to, 0.5 * MARGIN_M), from, to) else {

@@ -1,5 +1,5 @@
 //! The tool's envelope through the whole step: inside it whatever the pen does, from outside only inward, and
-//! a latched stop that says why where it cannot be kept.
+//! a latched stop with its reason where it cannot be kept.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
@@ -32,7 +32,8 @@ fn tilt(settings: &FollowerSettings<6>, q: &[f64; 6]) -> f64 {
     tool.dot(&settings.plane.tool_axis()).clamp(-1.0, 1.0).acos()
 }
 
-/// Farthest beyond the workspace, fastest, most tilted, over leaps from corner to corner; nothing may latch.
+/// Largest distance outside the workspace, speed and tilt over jumps from corner to corner; nothing may
+/// latch.
 fn worst(settings: &FollowerSettings<6>) -> [f64; 3] {
     let mut bench = Bench::armed(settings.clone());
     let [mut outside, mut speed, mut tilted] = [0.0_f64; 3];
@@ -95,7 +96,7 @@ fn ticks_far_from_every_bound_keep_their_bits() {
     }
 }
 
-/// Armed outside, in the plane or above, or tilted: never farther out, and inside in the end, without a stop.
+/// Armed outside, in the plane or above, or tilted: never farther out, and finally inside, without a stop.
 #[test]
 fn from_outside_the_way_leads_only_inward() {
     let tilts = |by: f64| Rotation3::from_euler_angles(by, 0.0, 0.0);
@@ -108,7 +109,7 @@ fn from_outside_the_way_leads_only_inward() {
     ] {
         let envelope = EnvelopeSettings { max_tilt_rad: 0.1, ..usual() };
         let mut settings = within(envelope);
-        // The plan's own bounds are where the tool is led back to.
+        // The plan's own bounds lead the tool back.
         settings.safety.arm_workspace_margin = 0.06;
         let plane = settings.plane;
         let axis = plane.rotation * (tilts(turned) * -Vector3::z());
@@ -138,7 +139,7 @@ fn from_outside_the_way_leads_only_inward() {
     }
 }
 
-/// A consumer that heard nothing for a while is where it went by itself: no row could keep that.
+/// A consumer without commands for a while moved by itself: no row could prevent that.
 #[test]
 fn what_no_row_can_keep_latches_a_stop_that_says_what_was_seen() {
     let mut bench = Bench::armed(within(usual()));
@@ -199,8 +200,8 @@ fn every_bound_names_itself() {
     }
 }
 
-/// A servo does not overshoot: a measured tool may be a millimetre and 0.05 rad beyond what commands must
-/// keep, and no more.
+/// A servo does not overshoot: a measured tool may be at most a millimetre and 0.05 rad beyond the bounds of
+/// commands.
 #[test]
 fn a_judge_of_the_measured_tool_allows_a_little_more_than_the_envelope() {
     let bounds = ExtentBounds::of(&within(usual()));

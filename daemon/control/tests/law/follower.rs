@@ -1,4 +1,4 @@
-//! The whole step: what it promises, tried from outside.
+//! Guarantees of the whole step, tested from outside.
 
 use crate::support;
 
@@ -140,7 +140,7 @@ fn a_silent_pen_ends_in_a_smooth_hold_and_its_return_resumes() {
     assert_eq!(bench.tick(&[]).mode, Mode::Following);
 }
 
-/// A device whose clock runs slow falls behind by 0.3 s a second.
+/// A device whose clock runs slow falls behind by 0.3 s per second.
 #[test]
 fn stamps_that_fall_behind_end_in_one_hold_and_do_not_flap() {
     let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
@@ -252,13 +252,13 @@ fn arming_refuses_what_could_jump() {
     assert_eq!(bench.step(&input, Budget::default()).answer, Some(Err(Refusal::JointStateStale)));
 }
 
-/// What an arm said that is gone must not be believed of the next one, which may stand elsewhere, however
+/// The state of an arm that is gone must not be used for the next one, which may stand elsewhere, however
 /// patient the loop is with an arm in charge.
 #[test]
 fn the_last_word_of_an_arm_that_is_gone_arms_nothing() {
     let mut patient = settings(PredictorKind::HOLD);
     patient.safety.joint_state_timeout_ns = 500_000_000;
-    // The arm speaks every 8 ms, then falls silent for `silent_ns`; the answer to a request to arm.
+    // The arm sends every 8 ms, then is silent for `silent_ns`; the answer to a request to arm.
     let asked_after = |silent_ns: u64| {
         let mut bench = Bench::new(patient.clone());
         for _ in 0..5 {
@@ -304,8 +304,8 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
     }
 }
 
-/// Where joints cannot do what is planned, the next plan must begin with the velocity that they have by then,
-/// which is half a step's acceleration from the mean velocity that their positions tell.
+/// Where joints cannot do what is planned, the next plan must begin with their velocity at that time, which
+/// differs by half a step's acceleration from the mean velocity that their positions imply.
 #[test]
 fn a_plan_begins_with_the_velocity_that_limited_joints_have() {
     let mut slow = settings(PredictorKind::HOLD);

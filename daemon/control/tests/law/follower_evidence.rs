@@ -1,5 +1,4 @@
-//! Evidence, trust per step, the yardstick of feedback and the plan behind a servo, seen from outside the
-//! whole step.
+//! The record, trust per step, Hold as feedback, and the plan behind a servo, tested through the whole step.
 
 use crate::support::lagging::{Arm, Kind};
 use crate::support::writing::{curve, oracle, write};
@@ -15,7 +14,7 @@ fn slow(t: f64) -> [f64; 2] {
     [0.02 * (9.0 * t).sin(), 0.02 * (9.0 * t).cos() - 0.02]
 }
 
-/// RMS distance \[m\] of the tool of a perfect arm from where the pen is the dead time later, after 2 s.
+/// RMS distance \[m\] of the tool of a perfect arm from the pen one dead time later, after 2 s.
 fn rms(mut wanted: FollowerSettings<6>, per_step: bool, exact: bool) -> f64 {
     wanted.trust.per_step = per_step;
     let dead_s = wanted.dead_time_ns as f64 * 1e-9;
@@ -56,7 +55,7 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
 
 #[test]
 fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
-    // Belief per step would learn the zigzag.
+    // Trust per step would learn the zigzag.
     let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.trust.per_step = false;
     let mut bench = Bench::armed(wanted.clone());
@@ -66,7 +65,7 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     assert_eq!(last.map(|trust| trust.reason), Some(TrustReason::Auto));
     let frozen = bench.tick_with(&[], Some(Request::FreezeTrust), Budget::default());
     assert_eq!((frozen.answer, frozen.trust.reason), (Some(Ok(())), TrustReason::Frozen));
-    // Constant velocity is always wrong about a pen that turns back every 30 ms.
+    // Constant velocity is always wrong for a pen that turns back every 30 ms.
     let zigzag = |t: f64| [0.002 * (std::f64::consts::TAU * 16.7 * t).sin(), 0.0];
     let mut of_auto = Bench::armed(wanted);
     let mut doubted = false;
@@ -91,7 +90,7 @@ fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     assert_eq!(auto.answer, Some(Ok(())));
 }
 
-/// The reasons for trust, each once in a row, while the pen writes for 4 s and the learner claims bands of
+/// The sequence of reasons for the trust while the pen writes for 4 s and the learner claims bands of
 /// `factor` for every lead.
 fn reasons_with_bands(factor: f32) -> Vec<TrustReason> {
     let kind = PredictorKind::CONSTANT_VELOCITY;
@@ -113,7 +112,7 @@ fn reasons_with_bands(factor: f32) -> Vec<TrustReason> {
 fn predictor_whose_bands_do_not_hold_is_not_believed() {
     assert_eq!(reasons_with_bands(3.0).last(), Some(&TrustReason::Auto));
     assert!(!reasons_with_bands(3.0).contains(&TrustReason::Surprised));
-    // A twentieth of a step: what no preview of a bending path keeps.
+    // A twentieth of a step: too narrow for any preview of a curved path.
     assert_eq!(reasons_with_bands(0.002).last(), Some(&TrustReason::Surprised));
 }
 
@@ -132,7 +131,7 @@ fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away(
     for _ in 0..1500 {
         tick(Budget::default(), None);
     }
-    // Old plans are good for 50 ms: four ticks of five may be shed. A stop is no plan.
+    // A previous plan is valid for 50 ms: four ticks of five may be shed. A stop is no plan.
     for count in 0..300 {
         let trust = tick(if count % 5 == 0 { Budget::default() } else { shed }, None);
         assert_eq!(trust.reason, TrustReason::Auto, "{count}");
@@ -168,7 +167,7 @@ fn plans_in_trouble_and_a_learner_that_hands_over_no_parameters_take_trust_away(
     }
     assert_eq!((trust.reason, trust.alpha), (TrustReason::Auto, Trust::FULL));
 
-    // A learner that never speaks again is not held against what is in force for ever.
+    // A learner that never reports again does not count against the weights in force for ever.
     weights.version = 7;
     weights.dybm.version = 7;
     assert_eq!(tick(Budget::default(), Some(&weights)).reason, TrustReason::LearnerUnhealthy);
@@ -211,8 +210,7 @@ fn making_up_for_a_servo_beats_taking_it_for_pure_delay() {
     assert!(made_up < 0.4 * shifted, "{made_up} m made up for, {shifted} m shifted");
 }
 
-/// What the predicted velocity takes the pen to in 20 ms, 3.6 mm on this circle, is 0.3 mm off where it is
-/// then.
+/// Advancing by the predicted velocity over 20 ms, 3.6 mm on this circle, misses the pen by 0.3 mm.
 #[test]
 fn a_velocity_lead_takes_the_arm_ahead_of_the_pen() {
     let led = FollowerSettings { velocity_lead_ns: 20_000_000, ..settings(PredictorKind::DYBM) };

@@ -1,4 +1,4 @@
-//! A tool that is far from its pen: what it is asked for, and whether it writes there.
+//! A tool far from its pen: its references, and whether it writes there.
 
 use crate::support::writing::{oracle, write};
 use crate::support::{Bench, PERIOD_NS, settings};
@@ -14,7 +14,7 @@ fn circle(t: f64) -> [f64; 2] {
     [0.1 * angle.cos(), 0.1 * angle.sin()]
 }
 
-/// 80 ms ahead of its newest sample the pen is 7 cm farther: that is no pen that was lost.
+/// 80 ms ahead of its newest sample the pen is 7 cm farther, which must not count as a lost pen.
 #[test]
 fn a_tool_that_is_where_the_pen_is_foreseen_writes_there_however_far_that_is_from_the_sample() {
     let mut wanted = settings(PredictorKind::HOLD);
@@ -37,8 +37,7 @@ fn a_tool_that_is_where_the_pen_is_foreseen_writes_there_however_far_that_is_fro
     assert!(farthest > 0.06 && ticks > 900, "{farthest} m, {ticks} ticks");
 }
 
-/// A solver that may take few steps finds no plan for what is far away: it is asked for less, until it finds
-/// one.
+/// With few solver steps there is no plan for far targets: less is asked for, until there is one.
 #[test]
 fn a_starved_solver_is_asked_for_what_it_can_plan() {
     for max_iterations in [3, 6] {

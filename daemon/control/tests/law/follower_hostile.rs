@@ -1,5 +1,5 @@
-//! Hostile inputs through the whole step: whatever comes in, every command is legal and continuous.
-//! The judge is `CommandChecker` (inside `support::Bench`), which shares no code with the guard.
+//! Hostile inputs through the whole step: whatever the input, every command is legal and continuous. The
+//! judge is `CommandChecker` (inside `support::Bench`), which shares no code with the guard.
 
 use crate::support::{Bench, PERIOD_NS, settings};
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Mode, Request, StepInput};
@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 const POISON: [f64; 9] =
     [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 1e-310, 0.0, f64::MAX, f64::MIN_POSITIVE];
 
-/// Mostly plausible handwriting; sometimes poison, jumps, repeats, backwards or far stamps.
+/// Mostly plausible handwriting; sometimes non-finite numbers, jumps, repeats, backward or far stamps.
 fn pen(rng: &mut Pcg64, now: Stamp, t: f64, spite: f64) -> PenReading {
     let mut reading = PenReading {
         stamp: Stamp(now.0 - rng.random_range(0..4_000_000)),
@@ -86,7 +86,7 @@ fn request(rng: &mut Pcg64) -> Request {
     }
 }
 
-/// One life of a follower in front of a servo that its plan models, if that is not 0; returns how many
+/// One run of a follower, in front of a servo that its plan models unless `servo_ns` is 0; returns how many
 /// commands moved.
 fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
     let mut rng = Pcg64::seed_from_u64(seed);
@@ -204,7 +204,7 @@ fn a_step_of_the_pen_across_the_workspace_stays_inside_the_workspace() {
         beyond = beyond.max(output.tool[0].abs() - 0.12).max(output.tool[1].abs() - 0.12);
     }
     println!("farthest beyond the workspace: {beyond} m");
-    // The box is soft (the plan must never be infeasible) and the horizon shorter than the way to stop from
-    // full speed.
+    // The box is soft (the plan must never be infeasible) and the horizon shorter than a stop from full
+    // speed.
     assert!(beyond < 2e-3, "left the workspace by {beyond} m");
 }

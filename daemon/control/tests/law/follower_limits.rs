@@ -1,4 +1,4 @@
-//! Trust behind an arm that is at its limits, seen from outside the whole step.
+//! Trust behind a saturated arm, tested through the whole step.
 
 use crate::support::writing::{curve, oracle, scribble, write};
 use crate::support::{Bench, PERIOD_NS, settings};
@@ -11,18 +11,18 @@ use foretrace_control::units::Trust;
 /// Dead time of the arm \[s\].
 const DEAD_S: f64 = 0.03;
 
-/// How an arm did in the time that was looked at, after the way to the pen.
+/// Results of an arm in the interval observed, after the approach to the pen.
 struct Hurried {
-    /// RMS distance \[m\] of a perfect arm from where the pen is the dead time later.
+    /// RMS distance \[m\] of a perfect arm from the pen one dead time later.
     rms: f64,
     /// Trust at the end, and whether it was lowered because of the arm.
     alpha: f64,
     lowered: bool,
-    /// Share of the ticks at a limit of acceleration.
+    /// Share of the ticks with saturated acceleration.
     at_limit: f64,
 }
 
-/// `path` until `seconds[1]`, looked at from `seconds[0]`; `exact`: with a perfect preview.
+/// `path` until `seconds[1]`, observed from `seconds[0]`; `exact`: with a perfect preview.
 fn hurried(
     wanted: &FollowerSettings<6>,
     path: fn(f64) -> [f64; 2],
@@ -52,8 +52,7 @@ fn hurried(
     Hurried { rms: (seen.rms / count).sqrt(), at_limit: seen.at_limit / count, ..seen }
 }
 
-/// Constant velocity, corrected by what is learned of it, 30 ms ahead of an arm whose axes may accelerate by
-/// so much.
+/// Constant velocity with learned corrections, 30 ms ahead of an arm with this acceleration limit.
 fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
     let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
     wanted.dead_time_ns = (DEAD_S * 1e9) as u64;
@@ -63,7 +62,7 @@ fn weak(acceleration_mps2: f64) -> FollowerSettings<6> {
     wanted
 }
 
-/// Automatic trust, and RMS \[m\] of the same believed fully and not at all.
+/// Automatic trust, and RMS \[m\] of the same at full trust and at none.
 fn beside_manual(
     wanted: &FollowerSettings<6>,
     path: fn(f64) -> [f64; 2],
@@ -86,7 +85,7 @@ fn beside_manual(
 #[test]
 fn an_arm_too_weak_for_what_is_foreseen_is_better_off_than_with_all_trust_or_none() {
     for acceleration_mps2 in [3.0, 4.0, 6.0] {
-        // Strokes that nobody foresees take trust away; sines become known, and what is right keeps it.
+        // Unpredictable strokes lower the trust; sines become predictable, and a right preview keeps it.
         for (path, unforeseen) in [(scribble as fn(f64) -> [f64; 2], true), (curve, false)] {
             let wanted = weak(acceleration_mps2);
             let (Hurried { rms, lowered, .. }, [believed, held]) =
@@ -109,11 +108,11 @@ fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
 
 #[test]
 fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
-    // The tool goes along the edge, as far out as it can be.
+    // The tool moves along the edge of the workspace, as far out as it can be.
     fn beyond(t: f64) -> [f64; 2] {
         [(0.05 * t).min(0.15), 0.012 * (22.0 * t + 0.4).sin()]
     }
-    // 40 ms lost now and then: the arm is late by as much, and for as long as that lasts.
+    // 40 ms lost now and then: the arm lags by as much, and for as long as that lasts.
     for (path, lost_every) in [(beyond as fn(f64) -> [f64; 2], u64::MAX), (curve, 300)] {
         let mut bench = Bench::armed(weak(5.0));
         let start = bench.now;
@@ -142,11 +141,10 @@ fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
     }
 }
 
-/// Little trust makes following hardly better than feedback, which is what takes trust away from an arm at
-/// its limits.
+/// Low trust makes following hardly better than feedback, which is what lowers the trust of a saturated arm.
 #[test]
 fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
-    /// First far too fast for the arm, then something that a believed preview follows within millimetres.
+    /// First far too fast for the arm, then motion that a trusted preview follows within millimetres.
     fn eased(t: f64) -> [f64; 2] {
         let [x, y] = curve(t);
         let hard = if t < 6.0 { 4.0 } else { 1.0 };

@@ -1,5 +1,4 @@
-//! Where the pen begins to move, seen from outside the whole step: how an arm with strength and one without
-//! set off.
+//! Onset of the pen's motion, tested through the whole step: how a strong and a weak arm set off.
 
 use crate::support::writing::write;
 use crate::support::{Bench, PERIOD_NS, settings};
@@ -10,7 +9,7 @@ use foretrace_control::units::Trust;
 
 /// Dead time of the arm \[s\].
 const DEAD_S: f64 = 0.03;
-/// A stroke begins so often \[s\].
+/// Interval between strokes \[s\].
 const EVERY_S: f64 = 0.4;
 
 /// Every fourth is a serif, which turns back.
@@ -31,7 +30,7 @@ fn strokes_and_serifs(t: f64) -> [f64; 2] {
     }
 }
 
-/// RMS distance \[m\] from where the pen is the dead time later, after the first 4 s of 12.
+/// RMS distance \[m\] from the pen one dead time later, after the first 4 s of 12.
 fn rms(serif: bool, acceleration_mps2: f64, trust_request: TrustRequest) -> f64 {
     let mut wanted = FollowerSettings {
         trust_request,

@@ -1,5 +1,5 @@
-//! The ghost beside a loop: the same motion where the loop only holds, what a loop at trust 0 does where it
-//! predicts, and no figures where ticks are missing.
+//! The ghost beside a loop: the same motion if the loop is at Hold, that of a loop at trust 0 if it predicts,
+//! and no figures where ticks are missing.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::{Stamp, Trust};
 
-/// The arm is where the commands wanted it so many periods ago.
+/// The arm is where the commands wanted it this many periods ago.
 const LAG_PERIODS: u64 = 15;
 const LAG_NS: u64 = LAG_PERIODS * PERIOD_NS;
 
@@ -25,11 +25,11 @@ struct Rig {
     q: [f64; 6],
     now: Stamp,
     tick: u64,
-    /// The ghost does not hear of these ticks.
+    /// Ticks that the ghost does not receive.
     deaf: bool,
-    /// Share of the way that the servo goes in a period; 1: a pure delay.
+    /// Fraction of the remaining way that the servo moves per period; 1: a pure delay.
     servo: f64,
-    /// What the ghost is told of the arm's lag.
+    /// The arm's lag as reported to the ghost.
     lag_ns: i64,
 }
 
@@ -38,7 +38,7 @@ impl Rig {
         let mut settings = settings(PredictorKind::CONSTANT_VELOCITY);
         settings.trust_request = trust;
         settings.dead_time_ns = LAG_NS;
-        // The ghost must find its way from the device to the plane as the loop does.
+        // The ghost must transform from device to plane as the loop does.
         settings.plane.pen_scale = 2.0;
         settings.plane.pen_origin = [0.003, -0.002];
         Self {
@@ -158,7 +158,7 @@ fn the_ghost_of_a_loop_that_predicts_does_what_a_loop_at_trust_0_does() {
 fn behind_an_arm_that_filters_the_ghost_is_judged_as_a_loop_at_trust_0_would_be() {
     let written = |trust: TrustRequest| {
         let mut rig = Rig::armed(trust);
-        // 25 ms, on top of the delay; the ghost is told a lag that fits neither fast nor slow motion.
+        // 25 ms, on top of the delay; the reported lag fits neither fast nor slow motion.
         rig.servo = 0.077;
         rig.lag_ns = 45_000_000;
         rig.write(4000);
@@ -207,7 +207,7 @@ fn without_pen_or_arm_nothing_is_compared_and_a_new_session_begins_with_arming()
     assert_eq!(rig.ghost.figures().state, GhostState::Approaching, "the pen is silent");
     rig.tick(&[], Some(Request::Disarm));
     while rig.tick(&[], None).0.mode != Mode::Idle {}
-    // What was measured stands until the next session.
+    // Figures stay until the next session.
     let idle = rig.ghost.figures();
     assert_eq!((idle.state, idle.real.session_rms.is_some()), (GhostState::Off, true));
     for _ in 0..50 {
@@ -228,7 +228,7 @@ fn a_ghost_that_comes_late_or_hears_nonsense_says_that_it_cannot_tell() {
     rig.write(500);
     rig.deaf = false;
     assert!(rig.write(400).iter().all(|(_, report)| report.state == GhostState::Settling));
-    // The same tick again, time that stands still, runs back or leaps: never a panic, never a non-finite
+    // The same tick again, time that stands still, runs back or jumps: never a panic, never a non-finite
     // number.
     for (k, leap_ms) in [0_i64, -3000, 40, 5000, 0, 1_000_000].into_iter().enumerate() {
         rig.now = Stamp(rig.now.0.saturating_add_signed(leap_ms * 1_000_000));

@@ -86,7 +86,7 @@ fn outside_the_limits_the_box_leads_back() {
                 );
                 last_excess[i] = excess;
             }
-            // From here on nothing is left of the bad start.
+            // From here on nothing of the bad start remains.
             if last_excess.iter().all(|e| *e <= 1e-9) {
                 break;
             }
@@ -145,7 +145,7 @@ fn whatever_is_proposed_what_leaves_is_legal_and_viable() {
                 let q: [f64; 6] = if rng.random_bool(0.2) {
                     std::array::from_fn(|i| hostile(&mut rng, last.q()[i]))
                 } else {
-                    // Race to a wild goal, the hardest for velocity and position limits.
+                    // Fast motion to a random goal, the hardest case for velocity and position limits.
                     if rng.random_bool(0.02) {
                         target = std::array::from_fn(|_| rng.random_range(-8.0..8.0));
                     }

@@ -1,4 +1,4 @@
-//! The guard from states that it would never have led to: outside the limits, too fast to stop inside them,
+//! The guard from states that it would never reach itself: outside the limits, too fast to stop inside them,
 //! or absurd.
 
 use crate::support::limited;
@@ -11,7 +11,7 @@ use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Outside, too fast, or where no braking helps any more.
+/// Outside, too fast, or where braking no longer helps.
 fn anywhere(rng: &mut Pcg64, limits: &JointLimits<6>) -> JointMotion<6> {
     let mut motion = JointMotion::at_rest([0.0; 6]);
     for i in 0..6 {
@@ -48,7 +48,7 @@ fn acceleration_is_kept_and_the_way_leads_back_from_anywhere() {
                     let allowed = limits.acceleration()[i] * h;
                     assert!(change <= allowed * (1.0 + 1e-7) + 1e-10, "joint {i}: {last:?} {next:?}");
                     let [low, high] = limits.position()[i];
-                    // Whoever is outside and does not race outwards goes no further.
+                    // A joint that is outside and not moving outwards fast goes no farther.
                     let outside = if last.q()[i] > high {
                         1.0
                     } else if last.q()[i] < low {
@@ -74,7 +74,7 @@ fn acceleration_is_kept_and_the_way_leads_back_from_anywhere() {
     }
 }
 
-/// A state that is finite and nothing else: answers stay finite, for ever.
+/// A state that is merely finite: answers stay finite.
 #[test]
 fn absurd_states_have_finite_answers() {
     let mut rng = Pcg64::seed_from_u64(12);

@@ -1,5 +1,4 @@
-//! The guard as a unit of its own: millions of (state, proposal, elapsed), judged by rules written down once
-//! more.
+//! The guard as a unit: millions of (state, proposal, elapsed), judged by independently written rules.
 
 use crate::support::own_rules;
 
@@ -15,7 +14,7 @@ use rand_pcg::Pcg64;
 
 /// Commands judged per set of limits, six joints each.
 const COMMANDS: usize = 500_000;
-/// One command in so many is followed by a stop, and by a look at the consumer.
+/// One command in this many is followed by a stop, and by a check of the consumer.
 const STOPS: usize = 100;
 /// Allowed excess of a stop \[rad\], for the rounding of velocities.
 const ROUNDING_RAD: f64 = 2e-8;
@@ -57,7 +56,7 @@ fn ur5e() -> JointLimits<6> {
     )
 }
 
-/// Made up: narrow, one-sided, far from zero, continuous, slow to brake; `hold_s` of extrapolation.
+/// Synthetic limits: narrow, one-sided, far from zero, continuous, slow to brake; `hold_s` of extrapolation.
 fn made_up(hold_s: f64) -> JointLimits<6> {
     let infinite = f64::INFINITY;
     let position =
@@ -160,8 +159,8 @@ fn judge(joint: &Joint, from: &State, proposed: f64, finite: bool, answer: &Stat
     let change = v - from.qd - from.qdd * h;
     let jerk = joint.jerk * h * h + slack + 1e-9;
     let probe = 3e-8 + 2.0 * slack;
-    // Only a limit that must never be broken breaks the jerk limit; the velocity limit needs that only where
-    // it comes too late.
+    // Only a limit that must never be broken may break the jerk limit; the velocity limit does only if it
+    // comes too late.
     let needed = |v: f64| {
         if joint.can_fade(from, probe) {
             joint.cannot_stop(from, v, h, probe)
@@ -192,8 +191,7 @@ fn state(motion: &JointMotion<6>, i: usize) -> State {
     State { q: motion.q[i], qd: motion.qd[i], qdd: motion.qdd[i] }
 }
 
-/// A consumer that hears nothing more ends at rest inside, by its own rule and where that says it is in
-/// between.
+/// A consumer without further commands ends at rest inside the limits, by its own rule and in between.
 fn silence(joints: &[Joint; 6], command: &Commanded<6>) {
     let decel = joints.map(|joint| joint.deceleration);
     let until = command.stamp() + (joints[0].hold_s * 1e9).round() as u64;
@@ -207,8 +205,7 @@ fn silence(joints: &[Joint; 6], command: &Commanded<6>) {
     assert_eq!(rest.qd, [0.0; 6]);
 }
 
-/// A stop from `command` with ticks of `tick_ns` (each time another one where `uneven`) stays inside and ends
-/// at rest.
+/// A stop from `command` with ticks of `tick_ns` (varying if `uneven`) stays inside and ends at rest.
 fn stop(rng: &mut Pcg64, limits: &JointLimits<6>, joints: &[Joint; 6], from: &Commanded<6>, uneven: bool) {
     let profile = StopProfile::new(*limits);
     let mut last = *from;
@@ -245,7 +242,7 @@ fn millions_of_states(seed: u64, limits: &JointLimits<6>) {
     let mut goal = [1e3; 6];
     let mut last = Commanded::at_rest(Stamp(0), [0.0; 6]).unwrap();
     for k in 0..COMMANDS {
-        // Long chains, and often a new beginning on a boundary.
+        // Long chains, often restarted on a boundary.
         if k % 20_000 < 10_000 && k % 8 == 0 || k % 20_000 == 0 {
             let states: [State; 6] = std::array::from_fn(|i| start(&mut rng, &joints[i]));
             let motion =
@@ -254,8 +251,8 @@ fn millions_of_states(seed: u64, limits: &JointLimits<6>) {
             checker.restart();
             checker.observe(last.stamp(), last.stamp() + hold_ns, last.q(), last.qd());
         }
-        // In part of the chains every joint races from one far goal to another, so that limits are met at
-        // full speed.
+        // In some of the chains every joint moves fast from one far goal to another, so that limits are
+        // reached at full speed.
         let racing = k % 20_000 >= 15_000;
         let elapsed_ns = if racing { 2_000_000 } else { elapsed_ns(&mut rng) };
         if racing && rng.random_bool(0.01) {

@@ -57,7 +57,7 @@ fn consumer_motion_is_continuous() {
     }
 }
 
-/// Steps through a stop and returns how many ticks it took.
+/// Steps through a stop and returns the number of ticks.
 fn stop(
     limits: &JointLimits<6>,
     motion: JointMotion<6>,
@@ -120,7 +120,7 @@ fn stop_keeps_the_jerk_limit_away_from_position_limits() {
         stop(&limits, motion, |last, next| {
             for i in 0..6 {
                 let change = (next.qdd[i] - last.qdd[i]).abs();
-                // Where braking starts so late that the velocity limit bites, acceleration wins.
+                // Where braking starts so late that the velocity limit is active, acceleration has priority.
                 let fast = last.qd[i].abs() + last.qdd[i].abs() * last.qdd[i].abs() / (2.0 * jerk[i]) > 2.99;
                 assert!(
                     fast || change <= jerk[i] * TICK_S * (1.0 + 1e-6) + 1e-6,
@@ -186,8 +186,8 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert_eq!(ends_at(-0.96001, -2.0), Violations { viability: 1, ..Default::default() });
     assert_eq!(ends_at(1.0, 1e-9), Default::default());
     assert_eq!(ends_at(1.0, 1e-6), Violations { viability: 1, ..Default::default() });
-    // A joint outside: what its position says is not said twice, whether it comes back or not; only the other
-    // side is news.
+    // A joint outside its limits is counted once for its position, whether it comes back or not; only the
+    // other side is new.
     for (q, qd) in [(1.1, -1.0), (1.1, 1.0), (1.1, 0.0), (-1.1, 1.0), (-1.1, -1.0)] {
         assert_eq!(ends_at(q, qd), Violations { position: 1, ..Default::default() }, "{q} {qd}");
     }
@@ -206,8 +206,8 @@ fn checker_counts_what_is_wrong_and_nothing_else() {
     assert!((checker.statistics().max_acceleration_radps2 - 100.0).abs() < 1e-6);
 }
 
-/// The tool keeps its way while all joints slow down in proportion; the one that needs longest brakes as hard
-/// as it may.
+/// The tool keeps its path while all joints slow down in proportion; the one that needs longest brakes as
+/// hard as it may.
 #[test]
 fn braking_straight_keeps_the_direction_and_every_deceleration() {
     // 0.5 s and 1 s are needed: after 0.25 s three quarters are left.

@@ -1,4 +1,5 @@
-//! The inverse kinematics as an optimum: against projected gradients, Clarabel, and wishes beyond the limits.
+//! The inverse kinematics as an optimum: against projected gradients, Clarabel, and targets beyond the
+//! limits.
 
 use crate::support::reaching;
 
@@ -12,7 +13,7 @@ use nalgebra::{SVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// A random state and a random wish, often beyond the limits.
+/// A random state and a random target, often beyond the limits.
 fn random_problem(
     rng: &mut Pcg64,
     chain: &Chain<6>,
@@ -61,7 +62,7 @@ fn the_step_is_the_optimum_in_the_box() {
     let chain = chain(UR5);
     let limits = limits(&chain, 15.0);
     let mut settings = IkSettings::for_period(TICK_S, UR5_HOME);
-    // A well-conditioned cost, so that the slow second method gets close enough to compare.
+    // A well-conditioned cost, so that the slow second method converges closely enough for a comparison.
     settings.damping_floor_m2 = 1e-4;
     settings.spin_weight = 1.0;
     let mut ik = Ik::new(limits, settings);
@@ -200,7 +201,7 @@ fn the_guard_never_alters_the_ik() {
     let mut rng = Pcg64::seed_from_u64(6);
     for jerk in [None, Some([800.0; 6])] {
         let mut arm = Arm::new(&chain, UR5_HOME, 20.0);
-        // Narrow joints: every one of them meets its limits.
+        // Narrow joints: every one of them reaches its limits.
         let position = UR5_HOME.map(|q| [q - 0.2, q + 0.15]);
         let mut limits = JointLimits::new(position, [1.5; 6], [20.0; 6]).unwrap();
         limits = limits.with_stale_braking(5.0 * TICK_S, [10.0; 6]).unwrap();

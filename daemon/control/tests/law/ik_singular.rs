@@ -1,5 +1,5 @@
-//! Through and into the singularities of a UR: every command legal and continuous (`Arm::tick` asks the
-//! guard), slow where the arm cannot, never a halt, and exact again once it is out.
+//! Through and into the singularities of a UR: every command legal and continuous (`Arm::tick` checks with
+//! the guard), slow where the arm must be, never a halt, and exact again afterwards.
 
 use crate::support::reaching;
 
@@ -9,7 +9,7 @@ use foretrace_control::clearance::{Clearance, ClearanceSettings};
 use foretrace_control::ik::{Ik, IkSettings, IkSource, ToolTarget};
 use nalgebra::Vector3;
 
-/// What a run came to.
+/// Results of a run.
 #[derive(Debug)]
 struct Passage {
     nearest: f64,
@@ -49,7 +49,7 @@ fn passage(q: [f64; 6], direction: Vector3<f64>, lean: Vector3<f64>, period: f64
             run.hardest = run.hardest.max(change / TICK_S);
         }
         last = Some(qd);
-        // Standing although motion is wanted that the arm could make, for 0.2 s on end, would be a halt.
+        // Standing for 0.2 s although the arm could make the wanted motion would be a halt.
         let wanted = target.velocity.norm() > 0.02;
         let stands = qd.iter().all(|v| v.abs() < 1e-4);
         stood = if wanted && stands { stood + 1 } else { 0 };
@@ -61,7 +61,7 @@ fn passage(q: [f64; 6], direction: Vector3<f64>, lean: Vector3<f64>, period: f64
 
 #[test]
 fn singularities_slow_the_arm_and_let_it_go_again() {
-    // Wrist 2 begins beside zero, and the axis wanted leads it across.
+    // Wrist 2 begins near zero, and the wanted axis leads it across.
     let [mut beside, mut beyond] = [UR5_HOME; 2];
     (beside[4], beyond[4]) = (0.3, -0.9);
     let [from, to] = [beside, beyond].map(|q| chain(UR5).forward(&q).rotation.column(2).into_owned());

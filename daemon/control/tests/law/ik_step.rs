@@ -44,7 +44,7 @@ fn a_line_in_the_workspace_is_tracked_to_a_micrometre() {
     }
 }
 
-/// Letters of 30 mm with peaks of 10 m/s² and 0.45 m/s: inside 40 rad/s² nothing is altered.
+/// Letters of 30 mm with peaks of 10 m/s² and 0.45 m/s: within 40 rad/s² nothing is altered.
 #[test]
 fn handwriting_peaks_fit_into_the_arms_acceleration() {
     for (text, home) in [(UR5, UR5_HOME), (UR5E, UR5E_HOME)] {
@@ -70,7 +70,7 @@ fn handwriting_peaks_fit_into_the_arms_acceleration() {
     }
 }
 
-/// Circles that the joints cannot do: what is missed lies in the plane, and the report says how much it is.
+/// Circles that the joints cannot follow: the error lies in the plane, and the report states its size.
 #[test]
 fn what_joints_cannot_do_is_missed_in_the_plane_rather_than_off_it() {
     let chain = chain(UR5);
@@ -90,7 +90,8 @@ fn what_joints_cannot_do_is_missed_in_the_plane_rather_than_off_it() {
             let (q, kinematics) = (before.q(), chain.forward(before.q()));
             let task = task::assemble(&kinematics, q, before.qd(), &target, &unweighted, TICK_S);
             let report = arm.tick(&target);
-            // Weights decide what is missed, not how it is told: in metres and radians per second.
+            // Weights decide where the error lies, not its units in the report: metres and radians per
+            // second.
             let missed = task.wanted - task.rows * SVector::from(*arm.last.qd());
             let tilt_missed = missed.fixed_rows::<2>(3).norm() / settings.orientation_m;
             assert!((report.velocity_error - missed.fixed_rows::<3>(0)).norm() < 1e-9, "{report:?} {missed}");
@@ -115,7 +116,7 @@ fn what_joints_cannot_do_is_missed_in_the_plane_rather_than_off_it() {
     assert!(kept < 0.3 * alike && kept < 1e-3, "{kept} m off the plane, {alike} m without the weight");
 }
 
-/// The rotation about the tool axis is free, yet does not wander off while writing.
+/// The rotation about the tool axis is free, yet does not drift while writing.
 #[test]
 fn the_wrist_does_not_drift_over_many_letters() {
     let chain = chain(UR5);
@@ -175,7 +176,7 @@ fn singularities_are_passed_without_stop_jump_or_nan() {
         (UR5_HOME, Vector3::new(0.45, 0.1, 0.0), 0.0),
     ] {
         if tilt > 0.0 {
-            // Wrist 2 starts beyond zero, and the axis wanted leads it across.
+            // Wrist 2 starts beyond zero, and the wanted axis leads it across.
             q[4] = 0.3;
         }
         let k = chain.forward(&q);

@@ -1,5 +1,5 @@
-//! The degradation ladder: fresh plan, previous plan, jerk-limited stop, hold. Each rung, each way down and
-//! up, and no other. Every command on the way is judged by `CommandChecker` (inside `support::Bench`).
+//! The degradation ladder: fresh plan, previous plan, jerk-limited stop, hold. Each rung, each transition
+//! down and up, and no other. Every command is checked by `CommandChecker` (inside `support::Bench`).
 
 use std::collections::BTreeSet;
 
@@ -56,7 +56,7 @@ impl Writer {
         panic!("never {wanted:?}");
     }
 
-    /// Distance of the commanded tool from the curve \[m\], the lag of feedback aside.
+    /// Distance of the commanded tool from the curve \[m\], apart from the lag of feedback.
     fn rms(&mut self, ticks: u64) -> f64 {
         let mut sum = 0.0;
         for _ in 0..ticks {
@@ -75,7 +75,7 @@ fn one_shed_tick_costs_next_to_nothing() {
     assert_eq!(shed.write(None, SHED).rung, Rung::PreviousPlan);
     assert_eq!(shed.write(None, Budget::default()).rung, Rung::FreshPlan);
     assert!(shed.rms(498) < 1.05 * usual);
-    // Every other tick shed: the plan of the tick before, at its second period.
+    // Every other tick shed: the previous tick's plan, at its second period.
     let mut alternating = Writer::writing();
     let mut sum = 0.0;
     for tick in 0..500 {
@@ -106,7 +106,7 @@ fn previous_plan_is_taken_at_the_true_elapsed_time() {
         let way = steady.setpoint[axis].velocity.abs() * 0.008;
         assert!(apart < 0.2 * way + 5e-5, "axis {axis}: {apart} m apart, {way} m were covered meanwhile");
     }
-    // Beyond its life it is not taken at all.
+    // Beyond its validity it is not used at all.
     let mut lost = Writer::writing();
     lost.bench.now = lost.bench.now + 60_000_000;
     assert!(matches!(lost.write(None, SHED).rung, Rung::Stop | Rung::Hold));
@@ -133,7 +133,7 @@ fn stop_is_left_while_moving_and_hold_from_rest() {
 #[test]
 fn stop_changes_acceleration_gradually_without_a_jerk_limit_in_the_settings() {
     let period_s = PERIOD_NS as f64 * 1e-9;
-    // From several moments of the writing: in the midst of speeding up, of slowing down, of turning.
+    // From several moments of the writing: while accelerating, decelerating, turning.
     for more in (0..300).step_by(7) {
         let mut writer = Writer::writing();
         let mut before: Option<[f64; 6]> = None;
@@ -185,7 +185,7 @@ fn latched_stop_goes_down_from_every_rung_and_up_only_by_arming() {
             assert!(ticks < 300, "from {rung:?}: no rest");
         }
         assert_eq!(ticks == 0, rung == Rung::Hold, "from {rung:?}");
-        // Whatever comes in now, rest it is; the command says that the arm may not move.
+        // Whatever the input now, it stays at rest; the command says that the arm may not move.
         for tick in 0..200 {
             let output = writer.write(None, if tick % 3 == 0 { SHED } else { Budget::default() });
             assert_eq!((output.mode, output.rung), (Mode::Stopped, Rung::Hold), "from {rung:?}");
@@ -199,7 +199,7 @@ fn latched_stop_goes_down_from_every_rung_and_up_only_by_arming() {
 #[test]
 fn all_ways_that_there_are_and_no_other() {
     use Rung::{FreshPlan as F, Hold as H, PreviousPlan as P, Stop as S};
-    // A stop forgets the plan, so that nothing goes back to it; nothing at rest begins to stop.
+    // A stop clears the plan, so that nothing returns to it; nothing at rest begins a stop.
     let ways = [(F, P), (P, F), (F, S), (P, S), (S, F), (F, H), (P, H), (S, H), (H, F)];
     let allowed: BTreeSet<String> = ways.iter().map(|(from, to)| format!("{from:?} to {to:?}")).collect();
     let mut seen = BTreeSet::new();

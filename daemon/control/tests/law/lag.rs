@@ -18,9 +18,9 @@ const TICK_NS: u64 = 2_000_000;
 /// How joint states reach the estimator.
 #[derive(Debug, Clone, Copy)]
 struct Receipt {
-    /// Every so many ticks.
+    /// One joint state every this many ticks.
     every: u64,
-    /// Noise \[rad\], standard deviation of about.
+    /// Noise \[rad\], approximate standard deviation.
     noise: f64,
     /// Constant distance between commanded and measured joints \[rad\].
     offset: f64,
@@ -157,7 +157,7 @@ fn standing_still_neither_helps_nor_hurts() {
     assert_eq!(rig.run(10.0, false), None, "an arm that never moved");
     let before = rig.write(5.0).unwrap();
     let after = rig.run(60.0, false).unwrap();
-    // The last motion is still on its way when the command stops.
+    // The last motion is still pending when the command stops.
     assert!((after.lag_s - before.lag_s).abs() < 1e-3, "{before:?} {after:?}");
     assert!(after.std_s < 1e-3, "{after:?}");
 }
@@ -179,7 +179,7 @@ fn a_pure_delay_is_a_shift_and_a_filter_is_less() {
 fn an_arm_that_does_not_follow_raises_doubt_and_is_forgotten_soon() {
     let mut rig = Rig::new(Kind::Delay(0.04), ROUGH, 9);
     let good = rig.write(5.0).unwrap();
-    // Slowed down: it goes on to where the commands were long ago.
+    // Slowed down: it continues to where the commands were long ago.
     rig.arm.kind = Kind::Servo { delay: 0.3, filter: 0.4, damping: 1.0 };
     let doubtful = rig.write(3.0);
     assert!(doubtful.is_none_or(|estimate| estimate.std_s > 3e-3), "{good:?} then {doubtful:?}");
@@ -256,8 +256,8 @@ fn the_same_inputs_give_the_same_estimate_bit_for_bit() {
     );
 }
 
-/// Writes for `seconds` with an arm that is `late` ticks behind; calls `see` with τ \[ns\] and the estimate
-/// of every tick.
+/// Writes for `seconds` with an arm that lags by `late` ticks; calls `see` with τ \[ns\] and the estimate of
+/// every tick.
 fn follow(
     settings: FollowerSettings<6>,
     late: usize,
@@ -317,7 +317,7 @@ fn the_preview_has_room_for_the_longest_dead_time() {
     assert_eq!(at(200_000_000) - at(0), 20);
     let refused = settings(0, Following::Measured { max_ns: 600_000_000, rate: 0.02 }).preview_steps(10);
     assert!(refused.unwrap_err().to_string().contains("600000000"));
-    // A lag beyond the longest dead time is followed as far as that.
+    // A lag beyond the longest dead time is followed up to that.
     let mut newest = 0;
     let following = Following::Measured { max_ns: 40_000_000, rate: 0.1 };
     follow(settings(20_000_000, following), 40, 5.0, |dead_time_ns, _| newest = dead_time_ns);

@@ -1,6 +1,5 @@
-//! The learner on made-up handwriting: it beats its start, promotes only what is better, rolls back what is
-//! worse. The preset was chosen on real recordings (UNIPEN train writers); the numbers stand in
-//! `LearnerSettings::preset`.
+//! The learner on synthetic handwriting: it beats its start, promotes only what is better, rolls back what is
+//! worse. The preset was chosen on real recordings (UNIPEN train writers), see `LearnerSettings::preset`.
 
 use crate::support;
 
@@ -141,7 +140,7 @@ fn frozen() -> Learner {
 fn weights_that_turn_out_worse_are_rolled_back_to_their_predecessor() {
     let mut learner = frozen();
     let start = learner.weights().dybm;
-    // A world that turns back at every step, and a candidate that knows it: promoted.
+    // Motion that turns back at every step, and a candidate that knows it: promoted.
     learner.propose(&with(DybmWeights::persistent(STEP_NS, start.shape, -0.8))).unwrap();
     let mut promotion = None;
     for step in first_order(-0.8, 4000, 0, 7) {
@@ -154,7 +153,7 @@ fn weights_that_turn_out_worse_are_rolled_back_to_their_predecessor() {
     assert_eq!(change.cause, PromotionCause::Improved);
     let sabotaged = learner.weights().dybm;
     assert_ne!(start.parameters, sabotaged.parameters);
-    // The world is as the predecessor believed: what was promoted is wrong now.
+    // Motion as the predecessor predicts: the promoted weights are wrong now.
     let mut rollback = None;
     for step in first_order(0.9, 4000, promoted_at + 1, 8) {
         rollback = of_dybm(&learner.learn(&step));
@@ -184,7 +183,7 @@ fn worse_candidates_are_never_promoted() {
     }
     let errors = errors_of(&learner);
     assert!(errors.compared > 1000 && errors.challenger > errors.other, "{errors:?}");
-    // A much worse one is thrown away.
+    // A much worse one is discarded.
     let awful = DybmWeights::persistent(STEP_NS, start.shape, -1.0);
     learner.propose(&with(awful)).unwrap();
     for step in first_order(0.9, 1000, 10_000, 9) {

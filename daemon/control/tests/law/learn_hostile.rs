@@ -1,5 +1,5 @@
-//! The learner against poison: nothing that is not finite, too large or made for another loop ever becomes
-//! live.
+//! The learner with hostile inputs: nothing that is non-finite, too large or made for another loop ever
+//! becomes live.
 
 use crate::support;
 

@@ -1,4 +1,5 @@
-//! The control law from outside, one file a subject. One binary: what they share is compiled once.
+//! The control law from outside, one file per subject. One binary, so that the shared support is compiled
+//! once.
 
 mod ar_rls;
 mod arming;

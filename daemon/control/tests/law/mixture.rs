@@ -1,4 +1,4 @@
-//! `mixture`: what the mixture, its read-outs and its gate promise.
+//! `mixture`: guarantees of the mixture, its read-outs and its gate.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use rand_pcg::rand_core::SeedableRng as _;
 
 const STEP_NS: u64 = 10_000_000;
 
-/// A network nobody trained: small random numbers.
+/// An untrained network: small random numbers.
 fn network() -> Arc<LstmWeights> {
     let mut rng = Pcg64::seed_from_u64(5);
     let spec = LstmSpec {
@@ -103,8 +103,8 @@ fn weights_of_the_mixture_follow_what_was_right_and_sum_to_one() {
     let [constant, _, plain, untrained, full] = model.parameters().shares()[NODE_COUNT - 1];
     assert!(constant < 0.05 && untrained < 0.05, "{constant} {untrained}");
     assert!(plain + full > 0.5, "{plain} {full}");
-    // Where the pen rests, all are right, and fixed share evens the weights out a little; nobody is lost for
-    // good.
+    // Where the pen rests, all are right, and fixed share evens out the weights a little; no expert is lost
+    // permanently.
     assert!(model.parameters().shares().iter().flatten().all(|share| *share >= 1e-4));
     assert_eq!(model.parameters().shares()[0].len(), EXPERTS);
 }

@@ -1,4 +1,4 @@
-//! The tracking monitor by itself: arms made by hand, each wrong in one way, and what they are blamed for.
+//! The tracking monitor by itself: simulated arms, each with one fault, and the findings.
 
 use crate::support;
 use foretrace_control::arm::lag::LagEstimate;
@@ -61,8 +61,8 @@ impl Rig {
     }
 }
 
-/// What an arm is blamed for within 3 s whose joints do the shares `does` of what they are asked: up and down
-/// by 12 mrad times `asked`, once a second.
+/// Finding within 3 s for an arm whose joints do the shares `does` of their commands: up and down by 12 mrad
+/// times `asked`, once a second.
 fn partly(asked: [f64; 3], does: [f64; 3]) -> Option<StopDetail> {
     let mut rig = Rig::usual().rested();
     (0..1500).find_map(|tick| {
@@ -80,10 +80,10 @@ fn a_joint_that_stands_is_named_and_an_arm_that_stands_is_the_arm() {
     for (asked, does, joint) in [
         (all, [1.0, 0.0, 1.0], Some(1)),
         (all, [1.0, 1.0, 0.04], Some(2)),
-        // Of two that stand the one that was asked for most.
+        // Of two joints that stand, the one with the larger command.
         (all, [1.0, 0.0, 0.0], Some(1)),
         ([0.0, 0.0, 1.0], [1.0, 1.0, 0.0], Some(2)),
-        // Asked alike, they are found together.
+        // With equal commands they are found together.
         ([1.0; 3], [0.0; 3], None),
         ([1.0, 0.0, 1.0], [0.0, 1.0, 0.0], None),
     ] {
@@ -116,7 +116,7 @@ fn a_joint_that_leaves_its_commands_runs_away_or_goes_the_wrong_way() {
                 .expect("it leaves");
             assert_eq!((detail.cause, detail.joint, detail.limit), (cause, Some(1), limit), "{sign}");
             assert!((detail.amount / amount - 1.0).abs() < 0.1, "{detail:?}");
-            // Half of the tolerance is used up in 34 ms; then it has to last for 10 ms.
+            // Half of the tolerance is used up in 34 ms; then it must last for 10 ms.
             assert_eq!(tick, 17 + 5, "{detail:?}");
         }
     }
@@ -151,14 +151,13 @@ fn what_creeps_away_is_blamed_where_the_tolerance_ends() {
             assert!(detail.amount > tool_m && detail.amount <= off * 3f64.sqrt(), "{detail:?}");
         }
     }
-    // A single joint state that is far off is none that lasts.
+    // A single joint state far off does not last.
     let mut rig = Rig::usual().rested();
     assert_eq!(rig.tick([0.5, 0.0, 0.0], [0.0; 3]), None);
     rig.rested();
 }
 
-/// About commands that stand: swings of `size` \[rad\] at 1.5 Hz, each `growth` times as far as the one
-/// before.
+/// About constant commands: oscillation of `size` \[rad\] at 1.5 Hz, with amplitudes growing by `growth`.
 fn swinging(size: f64, growth: f64) -> Option<StopDetail> {
     let mut rig = Rig::usual().rested();
     (0..1500).find_map(|tick| {
@@ -204,9 +203,8 @@ fn after_a_stop_an_arm_is_suspect_while_it_moves_or_stands_elsewhere() {
     assert!(!rig.monitor.unsettled(0.05), "an operator says that it is right");
 }
 
-/// Joint 0 swings by `size` \[rad\] at `hz`; the arm goes after its commands at `cap` \[rad/s\] at most. What
-/// it is blamed for, what share of the speed it is found to have, and what it may be asked for when that is
-/// first below all.
+/// Joint 0 oscillates by `size` \[rad\] at `hz`; the arm follows its commands at `cap` \[rad/s\] at most.
+/// Returns the finding, the share of speed found, and the lowest speed limit when it first falls below all.
 fn swung(settings: TrackingSettings, cap: f64) -> (Option<StopDetail>, Option<f64>, Option<f64>) {
     let (size, hz) = (0.02, 3.0);
     let mut rig = Rig::new(settings, 40_000_000);
@@ -248,7 +246,7 @@ fn the_share_of_the_speed_is_that_of_the_arm() {
 
 #[test]
 fn a_little_less_speed_counts_only_where_the_arm_falls_behind() {
-    // A servo of 50 ms damps 2.7 Hz to 85 %, and stays within what it may be answering.
+    // A servo of 50 ms damps 2.7 Hz to 85 %, and stays within the commands that it may be answering.
     let mut rig = Rig::usual();
     rig.lag = Some(LagEstimate { lag_s: 0.016, std_s: 5e-4, shift_s: 0.016 });
     let (mut q, mut qd) = (0.0, 0.0);
@@ -264,7 +262,7 @@ fn a_little_less_speed_counts_only_where_the_arm_falls_behind() {
     }
     assert_eq!(rig.monitor.speed_share(), Some(1.0));
 
-    // One that keeps up with nine tenths of long strokes is farther behind with each: it is asked for less.
+    // An arm at nine tenths of long strokes falls farther behind with each: its speed limit is lowered.
     let mut rig = Rig::new(TrackingSettings::DEFAULT, 10_000_000);
     let mut q = 0.0_f64;
     let slowed = (0..4000).any(|tick| {
@@ -279,7 +277,7 @@ fn a_little_less_speed_counts_only_where_the_arm_falls_behind() {
     assert!((share - 0.9).abs() < 0.03 && (allowed - 0.9 * LEVER_M).abs() < 0.01, "{share} {allowed}");
 }
 
-/// Three joints that write circles of 1 cm, 100 ms late, the first turned about: what it is blamed for.
+/// Three joints that write circles of 1 cm, 100 ms late, the first mirrored: the finding.
 fn mirrored(size: f64) -> Option<StopDetail> {
     let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000).rested();
     (0..2000).find_map(|tick| {
@@ -302,8 +300,8 @@ fn a_joint_that_moves_against_the_others_inside_its_commands_is_blamed_for_its_t
     assert_eq!(mirrored(0.002), None);
 }
 
-/// How long \[s\] after commands went 0.2 rad away a joint is blamed that hardly follows. Before, it moved
-/// for `moved_s`.
+/// Time \[s\] from commands moving by 0.2 rad to the finding for a joint that hardly follows. Before, it
+/// moved for `moved_s`.
 fn blamed_after(moved_s: f64, std_s: f64) -> f64 {
     let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000);
     rig.lag = Some(LagEstimate { lag_s: 0.02, std_s, shift_s: 0.02 });
@@ -322,7 +320,7 @@ fn blamed_after(moved_s: f64, std_s: f64) -> f64 {
     f64::from(after.expect("it does not follow")) * TICK_S
 }
 
-/// The longest lag, what a servo of that lag or of the known one spreads, and jitter: 0.2 + 2 · 0.2 + 0.02 s,
+/// The longest lag, the spread of a servo with that lag or the known one, and jitter: 0.2 + 2 · 0.2 + 0.02 s,
 /// or 2 · 0.02 s.
 #[test]
 fn a_lag_counts_when_it_is_known_well_and_the_arm_has_moved_for_two_seconds() {

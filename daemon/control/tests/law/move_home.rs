@@ -1,5 +1,5 @@
-//! The way home through the whole step: refused where it is not clear, gentle and straight where it is, and
-//! ended by a smooth stop from anywhere on it. `support::Bench` judges every command's legality and
+//! The way home through the whole step: refused where it is not clear, slow and straight where it is, and
+//! ended by a smooth stop from anywhere on it. `support::Bench` checks every command's legality and
 //! continuity.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
@@ -32,7 +32,7 @@ fn judge(settings: &FollowerSettings<6>) -> Clearance<6> {
     Clearance::new(&settings.chain, &settings.limits, PERIOD_NS as f64 * 1e-9, keep).unwrap()
 }
 
-/// The arm stands at `q`, and home is asked for.
+/// The arm stands at `q`, and the way home is requested.
 fn asked(settings: FollowerSettings<6>, q: [f64; 6]) -> (Bench, StepOutput<6>) {
     let mut bench = Bench::new(settings);
     bench.joints.q = q;
@@ -40,7 +40,7 @@ fn asked(settings: FollowerSettings<6>, q: [f64; 6]) -> (Bench, StepOutput<6>) {
     (bench, output)
 }
 
-/// Goes on until the way was looked along.
+/// Continues until the way has been checked.
 fn looked_along(bench: &mut Bench, first: StepOutput<6>) -> Result<(), Refusal> {
     assert_eq!((first.answer, first.begins), (Some(Ok(())), true));
     assert_eq!(first.mode, if matches!(first.way, Some(Err(_))) { Mode::Idle } else { Mode::Homing });
@@ -48,7 +48,7 @@ fn looked_along(bench: &mut Bench, first: StepOutput<6>) -> Result<(), Refusal> 
     if let Some(way) = first.way {
         return way;
     }
-    // A thousand looks at most, four in a tick of 2 ms.
+    // At most a thousand checks, four in a tick of 2 ms.
     for _ in 0..260 {
         let output = bench.tick(&[]);
         assert_eq!(output.command.unwrap().q, start, "it moves before the way is known");
@@ -74,8 +74,8 @@ fn farthest(q: &[f64; 6], from: &[f64; 6]) -> f64 {
     q.iter().zip(from).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
 }
 
-/// Follows the whole way; every command on the straight line, no faster than gentle. How long it took \[s\],
-/// and whether things nearby slowed it.
+/// Follows the whole way; every command on the straight line, within the limits. Returns how long it took
+/// \[s\], and whether obstacles slowed it.
 fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> (f64, bool) {
     let h = PERIOD_NS as f64 * 1e-9;
     let (_, joint) =
@@ -96,7 +96,7 @@ fn followed_home(bench: &mut Bench, start: &[f64; 6]) -> (f64, bool) {
                 assert!(accelerates.abs() <= ACCELERATION * (1.0 + 1e-6), "{accelerates}");
                 assert!((accelerates - qdd[j]).abs() <= JERK * h * 1.01, "{accelerates} after {}", qdd[j]);
             } else {
-                // Slowing down in front of things is as quick as gaps are damped.
+                // In front of obstacles it slows down as fast as gaps are damped.
                 assert!(accelerates.abs() <= 2.0 * ACCELERATION, "{accelerates}");
             }
             qdd[j] = accelerates;
@@ -127,7 +127,7 @@ fn from_anywhere_it_goes_home_gently_or_says_what_is_in_the_way() {
         match looked_along(&mut bench, first) {
             Ok(()) => {
                 clear += 1;
-                // Two starts in three stand clear; a start inside the margin is left, never deepened.
+                // Two starts in three are clear; a start inside the margin is left, never deepened.
                 let at_start = judge(&settings).nearest(&settings.chain.forward(&start)).unwrap().distance_m;
                 assert!(smallest >= MARGIN_M.min(at_start) - 1e-5, "{smallest} of {at_start}");
                 let (took, _) = followed_home(&mut bench, &start);
@@ -228,7 +228,7 @@ fn near_things_it_keeps_its_way_and_slows_down() {
 #[test]
 fn what_holds_the_arm_up_stops_it_with_what_was_seen() {
     let mut settings = careful();
-    // Inside the margin, and nearer still by less than the look along the way counts.
+    // Inside the margin, and nearer still by less than the check of the way tolerates.
     let nearest = passing_a_wall(&mut settings, MARGIN_M - 0.001);
     let start = [nearest - 4e-4, HOME[1], HOME[2], HOME[3], HOME[4], HOME[5]];
     let (mut bench, first) = asked(settings, start);
@@ -254,7 +254,7 @@ fn underway() -> Bench {
     bench
 }
 
-/// Comes to rest within a second and stays, with the reason given.
+/// Comes to rest within a second and stays, with the given reason.
 fn stops(bench: &mut Bench, mut tick: impl FnMut(&mut Bench) -> StepOutput<6>, reason: StopReason) {
     let last = (0..500).map(|_| tick(bench)).last().unwrap();
     assert_eq!((last.mode, last.stop_reason), (Mode::Stopped, reason));
@@ -267,7 +267,7 @@ fn whatever_ends_the_way_ends_it_with_a_smooth_stop() {
     let mut bench = underway();
     bench.tick_with(&[], Some(Request::Stop), Budget::default());
     stops(&mut bench, |bench| bench.tick(&[]), StopReason::Requested);
-    // From there it goes on when it is asked again.
+    // From there it continues at the next request.
     let again = bench.tick_with(&[], Some(Request::MoveHome), Budget::default());
     looked_along(&mut bench, again).unwrap();
 
@@ -367,7 +367,7 @@ fn lost_time_on_the_way_ends_at_home_all_the_same() {
             if tick % 400 == 399 {
                 bench.now = bench.now + lost_periods * PERIOD_NS;
             }
-            // The arm is where the last command left it; the checker knows how that goes on.
+            // The arm is where the last command left it; the checker knows the consumer's rule.
             if bench.tick(&[]).mode == Mode::Idle {
                 arrived = true;
                 break;
@@ -380,7 +380,7 @@ fn lost_time_on_the_way_ends_at_home_all_the_same() {
 #[test]
 fn limits_of_weak_joints_bound_the_way_too() {
     let mut settings = settings(PredictorKind::HOLD);
-    // So that no pen is looked at, which such joints could not follow.
+    // So that no pen is followed, which such joints could not do.
     settings.mpc.unlimited = true;
     let tau = std::f64::consts::TAU;
     settings.limits = JointLimits::new([[-tau, tau]; 6], [0.4; 6], [1.0; 6])

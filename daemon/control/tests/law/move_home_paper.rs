@@ -80,7 +80,7 @@ fn a_way_through_the_paper_is_refused_and_one_over_it_is_not() {
     panic!("{through} ways through the paper, {over} over it");
 }
 
-/// What a stop left in the paper may come out of it, but not from under the table.
+/// A tool stopped in the paper may come out of it, but not from under the table.
 #[test]
 fn an_arm_that_stands_in_the_paper_may_leave_it() {
     let settings = flat();

@@ -1,4 +1,4 @@
-//! How long the way home takes, what is told of that, and what lost time makes of it.
+//! Duration of the way home, its progress report, and the effect of lost time.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
 use foretrace_control::follower::{Budget, FollowerSettings, HomeProgress, Mode, Request, Rung};
@@ -49,8 +49,8 @@ fn what_is_left_of_the_way_is_told_to_the_tick() {
     assert_eq!(last.home.map(|home| (home.share, home.left_s)), Some((1.0, 0.0)));
 }
 
-/// Seconds by the stamps until it is there, and whether it stood on the way, if `lost` periods are lost in
-/// the middle.
+/// Seconds by the stamps until it arrives, and whether it stood on the way, if `lost` periods are lost in the
+/// middle.
 fn arrives(lost: u64) -> (f64, bool) {
     let (mut bench, ..) = underway(settings(PredictorKind::HOLD));
     let begin = bench.now;
@@ -69,7 +69,7 @@ fn arrives(lost: u64) -> (f64, bool) {
     panic!("it never arrives")
 }
 
-/// A consumer goes on for 5 periods by itself.
+/// A consumer continues for 5 periods without commands.
 #[test]
 fn a_moment_lost_on_the_way_is_gone_along_and_a_longer_one_stops_it() {
     let (usual, stood) = arrives(0);

@@ -122,7 +122,7 @@ fn state(position: f64, velocity: f64, acceleration: f64) -> AxisState {
     AxisState { position, velocity, acceleration }
 }
 
-/// A wave that starts at the origin and leaves every limit alone.
+/// A wave that starts at the origin and reaches no limit.
 fn gentle_preview() -> [[AxisState; N]; 3] {
     std::array::from_fn(|axis| {
         std::array::from_fn(|i| {
@@ -208,7 +208,7 @@ fn poisoned_input_fails_and_leaves_the_old_plan() {
             let mut plan = before;
             let report = mpc.plan(&start, &held, &preview, Trust::new(0.5), 200, &mut plan);
             if bad.is_finite() {
-                // An acceleration that no gain weighs may be anything finite.
+                // An acceleration with zero gain may have any finite value.
                 assert!(report.usable() == (plan != before) || place % 3 == 2, "{report:?}");
             } else {
                 assert_eq!(report.axes[1].status, QpStatus::NotFinite, "{bad} at {place}");
@@ -330,7 +330,7 @@ fn a_held_target_is_approached_without_ringing() {
     }
 }
 
-/// Letters of 30 mm with a perfect preview: well below the 0.2 mm that would be seen.
+/// Letters of 30 mm with a perfect preview: error well below the visible 0.2 mm.
 #[test]
 fn a_perfect_preview_is_followed_within_a_hundredth_of_a_millimetre() {
     let pen = |axis: usize, time: f64| {

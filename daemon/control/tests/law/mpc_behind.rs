@@ -1,5 +1,5 @@
-//! Plans behind a servo that is a filter: optimal by an objective that is written out here independently,
-//! inside the command's limits, and better for the arm than plans that know nothing of the servo.
+//! Plans behind a servo that is a filter: optimal by an independently written objective, inside the command's
+//! limits, and better for the arm than plans that ignore the servo.
 
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, SoftPenalty, Start,
@@ -64,7 +64,7 @@ fn problem(rng: &mut Pcg64Mcg) -> Problem {
     Problem { start: Start { command, arm }, held, preview, trust: Trust::new(rng.random_range(-0.3..1.3)) }
 }
 
-/// Command and arm after `dt` with ÿ = ω²(c − y) − 2ωẏ, by Runge and Kutta.
+/// Command and arm after `dt` with ÿ = ω²(c − y) − 2ωẏ, by the Runge-Kutta method.
 fn together(command: &AxisState, arm: [f64; 2], jerk: f64, dt: f64) -> (AxisState, [f64; 2]) {
     const PIECES: usize = 8;
     let omega = 2.0 / SERVO_S;
@@ -87,7 +87,7 @@ fn together(command: &AxisState, arm: [f64; 2], jerk: f64, dt: f64) -> (AxisStat
     (command.advanced(jerk, dt), arm)
 }
 
-/// ½J of one axis from SI quantities, the errors being those of the arm.
+/// ½J of one axis from SI quantities, with the errors of the arm.
 fn objective(settings: &MpcSettings, problem: &Problem, axis: usize, jerks: &[f64; N]) -> f64 {
     let omega = 2.0 / SERVO_S;
     let units = [1e3, 1e3 * STEP_S, 1e3 * STEP_S * STEP_S];

@@ -1,5 +1,5 @@
 //! Every plan of the exact path is the optimum: certified on tens of thousands of problems, and never worse
-//! than Clarabel's answer to the same problem by an objective written out here independently.
+//! than Clarabel's answer to the same problem by an independently written objective.
 
 use foretrace_control::mpc::{
     AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, PlanReport, SoftPenalty,
@@ -9,7 +9,7 @@ use foretrace_control::units::{AxisState, Trust};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Far above what any of these problems takes, so that a cycle would show.
+/// Far above the steps of any of these problems, so that a cycle would show.
 const CAP: u32 = 5000;
 
 struct Problem<const N: usize> {
@@ -240,7 +240,7 @@ fn random_problems_are_solved_to_the_certificate_and_never_worse_than_by_clarabe
     assert!(seen.free > 1_000 && seen.many_active > 3_000 && seen.saturated > 1_000, "{seen:?}");
 }
 
-/// Letter-like motion with jumps, followed with the default gains from states the loop itself reached.
+/// Letter-like motion with jumps, followed with the default gains from states that the loop itself reached.
 fn letters(axis: usize, time: f64) -> AxisState {
     let stroke = (time / 0.61).floor();
     let hash = ((stroke * 12.9898 + axis as f64 * 78.233).sin() * 43758.5453).fract();
@@ -291,7 +291,7 @@ fn closed_loops_are_solved_to_the_certificate_whatever_trust_does() {
             }
             start = plan.state_at(tick).unwrap();
             for (state, limits) in start.iter().zip(&settings.axes) {
-                // The tick ends inside a step, where a soft row is not a promise; at the steps it holds.
+                // The tick ends inside a step, where a soft row is not guaranteed; at the steps it holds.
                 worst_error = worst_error.max(state.velocity.abs() - limits.velocity_mps);
             }
         }

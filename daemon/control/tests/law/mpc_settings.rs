@@ -1,4 +1,5 @@
-//! The edges of every legal range of the plan's settings: they are in, and the next number beyond is not.
+//! The edges of every legal range of the plan's settings: they are accepted, and the next number beyond is
+//! refused.
 
 use crate::support;
 

@@ -1,4 +1,4 @@
-//! The plan as linear feedback: its lag, and whether it settles, against plans that are really followed.
+//! The plan as linear feedback: its lag, and whether it settles, against simulated plans.
 
 use crate::support::settings;
 use foretrace_control::follower::{Follower, FollowerError};
@@ -93,8 +93,8 @@ fn behind_servo(arm: &AxisState, from: f64, to: f64, servo_s: f64, period_s: f64
     arm
 }
 
-/// By what a small deviation of `axis` is multiplied per second at `trust`, planned anew every `period_s`;
-/// the mean over 40 s, after 40 s in which what dies away sooner does.
+/// Growth per second of a small deviation of `axis` at `trust`, planned anew every `period_s`; the mean over
+/// 40 s, after 40 s of transient.
 fn followed(law: &MpcSettings, axis: usize, trust: Trust, period_s: f64) -> f64 {
     let held = middle(law).map(AxisState::at_rest);
     let preview = held.map(|state| [state; N]);
@@ -102,7 +102,8 @@ fn followed(law: &MpcSettings, axis: usize, trust: Trust, period_s: f64) -> f64 
     let (mut command, mut arm) = (held, held);
     command[axis].position += 1e-7;
     let mut plan = Plan::resting(law.step_s);
-    // Of the whole state: a swing passes through zero. Shrunk now and then, so that no limit comes near.
+    // Of the whole state, because an oscillation passes through zero. Rescaled now and then, so that no limit
+    // is near.
     let size = |state: &AxisState| {
         let [p, v] = [state.position - held[axis].position, state.velocity * law.step_s];
         p.hypot(v).hypot(state.acceleration * law.step_s.powi(2))
@@ -132,7 +133,7 @@ fn followed(law: &MpcSettings, axis: usize, trust: Trust, period_s: f64) -> f64 
     ((grown + size(&command[axis]).ln() - begin) / 40.0).exp()
 }
 
-/// Settings with what they are called, and the period.
+/// Settings with their names, and the period.
 fn cases() -> Vec<(&'static str, MpcSettings, f64)> {
     let plain = |position: f64, effort: f64, servo_s: f64| MpcSettings {
         servo_s,

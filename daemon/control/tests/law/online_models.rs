@@ -1,5 +1,5 @@
-//! What every model that learns online promises, for DyBM, DyBM+ESN and AR-RLS alike: parameters that
-//! validate are finite, poison is refused, roll-outs leave memory alone, interruptions empty it.
+//! Guarantees of every model that learns online, for DyBM, DyBM+ESN and AR-RLS alike: parameters that
+//! validate are finite, hostile ones are refused, roll-outs do not change memory, interruptions clear it.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -64,7 +64,7 @@ fn motion(t: usize) -> [f64; 2] {
     [11.0 * (0.11 * t).cos() + 3.0 * (0.3 * t).sin(), 11.0 * (0.13 * t).sin()]
 }
 
-/// What a hostile input may hold: any finite number, and what is not one.
+/// Hostile inputs: any finite number, and non-finite ones.
 fn hostile() -> impl Strategy<Value = Vec<[f64; 2]>> {
     let number = prop_oneof![
         6 => -60.0..60.0f64,
@@ -81,8 +81,7 @@ fn survives<M: OnlineModel>(mut model: M, inputs: &[[f64; 2]]) {
     }
     let healthy = model.parameters().validate().is_ok();
     assert!(!healthy || format!("{:?}", model.parameters()).find("NaN").is_none(), "NaN validates");
-    // Whatever happened, with an empty memory the next thousand ordinary steps are predicted with finite
-    // numbers.
+    // After any input and a clear memory, the next thousand ordinary steps are predicted with finite numbers.
     model.reset_state();
     for t in 0..1000 {
         let predicted = model.learn(motion(t));
@@ -139,7 +138,7 @@ proptest! {
     }
 }
 
-/// Whatever `spoil` does to good parameters is refused, and the old ones stay.
+/// Whatever `spoil` does to valid parameters is refused, and the old ones stay.
 fn refuses<M: OnlineModel + Debug>(mut model: M, spoil: &[fn(&mut M::Parameters)]) {
     (0..50).for_each(|t| {
         model.learn(motion(t));

@@ -116,8 +116,8 @@ fn a_single_glitch_costs_nothing_but_its_own_sample() {
     assert_eq!((with.counters().outliers, with.counters().jumps), (1, 0));
 }
 
-/// The first sample of a jump is refused, so that the second one is twice as long after the last that was
-/// not.
+/// The first sample of a jump is refused, so that the second one is twice as long after the last accepted
+/// one.
 #[test]
 fn a_jump_that_could_be_motion_by_its_second_sample_is_a_jump() {
     let gate_mps = PenSettings::default().max_speed_mps;
@@ -150,7 +150,7 @@ fn a_fast_pen_with_one_stamp_too_early_does_not_jump() {
                 let sample = reading(stamp_ms, 0.001 * speed_mps * true_ms - 0.4, 0.0);
                 refused += u32::from(feed(&mut pen, sample) != Receipt::Accepted);
             }
-            // Otherwise nothing was tried.
+            // Otherwise the case was not tested.
             assert_eq!(refused, 1, "{speed_mps} m/s, {early_ms} ms");
             assert_eq!(pen.counters().jumps, 0, "{speed_mps} m/s, {early_ms} ms");
         }
@@ -374,7 +374,7 @@ fn pauses_and_jumps_leave_the_scale_alone() {
         scale.observe(&GridStep { displacement: [f64::NAN, f64::INFINITY], ..moving(index, 0.0) });
     }
     assert_eq!(scale.metres_per_unit(), before);
-    // One wild step of ordinary motion: less than 2 %.
+    // One large step of ordinary motion: less than 2 %.
     scale.observe(&moving(0, 0.04));
     assert!((scale.metres_per_unit() / before - 1.0).abs() < 0.02);
 }

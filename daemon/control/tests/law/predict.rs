@@ -34,7 +34,7 @@ fn start(index: u64, position: [f64; 2]) -> GridStep {
     GridStep { index, position, displacement: [0.0; 2], motion: Motion::Start, contact: true }
 }
 
-/// A circle of 2 cm walked at about 0.13 m/s, one step per index.
+/// A circle of 2 cm at about 0.13 m/s, one step per index.
 fn circle(index: u64) -> GridStep {
     let at = |k: f64| [0.02 * (0.065 * k).cos(), 0.02 * (0.065 * k).sin()];
     let (now, before) = (at(index as f64), at(index as f64 - 1.0));

@@ -54,7 +54,7 @@ impl Pair {
         output
     }
 
-    /// The curve at 200 Hz for that many ticks; what came out, bit for bit.
+    /// The curve at 200 Hz for this many ticks; the output, bit for bit.
     fn follow(&mut self, ticks: u64) -> Vec<u64> {
         let mut bits = Vec::new();
         for _ in 0..ticks {
@@ -77,7 +77,7 @@ fn with_every_predictor_the_same_inputs_give_the_same_bits() {
         let bits = first.follow(2500);
         assert!(first.recorded.len() > 20, "{kind:?}: weights hardly ever changed");
         assert_eq!(bits, Pair::new(kind).follow(2500), "{kind:?}: learning and following again");
-        // Replay: the recorded weights stand in for the learner.
+        // Replay: the recorded weights replace the learner.
         let mut replay = Pair::new(kind);
         replay.learner = None;
         let mut recorded = first.recorded.iter().peekable();
@@ -92,8 +92,8 @@ fn with_every_predictor_the_same_inputs_give_the_same_bits() {
 
 #[test]
 fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_error() {
-    // With the trust set by hand the preview is followed as it is: the band's own claim. Corrections by newer
-    // samples only narrow it.
+    // With manual trust the preview is followed as it is: the band's own claim. Corrections by newer samples
+    // only make errors smaller.
     for (request, kind) in [Request::SetTrust(1.0), Request::TrustAuto]
         .into_iter()
         .flat_map(|request| PredictorKind::LIVE.map(|kind| (request, kind)))
@@ -104,7 +104,7 @@ fn the_band_of_every_predictor_is_known_after_a_while_and_of_the_order_of_its_er
         let (mut inside, mut cases) = (0, 0);
         let mut claimed: Option<([f64; 2], f64)> = None;
         for _ in 0..4000 {
-            // What the tick before said about the pen one grid step after it, in a loop without dead time.
+            // The last tick's prediction of the pen one grid step later, in a loop without dead time.
             let t = (pair.tick * PERIOD_NS) as f64 * 1e-9;
             if pair.tick.is_multiple_of(5)
                 && let Some(([x, y], band)) = claimed.take()
@@ -144,7 +144,7 @@ fn every_switch_goes_through_no_trust_and_only_then_takes_over() {
             }
             before = Some(output.predictor);
             ticks += 1;
-            // Ten grid steps down, as many up, and some to spare.
+            // Ten grid steps down, as many up, and a margin.
             if output.predictor == to && output.trust.alpha.alpha() >= 1.0 {
                 break;
             }
@@ -153,7 +153,7 @@ fn every_switch_goes_through_no_trust_and_only_then_takes_over() {
     }
 }
 
-/// Writes a stroke, lifts the pen for a stretch of the same curve if the device sees it hover, writes on.
+/// Writes a stroke, lifts the pen for a part of the same curve if the device sees it hover, writes on.
 fn lift(kind: PredictorKind) -> (Vec<StepOutput<6>>, Pair) {
     let mut pair = Pair::new(kind);
     let mut outputs = Vec::new();
@@ -181,7 +181,7 @@ fn a_hover_path_is_predicted_through_and_learned_from() {
         }
         assert!(outputs.iter().any(|output| output.learn_count > 0 && !output.learn[0].contact));
         let counters = pair.learner.as_ref().unwrap().counters();
-        // The very first step starts; lifting and putting down interrupt nothing.
+        // The very first step is a start; lifting and lowering interrupt nothing.
         assert_eq!(counters.interruptions, 1, "{kind:?}: {counters:?}");
     }
 }
@@ -193,7 +193,7 @@ fn a_jump_empties_memory_and_teaches_nothing_whatever_predicts() {
         pair.follow(1500);
         let candidates = pair.learner.as_ref().unwrap().candidates();
         let updates = pair.learner.as_ref().unwrap().counters().updates;
-        // The device sees nothing while the pen travels: the next sample is 6 cm away at once.
+        // The device sees nothing while the pen travels: the next sample is 6 cm away.
         let samples = [pair.bench.pen([0.07, 0.05])];
         let mut jumped = None;
         for _ in 0..12 {

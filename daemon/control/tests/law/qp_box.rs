@@ -243,7 +243,7 @@ fn contradicting_hard_rows_are_infeasible_and_a_soft_one_gives_way() {
     assert_eq!(value, [[0.0; 3]]);
 }
 
-/// Where the optimum leaves no doubt, a second solver says the same of every coordinate.
+/// Where the optimum is unambiguous, a second solver agrees in every coordinate.
 #[test]
 fn clarabel_names_the_bounds_that_hold() {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
@@ -277,8 +277,8 @@ fn clarabel_names_the_bounds_that_hold() {
     assert!(seen.iter().flatten().all(|count| *count > 20), "{seen:?}");
 }
 
-/// Near a singularity the updated quantities of the active set lose their digits; what is solved anew from H
-/// has them.
+/// Near a singularity the updated quantities of the active set lose accuracy; solving again from H restores
+/// it.
 #[test]
 fn nearly_singular_problems_are_certified_with_bounds_that_hold() {
     let mut rng = Pcg64Mcg::seed_from_u64(6);

@@ -39,7 +39,7 @@ fn cost(case: &Case, x: &Vector) -> f64 {
     (0.5 * case.h * x + case.g).dot(x) + PENALTY * broken
 }
 
-/// Convex: nothing near is cheaper, in any direction that stays in the box.
+/// Convex: no nearby point is cheaper, in any direction that stays in the box.
 #[test]
 fn no_neighbour_in_the_box_is_cheaper() {
     let mut rng = Pcg64::seed_from_u64(1);
@@ -82,7 +82,7 @@ fn clarabel_finds_the_same_minimum() {
         for (c, b) in case.rows.iter() {
             matrix.push(*c);
             lower.push(b);
-            // Never reached: finite, because an interior point far from everything is slow to find.
+            // Never reached, but finite, because an interior point far from all bounds is slow to find.
             upper.push(b.abs() + 20.0);
         }
         let penalties = [[f64::INFINITY; 6], [PENALTY; 6]].concat();
@@ -109,8 +109,7 @@ fn without_rows_the_answer_is_that_of_the_box() {
     }
 }
 
-/// Two walls that face each other with no room between: the answer stands still between them instead of
-/// failing.
+/// Two walls that face each other with no room between: the answer stays between them instead of failing.
 #[test]
 fn contradicting_rows_share_the_violation_and_the_box_holds() {
     let mut rows = RowSet::<6>::default();

@@ -1,4 +1,4 @@
-//! The parameters of refinement: each is used, and none, however absurd, makes a tick panic.
+//! The parameters of refinement: each has an effect, and none, however absurd, makes a tick panic.
 
 use crate::support::judging::Judge;
 use crate::support::settings;
@@ -26,8 +26,8 @@ fn pen(t: f64, noise_m: f64) -> [f64; 2] {
     [0.014 * (0.1 * t).sin() + noise, 0.014 * (0.1 * t).cos() - noise]
 }
 
-/// Writes for so many steps, each previewed as constant velocity, with a sample a quarter and a half step
-/// after its grid point; what is then believed 1 to 12 steps ahead.
+/// Writes for this many steps, each previewed as constant velocity, with a sample a quarter and a half step
+/// after its grid point; returns the corrected positions 1 to 12 steps ahead.
 fn write(skill: &mut Judge, steps: u32, noise_m: f64) -> Vec<[f64; 2]> {
     let at = |steps: f64| Stamp((1e9 + steps * STEP_S * 1e9) as u64);
     let mut preview = [[0.0; 2]; SKILL_LEADS];
@@ -88,8 +88,7 @@ fn a_new_hand_is_refined_by_the_prior_and_a_leap_by_nothing() {
     let mut none = tuned(|p| {
         p.prior.coarse = Curves { left: flat, innovation: flat, velocity: flat, acceleration: flat };
     });
-    // One step: nothing was judged yet. Without weights the way to the preview is shortened at most, never
-    // bent.
+    // One step: nothing is judged yet. Without weights the preview is shortened at most, never bent.
     let [[nx, ny], [x, y], [px, py]] = [1.5, 1.0, 0.0].map(|t| pen(t, NOISE_M[0]));
     let bend = |skill: &mut Judge| {
         let believed = write(skill, 1, NOISE_M[0]);
@@ -131,7 +130,7 @@ fn no_parameter_makes_a_tick_panic() {
     for (index, change) in changes.into_iter().enumerate() {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0, 0.0, 1e-300, 1e300] {
             let believed = write(&mut tuned(|p| change(p, value)), 120, NOISE_M[1]);
-            // A prior that is no number is none: no other weight makes a place that is none.
+            // A non-finite prior has no effect; no other weight makes a position non-finite.
             let of_the_prior = index >= 13;
             let finite = believed.as_flattened().iter().all(|x| x.is_finite());
             assert!(finite || !of_the_prior, "change {index}, {value}: {believed:?}");

@@ -1,5 +1,4 @@
-//! Skill: what it learns is what a regression over the same cases gives, and nothing it is fed makes it go
-//! wrong.
+//! Skill: its results equal a regression over the same cases, and no input makes it fail.
 
 use foretrace_control::skill::{Record, SKILL_LEADS};
 use foretrace_control::trust::{TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings};
@@ -20,7 +19,7 @@ fn wandering(seed: u64, steps: usize) -> Vec<[f64; 2]> {
     (0..steps)
         .map(|_| {
             for (x, v) in position.iter_mut().zip(&mut velocity) {
-                // It comes back to 1 mm per step, so that no preview is ever called a leap.
+                // It returns to 1 mm per step, so that no preview counts as a jump.
                 *v += 0.02 * (1e-3 - *v) + rng.random_range(-0.2e-3..0.2e-3);
                 *x += *v;
             }
@@ -134,7 +133,7 @@ fn predictor_that_is_right_or_too_careful_is_believed_in_full() {
     }
 }
 
-/// What was judged, without what is left of the doubt that a record begins with.
+/// The record, without the remains of its initial cases.
 fn record_of(preview: Preview, per_step: bool) -> Record {
     let mut judge = Judge::new(STEP_S, per_step);
     let doubt = judge.clone();
@@ -158,7 +157,7 @@ fn record_orders_perfect_constant_velocity_and_hold() {
             [Preview::Truth(1.0), Preview::Steady, Preview::Hold].map(|preview| record_of(preview, per_step));
         assert!(perfect.preview.abs() < 1e-12 * hold.hold, "{perfect:?}, {hold:?}");
         assert!(steady.preview < 0.5 * hold.preview, "{steady:?}, {hold:?}");
-        // Each is judged beside the same two yardsticks, and is one of them itself.
+        // Each is judged against the same two baselines, and is one of them itself.
         assert_eq!((perfect.hold, perfect.steady), (hold.hold, hold.steady));
         assert!((hold.preview / hold.hold - 1.0).abs() < 1e-9, "{hold:?}");
         if !per_step {
@@ -199,7 +198,7 @@ fn every_part_of_a_step_is_learned_where_samples_are_many() {
     }
 }
 
-/// What automatic trust makes of the record, step by step, when previews run the wrong way.
+/// Automatic trust from the record, step by step, when previews have the wrong direction.
 fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
     let mut judge = Judge::new(STEP_S, per_step);
     let mut trust = TrustControl::new(TrustSettings { per_step, ..TrustSettings::default() }).unwrap();
@@ -289,7 +288,7 @@ fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen
     for lead in 1..=SKILL_LEADS {
         assert_eq!(judge.believed(lead, [x + 0.001, y]), leapt);
     }
-    // A step that a pen can make is news like any other.
+    // A possible step of a pen is used like any other.
     judge.interrupt();
     judge.sample(at(600.5), [x + 0.001, y], 0.5, [x, y]);
     assert!(judge.believed(2, [x, y]) != [x + 0.001, y]);
@@ -297,15 +296,14 @@ fn after_a_leap_of_the_newest_sample_nothing_is_foreseen_until_the_grid_has_seen
 
 #[test]
 fn steps_that_close_together_are_told_apart() {
-    // A preview that is right is right at every lead only if each step is compared with the lead that meant
-    // it.
+    // A right preview is right at every lead only if each step is compared with its own lead.
     for batch in [2, 3, 7] {
         let mut judge = Judge::new(STEP_S, true);
         live(&mut judge, &smooth(1200), Preview::Truth(1.0), None, batch);
         for lead in 1..=SKILL_LEADS {
             let record = judge.record(lead, lead);
             assert!(record.cases > 100.0, "batch {batch}, lead {lead}: {record:?}");
-            // The cases of doubt that every record begins with, and nothing else.
+            // Only the initial cases of every record.
             let doubt = Judge::new(STEP_S, true).record(lead, lead).preview;
             assert!(record.preview <= doubt, "batch {batch}, lead {lead}: {record:?}");
         }
@@ -336,7 +334,7 @@ fn without_belief_per_step_previews_are_taken_as_they_are() {
     assert!(judge.record(3, 6).preview > 0.0, "previews are judged all the same");
 }
 
-/// Mostly of ordinary size, sometimes not a number, or not an ordinary one.
+/// Mostly of ordinary size, sometimes NaN, or not ordinary.
 fn nasty(rng: &mut Pcg64, scale: f64) -> f64 {
     match rng.random_range(0..40) {
         0 => f64::NAN,

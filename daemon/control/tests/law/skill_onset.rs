@@ -1,4 +1,4 @@
-//! Skill where the pen begins to move: how much of a preview is believed there.
+//! Skill at the onset of the pen's motion: the share of a preview that is trusted.
 
 use crate::support::judging::Judge;
 

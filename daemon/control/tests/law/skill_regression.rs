@@ -1,4 +1,4 @@
-//! Shares and records of the skill against sums over all cases, worked out anew at every step.
+//! Shares and records of the skill against sums over all cases, recomputed at every step.
 
 use crate::support::judging::Judge;
 use foretrace_control::pen::{Motion, TARGET_RMS};
@@ -9,13 +9,13 @@ use rand_pcg::Pcg64;
 
 const UNIT_M: f64 = 1e-4;
 
-/// One judged case: the pen's real way, the way that was predicted, and that of constant velocity
+/// One judged case: the pen's real displacement, the predicted one, and that of constant velocity
 /// \[normalised\].
 struct Case {
     real: [f64; 2],
     predicted: [f64; 2],
     steady: [f64; 2],
-    /// The share that was believed then.
+    /// The share in force then.
     believed: f64,
 }
 
@@ -28,8 +28,8 @@ fn missed(case: &Case, by: [f64; 2], share: f64) -> f64 {
     dot(left, left)
 }
 
-/// w of the module's description, the newest case last: the slope of the regression, and three standard
-/// deviations more; errors `lead` steps ahead repeat themselves so often.
+/// w of the module's description, the newest case last: the slope of the regression plus three standard
+/// deviations; errors `lead` steps ahead are correlated over that many steps.
 fn share(cases: &[Case], lead: usize, parameters: &SkillParameters) -> f64 {
     let age = |i: usize| parameters.forgetting.powi((cases.len() - 1 - i) as i32);
     let sum = |of: &dyn Fn(&Case) -> f64| cases.iter().enumerate().map(|(i, c)| age(i) * of(c)).sum::<f64>();
@@ -49,7 +49,7 @@ fn shares_and_records_are_those_of_all_cases() {
     let mut rng = Pcg64::seed_from_u64(4);
     let mut skill = Judge::new(0.01, true);
     let mut cases: Vec<Vec<Case>> = (0..SKILL_LEADS).map(|_| Vec::new()).collect();
-    // A hand of ordinary speed, and previews that go too far by half and are noisy.
+    // A hand of ordinary speed, and noisy previews that overshoot by half.
     let mut pen = vec![[0.0, 0.0]];
     for k in 0..460 {
         let angle = 0.07 * f64::from(k);
@@ -110,8 +110,8 @@ fn shares_and_records_are_those_of_all_cases() {
     assert!(partly > 200, "{partly} shares between nothing and all");
 }
 
-/// The share of surprises after `cases` claims of `radius_m`, `lead` steps ahead, about a pen that is 0.5 mm
-/// beside every preview.
+/// The share of wrong claims after `cases` claims of `radius_m`, `lead` steps ahead, for a pen 0.5 mm beside
+/// every preview.
 fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
     let (mut skill, mut refiner) = (Skill::new(0.01, false), Refiner::new(0.01));
     for k in 0..cases + lead {
@@ -122,7 +122,7 @@ fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
         let happened = Happened { preview: Some(preview), closed: &[next], ..Happened::default() };
         skill.learn(&mut refiner, &happened);
     }
-    // The first claim is judged when its step closes, `lead` steps after.
+    // The first claim is judged when its step closes, `lead` steps later.
     skill.report(1, 1).record.surprise
 }
 

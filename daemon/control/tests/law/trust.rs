@@ -1,4 +1,4 @@
-//! Trust: the ramp never jumps, and every reason leads where it should.
+//! Trust: the ramp never jumps, and every reason leads to the right target.
 
 use foretrace_control::skill::Record;
 use foretrace_control::trust::{
@@ -116,12 +116,12 @@ fn nothing_is_believed_before_enough_previews_were_judged() {
 fn belief_ends_above_hold_and_begins_again_only_well_below_it() {
     let mut trust = trusted();
     let of = |preview| Record { preview, steady: 1e3, ..GOOD };
-    // Between the thresholds what was believed stays believed, ...
+    // Between the thresholds a trusted preview stays trusted, ...
     for preview in [95.0, 104.0, 91.0, 105.0] {
         assert_eq!(judged(&mut trust, of(preview)), (TrustReason::Auto, Trust::FULL), "{preview}");
     }
     assert_eq!(judged(&mut trust, of(105.1)), (TrustReason::WorseThanHold, Trust::NONE));
-    // ... and what was not stays not.
+    // ... and an untrusted one stays untrusted.
     for preview in [104.0, 91.0, 105.0] {
         assert_eq!(judged(&mut trust, of(preview)), (TrustReason::Hysteresis, Trust::NONE), "{preview}");
     }
@@ -148,7 +148,7 @@ fn straight_line_does_not_count_where_doubt_would_only_put_hold_in_the_previews_
 
 #[test]
 fn shipped_predictor_loses_belief_by_its_own_faults_only() {
-    // Nobody foresees the start of the first stroke: as good as Hold is no reason for doubt yet.
+    // The start of the first stroke is unpredictable: as good as Hold is no reason for distrust yet.
     let mut trust = TrustControl::new(TrustSettings::default()).unwrap();
     let first = Record { preview: 95.0, hold: 100.0, steady: 100.0, cases: 1.0, surprise: 0.0 };
     assert_eq!(judged(&mut trust, first).0, TrustReason::Auto);
@@ -190,8 +190,8 @@ fn health_of_solver_and_learner_counts_unless_an_operator_decides() {
     assert_eq!(trusted().update(&refused, TICK_NS).reason, TrustReason::Manual);
 }
 
-/// α after `seconds` on an arm that is at a limit in the share `used` of its ticks at a trust, why, and the
-/// share of the ticks in which it was.
+/// α after `seconds` on an arm that is saturated in the share `used` of its ticks at a trust, the reason, and
+/// the share of the ticks in which it was.
 fn limited(
     trust: &mut TrustControl,
     seconds: f64,
@@ -216,13 +216,13 @@ fn an_arm_at_its_limits_is_asked_for_less_until_it_is_well_used() {
     let mut trust = trusted();
     let (alpha, reason, _) = limited(&mut trust, 4.0, auto, |_| 0.5);
     assert_eq!((alpha, reason), (1.0, TrustReason::Auto));
-    // In 7 x 60 ms by e, and what is left out because it would be the same.
+    // By e in 7 x 60 ms, and the part left out because it would count as equal.
     let (alpha, reason, _) = limited(&mut trust, 0.21, auto, |_| 1.0);
     assert!((alpha - (-0.5_f64).exp()).abs() < 0.07, "{alpha}");
     assert_eq!(reason, TrustReason::ArmLimited);
     let (lowest, reason, _) = limited(&mut trust, 4.0, auto, |_| 1.0);
     assert!((lowest - 0.1).abs() < 0.01 && reason == TrustReason::ArmLimited, "{lowest}");
-    // At rest there is nothing to learn about limits.
+    // At rest there is nothing to learn about saturation.
     for _ in 0..2000 {
         trust.update(&HEALTHY, TICK_NS);
     }

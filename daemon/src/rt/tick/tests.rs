@@ -14,7 +14,7 @@ use crate::ports::PEN_PER_TICK;
 use crate::ports::memory::{MemoryPeer, MemoryPorts, pair};
 use crate::testing::config;
 
-/// Each reading takes 100 ns, or what a test says; the tests add what a tick shall cost.
+/// Each reading takes 100 ns, or as a test sets it; tests add the duration of a tick.
 struct TestClock(Cell<u64>, Cell<u64>);
 
 impl Clock for TestClock {
@@ -243,7 +243,7 @@ fn a_request_that_waited_too_long_is_not_carried_out_but_a_stop_is() {
     bench.ipc.asked.push(Asked { token: 1, request: Request::Arm, stamp: long_ago, sent: long_ago }).unwrap();
     bench.run(0);
     assert!(bench.ipc.answered.pop().is_err(), "an arm request of 1.5 s ago was carried out");
-    // The first joint state has come with the first tick.
+    // The first joint state arrived with the first tick.
     assert_eq!(bench.ask(2, Request::Arm).outcome, Ok(()));
     bench
         .ipc

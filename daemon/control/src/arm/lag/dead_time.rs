@@ -5,7 +5,7 @@
 
 use crate::arm::lag::LagEstimate;
 
-/// An estimate with a larger standard deviation moves nothing \[s\].
+/// An estimate with a larger standard deviation is ignored \[s\].
 const GOOD_S: f64 = 3e-3;
 /// Time constant of the approach \[s\]; the rate bounds it.
 const APPROACH_S: f64 = 0.5;
@@ -13,9 +13,9 @@ const APPROACH_S: f64 = 0.5;
 /// Whether the dead time follows the measured lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Following {
-    /// It stays as it is.
+    /// Constant.
     Fixed,
-    /// It follows.
+    /// Follows the measured lag.
     Measured {
         /// Never beyond this \[ns\].
         max_ns: u64,
@@ -25,7 +25,7 @@ pub enum Following {
 }
 
 impl Following {
-    /// The longest dead time that may come of a start with `start_ns` \[ns\].
+    /// The longest dead time that a start with `start_ns` \[ns\] can reach.
     #[must_use]
     pub const fn longest_ns(self, start_ns: u64) -> u64 {
         match self {
@@ -38,10 +38,10 @@ impl Following {
 /// Which of the two figures of a [`LagEstimate`] is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Aim {
-    /// The best shift: where commands are shifted in time and nothing else is done about the lag.
+    /// The best shift: for a loop that does nothing about the lag but shift commands in time.
     #[default]
     Shift,
-    /// The group delay: where the arm's filter is made up for by the commands themselves.
+    /// The group delay: for a loop whose commands compensate the arm's filter.
     GroupDelay,
 }
 
@@ -60,7 +60,7 @@ impl DeadTime {
         Self { following, aim: Aim::Shift, tau_ns: start_ns.min(following.longest_ns(start_ns)) as f64 }
     }
 
-    /// The same, following another figure.
+    /// The same, following the other figure.
     #[must_use]
     pub const fn aiming_at(self, aim: Aim) -> Self {
         Self { aim, ..self }
@@ -72,7 +72,7 @@ impl DeadTime {
         self.tau_ns.round() as u64
     }
 
-    /// `period_ns` later; only a good estimate moves it.
+    /// Advances by `period_ns`; only a good estimate changes τ.
     pub fn advance(&mut self, estimate: Option<&LagEstimate>, period_ns: u64) {
         let Following::Measured { max_ns, rate } = self.following else { return };
         let Some(good) = estimate.filter(|estimate| estimate.std_s <= GOOD_S) else { return };

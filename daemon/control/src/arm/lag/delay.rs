@@ -1,13 +1,13 @@
-//! The group delay of an arm at low frequency: of a dead time, of a servo filter, or of both together.
+//! The group delay of an arm at low frequency: of a dead time, a servo filter, or both together.
 //!
 //! An all-pole model behind a candidate delay, over all joints: c(t − d) = m + a₁ṁ + a₂m̈ + a₃m⃛, c
 //! commanded, m measured. A critically damped servo with a joint loop behind it is exactly such a filter, and
-//! so is nearly what a wrong d leaves over. −H'(0), the mean of the impulse response, is d + a₁ whatever the
-//! other numbers. Both signals pass the same band around 1.3 Hz: offsets go, noise goes, and what is left is
-//! low frequency, where a delay is a delay. Linear least squares, weighted and forgotten as the caller says;
-//! the d with the smallest residual counts. Contract: no allocation, bounded work. Source: equation-error
-//! method with state-variable filters (Young, "Parameter estimation for continuous-time models", Automatica
-//! 17 (1981), 23-39).
+//! the error of a wrong d nearly is. −H'(0), the mean of the impulse response, is d + a₁ whatever the other
+//! coefficients. Both signals pass the same band around 1.3 Hz, which removes offsets and noise and leaves
+//! low frequencies, where every filter is a delay. Linear least squares with the caller's weights and
+//! forgetting; the d with the smallest residual is used. Contract: no allocation, bounded work. Source:
+//! equation-error method with state-variable filters (Young, "Parameter estimation for continuous-time
+//! models", Automatica 17 (1981), 23-39).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,20 +17,20 @@ use crate::arm::lag::track::GRID_S;
 const LENGTH: usize = 20;
 /// The difference and the sums.
 const STAGES: usize = 4;
-/// Grid steps after which nothing of the beginning is left in the band: what was before it is not known.
+/// Settling time of the band filter, from unknown initial values \[grid steps\].
 const SETTLING: usize = STAGES * LENGTH;
 /// Candidate delays: 0, 20, ... 200 ms.
 const DELAYS: usize = 11;
 /// Grid steps between them.
 const DELAY_STEPS: usize = 2;
-/// Measured samples that a derivative needs; it holds for the middle one.
+/// Samples of the commands needed for the middle of the stencil.
 const STENCIL: usize = 5;
-/// Commands that are needed for the middle of the stencil.
+/// Independent residuals per second of motion and joint: twice the bandwidth; a few joints move together.
 const HISTORY: usize = STENCIL / 2 + (DELAYS - 1) * DELAY_STEPS + 1;
 /// Independent residuals per second of motion: twice the width of the band, on every joint; a few move
 /// together.
 const INDEPENDENT_HZ: f64 = 24.0;
-/// Keeps the normal equations solvable when the motion has one frequency only; relative.
+/// Relative ridge that keeps the normal equations regular when the motion has a single frequency.
 const RIDGE: f64 = 1e-5;
 
 /// Group delay and its standard deviation \[s\].
@@ -40,7 +40,7 @@ pub(super) struct GroupDelay {
     pub(super) std_s: f64,
 }
 
-/// Filters of the present stretch, and sums over the recent motion.
+/// Filters of the current stretch, and sums over recent motion.
 #[derive(Debug, Clone)]
 pub(super) struct DelayFit<const J: usize> {
     filters: Option<[Band<J>; 2]>,
@@ -74,13 +74,13 @@ impl<const J: usize> DelayFit<J> {
         }
     }
 
-    /// The next instant does not follow the last one.
+    /// A gap: the next sample does not follow the last one.
     pub(super) fn restart(&mut self) {
         self.filters = None;
         self.age = 0;
     }
 
-    /// Counts what was by `keep`.
+    /// Scales the evidence so far by `keep`.
     pub(super) fn fade(&mut self, keep: f64) {
         self.weight *= keep;
         self.gram *= keep;
@@ -90,7 +90,7 @@ impl<const J: usize> DelayFit<J> {
         }
     }
 
-    /// One instant: `keep` of what was, `weight` for what is.
+    /// Adds one sample with weight `weight`, after scaling the evidence so far by `keep`.
     pub(super) fn add(&mut self, measured: &[f64; J], commanded: &[f64; J], keep: f64, weight: f64) {
         let start = || [Band::at_rest(commanded), Band::at_rest(measured)];
         let [command_band, joint_band] = self.filters.get_or_insert_with(start);
@@ -105,7 +105,7 @@ impl<const J: usize> DelayFit<J> {
         let [m0, m1, m2, m3, m4] = &self.measured;
         let joints = m0.iter().zip(m1).zip(m2).zip(m3).zip(m4).enumerate();
         for (j, ((((m0, m1), m2), m3), m4)) in joints {
-            // Central differences in grid steps: no phase of their own.
+            // Central differences in grid steps: zero phase.
             let derivatives = Vector3::new(
                 (8.0 * (m1 - m3) - (m0 - m4)) / 12.0,
                 m1 - 2.0 * m2 + m3,
@@ -140,7 +140,7 @@ impl<const J: usize> DelayFit<J> {
 /// Band-pass of all joints, the same for commands and joint states: a difference, then three running sums.
 #[derive(Debug, Clone)]
 struct Band<const J: usize> {
-    /// What entered the difference and each sum, as rings.
+    /// Inputs of the difference and of each sum, as rings.
     entered: [[[f64; J]; LENGTH]; STAGES],
     sums: [[f64; J]; STAGES - 1],
     at: usize,
@@ -177,7 +177,7 @@ impl<const J: usize> Band<J> {
     }
 }
 
-/// Puts `value` first; the last one falls out.
+/// Puts `value` first; drops the last one.
 fn push<T, const M: usize>(register: &mut [T; M], value: T) {
     register.rotate_right(1);
     if let Some(first) = register.first_mut() {

@@ -1,20 +1,19 @@
-//! How late the arm is: estimated from the commands sent and the joint states received, while it does its
-//! work.
+//! The lag of the arm, estimated from the commands sent and the joint states received in normal operation.
 //!
-//! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Time standing still
-//! neither helps nor hurts: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may
-//! come at any rate, late, with jittering stamps, noise, constant offsets and gaps; what is not finite is
-//! left out. Stretches in which the arm does not go where it was sent (slowed down, stopped, moved by hand)
-//! count little and raise the doubt. Absent: clock, the cause of the lag, lags beyond 0.2 s.
+//! Contract: any arm, any motion; pure, total, no allocation, bounded work per tick. Standing still has no
+//! effect: evidence is weighted and forgotten by motion ([`MEMORY_S`]). Joint states may come at any rate,
+//! late, with jittering stamps, noise, constant offsets and gaps; non-finite ones are ignored. Stretches in
+//! which the arm does not follow its commands (slowed down, stopped, moved by hand) have little weight and
+//! increase the standard deviation. Absent: clock, the cause of the lag, lags beyond 0.2 s.
 //!
 //! Two figures, because most arms are filters:
-//! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: what the
-//!   arm *is*. For a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend on what is
-//!   written.
+//! - [`LagEstimate::lag_s`], the group delay at low frequency from a command's stamp to the motion: a
+//!   property of the arm. For a servo with a look-ahead: cycle + look-ahead + joint loop. It does not depend
+//!   on the motion.
 //! - [`LagEstimate::shift_s`], the shift of the commands that fits the recent joint states with the least
 //!   squared error. A well-damped filter delays fast motion less than slow motion, so this is shorter, the
-//!   more so the faster the hand. Who can only shift commands in time makes the smallest tracking error with
-//!   this one: the dead time follows it.
+//!   more so the faster the hand. If commands can only be shifted in time, this one gives the smallest
+//!   tracking error: the dead time follows it.
 //!
 //! For a pure delay both are the same. Joint states that are stamped late make the arm look as much later.
 
@@ -31,25 +30,25 @@ use track::{GRID_S, Track};
 
 use crate::units::Stamp;
 
-/// Motion that counts \[s\]: older motion is forgotten by 1/e.
+/// Time constant of forgetting, in time of motion \[s\].
 pub const MEMORY_S: f64 = 0.8;
-/// Motion without which nothing is said \[s\].
+/// Least motion for an estimate \[s\].
 const MIN_MOTION_S: f64 = 0.25;
-/// Speed of the joints together at which motion counts half \[rad/s\].
+/// Speed of the joints together at which motion has half weight \[rad/s\].
 const HALF_RADPS: f64 = 0.05;
-/// The speed is smoothed over this share per grid step: the arm still moves when the command has stopped.
+/// Smoothing factor of the speed per grid step: the arm still moves when the command has stopped.
 const SPEED_SHARE: f64 = 0.1;
-/// An arm farther beside its commanded path than it goes in this time does not follow \[s\].
+/// An arm farther off its commanded path than it moves in this time does not follow \[s\].
 const BESIDE_S: f64 = 0.15;
-/// What stamps and grid leave open at best \[s\].
+/// Least standard deviation, from stamps and grid \[s\].
 const FLOOR_S: f64 = 0.2e-3;
-/// Estimates outside are no lags \[s\].
+/// Estimates outside this range are rejected \[s\].
 const PLAUSIBLE_S: [f64; 2] = [-0.01, 0.3];
-/// Share of what was remembered that a break in the commands leaves.
+/// Fraction of the evidence that remains after a break in the commands.
 const AFTER_BREAK: f64 = 0.1;
-/// Grid steps that one call may close; the rest waits.
+/// Grid steps that one call may close; the rest is processed later.
 const STEPS_PER_CALL: u64 = 8;
-/// Every so many grid steps the figures are worked out anew.
+/// The estimate is recomputed after this many grid steps.
 const SOLVE_EVERY: u64 = 5;
 
 /// How late the arm is.
@@ -79,7 +78,7 @@ pub struct LagEstimator<const J: usize> {
 }
 
 impl<const J: usize> LagEstimator<J> {
-    /// Knows nothing.
+    /// Without evidence.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -99,12 +98,13 @@ impl<const J: usize> LagEstimator<J> {
         self.commands.push(stamp, q);
     }
 
-    /// The arm is out of charge: whatever it does from now on was not commanded.
+    /// The arm is no longer in charge: its motion from now on was not commanded.
     pub fn released(&mut self) {
         self.commands.restart();
     }
 
-    /// A joint state was received: `q` \[rad\] was measured at `stamp`. Takes in what it makes known.
+    /// A joint state was received: `q` \[rad\] was measured at `stamp`. Processes the grid points that it
+    /// completes.
     pub fn measured(&mut self, stamp: Stamp, q: &[f64; J]) {
         self.joints.push(stamp, q);
         for _ in 0..STEPS_PER_CALL {
@@ -124,13 +124,13 @@ impl<const J: usize> LagEstimator<J> {
         }
     }
 
-    /// What is known; `None` until the arm has moved for a while, and while the motion leaves it open.
+    /// The estimate; `None` until the arm has moved for a while, and while the motion does not determine it.
     #[must_use]
     pub fn estimate(&self) -> Option<LagEstimate> {
         self.estimate
     }
 
-    /// A new stretch may be another life of the arm: what came before counts, but little.
+    /// A new stretch may concern another arm: earlier evidence counts, but little.
     fn break_off(&mut self) {
         self.delay.restart();
         self.delay.fade(AFTER_BREAK);
@@ -166,7 +166,7 @@ impl<const J: usize> LagEstimator<J> {
         }
         let shift_s = self.shift.best()?;
         let delay = self.delay.best()?;
-        // Where the arm was beside its path, the sums speak for a part of the motion only.
+        // Where the arm was off its path, the sums describe only part of the motion.
         let std_s = delay.std_s.hypot(FLOOR_S) / self.followed.clamp(1e-3, 1.0);
         let [low, high] = PLAUSIBLE_S;
         let plausible = (low..=high).contains(&delay.delay_s) && std_s.is_finite();
@@ -196,7 +196,7 @@ mod tests {
         ((100..320).map(wave).collect(), (100..320).map(measured).collect())
     }
 
-    /// Every instant with its weight, worked out anew from all before it.
+    /// Every sample with its weight, recomputed from all before it.
     #[test]
     fn instants_count_by_motion_and_nearness_and_are_forgotten_by_them() {
         let (commands, joints) = life();
@@ -211,7 +211,7 @@ mod tests {
             let stamp = Stamp(k as u64 * track::GRID_NS);
             estimator.commanded(stamp, &at(&commands, k));
             estimator.measured(stamp, &at(&joints, k));
-            // The instant before is complete, once the commands reach back 20 steps from it.
+            // The sample before is complete once the commands reach back 20 steps from it.
             let now = k - 1;
             if now < 101 + 20 {
                 assert_eq!(estimator.shift.weight(), 0.0, "{k}");

@@ -1,8 +1,8 @@
 //! The pure shift of the commands that fits the measured joints best.
 //!
-//! Contract: per candidate shift the squared error between measured joints and shifted command about each
-//! joint's mean error (arms stand a little beside their commands), weighted and forgotten as the caller says.
-//! The minimum is refined by a parabola. No allocation, bounded work.
+//! Contract: per candidate shift the variance of the error between measured joints and shifted command about
+//! each joint's mean (arms have static offsets), with the caller's weights and forgetting. The minimum is
+//! refined by a parabola. No allocation, bounded work.
 
 use crate::arm::lag::track::GRID_S;
 
@@ -10,7 +10,7 @@ use crate::arm::lag::track::GRID_S;
 pub(super) const CANDIDATES: usize = 22;
 /// The first candidate looks one grid step ahead, so that a lag of zero lies between two.
 pub(super) const EARLIEST: i64 = -1;
-/// Two minima are told apart when one error is this many times the other.
+/// Two minima are distinct if one error is this many times the other.
 const DISTINCT: f64 = 2.0;
 
 /// Sums over the recent motion.
@@ -36,8 +36,8 @@ impl<const J: usize> ShiftBank<J> {
         self.weight
     }
 
-    /// Squared distance \[rad²\] from the measured joints to the nearest of the commands, less the mean
-    /// errors.
+    /// Squared distance \[rad²\] from the measured joints to the nearest of the commands, after subtracting
+    /// the mean errors.
     pub(super) fn distance2(&self, measured: &[f64; J], commanded: &[[f64; J]; CANDIDATES]) -> f64 {
         let per_weight = if self.weight > 0.0 { 1.0 / self.weight } else { 0.0 };
         let mut nearest = f64::INFINITY;
@@ -52,8 +52,8 @@ impl<const J: usize> ShiftBank<J> {
         nearest
     }
 
-    /// One instant: measured joints and the command of every candidate; `keep` of what was, `weight` for what
-    /// is.
+    /// Adds one sample: measured joints and the command of every candidate, with weight `weight`, after
+    /// scaling the evidence so far by `keep`.
     pub(super) fn add(
         &mut self,
         measured: &[f64; J],
@@ -73,7 +73,7 @@ impl<const J: usize> ShiftBank<J> {
         }
     }
 
-    /// Counts what was by `keep`.
+    /// Scales the evidence so far by `keep`.
     pub(super) fn fade(&mut self, keep: f64) {
         self.add(&[0.0; J], &[[0.0; J]; CANDIDATES], keep, 0.0);
     }

@@ -1,20 +1,20 @@
-//! Joint positions at irregular stamps, read off on a uniform grid of absolute instants.
+//! Joint positions at irregular stamps, sampled on a uniform grid of absolute times.
 //!
-//! Contract: linear between neighbours, which is what a command means and what a joint state allows. A gap,
-//! time that goes back, or a leap that no arm makes begins a new stretch; nothing is interpolated across it.
+//! Contract: linear between neighbours, which is what a command means and what a joint state allows. A gap, a
+//! stamp that goes back, or a jump that no arm makes begins a new stretch; nothing is interpolated across it.
 //! Bounded work per sample.
 
 use crate::units::Stamp;
 
-/// Grid step of the estimator [ns]: index k is the instant k·10 ms.
+/// Grid step of the estimator \[ns\]: index k is the instant k·10 ms.
 pub(super) const GRID_NS: u64 = 10_000_000;
 /// The same \[s\].
 pub(super) const GRID_S: f64 = GRID_NS as f64 * 1e-9;
 /// Neighbours farther apart than this belong to different stretches \[ns\].
 const MAX_GAP_NS: u64 = 60_000_000;
-/// Positions beyond this are no joint's \[rad\].
+/// Positions beyond this are invalid \[rad\].
 const MAX_RAD: f64 = 1e3;
-/// Faster joints leap \[rad/s\]; so do those that pass [`LEAP_RAD`] on top of it, room for jittering stamps.
+/// A jump: faster than this \[rad/s\] by more than [`LEAP_RAD`], which allows for jittering stamps.
 const MAX_RADPS: f64 = 20.0;
 const LEAP_RAD: f64 = 0.05;
 /// Grid points kept: the longest lag, and as much again for joint states that arrive late.
@@ -35,7 +35,7 @@ impl<const J: usize> Track<J> {
         Self { ring: [[0.0; J]; KEPT], last: None, begin: 0, end: 0 }
     }
 
-    /// Takes a sample; what is not a joint position, or repeats a stamp, is left out.
+    /// Adds a sample; non-finite positions and repeated stamps are ignored.
     pub(super) fn push(&mut self, stamp: Stamp, q: &[f64; J]) {
         if !q.iter().all(|q| q.abs() <= MAX_RAD) {
             return;
@@ -69,7 +69,7 @@ impl<const J: usize> Track<J> {
         (self.begin, self.end) = (0, 0);
     }
 
-    /// First grid index that is still there.
+    /// First grid index that is still stored.
     pub(super) fn begin(&self) -> u64 {
         self.begin.max(self.end.saturating_sub(KEPT as u64))
     }

@@ -8,12 +8,12 @@ use crate::follower::io::Refusal;
 use crate::mpc::AxisLimits;
 use crate::plane::Plane;
 
-/// Bounds on the place of an arm that is to be armed.
+/// Bounds on the pose of an arm that is to be armed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Arming {
     plane: Plane,
     workspace: [AxisLimits; 3],
-    /// Farthest that the tool may stand outside of it \[m\].
+    /// Farthest that the tool may stand outside the workspace \[m\].
     margin: f64,
     cos_tilt: f64,
 }
@@ -33,7 +33,7 @@ impl Arming {
     ///
     /// # Errors
     ///
-    /// It may not be armed there.
+    /// The arm may not be armed there.
     pub(super) fn place<const J: usize>(
         &self,
         limits: &JointLimits<J>,

@@ -4,23 +4,20 @@
 //! continuous with the state before. Rungs: fresh plan → previous plan at the true elapsed time →
 //! jerk-limited stop → hold.
 
+mod setup;
 mod arming;
-mod glide;
-mod home;
-mod paper;
-mod parts;
-mod plan;
-mod publish;
-mod references;
-mod rest;
-mod solve;
 mod takeover;
+mod references;
+mod plan;
+mod home;
+mod solve;
+mod publish;
 
 use arming::Arming;
 pub(super) use home::HomeNews;
 use home::Homing;
-pub(super) use parts::paced;
-use parts::{inverse_kinematics, planner};
+pub(super) use setup::paced;
+use setup::{comes_to_rest, inverse_kinematics, planner};
 
 use super::Budget;
 use super::io::{Health, JointCommand, Rung, Stage, StageClock};
@@ -35,7 +32,7 @@ use crate::plane::Plane;
 use crate::stop::StopDetail;
 use crate::units::{AxisState, Stamp, Trust};
 
-/// A tool slower than this along both axes of the plane \[m/s\] rests, and limits say nothing.
+/// Below this speed along both axes of the plane \[m/s\] saturation is not reported.
 const MOVING_MPS: f64 = 0.05;
 
 /// What the arm is to do in a tick.
@@ -45,11 +42,11 @@ pub(super) enum Wanted<const N: usize> {
     Follow {
         /// Newest pen sample, plane frame.
         pen: PenReading,
-        /// The pen fell silent.
+        /// The pen is silent.
         holding: bool,
         /// References of x and y at i = 1..N.
         preview: Option<[[AxisState; N]; 2]>,
-        /// How much of the preview to believe.
+        /// How much of the preview to use.
         trust: Trust,
     },
     /// Come to rest, and stay there.
@@ -58,7 +55,7 @@ pub(super) enum Wanted<const N: usize> {
     Home,
 }
 
-/// What came of it.
+/// What the motion of one tick came to.
 #[derive(Debug, Clone)]
 pub(super) struct Moved<const J: usize> {
     pub(super) command: Option<JointCommand<J>>,
@@ -70,18 +67,17 @@ pub(super) struct Moved<const J: usize> {
     pub(super) axes: [AxisReport; 3],
     pub(super) ik: IkReport,
     pub(super) guard_altered: u32,
-    /// How the command leaves the tool's envelope, if it does.
+    /// Which bound of the tool's envelope the command violates, if any.
     pub(super) breach: Option<StopDetail>,
     /// The tool moves by a plan.
     pub(super) follows: bool,
-    /// Joints, acceleration or speed were at their limits; `None` unless the tool followed a fresh plan in
-    /// motion.
+    /// Joints, acceleration or speed were saturated; `None` unless the tool followed a fresh plan in motion.
     pub(super) at_limit: Option<bool>,
     /// What the way home came to.
     pub(super) home: HomeNews,
 }
 
-/// What the plan says of the end of the period.
+/// The plan's tool state at the end of the period.
 struct Planned {
     /// First reference of the plan \[m\], plane frame.
     reference: [f64; 3],
@@ -90,10 +86,12 @@ struct Planned {
     rung: Rung,
 }
 
-/// What the joints can make of it.
+/// The joint velocities for it.
 struct Solved<const J: usize> {
-    /// Joint velocities over the period \[rad/s\]; `None`: stop.
-    qd: Option<[f64; J]>,
+    /// Joint velocities over the period \[rad/s\].
+    qd: [f64; J],
+    /// They follow the plan or the way home; else they are the next step of a stop.
+    follows: bool,
     rung: Rung,
     home: HomeNews,
 }
@@ -116,22 +114,22 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     stop: StopProfile<J>,
     homing: Box<Homing<J>>,
     held: Option<Held<J>>,
-    /// Stamp of the newest command; stamps never go back, not even over an arming.
+    /// Stamp of the newest command; stamps never decrease, not even across an arming.
     issued: Stamp,
     reports: Reports,
     /// Commanded tool state in the plane frame: x₀ of the plan.
     tool: [AxisState; 3],
-    /// What the arm makes of commands, if it is a filter, and where it gets to with them.
+    /// Model of the arm's servo, if it is a filter, and the modelled tool state of the arm.
     servo: Option<Servo>,
     arm: [AxisState; 3],
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
     plan_start: Option<Stamp>,
-    /// The tool has left `plan`, because it had to be able to stop.
+    /// The tool has left `plan`, to remain able to stop.
     bent: bool,
-    /// Share of its full reach that a plan is asked for.
+    /// Fraction of full reach that a plan is asked for.
     reach: f64,
-    /// No faster than this \[m/s\], where the arm is slow.
+    /// Speed limit of the references \[m/s\], for an arm that is slow.
     pub(super) pace_mps: Option<f64>,
     /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
@@ -156,11 +154,11 @@ struct Reports {
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let mover = Self::built(settings)?;
-        rest::comes_to_rest::<N, J>(settings)?;
+        comes_to_rest::<N, J>(settings)?;
         Ok(mover)
     }
 
-    /// The same, whether it comes to rest or not.
+    /// Builds it without the check that it comes to rest.
     fn built(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {
         let safety = &settings.safety;
         let ik = inverse_kinematics(settings)?;
@@ -221,10 +219,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         clock.lap(Stage::Ik);
 
         let from = self.commanded_tool();
-        let guard_altered = self.publish(start + self.period_ns, solved.qd, health);
+        let guard_altered = self.publish(start + self.period_ns, &solved.qd, health);
         let limited = health.has(Health::IK_LIMITED | Health::GUARD_ALTERED);
         let at_limit = self.at_limit(limited, &planned, solved.rung);
-        self.keep_up(&planned, solved.qd.is_some(), limited, &from, health);
+        self.keep_up(&planned, solved.follows, limited, &from, health);
 
         let (at_rest, tool) = (self.at_rest(), self.commanded_tool());
         let breach = self.breach((tool - from).norm() / self.period_s);
@@ -245,24 +243,24 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             ik: self.reports.ik,
             guard_altered,
             breach,
-            follows: solved.qd.is_some() && planned.next.is_some(),
+            follows: solved.follows && planned.next.is_some(),
             at_limit,
             home: solved.home,
         }
     }
 
-    /// Joints, acceleration or speed are at their limits in this tick; `None` unless the tool follows a fresh
-    /// plan in motion.
+    /// Whether joints, acceleration or speed are saturated in this tick; `None` unless the tool follows a
+    /// fresh plan in motion.
     fn at_limit(&self, limited: bool, planned: &Planned, rung: Rung) -> Option<bool> {
         let moving = self.tool.iter().take(2).any(|axis| axis.velocity.abs() > MOVING_MPS);
-        // Jerk at its limit is how plans that are in a hurry look, and costs little; the workspace is no
-        // weakness of the arm.
+        // A saturated jerk is normal for an aggressive plan and costs little; the workspace is no weakness of
+        // the arm.
         let hurries = |axis: &AxisReport| axis.active.acceleration > 0 || axis.active.velocity > 0;
         let at_limit = limited || self.reports.axes.iter().take(2).any(hurries);
         (rung == Rung::FreshPlan && moving && planned.next.is_some()).then_some(at_limit)
     }
 
-    /// How the command leaves the tool's envelope, if it does, at `speed` \[m/s\].
+    /// Which bound of the tool's envelope the command violates at `speed` \[m/s\], if any.
     fn breach(&mut self, speed: f64) -> Option<StopDetail> {
         let (held, envelope) = self.held.as_ref().zip(self.ik.envelope())?;
         envelope.judge(&envelope.figures(&held.kinematics, speed))

@@ -1,10 +1,18 @@
-//! Where the tool is to be at the end of the period: from a fresh plan, else from the previous one, and
-//! always such that it can still stop inside the workspace.
+//! The tool state at the end of the period: from a fresh plan, else from the previous one, always such that
+//! the tool can still stop inside the workspace.
 
 use super::{Mover, Planned, Wanted};
 use crate::follower::Budget;
 use crate::follower::io::{Health, Rung};
+use crate::mpc::{PlanReport, Start};
 use crate::units::{AxisState, Stamp, Trust};
+
+/// A tool outside the workspace by less than this \[m\] counts as inside: rounding.
+const OUTSIDE_M: f64 = 1e-9;
+/// Factors on `reach` after a tick whose plan failed and after one whose plan succeeded, and its least value.
+const FAILED: f64 = 0.5;
+const PLANNED: f64 = 1.1;
+const LEAST_REACH: f64 = 1e-3;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// The plan for what is wanted; none for a stop and for the way home.
@@ -36,7 +44,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         health: &mut Health,
     ) -> (Option<[AxisState; 3]>, Rung) {
         if !budget.shed {
-            let report = self.planned(conservative, references, trust, budget.max_iterations);
+            let report = self.make_plan(conservative, references, trust, budget.max_iterations);
             self.reports.axes = report.axes;
             if report.usable()
                 && let Some(next) = self.plan.state_at(self.period_s)
@@ -57,7 +65,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             if !self.bent {
                 return Some(planned);
             }
-            // A plan that the tool has left still says how to go on.
+            // After the tool has left the plan, the plan's jerk still applies.
             let mut next = self.tool;
             let before = self.plan.state_at(elapsed_s - self.period_s)?;
             for (next, (before, planned)) in next.iter_mut().zip(before.iter().zip(&planned)) {
@@ -71,8 +79,78 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         (next, rung)
     }
 
-    /// `next` where the tool can come to rest inside the workspace after it, else the nearest on the way to
-    /// such a stop.
+    /// A fresh plan for the commanded state.
+    ///
+    /// Where no plan was found, the next tick asks for less, down to staying at rest, whatever settings,
+    /// budget and pen are. An arm at rest therefore never stays there for lack of a plan.
+    fn make_plan(
+        &mut self,
+        conservative: &[AxisState; 3],
+        references: &[[AxisState; N]; 3],
+        trust: Trust,
+        max_iterations: u32,
+    ) -> PlanReport {
+        let (conservative, references) = self.within_reach(conservative, references);
+        let report = self.within_limits(conservative, references, trust, max_iterations);
+        let change = if report.usable() { PLANNED } else { FAILED };
+        self.reach = (self.reach * change).clamp(LEAST_REACH, 1.0);
+        report
+    }
+
+    /// The plan, with the workspace widened where the tool cannot stay inside.
+    ///
+    /// A tool outside the workspace, or too fast to stop inside it, makes every position row active and may
+    /// need more active-set steps than the cap, in this tick and, as the arm then stands still, in all later
+    /// ones. If half the cap is not enough, the plan is made once more for a workspace that reaches as far as
+    /// the tool must overshoot; the references still ask for the way back. Both together cost at most one and
+    /// a half times the cap.
+    fn within_limits(
+        &mut self,
+        mut conservative: [AxisState; 3],
+        mut references: [[AxisState; N]; 3],
+        trust: Trust,
+        max_iterations: u32,
+    ) -> PlanReport {
+        let mut from = Start { command: self.tool, arm: self.arm };
+        let beyond = self.cannot_help();
+        let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);
+        let first = if inside { max_iterations } else { max_iterations / 2 };
+        let report = self.mpc.plan_behind(&from, &conservative, &references, trust, first, &mut self.plan);
+        if report.usable() || inside {
+            return report;
+        }
+        // The plan depends on position only through the workspace: shift everything else by the opposite
+        // amount.
+        for (axis, by) in beyond.iter().enumerate() {
+            let states = [&mut from.command, &mut from.arm, &mut conservative];
+            let states = states.into_iter().filter_map(|all| all.get_mut(axis));
+            let ahead = references.get_mut(axis).into_iter().flatten();
+            states.chain(ahead).for_each(|state| state.position -= by);
+        }
+        let before = report.axes;
+        let mut report =
+            self.mpc.plan_behind(&from, &conservative, &references, trust, max_iterations, &mut self.plan);
+        for (axis, before) in report.axes.iter_mut().zip(&before) {
+            axis.iterations += before.iterations;
+        }
+        if report.usable() {
+            self.plan.start.iter_mut().zip(&beyond).for_each(|(axis, by)| axis.position += by);
+        }
+        report
+    }
+
+    /// How far the tool overshoots the workspace under full braking \[m\]; negative on the lower side.
+    fn cannot_help(&self) -> [f64; 3] {
+        let mut beyond = [0.0; 3];
+        for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
+            let [low, high] = limits.position_m;
+            *beyond = (tool.position + limits.braking_m(tool, 1.0) - high).max(0.0)
+                + (tool.position - limits.braking_m(tool, -1.0) - low).min(0.0);
+        }
+        beyond
+    }
+
+    /// `next` if the tool can come to rest inside the workspace after it, else the nearest state that can.
     fn stoppable(&mut self, next: [AxisState; 3]) -> [AxisState; 3] {
         let mut kept = next;
         for (kept, (limits, from)) in kept.iter_mut().zip(self.limits.iter().zip(&self.tool)) {

@@ -1,5 +1,5 @@
-//! The guard's word on a step, and the tool's state after it: what is really published, not what was wished
-//! for.
+//! The guard's verdict on a step, and the tool state after it: what is really published, not what was
+//! planned.
 
 use nalgebra::Vector3;
 
@@ -9,22 +9,12 @@ use crate::follower::io::Health;
 use crate::units::{AxisState, Stamp};
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Lets the guard judge the step with `qd`, or the next step of a stop, and makes the result the
-    /// commanded state.
-    pub(super) fn publish(&mut self, reach: Stamp, qd: Option<[f64; J]>, health: &mut Health) -> u32 {
+    /// Lets the guard judge the step with `qd` \[rad/s\] to `reach`, makes the result the commanded state and
+    /// returns why the guard altered it, one bit each.
+    pub(super) fn publish(&mut self, reach: Stamp, qd: &[f64; J], health: &mut Health) -> u32 {
         let Some(held) = &mut self.held else { return 0 };
-        let qd = qd.unwrap_or_else(|| {
-            let wanted = self.stop.next(&held.command, reach);
-            let motion = held.command.motion();
-            let step = self.ik.stopping(&held.kinematics, motion, &wanted, self.period_s);
-            let [held, yielded] = step.envelope;
-            if step.clearance.held | step.clearance.yielded | held | yielded != 0 {
-                health.set(Health::CLEARANCE);
-            }
-            step.qd
-        });
         let mut q = *held.command.q();
-        for (q, qd) in q.iter_mut().zip(&qd) {
+        for (q, qd) in q.iter_mut().zip(qd) {
             *q += qd * self.period_s;
         }
         let verdict = self.guard.clamp(&held.command, &q, reach);
@@ -44,7 +34,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.plane.point_from_base(&tool)
     }
 
-    /// Lets the modelled arm follow the command from where it was to where it is.
+    /// Advances the modelled arm by one period, as the command moved from `from` to where it is.
     fn trail(&mut self, servo: &Servo, from: &Vector3<f64>) {
         let to = self.commanded_tool();
         for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
@@ -52,12 +42,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// Takes the tool state from joints that were limited on their way to what was `planned`.
+    /// Takes the tool state from joints that were limited on the way to `planned`.
     ///
-    /// Commands tell the mean velocity of the step that ended and the acceleration at its beginning. Taken
-    /// for those at its end, half of the acceleration would be lost in every limited step. At its end the
-    /// acceleration is the planned one, moved by half of what was wrong at the beginning: the whole of it
-    /// would swing, and none of it would wind up.
+    /// Commands carry the mean velocity of the step that ended and the acceleration at its beginning. Taken
+    /// for those at the end, they would lose half of the acceleration in every limited step. The acceleration
+    /// at the end is the planned one plus half of the error at the beginning: all of it would oscillate, none
+    /// of it would wind up.
     fn fall_behind(&mut self, planned: &[AxisState; 3]) {
         let assumed = self.tool;
         self.resynchronise();
@@ -75,8 +65,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.tool = self.plane.axes_from_base(&tool.position, &tool.velocity, &tool.acceleration);
     }
 
-    /// Takes over the state that the plan goes on from: what was planned where the joints did it, else where
-    /// they got to.
+    /// Updates the state that the next plan begins from: the planned one if the joints did it, else the one
+    /// that they reached.
     pub(super) fn keep_up(
         &mut self,
         planned: &Planned,

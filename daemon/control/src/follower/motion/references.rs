@@ -1,29 +1,20 @@
-//! What a plan is asked for: pen and preview as references, also out of reach, and from where the workspace
-//! cannot be kept.
+//! What a plan is asked for: pen and preview as references, brought within reach of the tool.
 
 use super::Mover;
-use crate::mpc::{PlanReport, Start};
 use crate::pen::PenReading;
 use crate::units::{AxisState, Trust};
 
-/// A tool this far from the pen \[m\], or so many times as far as it may be lowered from, has lost it and
-/// lifts. Commands lead the pen by the dead time, which is no reason to lift: what is foreseen counts like
-/// the pen.
+/// A tool this far from the pen \[m\], or this multiple of the approach distance, has lost it and lifts.
+/// Commands lead the pen by the dead time, which is no reason to lift: distance to the preview counts like
+/// distance to the pen.
 const LOST_M: f64 = 0.05;
 const LOST: f64 = 5.0;
-/// Beyond the workspace by less than this \[m\] is inside: rounding.
-const OUTSIDE_M: f64 = 1e-9;
-/// What becomes of the share of the reach in a tick without a plan of its own and in one with, and where it
-/// ends.
-const FAILED: f64 = 0.5;
-const PLANNED: f64 = 1.1;
-const LEAST_REACH: f64 = 1e-3;
-/// Feedback closes in on a held target about as fast as if it were to be there after so many steps: its
-/// velocity gain.
+/// Feedback approaches a held target about as fast as if it were due after this many steps: its velocity
+/// gain.
 const HELD_STEPS: f64 = 7.0;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// References of the three axes, the conservative states, and the trust that they deserve.
+    /// References of the three axes, the conservative states, and the trust that applies to them.
     pub(super) fn references(
         &mut self,
         pen: &PenReading,
@@ -33,12 +24,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
         let [x, y] = pen.position;
         let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
-        // A pen that fell silent moves nothing, not even the lift; when it speaks again it may be somewhere
-        // else.
+        // A silent pen moves nothing, not even the lift; when it returns it may be somewhere else.
         if holding {
             self.approaching = true;
         } else {
-            // Lowered from afar, at full speed, the tip would not be stopped at the paper.
+            // Lowered from far away at full speed, the tip would not stop at the paper.
             let off = |[x, y]: [f64; 2]| (x - tool_x).hypot(y - tool_y);
             let led = preview.as_ref().filter(|_| trust.alpha() > 0.0);
             let foreseen = led.and_then(|[xs, ys]| Some([xs.first()?.position, ys.first()?.position]));
@@ -56,86 +46,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// A fresh plan for the commanded state.
+    /// The held target and the references, brought into the workspace, and then to within what full speed
+    /// reaches by the end of the plan.
     ///
-    /// Whatever settings, budget and pen are: where no plan was found, less is asked for in the next tick,
-    /// down to staying at rest. An arm at rest therefore never stands there for want of a plan.
-    pub(super) fn planned(
-        &mut self,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
-        trust: Trust,
-        max_iterations: u32,
-    ) -> PlanReport {
-        let (conservative, references) = self.within_reach(conservative, references);
-        let report = self.within_limits(conservative, references, trust, max_iterations);
-        let change = if report.usable() { PLANNED } else { FAILED };
-        self.reach = (self.reach * change).clamp(LEAST_REACH, 1.0);
-        report
-    }
-
-    /// The plan as far as the workspace and its steps allow.
-    ///
-    /// Beyond the workspace, or too fast to stop inside it, a plan has every position row against it and may
-    /// need more steps of the active set than there may be, in this tick and, as the arm then stands still,
-    /// in all that follow. If half of them are not enough it is made once more, for a workspace that reaches
-    /// as far as the tool cannot help going: the way back is still what the references ask for. Both together
-    /// take half as many steps again as one plan may, at most.
-    fn within_limits(
-        &mut self,
-        mut conservative: [AxisState; 3],
-        mut references: [[AxisState; N]; 3],
-        trust: Trust,
-        max_iterations: u32,
-    ) -> PlanReport {
-        let mut from = Start { command: self.tool, arm: self.arm };
-        let beyond = self.cannot_help();
-        let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);
-        let first = if inside { max_iterations } else { max_iterations / 2 };
-        let report = self.mpc.plan_behind(&from, &conservative, &references, trust, first, &mut self.plan);
-        if report.usable() || inside {
-            return report;
-        }
-        // A plan depends on where it is only by the workspace: moving everything else moves that the other
-        // way.
-        for (axis, by) in beyond.iter().enumerate() {
-            let states = [&mut from.command, &mut from.arm, &mut conservative];
-            let states = states.into_iter().filter_map(|all| all.get_mut(axis));
-            let ahead = references.get_mut(axis).into_iter().flatten();
-            states.chain(ahead).for_each(|state| state.position -= by);
-        }
-        let before = report.axes;
-        let mut report =
-            self.mpc.plan_behind(&from, &conservative, &references, trust, max_iterations, &mut self.plan);
-        for (axis, before) in report.axes.iter_mut().zip(&before) {
-            axis.iterations += before.iterations;
-        }
-        if report.usable() {
-            self.plan.start.iter_mut().zip(&beyond).for_each(|(axis, by)| axis.position += by);
-        }
-        report
-    }
-
-    /// How far beyond the workspace the tool gets when it brakes as hard as its limits allow \[m\]; negative
-    /// on the lower side.
-    fn cannot_help(&self) -> [f64; 3] {
-        let mut beyond = [0.0; 3];
-        for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
-            let [low, high] = limits.position_m;
-            *beyond = (tool.position + limits.braking_m(tool, 1.0) - high).max(0.0)
-                + (tool.position - limits.braking_m(tool, -1.0) - low).min(0.0);
-        }
-        beyond
-    }
-
-    /// The held target and the references, brought into the workspace, and then to where full speed takes the
-    /// tool by the end of the plan.
-    ///
-    /// What lies farther away asks for nearly the same motion, but for more steps of the active set: pens
-    /// that jump from corner to corner beyond the workspace took up to 337 of them. Behind a servo what is
-    /// asked for is where the arm gets to, which may be far behind the command. After ticks without a plan it
-    /// is only a share of that, at that share of the speed. What is no number stays none.
-    fn within_reach(
+    /// Targets farther away ask for nearly the same motion but cost many more active-set steps. Behind a
+    /// servo the target concerns the arm, which may be far behind the command. After ticks without a plan,
+    /// distance and speed are scaled by `reach`. Non-finite values stay non-finite.
+    pub(super) fn within_reach(
         &self,
         conservative: &[AxisState; 3],
         references: &[[AxisState; N]; 3],
@@ -163,8 +80,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     }
 }
 
-/// No state farther from the tool, which is within `[behind, ahead]` \[m\], than `pace` \[m/s\] gets until
-/// then, nor faster.
+/// Limits every state to what `pace` \[m/s\] reaches by its time from a tool within `[behind, ahead]` \[m\],
+/// and its speed to `pace`.
 fn slow_down(
     pace: f64,
     step_s: f64,
@@ -183,7 +100,7 @@ fn slow_down(
     limit(held, HELD_STEPS);
 }
 
-/// The nearest that is not outside of `[low, high]`; what is no number stays none.
+/// The nearest value in `[low, high]`; NaN stays NaN.
 fn within(value: f64, [low, high]: [f64; 2]) -> f64 {
     if value < low {
         low

@@ -1,4 +1,4 @@
-//! The joints: velocities that carry the tool where the plan, or the way home, has it.
+//! Joint velocities that carry the tool along the plan or the way home, else those of a stop.
 
 use nalgebra::Vector3;
 
@@ -7,12 +7,11 @@ use crate::follower::io::{Health, Rung};
 use crate::ik::{IkSource, ToolTarget};
 use crate::units::{AxisState, Stamp};
 
-/// Tool velocity that the IK may miss without the plan being told \[m/s\]; what remains is removed as pose
-/// error.
+/// Velocity error of the IK that the plan need not know about \[m/s\]; it is corrected as pose error later.
 const IK_TOLERANCE_MPS: f64 = 1e-3;
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Joint velocities for what was planned, and the rung that they stand on.
+    /// Joint velocities for what was planned, and their rung on the ladder.
     pub(super) fn solve(
         &mut self,
         start: Stamp,
@@ -32,7 +31,21 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if matches!(wanted, Wanted::Follow { .. }) && rung == Rung::Stop {
             health.set(Health::FALLBACK);
         }
-        Solved { qd, rung, home }
+        let follows = qd.is_some();
+        let qd = qd.unwrap_or_else(|| self.stopping(start + self.period_ns, health));
+        Solved { qd, follows, rung, home }
+    }
+
+    /// The next step of a stop, which ends at `reach`: joint velocities \[rad/s\].
+    fn stopping(&mut self, reach: Stamp, health: &mut Health) -> [f64; J] {
+        let Some(held) = &self.held else { return [0.0; J] };
+        let wanted = self.stop.next(&held.command, reach);
+        let step = self.ik.stopping(&held.kinematics, held.command.motion(), &wanted, self.period_s);
+        let [rows_held, rows_yielded] = step.envelope;
+        if step.clearance.held | step.clearance.yielded | rows_held | rows_yielded != 0 {
+            health.set(Health::CLEARANCE);
+        }
+        step.qd
     }
 
     /// Joint velocities that carry the tool from its commanded state to `next` in one period.
@@ -51,8 +64,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         if step.report.source != IkSource::Optimum {
             health.set(Health::IK_FAILED);
         }
-        let (clearance, [held, yielded]) = (step.report.clearance, step.report.envelope);
-        if clearance.held | clearance.yielded | held | yielded != 0 {
+        let (clearance, [rows_held, rows_yielded]) = (step.report.clearance, step.report.envelope);
+        if clearance.held | clearance.yielded | rows_held | rows_yielded != 0 {
             health.set(Health::CLEARANCE);
         }
         if !(step.report.velocity_error.norm() <= IK_TOLERANCE_MPS) {

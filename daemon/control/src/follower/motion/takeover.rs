@@ -1,7 +1,7 @@
-//! Taking charge of an arm, giving it back, and finding the way back after lost time.
+//! Taking charge of an arm, giving it back, and resuming after lost time.
 //!
-//! Contract: a command stamp never goes back, not even over an arming. After lost time the commanded state is
-//! where consumers are who followed the last command as long as it was valid and then braked.
+//! Contract: a command stamp never decreases, not even across an arming. After lost time the commanded state
+//! is that of a consumer which followed the last command as long as it was valid and then braked.
 
 use super::{Held, Mover};
 use crate::follower::io::{Health, Refusal};
@@ -35,7 +35,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.leave_home();
     }
 
-    /// Nothing commanded moves.
+    /// The commanded state is at rest.
     pub(in crate::follower) fn at_rest(&self) -> bool {
         self.held.as_ref().is_none_or(|held| StopProfile::is_done(&held.command))
     }
@@ -49,8 +49,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         health.set(Health::TIME_LOST | Health::RESYNCHRONISED);
         let decel = self.guard.limits().deceleration();
         let motion = consumer_state(&held.command, held.valid_until, decel, now);
-        // A finite command stays finite on its way to rest; if it did not, the arm is where the command left
-        // it.
+        // A finite command stays finite on its way to rest; if not, the arm stays where the command left it.
         let at_rest = Commanded::at_rest(now, *held.command.q());
         held.command = Commanded::new(now, motion).or(at_rest).unwrap_or(held.command);
         held.valid_until = now + self.valid_ns;

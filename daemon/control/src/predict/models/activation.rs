@@ -46,7 +46,7 @@ pub trait Scalar:
     /// (2^k, exp(r) − 1) with x = k·ln 2 + r, |r| ≤ ln 2 / 2; for |x| ≤ [`Self::EXP_END`] or NaN.
     fn exp_parts(self) -> (Self, Self);
 
-    /// Limited to ±`bound`; NaN stays.
+    /// Limited to ±`bound`; NaN stays NaN.
     #[inline(always)]
     fn within(self, bound: Self) -> Self {
         let low = if -bound > self { -bound } else { self };
@@ -177,7 +177,7 @@ pub fn sigmoid<T: Scalar>(x: T) -> T {
 mod tests {
     use super::{Scalar, exp, exp_m1, sigmoid, tanh};
 
-    /// Dense near zero, then out to where everything is flat, both signs.
+    /// Dense near zero, then out to where the functions are flat, both signs.
     fn grid() -> impl Iterator<Item = f64> {
         let near = (0..200_000).map(|i| f64::from(i) * 1e-5);
         let far = (0..200_000).map(|i| f64::from(i) * 3.5e-4);

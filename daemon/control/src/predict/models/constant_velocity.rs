@@ -3,7 +3,7 @@
 use crate::predict::{Entry, Predictor, shortened};
 
 pub(super) const ENTRY: Entry =
-    Entry::plain::<ConstantVelocity>("constant-velocity", "the last velocity goes on (the paper's baseline)");
+    Entry::plain::<ConstantVelocity>("constant-velocity", "repeats the last velocity (the paper's baseline)");
 
 /// Predicts the last observed displacement for every step; zero before the first.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,8 +1,8 @@
 //! `Covariance`: P of recursive least squares, kept symmetric, positive and bounded.
 //!
-//! Exponential forgetting divides P by λ at every step. In directions that the input does not excite nothing
-//! takes that back, and P would grow without bound (wind-up): a hand that rests, or writes one straight line,
-//! does that. Here P forgets only while its trace is below a bound.
+//! Exponential forgetting divides P by λ at every step. In directions without excitation P would grow without
+//! bound (wind-up), e.g. while the hand rests or writes one straight line. Here P forgets only while its
+//! trace is below a bound.
 
 /// P, D x D.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,8 +35,8 @@ impl<const D: usize> Covariance<D> {
         self.matrix.iter().enumerate().filter_map(|(i, row)| row.get(i).copied())
     }
 
-    /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P back at its start, if P was no
-    /// covariance any more.
+    /// k = P φ / (λ + φᵀ P φ), then P ← (P − k φᵀ P)/λ; `None`, with P reset, if P was no covariance any
+    /// more.
     pub(crate) fn update(&mut self, phi: &[f64], forgetting: f64) -> Option<[f64; D]> {
         let mut image = [0.0; D];
         for (row, phi) in self.matrix.iter().zip(phi) {
@@ -46,7 +46,7 @@ impl<const D: usize> Covariance<D> {
         }
         let excitation: f64 = image.iter().zip(phi).map(|(a, b)| a * b).sum();
         let trace = self.trace();
-        // A covariance has variances on its diagonal and an image that points forward; NaN fails everywhere.
+        // A covariance has positive variances and φᵀPφ ≥ 0; NaN fails everywhere.
         let positive = self.diagonal().all(|variance| variance > 0.0);
         let sound = positive && trace.is_finite() && excitation >= 0.0 && excitation.is_finite();
         if !sound {
@@ -54,11 +54,11 @@ impl<const D: usize> Covariance<D> {
             return None;
         }
         let inverse = 1.0 / (forgetting + excitation);
-        // With room for the rounding of the sum, so that P forgets from its very first step on.
+        // With room for rounding of the sum, so that P forgets from the first step on.
         let grown = if trace <= self.bound * 1.000_001 { 1.0 / forgetting } else { 1.0 };
         for (row, left) in self.matrix.iter_mut().zip(&image) {
             for (p, right) in row.iter_mut().zip(&image) {
-                // The product of the two images first: P stays symmetric to the last bit.
+                // The outer product first: P stays symmetric to the last bit.
                 *p = (*p - left * right * inverse) * grown;
             }
         }
@@ -77,7 +77,7 @@ mod tests {
         let [gain] = p.update(&[2.0], 0.5).unwrap();
         assert!((gain - 8.0 / 16.5).abs() < 1e-15);
         assert!((p.trace() - (4.0 - 64.0 / 16.5) / 0.5).abs() < 1e-14);
-        // What does not excite teaches nothing, and is forgotten until the trace has grown to its bound.
+        // Without excitation nothing is learned, and P forgets until its trace has grown to the bound.
         let mut p = Covariance::<2>::new(4.0, 3.0);
         for _ in 0..100 {
             assert_eq!(p.update(&[0.0, 0.0], 0.9), Some([0.0, 0.0]));
@@ -90,15 +90,15 @@ mod tests {
         let (one, huge) = ([1.0; 3], [1e60; 3]);
         let diagonal = |a, b, c| [[a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c]];
         for (matrix, phi) in [
-            // A variance that is not positive, or no number.
+            // A variance that is not positive, or NaN.
             (diagonal(1.0, -0.1, 1.0), one),
             (diagonal(1.0, 1.0, 0.0), one),
             (diagonal(f64::NAN, 1.0, 1.0), one),
-            // A trace that overflows, though nothing is excited.
+            // A trace that overflows without excitation.
             (diagonal(1e308, 1e308, 1e308), [1e-200; 3]),
-            // An image that points backward.
+            // A negative φᵀPφ.
             ([[1.0, -2.0, 0.0], [-2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 1.0, 0.0]),
-            // An excitation that overflows, or is no number.
+            // An excitation that overflows, or is NaN.
             (diagonal(1e200, 1e200, 1e200), huge),
             (diagonal(1.0, 1.0, 1.0), [f64::NAN, 0.0, 0.0]),
         ] {

@@ -4,7 +4,7 @@
 use crate::predict::{Entry, Predictor, shortened};
 
 pub(super) const ENTRY: Entry =
-    Entry::plain::<DampedVelocity>("damped-velocity", "the last velocity goes on, a tenth less every step");
+    Entry::plain::<DampedVelocity>("damped-velocity", "repeats the last velocity, a tenth less every step");
 
 /// ρ.
 const DAMPING: f64 = 0.9;

@@ -1,5 +1,4 @@
-//! Learned damping: x̂_k = ρ^k x, with the ρ that would have been best lately. Example of
-//! `docs/extend/predictor.md`.
+//! Learned damping: x̂_k = ρ^k x, with ρ fitted to recent motion. Example of `docs/extend/predictor.md`.
 //!
 //! ρ = Σ x_t · x_{t−1} / Σ |x_{t−1}|², both sums forgetting: least squares with one coefficient.
 
@@ -8,11 +7,11 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usab
 use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
 
 pub(super) const ENTRY: Entry =
-    Entry::taught::<LearnedDamping>("the last velocity goes on, damped as it was lately, learning online");
+    Entry::taught::<LearnedDamping>("repeats the last velocity, damped as it recently was, learning online");
 
-/// Factor per step by which the past loses weight.
+/// Forgetting factor per step.
 const FORGETTING: f64 = 0.999;
-/// Σ |x|² before which nothing is known: a step of usual length.
+/// Σ |x|² needed for an estimate: one step of usual length.
 const LEAST: f64 = TARGET_RMS * TARGET_RMS;
 
 /// Parameters: ρ and what it was made for.

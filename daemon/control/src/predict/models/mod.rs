@@ -29,8 +29,8 @@ pub use set::{InitialWeights, ModelSettings, Models, ModelsError, Networks};
 
 use super::registry::Entry;
 
-/// Every predictor. The order is that of tables and of [`PredictorKind::ALL`](super::PredictorKind::ALL);
-/// nothing outside of this process knows it.
+/// Every predictor, in the order of tables and of [`PredictorKind::ALL`](super::PredictorKind::ALL). The
+/// order is internal to the process.
 pub const REGISTRY: &[Entry] = &[
     hold::ENTRY,
     constant_velocity::ENTRY,
@@ -46,7 +46,7 @@ pub const REGISTRY: &[Entry] = &[
     learned_damping::ENTRY,
 ];
 
-/// Gives the list of those that learn online, each with the name of its part in
+/// Passes the list of predictors that learn online, each with the name of its part in
 /// [`OnlineWeights`](super::OnlineWeights), to the macro `$then`.
 macro_rules! for_each_taught {
     ($then:ident) => {

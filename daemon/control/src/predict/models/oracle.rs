@@ -35,7 +35,7 @@ impl Predictor for Oracle {
         }
     }
 
-    /// The recording does not forget; the cursor stays where `place` put it.
+    /// The recording is kept, and the cursor stays where `place` put it.
     fn reset(&mut self) {}
 
     fn place(&mut self, index: u64, scale_m: f64) {

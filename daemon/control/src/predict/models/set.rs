@@ -1,6 +1,5 @@
-//! `Models`: what the predictors are made of and never changes while they run: sizes, learning rules, the
-//! reservoir, trained networks. The loop and the learner are built from the same, so that weights learned in
-//! one fit the other.
+//! `Models`: the constant part of the predictors: sizes, learning rules, the reservoir, trained networks. The
+//! loop and the learner are built from the same, so that weights learned in one fit the other.
 
 use std::sync::Arc;
 
@@ -12,12 +11,12 @@ use crate::predict::models::lstm::{LstmError, LstmWeights};
 use crate::predict::online::WeightsError;
 use crate::predict::{ArRlsSettings, DybmSettings, MixtureSettings, OnlineWeights, Optimiser, PredictorKind};
 
-/// A DyBM before anything was learned.
+/// Initial weights of a DyBM.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InitialWeights {
     /// All zero, as in the paper: predicts like Hold at first.
     Zero,
-    /// W_1 = this·I: predicts the last displacement, fading by this factor per step.
+    /// W_1 = this·I: predicts the last displacement, decaying by this factor per step.
     Persistent(f64),
 }
 
@@ -28,7 +27,7 @@ pub struct ModelSettings {
     pub step_ns: u64,
     /// The linear DyBM, alone and beside a reservoir.
     pub dybm: DybmSettings,
-    /// Its start.
+    /// Its initial weights.
     pub initial: InitialWeights,
     /// The reservoir.
     pub reservoir: ReservoirSettings,
@@ -41,11 +40,10 @@ pub struct ModelSettings {
 }
 
 impl ModelSettings {
-    /// Longer displacements than this are jumps to the AR-RLS of the preset loop [in the plane]: seven
-    /// ordinary steps. Jumps have been recognised before a displacement comes there; this is for what is
-    /// left.
+    /// Longer displacements are jumps for the AR-RLS of the preset loop [in the plane]: seven ordinary steps.
+    /// The pen tracker detects jumps first; this catches the rest.
     pub const AR_RLS_GATE: f64 = 100.0;
-    /// Larger errors than this it learns from as if they were this large [per axis]: 1.2 ordinary steps.
+    /// Its errors are clipped to this [per axis]: 1.2 ordinary steps.
     pub const AR_RLS_HUBER: f64 = 12.0;
 
     /// The models of the preset loop; how they were chosen stands in
@@ -95,7 +93,7 @@ pub struct Models {
 /// Networks that were trained offline.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Networks {
-    /// The predictor `lstm`; without it there is none.
+    /// The network of predictor `lstm`; without it that predictor is absent.
     pub lstm: Option<Arc<LstmWeights>>,
     /// The expert of `mixture`, with a direct output per lead; without it the mixture starts cold.
     pub mixture: Option<Arc<LstmWeights>>,
@@ -113,12 +111,12 @@ impl Models {
         }
         let models =
             Self { settings, reservoir: Arc::new(Reservoir::seeded(&settings.reservoir)?), networks };
-        // Whatever is built later is built from settings that were judged here.
+        // Later builds use settings that were checked here.
         models.initial_weights().can_be_taught(&models)?;
         Ok(models)
     }
 
-    /// What they were built from.
+    /// The settings they were built from.
     #[must_use]
     pub const fn settings(&self) -> &ModelSettings {
         &self.settings
@@ -142,7 +140,7 @@ impl Models {
         &self.reservoir
     }
 
-    /// The weights before anything was learned.
+    /// The weights before anything is learned.
     #[must_use]
     pub fn initial_weights(&self) -> OnlineWeights {
         OnlineWeights::start(self)

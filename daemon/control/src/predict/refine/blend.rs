@@ -1,23 +1,23 @@
-//! What newer samples say about a preview: one ridge regression per lead and part of a grid step.
+//! Correction of a preview by newer samples: one ridge regression per lead and phase of a grid step.
 //!
-//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four things
-//! known when the newest sample came: the way that the preview still has to go, the innovation (newest sample
-//! − preview at its instant), and the pen's velocity and acceleration then ([`super::observer`]). What is
-//! more than a regression needs is shrunk towards a prior, so that a new hand starts with what other hands
-//! had. Sums forget.
+//! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four terms
+//! known when the newest sample came: the remaining displacement of the preview, the innovation (newest
+//! sample − preview at its time), and the pen's velocity and acceleration ([`super::observer`]). The weights
+//! are shrunk towards a prior from other hands. Sums forget.
 
 use super::parameters::{BlendParameters, RefineParameters};
 
-/// Terms: way left in the preview, innovation, the ways that velocity and acceleration make until the lead.
+/// Terms: remaining displacement of the preview, innovation, displacements by velocity and acceleration until
+/// the lead.
 pub(crate) const TERMS: usize = 4;
 /// One value of each term, both axes.
 pub(crate) type Terms = [[f64; 2]; TERMS];
 
-/// See the module's description.
+/// The regression at one lead.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blend {
     prior: [f64; TERMS],
-    /// What the prior weighs.
+    /// Weights of the prior.
     trust: [f64; TERMS],
     /// Σ terms · termsᵀ and Σ terms · error, rows divided by the horizon.
     squares: [[f64; TERMS]; TERMS],
@@ -30,7 +30,7 @@ pub(super) struct Blend {
 }
 
 impl Blend {
-    /// Nothing seen yet; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.
+    /// Without cases; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.
     pub(super) fn new(ahead: f64, clarity: f64, parameters: &RefineParameters) -> Self {
         let BlendParameters { ordinary, prior_cases, largest, shortest, .. } = parameters.blend;
         let prior = parameters.prior.weights(ahead, clarity).map(|weight| bounded(weight, largest));
@@ -51,19 +51,18 @@ impl Blend {
         }
     }
 
-    /// By how much the preview moves: by what the weights say, as far as that was worth anything.
+    /// The correction of the preview: the regression's output times its worth.
     pub(super) fn correction(&self, terms: &Terms, parameters: &BlendParameters) -> [f64; 2] {
         let worth = self.worth(parameters.prior_worth);
         self.said(terms).map(|way| worth * way)
     }
 
-    /// Share of what was said that went the way of the error, in [0, 1]: nothing moves a preview that is
-    /// right as it is.
+    /// Share of the corrections that agreed with the error, in [0, 1]: a preview that is right is not moved.
     fn worth(&self, prior_cases: f64) -> f64 {
         if !(self.asked > 0.0) {
             return 1.0;
         }
-        // Cases, not squares: a correction of a micrometre has to prove itself like one of a millimetre.
+        // Counts cases, not squares: a correction of a micrometre must prove itself like one of a millimetre.
         let past = self.cases * self.paid / self.asked;
         ((past + prior_cases) / (self.cases + prior_cases)).clamp(0.0, 1.0)
     }
@@ -78,7 +77,7 @@ impl Blend {
         sum
     }
 
-    /// One case: the preview missed by `error`, `ahead` steps after the sample. All in normalised units.
+    /// One case: the preview's `error`, `ahead` steps after the sample. All in normalised units.
     pub(super) fn learn(&mut self, terms: &Terms, error: [f64; 2], ahead: f64, parameters: &BlendParameters) {
         let BlendParameters { forgetting, largest, shortest, .. } = *parameters;
         let ([sx, sy], [rx, ry]) = (self.said(terms), error);
@@ -97,7 +96,7 @@ impl Blend {
         self.weights = self.solved(largest).unwrap_or(self.prior);
     }
 
-    /// (Σ + P) w = c + P w₀ by Cholesky's factors; `None` if numbers went wrong.
+    /// (Σ + P) w = c + P w₀ by a Cholesky factorisation; `None` if it fails numerically.
     #[expect(clippy::indexing_slicing, reason = "indices run over the array lengths of the types")]
     fn solved(&self, largest: f64) -> Option<[f64; TERMS]> {
         let mut factor = self.squares;
@@ -130,8 +129,7 @@ impl Blend {
     }
 }
 
-/// Within ± `largest`; nothing, where it is no number. Total, unlike `clamp`: whoever made `largest` is not
-/// asked.
+/// Clamped to ± `largest`; 0 for NaN. Total, unlike `clamp`, for any `largest`.
 fn bounded(weight: f64, largest: f64) -> f64 {
     if weight.is_finite() { weight.max(-largest).min(largest) } else { 0.0 }
 }
@@ -151,7 +149,7 @@ mod tests {
         [rng.random_range(-size..size), rng.random_range(-size..size)]
     }
 
-    /// Terms of ordinary motion and an error that follows `weights` but for noise.
+    /// Terms of ordinary motion and an error that follows `weights` plus noise.
     fn case(rng: &mut Pcg64, ahead: f64, weights: [f64; TERMS], noise: f64) -> (Terms, [f64; 2]) {
         let sizes = [30.0, 4.0, 12.0 * ahead, 2.5 * ahead * ahead];
         let terms = sizes.map(|size| random(rng, size));
@@ -236,7 +234,7 @@ mod tests {
                 let (terms, error) = case(&mut rng, ahead, own, 20.0);
                 let said =
                     [0, 1].map(|axis| (0..TERMS).map(|i| blend.weights[i] * terms[i][axis]).sum::<f64>());
-                // Five cases in which they were worth all that they said come first.
+                // Five cases in which they were fully right come first.
                 let past: f64 = if k == 0 { 0.0 } else { cases * paid / asked };
                 let worth = ((past + 5.0) / (cases + 5.0)).clamp(0.0, 1.0);
                 let found = blend.correction(&terms, &BLEND);
@@ -251,8 +249,7 @@ mod tests {
         }
     }
 
-    /// By hand: e^(−1) of each part is left where its reach ends, and between the tablets lies what lies
-    /// between them.
+    /// By hand: each part decays to e^(−1) at its reach, and tablets are interpolated.
     #[test]
     fn what_other_hands_had_fades_with_the_lead() {
         let left = (-1.0_f64).exp();

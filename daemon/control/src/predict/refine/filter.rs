@@ -1,39 +1,37 @@
-//! A Kalman filter of constant acceleration per axis, one gain for both, over samples at whatever rate they
-//! come.
+//! A Kalman filter of constant acceleration per axis, one gain for both, over samples at any rate.
 //!
-//! Contract: O(1) per sample, no allocation, total. It begins anew after a silence and after a non-finite
+//! Contract: O(1) per sample, no allocation, total. It restarts after a silence and after a non-finite
 //! sample.
 
 use super::parameters::FilterParameters;
 
-/// See the module's description.
+/// State and covariance of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
     parameters: FilterParameters,
-    /// Change of acceleration per sample over the noise of its position \[1/s²\].
+    /// Process noise: change of acceleration per sample over the noise of its position \[1/s²\].
     change: f64,
     /// Time of the newest sample \[s\]; `None` before the first.
     newest_s: Option<f64>,
     /// Position \[m\], velocity \[m/s\], acceleration \[m/s²\] per axis.
     axes: [[f64; 3]; 2],
-    /// In units of a sample's noise.
+    /// Covariance in units of a sample's noise.
     covariance: [[f64; 3]; 3],
 }
 
 impl Filter {
-    /// Nothing seen yet; `change`: of the acceleration from sample to sample \[1/s²\], in units of a sample's
-    /// noise.
+    /// Before the first sample; `change`: of the acceleration from sample to sample \[1/s²\], in units of a
+    /// sample's noise.
     pub(super) const fn new(change: f64, parameters: FilterParameters) -> Self {
         Self { parameters, change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
     }
 
-    /// The pen was elsewhere at once.
+    /// The pen jumped.
     pub(super) fn forget(&mut self) {
         self.newest_s = None;
     }
 
-    /// A sample at `position` \[m\] and `time_s`; the one that was seen last, or an older one, changes
-    /// nothing.
+    /// A sample at `position` \[m\] and `time_s`; a repeated or older one is ignored.
     pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
         let elapsed_s = self.newest_s.map_or(f64::INFINITY, |newest_s| time_s - newest_s);
         if elapsed_s <= 0.0 {
@@ -163,7 +161,7 @@ mod tests {
         assert!(filter.motion().as_flattened().iter().all(|v| v.is_finite()));
     }
 
-    /// Textbook matrices: x ← A x, P ← A P Aᵀ + g gᵀ; K = P Hᵀ/(H P Hᵀ + 1).
+    /// Textbook form: x ← A x, P ← A P Aᵀ + g gᵀ; K = P Hᵀ/(H P Hᵀ + 1).
     #[test]
     fn states_and_covariances_are_those_of_the_filter_in_matrices() {
         let change = 2e4;

@@ -1,10 +1,10 @@
-//! Refining a preview by samples newer than the grid: between two grid points newer samples arrive, and
-//! without them up to a whole step of what is known about the pen would lie idle.
+//! Refinement of a preview by samples newer than the grid. Without it up to a whole grid step of information
+//! about the pen would be unused.
 //!
-//! Contract: fixed size, no allocation, total. What a sample says about the preview at each lead is learned
-//! while the pen moves (`blend`), from a prior (`prior`), from the velocities of the filter that suits the
-//! tablet (`observer`). A preview that is right without is not moved: what past corrections were worth counts
-//! as well. The numbers of all that are in `parameters`.
+//! Contract: fixed size, no allocation, total. The correction at each lead is a regression learned while the
+//! pen moves (`blend`), from a prior (`prior`), on velocities of the filter that suits the tablet
+//! (`observer`). A preview that is right is not moved: corrections are weighted by how good past ones were.
+//! All numbers are in `parameters`.
 
 mod blend;
 mod filter;
@@ -30,32 +30,32 @@ use observer::Observers;
 
 use crate::units::Stamp;
 
-/// Leads with corrections of their own \[steps\]; farther ahead the last one counts.
+/// Leads with a regression of their own \[steps\]; farther leads use the last one.
 pub const REFINED_LEADS: usize = 24;
-/// Parts of a grid step that have corrections of their own: devices sample where they like.
+/// Phases of a grid step with regressions of their own, because devices sample at any phase.
 pub(crate) const PHASES: usize = 4;
 
-/// What newer samples say, and what that was worth.
+/// The regressions, and how good their corrections were.
 #[derive(Debug, Clone)]
 pub struct Refiner {
     parameters: RefineParameters,
     corrections: [[Blend; REFINED_LEADS]; PHASES],
     observers: Observers,
-    /// Of the observer that the corrections were learned with.
+    /// Clarity of the observer with which the corrections were learned.
     clarity: f64,
-    /// Metres per normalised unit, the newest that was told; 0 before.
+    /// Metres per normalised unit, the newest known; 0 before.
     unit_m: f64,
     step_s: f64,
 }
 
 impl Refiner {
-    /// Nothing seen yet; grid step `step_s` \[s\].
+    /// Without samples; grid step `step_s` \[s\].
     #[must_use]
     pub fn new(step_s: f64) -> Self {
         Self::tuned(step_s, RefineParameters::SHIPPED)
     }
 
-    /// The same with other parameters than the presets'.
+    /// The same with given parameters.
     #[must_use]
     pub fn tuned(step_s: f64, parameters: RefineParameters) -> Self {
         Self {
@@ -68,19 +68,19 @@ impl Refiner {
         }
     }
 
-    /// Another predictor answers from here on: what was learned about the last one goes.
+    /// Another predictor is active from now on: forgets what was learned about the last one.
     pub fn forget(&mut self) {
         self.corrections = fresh(self.clarity, &self.parameters);
     }
 
-    /// The pen was elsewhere at once.
+    /// The pen jumped.
     pub(crate) fn interrupt(&mut self) {
         self.observers.forget();
     }
 
-    /// A sample at `stamp` and `position` \[m\]; the same may be told again. Velocity and acceleration are
-    /// known only if every sample is told. Where another filter answers from here on, what was learned is
-    /// about the velocities of the last one and goes.
+    /// A sample at `stamp` and `position` \[m\]; it may be repeated. Velocity and acceleration are known only
+    /// if every sample is passed. When another filter is selected, the regressions, which concern the
+    /// velocities of the last one, are reset.
     pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
         self.observers.see(stamp.0 as f64 * 1e-9, position);
         let clarity = self.observers.clarity();
@@ -90,8 +90,8 @@ impl Refiner {
         }
     }
 
-    /// What the observed sample at `position` \[m\], `phase` of a step after the newest grid point, says
-    /// beside what the preview had `expected` \[m\] there.
+    /// The innovation of the observed sample at `position` \[m\], `phase` of a step after the newest grid
+    /// point, for which the preview `expected` \[m\], with the pen's motion.
     #[must_use]
     pub fn hear(&self, position: [f64; 2], phase: f64, expected: [f64; 2]) -> Look {
         let [velocity, acceleration] = self.observers.motion();
@@ -103,8 +103,8 @@ impl Refiner {
         Look { newest: position, phase, news: Some(news) }
     }
 
-    /// Where the preview that had `predicted` \[m\] at `lead` ≥ 1 steps is believed to be, as far as `share`,
-    /// after the sample of `look`: where that sample is, if it leapt.
+    /// The corrected position at `lead` ≥ 1 of a preview that `predicted` \[m\], shrunk to `share`, after the
+    /// sample of `look`; the sample's position, if that jumped.
     #[must_use]
     pub fn refined(&self, look: &Look, lead: usize, predicted: [f64; 2], share: f64) -> [f64; 2] {
         if self.unit_m > 0.0 && look.news.is_some_and(|news| !self.is_ordinary(&news)) {
@@ -119,35 +119,35 @@ impl Refiner {
         [x + share * (lx + cx), y + share * (ly + cy)]
     }
 
-    /// Neither a leap nor what a filter makes of one.
+    /// Neither a jump nor a filter's response to one.
     pub(crate) fn is_ordinary(&self, news: &News) -> bool {
         news.is_ordinary(self.parameters.leap * self.unit_m)
     }
 
-    /// Which filter answers, from 0, a coarse tablet, to 1, a clean one. Previews that were refined with
-    /// another one tell nothing of it.
+    /// Which filter is selected, from 0, a coarse tablet, to 1, a clean one. Previews refined with another
+    /// filter are not comparable.
     pub(crate) const fn clarity(&self) -> f64 {
         self.clarity
     }
 
-    /// Metres per normalised unit; 0 before it was told.
+    /// Metres per normalised unit; 0 while unknown.
     pub(crate) const fn unit_m(&self) -> f64 {
         self.unit_m
     }
 
-    /// Metres per normalised unit from here on.
+    /// Sets the metres per normalised unit.
     pub(crate) fn measure(&mut self, unit_m: f64) {
         self.unit_m = unit_m;
     }
 
-    /// By how much a preview moves at the lead with this index, corrected by a sample at `phase` that said
-    /// `terms`; in their unit.
+    /// The correction of a preview at the lead with this index, by a sample at `phase` with `terms`; in their
+    /// unit.
     pub(crate) fn correction(&self, phase: f64, index: usize, terms: Option<&Terms>) -> [f64; 2] {
         let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
         terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms, &self.parameters.blend))
     }
 
-    /// Learns that the preview was off by `error`, `ahead` steps after a sample at `phase` that said `terms`
+    /// Learns from the preview's `error`, `ahead` steps after a sample at `phase` with `terms`
     /// \[normalised\].
     pub(crate) fn learn(&mut self, phase: f64, index: usize, terms: &Terms, error: [f64; 2], ahead: f64) {
         if let Some(blend) = self.corrections.get_mut(bucket(phase)).and_then(|row| row.get_mut(index)) {
@@ -156,7 +156,7 @@ impl Refiner {
     }
 }
 
-/// The part of a grid step in which `phase` lies.
+/// Index of the phase interval that contains `phase`.
 pub(crate) fn bucket(phase: f64) -> usize {
     ((phase * PHASES as f64) as usize).min(PHASES - 1)
 }

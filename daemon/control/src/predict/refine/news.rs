@@ -1,11 +1,11 @@
-//! What the newest sample says beyond its position.
+//! Information in the newest sample beyond its position.
 
 use super::blend::Terms;
 
-/// What the newest sample says beyond its position.
+/// Information in the newest sample beyond its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct News {
-    /// Sample − preview at its instant \[m\].
+    /// Innovation: sample − preview at its time \[m\].
     pub(crate) innovation: [f64; 2],
     /// Velocity \[m/step\] and acceleration \[m/step²\] of the pen.
     pub(crate) velocity: [f64; 2],
@@ -13,28 +13,29 @@ pub(crate) struct News {
 }
 
 impl News {
-    /// Neither a leap nor what a filter makes of one, nor no number; `leap`: the largest that is none \[m,
+    /// Neither a jump nor a filter's response to one, nor NaN; `leap`: the largest ordinary value \[m,
     /// m/step, m/step² per axis\].
     pub(super) fn is_ordinary(&self, leap: f64) -> bool {
         let said = self.innovation.iter().chain(&self.velocity).chain(&self.acceleration);
         said.into_iter().all(|v| v.abs() <= leap)
     }
 
-    /// The terms of a correction for `left` \[m\] of predicted way, `ahead` steps after the sample.
+    /// The terms of a correction for a remaining predicted displacement of `left` \[m\], `ahead` steps after
+    /// the sample.
     pub(crate) fn terms(&self, left: [f64; 2], ahead: f64) -> Terms {
         let by_acceleration = self.acceleration.map(|a| 0.5 * ahead * ahead * a);
         [left, self.innovation, self.velocity.map(|v| ahead * v), by_acceleration]
     }
 }
 
-/// What a preview is refined by: the newest sample.
+/// The newest sample, relative to a preview.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
-    /// Where it lies \[m\].
+    /// Its position \[m\].
     pub(crate) newest: [f64; 2],
-    /// How far in the step it lies, after the base of the preview \[steps\].
+    /// Its time after the base of the preview \[steps\].
     pub(crate) phase: f64,
-    /// What it says; `None`: the preview stands without a newer sample.
+    /// Its innovation and motion; `None`: the preview is used without a newer sample.
     pub(crate) news: Option<News>,
 }
 
@@ -46,7 +47,7 @@ impl Look {
     }
 }
 
-/// The way to `there` \[m\] from `here` \[m\].
+/// The displacement to `there` \[m\] from `here` \[m\].
 pub(crate) fn from(there: [f64; 2], here: [f64; 2]) -> [f64; 2] {
     let ([tx, ty], [x, y]) = (there, here);
     [tx - x, ty - y]

@@ -1,30 +1,29 @@
-//! Where the pen is going right now: velocity and acceleration from the raw samples, at whatever rate they
-//! come.
+//! The pen's present motion: velocity and acceleration from the raw samples, at any rate.
 //!
 //! Contract: Kalman filters of constant acceleration per axis, one gain for both; O(1) per sample, no
-//! allocation, total. Between samples the acceleration changes at random by so many times the noise of a
-//! sample: only their ratio matters, and it is free of lengths, so that the size of the writing does not. A
-//! tablet of coarse steps and a clean one differ in it by a hundred, and so do the errors of whoever takes
-//! one for the other: several filters run side by side, and the one that extrapolates best answers.
+//! allocation, total. Only the ratio of process noise to sample noise matters; it has no unit of length, so
+//! the size of the writing does not matter. A coarse tablet and a clean one differ in it by a factor of a
+//! hundred, and the wrong filter's error grows accordingly: several filters run side by side, and the one
+//! that extrapolates best is selected.
 
 use super::filter::Filter;
 use super::parameters::{OBSERVERS, ObserverParameters};
 
-/// See the module's description.
+/// The filters and their scores.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observers {
     parameters: ObserverParameters,
     filters: [Filter; OBSERVERS],
     chosen: usize,
-    /// What waits for the pen to be `reach_s` farther.
+    /// Claims that wait until the pen is `reach_s` further.
     claim: Option<Claim>,
-    /// Mean squared errors of the filters and mean square of the ways \[m²\].
+    /// Mean squared errors of the filters and mean squared displacement \[m²\].
     missed: [f64; OBSERVERS],
     moved: f64,
     judged: u32,
 }
 
-/// Where every filter said at `time_s` that the pen at `position` \[m\] goes.
+/// Extrapolations of every filter, made at `time_s` with the pen at `position` \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Claim {
     time_s: f64,
@@ -33,7 +32,7 @@ struct Claim {
 }
 
 impl Observers {
-    /// Nothing seen yet: a coarse tablet.
+    /// Before the first sample: a coarse tablet.
     pub(super) fn new(parameters: ObserverParameters) -> Self {
         Self {
             parameters,
@@ -46,7 +45,7 @@ impl Observers {
         }
     }
 
-    /// The pen was elsewhere at once.
+    /// The pen jumped.
     pub(super) fn forget(&mut self) {
         self.claim = None;
         for filter in &mut self.filters {
@@ -54,8 +53,7 @@ impl Observers {
         }
     }
 
-    /// A sample at `position` \[m\] and `time_s`; the one that was seen last, or an older one, changes
-    /// nothing.
+    /// A sample at `position` \[m\] and `time_s`; a repeated or older one is ignored.
     pub(super) fn see(&mut self, time_s: f64, position: [f64; 2]) {
         for filter in &mut self.filters {
             filter.see(time_s, position);
@@ -70,7 +68,7 @@ impl Observers {
         self.claim = Some(Claim { time_s, position, motions: self.filters.each_ref().map(Filter::motion) });
     }
 
-    /// From 0, a coarse tablet, to 1, a clean one: which filter answers.
+    /// The filter selected, from 0, a coarse tablet, to 1, a clean one.
     pub(super) fn clarity(&self) -> f64 {
         self.chosen as f64 / (OBSERVERS - 1) as f64
     }
@@ -89,7 +87,7 @@ impl Observers {
         let errors = claim.motions.map(|[[vx, vy], [ax, ay]]| {
             square([wx - elapsed_s * vx - half * ax, wy - elapsed_s * vy - half * ay])
         });
-        // Rest says nothing about filters, so it makes nothing forgotten either.
+        // Rest carries no information about filters, so it causes no forgetting.
         let pace = self.parameters.pace * way / (way + self.moved);
         let sound = errors.iter().all(|error| error.is_finite());
         if !(pace > 0.0 && sound) {
@@ -121,8 +119,8 @@ mod tests {
     const SHIPPED: ObserverParameters = RefineParameters::SHIPPED.observer;
     const RATE_HZ: f64 = 100.0;
 
-    /// Writes for `seconds` on a tablet with this noise \[m\]; returns how well the chosen filter knows the
-    /// velocity at the end, as the RMS error \[m/s\] of the last second.
+    /// Writes for `seconds` on a tablet with this noise \[m\]; returns the RMS error of the selected filter's
+    /// velocity over the last second \[m/s\].
     fn write(observers: &mut Observers, from_s: f64, seconds: f64, noise_m: f64) -> f64 {
         let mut rng = Pcg64::seed_from_u64(11);
         let (mut sum, mut count) = (0.0, 0);
@@ -181,7 +179,7 @@ mod tests {
         assert!(observers.missed.iter().all(|missed| missed.is_finite()));
     }
 
-    /// Every filter's claim, 20 ms later, and how much each of them counts by the way that the pen went.
+    /// Every filter's claim, 20 ms later, weighted by the pen's displacement.
     #[test]
     fn filters_are_judged_by_where_they_said_that_the_pen_goes() {
         let mut rng = Pcg64::seed_from_u64(13);
@@ -217,7 +215,7 @@ mod tests {
             for (found, expected) in pairs {
                 assert!((found - expected).abs() <= 1e-9 * expected, "{k}: {found} {expected}");
             }
-            // Nobody is 15 % better than whoever answers.
+            // No filter is 15 % better than the selected one.
             if observers.judged > SHIPPED.settled {
                 let least = missed.iter().copied().fold(f64::INFINITY, f64::min);
                 assert!(least >= SHIPPED.better * missed[observers.chosen] * (1.0 - 1e-9), "{k}: {missed:?}");

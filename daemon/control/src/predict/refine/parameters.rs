@@ -1,8 +1,7 @@
-//! The numbers behind refinement, each with what it measures, where it starts and ends to count, and why it
-//! has its value.
+//! Parameters of refinement, each with what it measures, its range of effect, and the reason for its value.
 //!
-//! Lengths are normalised (see [`crate::predict`]) unless they say metres. Set on train writers of the data
-//! sets, judged on the test writers of all four (docs/results/closed-loop.md).
+//! Lengths are normalised (see [`crate::predict`]) unless in metres. Tuned on train writers of the data sets,
+//! tested on the test writers of all four (docs/results/closed-loop.md).
 
 use super::blend::TERMS;
 use super::prior::RefinePrior;
@@ -10,70 +9,69 @@ use super::prior::RefinePrior;
 /// Kalman filters side by side, from coarse tablets to clean ones.
 pub const OBSERVERS: usize = 5;
 
-/// See the module's description.
+/// All parameters of [`crate::predict::refine`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefineParameters {
-    /// News beyond this tell of a leap, and nothing of where the pen goes next: innovation, velocity and
-    /// acceleration \[per axis, and per step and step²\]. 15 ordinary steps.
+    /// Larger innovations, velocities and accelerations are jumps and carry no information about the future
+    /// \[per axis, and per step and step²\]. 15 ordinary steps.
     pub leap: f64,
-    /// What is learned of the preview's errors.
+    /// Regression of the preview's error.
     pub blend: BlendParameters,
-    /// Where the pen is going right now.
+    /// The pen's present motion.
     pub observer: ObserverParameters,
-    /// The weights that a new hand starts with.
+    /// Initial weights for a new hand.
     pub prior: RefinePrior,
 }
 
-/// How the regression of a preview's error forgets, and what it starts from.
+/// Forgetting and initial state of the regression.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlendParameters {
-    /// Factor by which the past loses weight per judged case \[1\]: 1 forgets nothing, 0.998 remembers about
-    /// 500 steps of motion.
+    /// Forgetting factor per judged case \[1\]: 1 forgets nothing, 0.998 remembers about 500 steps of motion.
     pub forgetting: f64,
     /// Square of each term in ordinary motion, one step ahead \[per axis, squared\]; a case adds the squares
-    /// of both axes. Way left and the velocity's way are an ordinary step, 10; the innovation is a third of
-    /// it, the acceleration's way a fifth.
+    /// of both axes. The remaining displacement and that by velocity are an ordinary step, 10; the innovation
+    /// is a third of it, the displacement by acceleration a fifth.
     pub ordinary: [f64; TERMS],
-    /// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead:
-    /// errors far ahead repeat themselves from case to case. 0: only the hand's own cases count.
+    /// The prior weighs as much as this many cases of ordinary motion, and as many more per step ahead,
+    /// because errors far ahead are correlated. 0: only the hand's own cases count.
     pub prior_cases: f64,
-    /// Cases that the prior weighs by which corrections are worth what they say: the fewer, the sooner a
-    /// preview that is right without is left alone.
+    /// Weight, in cases, of the initial assumption that corrections are right: the smaller, the sooner a
+    /// preview that is right is left alone.
     pub prior_worth: f64,
-    /// No weight is larger \[1\].
+    /// Largest weight \[1\].
     pub largest: f64,
-    /// Least horizon that a case is divided by \[steps\]: nearer leads count as if they were as far as that.
+    /// Least horizon that a case is divided by \[steps\]; nearer leads use this value.
     pub shortest: f64,
 }
 
-/// Which filter answers for the pen's velocity and acceleration.
+/// Selection of the filter for the pen's velocity and acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObserverParameters {
     /// Change of acceleration per sample over the noise of its position \[1/s²\], one per filter, from coarse
-    /// to clean: a tablet of coarse steps and a clean one differ by a hundred.
+    /// to clean: coarse tablets and clean ones differ by a factor of a hundred.
     pub changes: [f64; OBSERVERS],
-    /// How far the filters extrapolate to be judged \[s\].
+    /// Extrapolation by which the filters are judged \[s\].
     pub reach_s: f64,
-    /// How much a judgement counts if the pen moved a lot \[1\]: 0 judges nothing, 1 forgets all judgements
-    /// before. At rest none counts.
+    /// Weight of a judgement while the pen moves fast \[1\]: 0 judges nothing, 1 forgets all earlier
+    /// judgements. At rest none counts.
     pub pace: f64,
-    /// Judgements before another filter than the coarsest is chosen.
+    /// Judgements before another filter than the coarsest is selected.
     pub settled: u32,
-    /// A filter is exchanged for one whose mean squared error is below this part of its own \[1\]: 1 takes
-    /// the best at once and changes for nothing; with every change what was learned of corrections goes.
+    /// A filter is replaced by one whose mean squared error is below this share of its own \[1\]. At 1 the
+    /// best is selected at once, but every change resets the regressions.
     pub better: f64,
-    /// Where each filter starts.
+    /// Initial state of each filter.
     pub filter: FilterParameters,
 }
 
-/// Where a Kalman filter starts, and when it does anew.
+/// Initial state of a Kalman filter, and when it restarts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilterParameters {
-    /// First standard deviations per axis of position \[1\], velocity \[1/s\] and acceleration \[1/s²\], in
-    /// units of a sample's noise: of a hand, 0.3 m/s and 10 m/s² for 0.3 mm. With an acceleration that may be
-    /// anything it would explain the whole way to the second sample.
+    /// Initial standard deviations per axis of position \[1\], velocity \[1/s\] and acceleration \[1/s²\], in
+    /// units of a sample's noise: of a hand, 0.3 m/s and 10 m/s² for 0.3 mm. With an unlimited acceleration
+    /// that would explain the whole displacement to the second sample.
     pub first: [f64; 3],
-    /// A longer silence tells nothing about the velocity any more \[s\].
+    /// After a longer silence the velocity is unknown \[s\].
     pub forget_after_s: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The preview in force: as the predictor gave it, and as it is followed, refined by what came after it.
+//! The preview in force: as predicted, and as followed after refinement.
 //!
 //! Contract: fixed size, no allocation, total. Positions in the plane frame \[m\].
 
@@ -8,26 +8,25 @@ use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
 use crate::units::Stamp;
 
-/// Samples later than this after the base \[steps\] are of another time than the preview, as after a pause.
+/// Samples later than this after the base \[steps\] do not refine the preview, as after a pause.
 const LATEST_PHASE: f64 = 1.5;
 
 /// The newest preview, kept between grid steps, because most ticks close none.
 #[derive(Debug, Clone)]
 pub(crate) struct Preview {
     step_ns: u64,
-    /// Steps that there is room for, and those of the newest preview.
+    /// Capacity in steps, and steps of the newest preview.
     most: usize,
     steps: usize,
     /// Displacement that led to entry 0 of `path`.
     velocity: [f64; 2],
     /// Entry 0 is the newest closed grid point, entry i the predicted position i steps later.
     path: [[f64; 2]; MAX_PREVIEW + 1],
-    /// What is followed: the same, moved by what samples newer than entry 0 say, and believed as far as it
-    /// pays. Entry 0 is the newest sample then, `origin` steps after the base; 0 where the preview is taken
-    /// as it is.
+    /// The path to be followed: the same, corrected by samples newer than entry 0 and shrunk to its shares.
+    /// Entry 0 is then the newest sample, `origin` steps after the base; 0 if the preview is used as it is.
     used: [[f64; 2]; MAX_PREVIEW + 1],
     origin: f64,
-    /// The sample that `used` is up to date with, and whether it was believed per step.
+    /// The sample up to which `used` is refined, and whether per step.
     refined: Option<(Stamp, bool)>,
     base: Option<Stamp>,
     finite: bool,
@@ -52,7 +51,7 @@ impl Preview {
         }
     }
 
-    /// Rolls the predictor out anew, `steps` far if there is room.
+    /// Computes the preview anew, `steps` far if there is room.
     pub(crate) fn refresh(&mut self, previewer: &Previewer, steps: usize) {
         self.steps = steps.min(self.most);
         let Some((first, rest)) = self.path.split_first_mut() else { return };
@@ -70,8 +69,8 @@ impl Preview {
         }
     }
 
-    /// Moves the preview by what `newest` says and shortens it to `shares` per lead; without them it is taken
-    /// as it is. Returns what the sample said, if it is new and the preview is about it.
+    /// Corrects the preview by `newest` and shrinks it to `shares` per lead; without shares it is used as it
+    /// is. Returns the look at the sample, if it is new and belongs to the preview.
     pub(crate) fn refine(
         &mut self,
         newest: &PenReading,
@@ -116,7 +115,7 @@ impl Preview {
     }
 
     /// The preview `phase` steps after its base: on the parabola through the point before the base, the base
-    /// and the first predicted point, so that a curve that was foreseen is no news.
+    /// and the first predicted point, so that a predicted curve causes no innovation.
     fn expected(&self, phase: f64) -> [f64; 2] {
         let [[x0, y0], [x1, y1], ..] = self.path;
         let [dx, dy] = self.velocity;
@@ -147,18 +146,18 @@ impl Preview {
         self.path.get(1..=self.steps).unwrap_or_default()
     }
 
-    /// What is to be followed [m]: where the pen is, [`Preview::origin`] steps after the base, and where it
-    /// is believed to be at each step.
+    /// The path to be followed \[m\]: the pen at [`Preview::origin`] steps after the base, then its expected
+    /// position at each step.
     pub(crate) fn followed(&self) -> &[[f64; 2]] {
         self.used.get(..=self.steps).unwrap_or_default()
     }
 
-    /// Where the first entry of [`Preview::followed`] lies, after the base \[steps\].
+    /// Time of the first entry of [`Preview::followed`] after the base \[steps\].
     pub(crate) fn origin(&self) -> f64 {
         self.origin
     }
 
-    /// The predictor's numbers were usable.
+    /// The predictor's output was finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.finite
     }
@@ -171,7 +170,7 @@ impl Preview {
     }
 
     /// Radius \[m\] around the predicted point `lead` steps after the base within which the pen is expected
-    /// in nine of ten cases, if that is known.
+    /// in nine of ten cases, if known.
     pub(crate) fn band(&self, lead: f64) -> Option<f64> {
         self.bands?.at(lead)
     }
@@ -189,7 +188,7 @@ impl Preview {
 
 #[cfg(test)]
 impl Preview {
-    /// One of `points` \[m\] from the base at `base` on, taken as it is.
+    /// One of `points` \[m\] from the base at `base` on, used as it is.
     pub(crate) fn of(step_ns: u64, base: Stamp, points: &[[f64; 2]]) -> Self {
         let mut preview = Self::new(step_ns, points.len() - 1);
         preview.path[..points.len()].copy_from_slice(points);
@@ -226,7 +225,7 @@ mod tests {
         assert!(preview.refine(&sample, &mut refiner, Some(&[0.5; REFINED_LEADS])).is_none());
         assert_eq!(preview.followed().first(), Some(&sample.position));
         assert!((preview.origin() - 0.4).abs() < 1e-12);
-        // Taken as it is again, with the same sample.
+        // Used as it is again, with the same sample.
         assert!(preview.refine(&sample, &mut refiner, None).is_some());
         assert_eq!(preview.followed(), &points);
         assert_eq!(preview.origin(), 0.0);

@@ -1,30 +1,30 @@
-//! Where refinement starts: the weights that other hands taught, as plain data.
+//! The prior of refinement: weights learned from other hands, as plain data.
 //!
-//! A weight hangs on how many steps after the sample a lead lies and on how clean the tablet is. Per kind of
-//! tablet and term it is a [`Curve`]: a base and parts that fade or grow with the steps ahead. Data, fit and
-//! limits: `config/models/refine-prior.md`. The same numbers stand in `refine-prior.toml` beside it, which is
-//! what settings load; a test there compares them bit for bit. They stand here as well because the law is
-//! whole without files and whoever reads them.
+//! A weight depends on how many steps after the sample a lead lies and on how clean the tablet is. Per kind
+//! of tablet and term it is a [`Curve`]: a base and parts that decay or grow with the steps ahead. Data, fit
+//! and limits: `config/models/refine-prior.md`. The same numbers are in `refine-prior.toml` beside it, which
+//! settings load; a test there compares them bit for bit. They are repeated here because the law must be
+//! complete without files.
 
 use thiserror::Error;
 
 use super::blend::TERMS;
 
-/// Parts of a curve at most.
+/// Most parts of a curve.
 pub const CURVE_PARTS: usize = 2;
 /// Largest magnitude of a base or an amplitude \[1\]: that of a learned weight.
 pub const LARGEST_COEFFICIENT: f64 = 4.0;
 /// Shortest and longest reach of a part \[steps\].
 pub const LEGAL_REACH: [f64; 2] = [0.01, 1000.0];
 
-/// How a part hangs on x = steps ahead / reach.
+/// Shape of a part as a function of x = steps ahead / reach.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// e^(−x): 1 at the sample, gone after a few reaches.
+    /// e^(−x): 1 at the sample, 0 after a few reaches.
     Fading,
     /// 1 − e^(−x): 0 at the sample, 1 far ahead.
     Growing,
-    /// e^(−x²): stays near 1 for half a reach, then goes at once.
+    /// e^(−x²): near 1 for half a reach, then falls quickly.
     Falling,
     /// 1 − e^(−x²).
     Rising,
@@ -33,37 +33,37 @@ pub enum Shape {
 /// amplitude · shape(steps ahead / reach).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePart {
-    /// Its weight where the shape is 1 \[1\].
+    /// The weight where the shape is 1 \[1\].
     pub amplitude: f64,
-    /// How it changes.
+    /// The shape.
     pub shape: Shape,
-    /// How far \[steps of the pen's grid\], above 0.
+    /// Reach \[steps of the pen's grid\], above 0.
     pub reach_steps: f64,
 }
 
 /// A weight by steps ahead: base + Σ parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Curve {
-    /// What does not change \[1\].
+    /// Constant part \[1\].
     pub base: f64,
-    /// What does.
+    /// Varying parts.
     pub parts: [Option<CurvePart>; CURVE_PARTS],
 }
 
 /// One curve per term of a correction; all weights are metres per metre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Curves {
-    /// Of the way that the preview still has to go.
+    /// Of the preview's remaining displacement.
     pub left: Curve,
-    /// Of the innovation: newest sample − preview at its instant.
+    /// Of the innovation: newest sample − preview at its time.
     pub innovation: Curve,
-    /// Of the way that the pen's velocity makes until the lead.
+    /// Of the displacement by the pen's velocity until the lead.
     pub velocity: Curve,
-    /// Of the way that its acceleration makes.
+    /// Of the displacement by its acceleration.
     pub acceleration: Curve,
 }
 
-/// See the module's description.
+/// Curves for both kinds of tablet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefinePrior {
     /// For tablets of coarse steps (clarity 0).
@@ -72,7 +72,7 @@ pub struct RefinePrior {
     pub clean: Curves,
 }
 
-/// A number that no prior may have.
+/// A number of a prior outside its range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("the weights that refinement starts from: {curve}: {name} = {got} is outside {min} to {max}")]
 pub struct PriorError {
@@ -214,7 +214,7 @@ mod tests {
                 0.25 * fading(15.0) - 0.9 * fading(0.6),
             ];
             let clean = [-0.3 - 0.7 * falling(12.0), 1.2 * (1.0 - falling(5.0)), falling(9.0), falling(10.0)];
-            // Bit for bit: what a tick does hangs on it.
+            // Bit for bit, because ticks depend on it.
             assert_eq!(RefinePrior::SHIPPED.weights(ahead, 0.0), coarse);
             for ((got, coarse), clean) in
                 RefinePrior::SHIPPED.weights(ahead, 0.75).iter().zip(coarse).zip(clean)

@@ -3,7 +3,7 @@
 use foretrace_control::predict::models::dybm::{DybmSettings, DybmShape, Optimiser, Parameters, TraceInput};
 use serde_json::Value;
 
-/// The reference and this implementation sum in another order; parameters reach about 10.
+/// The reference sums in another order; parameters reach about 10.
 const TOLERANCE: f64 = 1e-9;
 
 pub(crate) fn numbers(value: &Value) -> Vec<f64> {

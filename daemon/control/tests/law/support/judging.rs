@@ -1,4 +1,4 @@
-//! `Judge`: the skill and its refiner, told event by event what a follower tells them tick by tick.
+//! `Judge`: the skill and its refiner, driven event by event as a follower drives them tick by tick.
 
 use foretrace_control::pen::Motion;
 use foretrace_control::predict::refine::{Look, RefineParameters, Refiner};
@@ -8,14 +8,14 @@ use foretrace_control::units::Stamp;
 /// Base, velocity and path.
 type Made = ([f64; 2], [f64; 2], Vec<[f64; 2]>);
 
-/// See the module's description. What happened is learned when the next thing happens.
+/// Skill, refiner and the pending event, which is learned at the next one.
 #[derive(Clone)]
 pub(crate) struct Judge {
     skill: Skill,
     refiner: Refiner,
     made: Option<Made>,
     look: Option<Look>,
-    /// The newest look, for where the preview is believed to be.
+    /// The newest look, for corrected positions.
     newest: Look,
     per_step: bool,
 }
@@ -32,7 +32,7 @@ impl Judge {
         }
     }
 
-    /// With other parameters of refinement than the presets'.
+    /// With given parameters of refinement.
     pub(crate) fn refining(step_s: f64, parameters: RefineParameters) -> Self {
         Self { refiner: Refiner::tuned(step_s, parameters), ..Self::new(step_s, true) }
     }
@@ -68,7 +68,7 @@ impl Judge {
         self.look = Some(self.newest);
     }
 
-    /// Where the preview that had `predicted` at `lead` is believed to be after the newest sample.
+    /// The corrected position at `lead` of the preview that `predicted`, after the newest sample.
     pub(crate) fn believed(&self, lead: usize, predicted: [f64; 2]) -> [f64; 2] {
         if !self.per_step {
             return predicted;
@@ -85,7 +85,7 @@ impl Judge {
         self.told().skill.report(first, last).record
     }
 
-    /// With everything learned that has happened.
+    /// With all events learned.
     fn told(&self) -> Self {
         let mut told = self.clone();
         told.learn(&[], None, 0);

@@ -1,11 +1,11 @@
-//! Handwriting-like joint commands and arms that are late in different ways.
+//! Handwriting-like joint commands, and arms with different kinds of lag.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use rand::{Rng, RngExt};
 
-/// How an arm is late.
+/// Kind of lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Kind {
     /// By a dead time \[s\].
@@ -39,7 +39,7 @@ const FINE: usize = 20;
 /// Commands remembered.
 const KEPT: usize = 400;
 
-/// An arm of `J` joints; commands and joints between ticks are taken to be linear.
+/// An arm of `J` joints; commands and joints are linear between ticks.
 #[derive(Debug, Clone)]
 pub(crate) struct Arm<const J: usize> {
     pub(crate) kind: Kind,

@@ -1,4 +1,4 @@
-//! Joint limits and random states: what the tests of guard and stop share.
+//! Joint limits and random states, shared by the tests of guard and stop.
 
 use foretrace_control::arm::{JointLimits, JointMotion};
 use rand::RngExt;

@@ -1,4 +1,4 @@
-//! A UR5 above a table, a pen, and ideal joint states: what the whole-step tests share.
+//! A UR5 above a table, a pen, and ideal joint states, shared by the whole-step tests.
 
 pub(crate) mod dybm;
 pub(crate) mod judging;
@@ -129,7 +129,7 @@ pub(crate) fn models() -> Models {
     Models::new(settings, networks(STEP_NS)).unwrap()
 }
 
-/// Networks that nobody trained: one step ahead, and direct leads.
+/// Untrained networks: one step ahead, and direct leads.
 pub(crate) fn networks(step_ns: u64) -> Networks {
     Networks { lstm: Some(network(step_ns, 1)), mixture: Some(network(step_ns, 24)) }
 }
@@ -216,13 +216,13 @@ impl Bench {
         self.step(&input, budget)
     }
 
-    /// Any input; the command is checked whatever it is, then time goes on by one period.
+    /// Any input; the command is checked in any case, then time advances by one period.
     pub(crate) fn step(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6> {
         self.shown.extend(input.joints.map(|joints| joints.q));
         let output = self.follower.step(input, budget, &mut NoClock);
         if let Some(command) = output.command {
             if output.begins {
-                // Armed anew: continuity is with the arm, not with commands of an earlier life.
+                // Armed anew: continuity is with the arm, not with earlier commands.
                 self.checker.restart();
                 let distance = |q: &[f64; 6]| {
                     q.iter().zip(&command.q).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()))

@@ -1,5 +1,4 @@
-//! The rules of one joint written down once more, from the words of the contract: no arithmetic of guard, box
-//! or stop.
+//! The rules of one joint written again from the contract's text, without arithmetic of guard, box or stop.
 
 use foretrace_control::arm::JointLimits;
 
@@ -40,9 +39,8 @@ pub(crate) fn joint<const J: usize>(limits: &JointLimits<J>, i: usize) -> Joint 
 }
 
 impl Joint {
-    /// How far outside the position limits \[rad\] a consumer gets that hears nothing more: at `v` for the
-    /// time of validity, then `deceleration` until it stands, looked at step by step. Negative: the room that
-    /// is left.
+    /// How far outside the position limits \[rad\] a consumer without commands gets: at `v` for the time of
+    /// validity, then braking at `deceleration`, sampled step by step. Negative: the remaining room.
     pub(crate) fn excess(&self, q: f64, v: f64) -> f64 {
         let mut worst = (q - self.high).max(self.low - q);
         let mut look = |q: f64| worst = worst.max(q - self.high).max(self.low - q);
@@ -59,13 +57,13 @@ impl Joint {
         worst
     }
 
-    /// True when a consumer that went on from `from` at `v` for `h` could not stop inside, seen with `slack`
-    /// \[rad/s\].
+    /// True if a consumer that continued from `from` at `v` for `h` could not stop inside, with tolerance
+    /// `slack` \[rad/s\].
     pub(crate) fn cannot_stop(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
         self.excess(from.q + v * h, v) > -slack * (h + self.hold_s + self.velocity / self.deceleration)
     }
 
-    /// True when going on so breaks a limit that must never be broken.
+    /// True if continuing so breaks a limit that must never be broken.
     pub(crate) fn breaks_hard(&self, from: &State, v: f64, h: f64, slack: f64) -> bool {
         v.abs() > self.velocity - slack
             || (v - from.qd).abs() > self.acceleration * h - slack
@@ -78,7 +76,7 @@ impl Joint {
             && from.qdd.abs() <= self.acceleration * (1.0 + 1e-6)
     }
 
-    /// What braking at `deceleration` for `h` leaves of a velocity.
+    /// Velocity after braking at `deceleration` for `h`.
     pub(crate) fn braked(&self, v: f64, h: f64) -> f64 {
         if v.abs() <= self.deceleration * h { 0.0 } else { v - v.signum() * self.deceleration * h }
     }

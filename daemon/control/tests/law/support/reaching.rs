@@ -1,4 +1,4 @@
-//! Arms that follow their own commands: what the tests of the inverse kinematics share.
+//! Arms that follow their own commands, shared by the tests of the inverse kinematics.
 
 use foretrace_control::arm::{Chain, JointLimits};
 use foretrace_control::guard::{Commanded, Guard};

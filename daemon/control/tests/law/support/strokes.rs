@@ -1,4 +1,4 @@
-//! Made-up motion of a pen: handwriting in metres, and signals in the normalised units of the learner.
+//! Synthetic motion of a pen: handwriting in metres, and signals in the normalised units of the learner.
 
 use foretrace_control::pen::{GridStep, Motion};
 use foretrace_control::predict::LearnStep;

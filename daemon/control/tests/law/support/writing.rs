@@ -1,4 +1,4 @@
-//! Writing with a known future: what the tests of trust and evidence share.
+//! Writing with a known future, shared by the tests of trust and record.
 
 use foretrace_control::follower::StepOutput;
 use foretrace_control::predict::Oracle;
@@ -13,7 +13,7 @@ pub(crate) fn curve(t: f64) -> [f64; 2] {
     [0.015 * (14.0 * t).sin(), 0.012 * (22.0 * t + 0.4).sin()]
 }
 
-/// Straight strokes of 60 ms between points that nobody can foresee, starting and ending at rest.
+/// Straight strokes of 60 ms between unpredictable points, starting and ending at rest.
 pub(crate) fn scribble(t: f64) -> [f64; 2] {
     const STROKE_S: f64 = 0.06;
     const HALF_M: f64 = 0.01;
@@ -28,7 +28,7 @@ pub(crate) fn scribble(t: f64) -> [f64; 2] {
     [x0 + part * (x1 - x0), y0 + part * (y1 - y0)]
 }
 
-/// Runs `ticks` of `path` at 200 Hz, and hands out every tick's output.
+/// Runs `ticks` of `path` at 200 Hz, and passes on every tick's output.
 pub(crate) fn write(
     bench: &mut Bench,
     start: Stamp,

@@ -65,7 +65,7 @@ fn a_flag_set_at_any_moment_latches_in_the_next_tick_and_is_told() {
             assert_eq!(flag.outcome(number).unwrap().0, stopped);
         }
         to_rest(&mut bench);
-        // Used up: arming works again, and nothing stops it.
+        // Consumed: arming works again without another stop.
         assert_eq!(bench.ask_sent(Request::Arm, 0), Ok(()));
         assert_eq!(bench.follow(200).output.mode, Mode::Following);
     }
@@ -74,7 +74,7 @@ fn a_flag_set_at_any_moment_latches_in_the_next_tick_and_is_told() {
 #[test]
 fn arming_never_undoes_a_stop_that_came_after_it_was_asked_for() {
     let flag = Arc::new(StopFlag::default());
-    // In the very tick in which the arm would be taken over, from idle and from a stand.
+    // In the very tick in which the arm would be taken over, from idle and from rest.
     let mut bench = Bench::minding(&flag, 0.5, 100);
     bench.run(0);
     flag.ask();
@@ -88,7 +88,7 @@ fn arming_never_undoes_a_stop_that_came_after_it_was_asked_for() {
     flag.ask();
     assert_eq!(bench.ask_sent(Request::Arm, 1_000), Err(Refusal::StopCame));
     assert_eq!(bench.run(0).output.mode, Mode::Stopped);
-    // Everything else is not about moving, and counts.
+    // Other requests do not start motion, and are accepted.
     flag.ask();
     assert_eq!(bench.ask_sent(Request::SetTrust(0.5), 20_000_000), Ok(()));
 }
@@ -111,12 +111,12 @@ fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
     let (mut shed, mut ticks) = (0, 0);
     let last = loop {
         let before = bench.tick.tally.overruns;
-        // Only what is solved is late, as with a solver that is too slow.
+        // Only solving ticks are late, as with a solver that is too slow.
         let solves = !(bench.tick.overruns.verdict(Stamp(0)) == Verdict::Shed
             && bench.tick.tally.ticks.is_multiple_of(2));
         let last = if solves { bench.run_long() } else { bench.run(0) };
         assert_eq!(bench.tick.tally.overruns > before, solves);
-        // A tick that starts late sheds by itself; what counts here are those that do not.
+        // A tick that starts late sheds by itself; here only the others count.
         shed += u64::from(last.budget.shed && !solves);
         ticks += 1;
         assert!(ticks < 400, "never latched");
@@ -128,7 +128,7 @@ fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
     let detail = last.output.stop_detail;
     assert_eq!((last.output.stop_reason, detail.cause), (StopReason::Overruns, StopCause::LateTicks));
     assert!(detail.amount > 0.5 && detail.limit == 0.5, "{detail:?}");
-    // Armed again it has its whole budget again.
+    // Arming restores the whole budget.
     to_rest(&mut bench);
     assert_eq!(bench.ask_sent(Request::Arm, 0), Ok(()));
     for _ in 0..40 {

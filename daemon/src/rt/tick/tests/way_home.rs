@@ -1,4 +1,4 @@
-//! A request for the way home is answered once, when the way has been looked along or a stop came before.
+//! A request for the way home is answered once: when the way has been checked or a stop came before.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use foretrace_control::follower::HomeProgress;
 use super::*;
 use crate::rt::stops::StopFlag;
 
-/// The arm stands with its base turned by a radian, and home is asked for; nothing is answered yet.
+/// The arm stands with its base turned by a radian, and the way home is requested; not answered yet.
 fn asking() -> Bench {
     let mut bench = Bench::new();
     bench.joints.q[0] -= 1.0;

@@ -1,7 +1,7 @@
 //! `ArRlsLearner`: one step of recursive least squares per displacement, both axes with one covariance.
 //!
-//! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Cold-started from constant
-//! velocity with a large P it is of use from the first steps on.
+//! d = x − φᵀθ, clipped to ±Huber bound per axis; k = Pφ/(λ + φᵀPφ); θ ← θ + k dᵀ. Started from constant
+//! velocity with a large P it is useful from the first steps on.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, ArRlsWeights, REGRESSORS, is_motion, roll_out};
@@ -12,13 +12,13 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 /// How it learns; lengths in units of the inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArRlsSettings {
-    /// λ, 0.9 to 1: the past counts 1/(1 − λ) steps.
+    /// λ, 0.9 to 1: a memory of 1/(1 − λ) steps.
     pub forgetting: f64,
     /// A displacement longer than this is a jump, not motion \[in the plane\].
     pub gate: f64,
-    /// Largest innovation that is learned from in full \[per axis\].
+    /// Largest innovation that is learned from fully \[per axis\].
     pub huber: f64,
-    /// P₀ = this·I \[1/units²\], and the bound of P's mean diagonal up to which it forgets.
+    /// P₀ = this·I \[1/units²\], and the bound on P's mean diagonal up to which it forgets.
     pub covariance: f64,
 }
 
@@ -63,9 +63,9 @@ pub struct ArRlsCounters {
     pub learned: u64,
     /// Innovations that were clipped.
     pub clipped: u64,
-    /// Jumps, NaN included: the memory was emptied.
+    /// Jumps, NaN included: the memory was cleared.
     pub gated: u64,
-    /// Times that P was no covariance any more and started anew.
+    /// Resets of a P that was no covariance any more.
     pub restarted: u64,
 }
 
@@ -79,9 +79,9 @@ pub struct ArRlsLearner {
     counters: ArRlsCounters,
 }
 
-/// Part of the gate below which a whole regressor excites nothing: from it nothing is learned, and P does not
-/// forget. A part, because the model knows no unit of length; rest of the pen ([`crate::pen::REST`]) is
-/// another matter.
+/// Share of the gate below which the whole regressor carries no excitation: nothing is learned, and P does
+/// not forget. A share, because the model knows no unit of length; unrelated to rest of the pen
+/// ([`crate::pen::REST`]).
 const LEAST_EXCITATION: f64 = 1e-3;
 
 impl ArRlsLearner {
@@ -114,7 +114,7 @@ impl ArRlsLearner {
         self.counters
     }
 
-    /// Trace of P: how unsure the coefficients are.
+    /// Trace of P: uncertainty of the coefficients.
     #[must_use]
     pub fn uncertainty(&self) -> f64 {
         self.covariance.trace()

@@ -2,8 +2,8 @@
 //! squares.
 //!
 //! x̂ = Σ_l x[t−l] A_l, both axes predicted from both. A displacement longer than the gate is a jump, not
-//! motion: it empties the memory and nothing is learned from it or across it. Parameters ([`ArRlsWeights`]),
-//! memory ([`ArRlsState`]) and the learner's covariance ([`ArRlsLearner`]) are apart, as for the DyBM.
+//! motion: it clears the memory and nothing is learned from it or across it. Parameters ([`ArRlsWeights`]),
+//! memory ([`ArRlsState`]) and the learner's covariance ([`ArRlsLearner`]) are separate, as for the DyBM.
 //! Source: recursive least squares with exponential forgetting (Ljung, System Identification, section 11.2),
 //! with a Huber-clipped innovation.
 
@@ -19,7 +19,7 @@ use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
 pub(super) const ENTRY: Entry =
     Entry::taught::<ArRls>("autoregression by recursive least squares, learning online");
 
-/// Displacements that the model looks back on.
+/// Order: displacements in the regressor.
 pub const ORDER: usize = 8;
 /// Numbers in the regressor: two axes each.
 pub const REGRESSORS: usize = 2 * ORDER;

@@ -1,4 +1,4 @@
-//! `ArRlsWeights`: the coefficients of both axes, plain copies that can cross threads whole.
+//! `ArRlsWeights`: the coefficients of both axes, a plain copy that can cross threads.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, ORDER};
@@ -18,10 +18,10 @@ pub struct ArRlsWeights {
 }
 
 impl ArRlsWeights {
-    /// Largest magnitude of a coefficient: 100 times what repeats a displacement.
+    /// Largest magnitude of a coefficient: 100 times that of constant velocity.
     pub const MAX_MAGNITUDE: f64 = 100.0;
 
-    /// A cold start that is of use at once: the last displacement goes on (A_1 = I).
+    /// A useful start: constant velocity (A_1 = I).
     #[must_use]
     pub fn constant_velocity(step_ns: u64) -> Self {
         let mut coefficients = [[[0.0; 2]; 2]; ORDER];

@@ -1,8 +1,8 @@
 //! `DybmLearner`: one online gradient step per input (gradient *ascent* of the Gaussian log-likelihood).
 //!
-//! With d = x − μ: g_b = d, g_W[l] = f_l ⊗ d, g_V[k] = e_k ⊗ d, all with the parameters from before the step;
-//! L2 is taken off the gradient (twice for W and b, once for V, as the reference does), L1 shrinks after the
-//! step.
+//! With d = x − μ: g_b = d, g_W\[l\] = f_l ⊗ d, g_V\[k\] = e_k ⊗ d, all with the parameters from before the
+//! step; L2 is subtracted from the gradient (twice for W and b, once for V, as in the reference), L1 shrinks
+//! after the step.
 
 use crate::predict::models::dybm::optimiser::{Group, Optimiser, Powers, Pull};
 use crate::predict::models::dybm::{DybmShape, DybmState, DybmWeights, Parameters, roll_out};
@@ -51,7 +51,7 @@ impl DybmSettings {
     }
 }
 
-/// The learning rule with its accumulators; parameters and memory are whoever's it learns for.
+/// The learning rule with its accumulators; parameters and memory belong to the caller.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ascent {
     settings: DybmSettings,
@@ -69,7 +69,7 @@ impl Ascent {
         &self.second
     }
 
-    /// One gradient step of `weights` for the error d = x − μ, whatever μ was made of.
+    /// One gradient step of `weights` for the error d = x − μ, for any μ.
     #[inline]
     pub(crate) fn step(&mut self, weights: &mut DybmWeights, state: &DybmState, error: [f64; 2]) {
         let DybmSettings { shape, optimiser, l1, l2 } = self.settings;

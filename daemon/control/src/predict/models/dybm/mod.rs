@@ -1,10 +1,10 @@
 //! Linear (Gaussian) dynamic Boltzmann machine: μ = b + Σ_l f_l W_l + Σ_k e_k V_k.
 //!
 //! Row vectors in R²; f_1 … f_L (L = delay − 1) are the last inputs, newest first; e_k are eligibility
-//! traces, e_k ← λ_k e_k + x (or + the value that falls out of the FIFO, [`TraceInput::Delayed`]). Parameters
-//! ([`DybmWeights`]), memory ([`DybmState`]) and optimiser accumulators ([`DybmLearner`]) are apart, so that
-//! weights can be exchanged between two steps without the memory noticing. Source: Dasgupta & Osogami 2017,
-//! as in IBM's reference implementation whose numbers the tests reproduce.
+//! traces, e_k ← λ_k e_k + x (or + the value that leaves the FIFO, [`TraceInput::Delayed`]). Parameters
+//! ([`DybmWeights`]), memory ([`DybmState`]) and optimiser accumulators ([`DybmLearner`]) are separate, so
+//! that weights can be exchanged between two steps without effect on memory. Source: Dasgupta & Osogami 2017,
+//! as in IBM's reference implementation, whose numbers the tests reproduce.
 
 mod weights;
 mod optimiser;
@@ -25,12 +25,12 @@ pub(super) const ENTRY: Entry = Entry::taught::<Dybm>("dynamic Boltzmann machine
 
 /// Largest delay; the FIFO holds one input less.
 pub const MAX_DELAY: usize = 16;
-/// Inputs a FIFO holds at most.
+/// Largest number of inputs in a FIFO.
 pub const MAX_FIFO: usize = MAX_DELAY - 1;
-/// Eligibility traces at most.
+/// Largest number of eligibility traces.
 pub const MAX_TRACES: usize = 4;
 
-/// What the model remembers of the pen.
+/// Memory of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DybmState {
     /// f_1 … f_L, newest first, normalised; MAX_FIFO x 2, zero past L.
@@ -60,7 +60,8 @@ impl DybmState {
         }
     }
 
-    /// Every held input times `error`: the gradients of W and V (that of b is `error` itself).
+    /// Outer products of every held input with `error`: the gradients of W and V (that of b is `error`
+    /// itself).
     #[inline]
     pub(crate) fn outer(&self, shape: &DybmShape, error: [f64; 2]) -> Parameters {
         let [dx, dy] = error;

@@ -1,4 +1,4 @@
-//! `DybmWeights`: plain parameters that can be copied between threads whole, with what they were made for.
+//! `DybmWeights`: parameters and what they were made for, a plain copy that can cross threads.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::dybm::{DybmState, MAX_DELAY, MAX_FIFO, MAX_TRACES};
@@ -10,7 +10,7 @@ pub enum TraceInput {
     /// The newest input (the reference's `wo_delay`, its default).
     #[default]
     Newest,
-    /// The input that falls out of the FIFO (the reference's `w_delay`).
+    /// The input that leaves the FIFO (the reference's `w_delay`).
     Delayed,
 }
 
@@ -69,7 +69,7 @@ impl DybmShape {
     }
 }
 
-/// b, W and V, or anything kept per parameter (gradients, accumulators).
+/// b, W and V, or a quantity per parameter (gradients, accumulators).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
     /// b, 2.
@@ -98,10 +98,10 @@ impl Default for Parameters {
     }
 }
 
-/// Parameters with their shape and the loop they fit.
+/// Parameters with their shape and the loop that they fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DybmWeights {
-    /// Counts every change of the live weights, promotions and roll-backs alike.
+    /// Counts every change of the live weights, promotions and rollbacks alike.
     pub version: u64,
     /// Δ they were learned at \[ns\].
     pub step_ns: u64,
@@ -114,7 +114,7 @@ pub struct DybmWeights {
 }
 
 impl DybmWeights {
-    /// Largest magnitude of a parameter: 100 times what repeats a displacement.
+    /// Largest magnitude of a parameter: 100 times that of constant velocity.
     pub const MAX_MAGNITUDE: f64 = 100.0;
 
     /// The paper's start: every parameter zero, which predicts like Hold until it has learned.
@@ -123,8 +123,7 @@ impl DybmWeights {
         Self { version: 0, step_ns, input_scale: TARGET_RMS, shape, parameters: Parameters::ZERO }
     }
 
-    /// A start that is of use at once: W_1 = `persistence`·I, i.e. the last displacement fading by that
-    /// factor per step.
+    /// A useful start: W_1 = `persistence`·I, i.e. the last displacement, decaying by that factor per step.
     ///
     /// What is learned on top is then the *change* of velocity; the model stays a linear DyBM.
     #[must_use]

@@ -8,13 +8,12 @@ use crate::predict::models::dybm::{
 use crate::predict::models::esn::{DybmEsnState, DybmEsnWeights, Reservoir, UNITS, judge};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 
-/// Which error the read-out learns on.
+/// The error on which the read-out learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReadoutRule {
-    /// x − s A, its own alone: the reference's rule.
+    /// x − s A, its own error: the reference's rule.
     OwnError,
-    /// x − μ, what both together leave: g_A = s ⊗ d is then the gradient of the likelihood that the DyBM
-    /// climbs.
+    /// x − μ, the error of the sum: g_A = s ⊗ d is then the gradient of the DyBM's likelihood.
     #[default]
     SharedResidual,
 }
@@ -22,9 +21,9 @@ pub enum ReadoutRule {
 /// Learning rules of both parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DybmEsnSettings {
-    /// Of the DyBM, on d = x − μ.
+    /// Rule of the DyBM, on d = x − μ.
     pub dybm: DybmSettings,
-    /// Of the read-out.
+    /// Rule of the read-out.
     pub readout: Optimiser,
     /// Error of the read-out.
     pub rule: ReadoutRule,
@@ -85,7 +84,7 @@ impl DybmEsnLearner {
         })
     }
 
-    /// A DyBM that knows nothing beside an untrained read-out: the paper's start.
+    /// A DyBM of zeros beside an untrained read-out: the paper's start.
     ///
     /// # Errors
     ///

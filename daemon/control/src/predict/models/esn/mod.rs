@@ -1,8 +1,8 @@
-//! DyBM + ESN: a linear DyBM and an echo state network whose predictions add up, μ = μ_DyBM + s A.
+//! DyBM + ESN: the sum of a linear DyBM and an echo state network, μ = μ_DyBM + s A.
 //!
-//! The reservoir s sees the same displacements and is fixed; A learns. Parameters ([`DybmEsnWeights`]),
-//! memory ([`DybmEsnState`]) and accumulators ([`DybmEsnLearner`]) are apart, as for the linear DyBM. Source:
-//! Dasgupta & Osogami 2017, as in IBM's reference implementation whose numbers the tests reproduce.
+//! The reservoir s receives the same displacements and is fixed; A learns. Parameters ([`DybmEsnWeights`]),
+//! memory ([`DybmEsnState`]) and accumulators ([`DybmEsnLearner`]) are separate, as for the linear DyBM.
+//! Source: Dasgupta & Osogami 2017, as in IBM's reference implementation, whose numbers the tests reproduce.
 
 mod network;
 mod reservoir;
@@ -22,7 +22,7 @@ use crate::predict::{Entry, ModelSettings, Models, Pace, Predictor, Taught};
 pub(super) const ENTRY: Entry =
     Entry::taught::<DybmEsn>("DyBM with an echo state network beside it, learning online");
 
-/// What the model remembers of the pen.
+/// Memory of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DybmEsnState {
     /// FIFO and traces.
@@ -48,8 +48,8 @@ impl DybmEsnState {
 
 /// The predictor: parameters, memory and the reservoir they belong to.
 ///
-/// Its memory is exact; roll-outs are computed in single precision from there, which halves their time and is
-/// off by less than 1e-4 of a typical displacement after ten steps. [`DybmEsnLearner`] rolls out in double
+/// Its memory is exact; roll-outs are computed in single precision from there, which halves their time at an
+/// error below 1e-4 of a typical displacement after ten steps. [`DybmEsnLearner`] rolls out in double
 /// precision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DybmEsn {

@@ -1,8 +1,8 @@
 //! `Network`: the arithmetic of a reservoir and its read-out in one precision, laid out for the processor's
 //! vectors.
 //!
-//! Units stand in B blocks of W (the last one padded with units that stay zero), so that a block's sums fit
-//! into the registers while the whole state passes by once.
+//! Units are stored in B blocks of W (the last one padded with zero units), so that a block's sums fit into
+//! the registers during one pass over the state.
 
 use crate::predict::models::activation::{Scalar, tanh};
 use crate::predict::models::dybm::{DybmState, DybmWeights};
@@ -22,7 +22,7 @@ pub(super) struct Network<T, const W: usize, const B: usize> {
     keep: T,
     /// B x 2 x W.
     input: [[[T; W]; 2]; B],
-    /// B x UNITS x W; row j is what unit j sends to the block.
+    /// B x UNITS x W; row j holds unit j's weights to the block.
     recurrent: [[[T; W]; UNITS]; B],
 }
 

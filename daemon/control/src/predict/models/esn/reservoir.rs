@@ -1,4 +1,4 @@
-//! `Reservoir`: the fixed random network of an echo state network; nothing in it learns.
+//! `Reservoir`: the fixed random network of an echo state network.
 //!
 //! s ← (1 − leak)·s + leak·tanh(x W_in + s W_rec), row vectors. Built once (that may allocate), shared from
 //! then on. The same seed gives the same matrices.
@@ -19,7 +19,7 @@ pub struct ReservoirSettings {
     pub seed: u64,
     /// Share of the new state, 0 to 1; 0.7.
     pub leak: f64,
-    /// Largest magnitude of W_rec's eigenvalues, below 1 so that the past fades; 0.95.
+    /// Largest magnitude of W_rec's eigenvalues, below 1 so that memory fades; 0.95.
     pub spectral_radius: f64,
     /// Standard deviation of W_in's entries; 0.1/√2 for inputs of RMS 10 per axis.
     pub input_std: f64,
@@ -65,11 +65,11 @@ impl Reservoir {
         Self::from_matrices(settings.leak, input, recurrent)
     }
 
-    /// A reservoir made elsewhere: W_in 2 x UNITS, W_rec UNITS x UNITS, for row vectors.
+    /// A given reservoir: W_in 2 x UNITS, W_rec UNITS x UNITS, for row vectors.
     ///
     /// # Errors
     ///
-    /// A leak outside 0 to 1, or an entry that is not finite or beyond ±100.
+    /// A leak outside 0 to 1, or an entry that is non-finite or beyond ±100.
     pub fn from_matrices(
         leak: f64,
         input: [ReservoirState; 2],
@@ -89,7 +89,7 @@ impl Reservoir {
         Ok(Self { double, single, digest })
     }
 
-    /// Tells reservoirs apart: a read-out is worth nothing on another one.
+    /// Identifies a reservoir: a read-out is valid for its own only.
     #[must_use]
     pub fn digest(&self) -> u64 {
         self.digest
@@ -122,7 +122,7 @@ fn matrices(settings: &ReservoirSettings) -> Result<Matrices, WeightsError> {
 /// Largest magnitude of the eigenvalues: lim ‖Aⁿ‖^(1/n) (Gelfand) by repeated squaring, n = 2³², A normalised
 /// each time.
 ///
-/// Needs no eigenvalues and cannot fail to converge; good to about 1e-9 relative.
+/// Needs no eigenvalues and cannot fail to converge; accurate to about 1e-9 relative.
 fn spectral_radius(matrix: &[ReservoirState; UNITS]) -> f64 {
     let mut power = *matrix;
     let (mut log, mut share) = (0.0, 1.0);
@@ -170,7 +170,7 @@ impl Normal {
         if let Some(spare) = self.spare.take() {
             return spare;
         }
-        // Accepts π/4 of all pairs: 64 refusals in a row are less likely than 1e-42.
+        // Accepts π/4 of all pairs: 64 rejections in a row are less likely than 1e-42.
         for _ in 0..64 {
             let (u, v) = (self.uniform(), self.uniform());
             let square = u * u + v * v;

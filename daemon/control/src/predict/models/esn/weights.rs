@@ -1,4 +1,4 @@
-//! `DybmEsnWeights`: the DyBM's parameters and the read-out A, plain copies that can cross threads whole.
+//! `DybmEsnWeights`: the DyBM's parameters and the read-out A, a plain copy that can cross threads.
 
 use crate::predict::models::dybm::DybmWeights;
 use crate::predict::models::esn::network::read;
@@ -26,7 +26,7 @@ impl DybmEsnWeights {
         Self { dybm, readout: [[0.0; 2]; UNITS], reservoir }
     }
 
-    /// s A, what the reservoir adds to the prediction.
+    /// s A, the reservoir's part of the prediction.
     #[must_use]
     #[inline]
     pub fn contribution(&self, state: &DybmEsnState) -> [f64; 2] {

@@ -1,21 +1,21 @@
-//! The cells themselves: weights laid out for the processor, and one step of them.
+//! The LSTM cells: weights in a layout for vector instructions, and one step.
 //!
 //! Per step, with x limited to ±clip: z = W_ih x + b_ih + W_hh h + b_hh, split into i, f, g, o;
 //! c ← σ(f)·c + σ(i)·tanh(g), h ← σ(o)·tanh(c), y = W_out h + b_out (+ x if residual).
 //! *Source*: Hochreiter & Schmidhuber 1997 with forget gates, in PyTorch's form (`nn.LSTM`).
 //!
-//! Contract: numbers in scaled units; `T` is the precision computed in. `U` cells are worked on together, all
-//! four gates of them from sums in registers to the new state; `B` such blocks hold all cells, the rest of
-//! the last block idles at zero. Sums run in a fixed order, so the bits are the same whatever instructions
-//! the compiler chose.
+//! Contract: numbers in scaled units; `T` is the precision of the computation. `U` cells are processed
+//! together, all four gates from sums in registers to the new state; `B` such blocks hold all cells, and the
+//! rest of the last block stays zero. Sums run in a fixed order, so the bits do not depend on the compiler's
+//! choice of instructions.
 
 use crate::predict::models::activation::{Scalar, exp_gate, tanh_parts};
 use crate::predict::models::lstm::weights::{GATES, LstmWeights};
 
-/// What multiplies one input: a number per gate and cell of a block.
+/// Weights of one input: a number per gate and cell of a block.
 type Column<T, const U: usize> = [[T; U]; GATES];
 
-/// What a block of cells reads.
+/// Parameters of a block of cells.
 #[derive(Debug, Clone)]
 struct Block<T, const H: usize, const U: usize> {
     bias: Column<T, U>,
@@ -34,7 +34,7 @@ pub(super) struct Cells<T, const H: usize, const U: usize, const B: usize> {
     biases: Box<[T]>,
 }
 
-/// What the network remembers: c, h and the newest limited input.
+/// Memory of the network: c, h and the newest limited input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Memory<T, const U: usize, const B: usize> {
     pub(super) c: [[T; U]; B],
@@ -100,7 +100,7 @@ impl<T: Scalar, const H: usize, const U: usize, const B: usize> Cells<T, H, U, B
         }
     }
 
-    /// Predictions in scaled units, as many as `out` takes or the network gives.
+    /// Predictions in scaled units, as many as fit `out` or the network gives.
     #[inline(always)]
     pub(super) fn outputs(&self, memory: &Memory<T, U, B>, out: &mut [[f64; 2]]) {
         let newest = if self.residual { memory.x } else { [T::ZERO; 2] };
@@ -121,7 +121,7 @@ fn accumulate<T: Scalar, const U: usize>(z: &mut Column<T, U>, column: &Column<T
     }
 }
 
-/// σ(f)·c + σ(i)·tanh(g) over one common denominator: a division costs as much as a whole exponential.
+/// σ(f)·c + σ(i)·tanh(g) over one common denominator: a division costs as much as an exponential.
 #[inline(always)]
 fn carried<T: Scalar>(i: T, f: T, g: T, c: T) -> T {
     let (i, f) = (T::ONE + exp_gate(-i), T::ONE + exp_gate(-f));

@@ -1,13 +1,13 @@
 //! LSTM: one layer of 10, 32 or 64 cells on displacements, with a linear output per lead (paper, section 3).
 //!
-//! Parameters ([`LstmWeights`]), what is remembered ([`LstmState`]) and the predictor ([`Lstm`]) are apart.
-//! Trained offline; nothing learns here. Two kinds of output: `leads` = 1 predicts the next displacement and
-//! is rolled out by feeding predictions back; more leads predict each step directly from the newest state,
-//! and beyond the last one its displacement fades. Inputs are divided by the network's `input_scale`, limited
+//! Parameters ([`LstmWeights`]), memory ([`LstmState`]) and the predictor ([`Lstm`]) are separate. Trained
+//! offline; nothing learns here. Two kinds of output: `leads` = 1 predicts the next displacement and is
+//! rolled out by feeding predictions back; more leads predict each step directly from the newest state, and
+//! beyond the last one its displacement decays. Inputs are divided by the network's `input_scale` and limited
 //! to ±`input_clip`; outputs are multiplied back.
 //!
 //! Contract: no allocation after construction; the same bits on every machine. [`Lstm::new`] computes in
-//! `f32`, as PyTorch trains: half the memory and half the time; [`Lstm::exact`] in `f64`, for tables that are
+//! `f32`, as PyTorch trains, in half the memory and time; [`Lstm::exact`] in `f64`, for tables that are
 //! compared to the last digits.
 
 mod weights;
@@ -26,10 +26,10 @@ use crate::predict::{Entry, Models, Predictor, Trained, shortened};
 
 pub(super) const ENTRY: Entry = Entry::trained::<Lstm>("lstm", "the trained network of `lstm`");
 
-/// Factor per step by which the last direct lead fades beyond it.
+/// Decay per step of the last direct lead beyond it.
 pub const FADE: f64 = 0.8;
 
-/// What the predictor computes in.
+/// Precision of the computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     /// `f32`.
@@ -46,8 +46,8 @@ pub struct Lstm {
     hidden: [f64; MAX_HIDDEN],
 }
 
-/// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those tried with
-/// SSE2).
+/// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those measured
+/// with SSE2).
 #[derive(Debug, Clone)]
 #[expect(
     clippy::large_enum_variant,
@@ -62,7 +62,7 @@ enum Engine {
     Single64(Machine<f32, 64, 8, 8>),
 }
 
-/// Does the same for whichever size is there.
+/// Calls the same for whichever size is present.
 macro_rules! with_machine {
     ($engine:expr, $machine:ident => $do:expr) => {
         match $engine {
@@ -121,7 +121,7 @@ impl Lstm {
         self.hidden.get(..self.weights.spec().hidden).unwrap_or(&self.hidden)
     }
 
-    /// All that is remembered, e.g. to compare.
+    /// The whole memory, e.g. for comparisons.
     #[must_use]
     pub fn state(&self) -> LstmState {
         let mut state = LstmState::empty();
@@ -137,7 +137,7 @@ impl Trained for Lstm {
 }
 
 impl Predictor for Lstm {
-    /// What is not finite is not taken in.
+    /// Non-finite displacements are ignored.
     fn observe(&mut self, x: [f64; 2]) {
         let scale = self.weights.spec().input_scale;
         if x.iter().all(|x| x.is_finite()) {
@@ -147,7 +147,7 @@ impl Predictor for Lstm {
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
         let LstmSpec { leads, input_scale, .. } = *self.weights.spec();
-        // The limit is the caller's, in the caller's units; the network works in its own.
+        // The limit is in the caller's units; the network works in its own.
         let limit = limit / input_scale;
         if leads == 1 {
             with_machine!(&self.engine, machine => machine.roll_out(limit, out));

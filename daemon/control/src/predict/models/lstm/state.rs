@@ -1,6 +1,6 @@
 //! `LstmState` and the plain step: the network written as its equations, in `f64` and in scaled units.
 //!
-//! Contract: for offline use (and to check the fast cells against): readable, not fast. Allocation-free.
+//! Contract: readable, not fast; for offline use and as reference for the fast cells. Allocation-free.
 
 use crate::predict::models::activation::{sigmoid, tanh};
 use crate::predict::models::lstm::weights::{GATES, LstmWeights, MAX_HIDDEN};
@@ -10,7 +10,7 @@ use crate::predict::models::lstm::weights::{GATES, LstmWeights, MAX_HIDDEN};
 pub struct LstmState {
     /// Outputs of the cells.
     pub h: [f64; MAX_HIDDEN],
-    /// Insides of the cells.
+    /// Cell states.
     pub c: [f64; MAX_HIDDEN],
     /// The newest input after scaling and clipping.
     pub x: [f64; 2],

@@ -1,9 +1,8 @@
-//! `LstmWeights`: the numbers of a trained network and what they were made for, judged once and then
-//! unchangeable.
+//! `LstmWeights`: the numbers of a trained network and what they were made for, checked once and then
+//! immutable.
 //!
-//! Contract: whoever holds one knows that all sizes fit and every number is finite and bounded. Layout and
-//! names are PyTorch's (`nn.LSTM` with one layer, `nn.Linear`): matrices row by row, the 4H gate rows in the
-//! order i, f, g, o.
+//! Contract: all sizes fit and every number is finite and bounded. Layout and names are PyTorch's (`nn.LSTM`
+//! with one layer, `nn.Linear`): matrices row by row, the 4H gate rows in the order i, f, g, o.
 
 use thiserror::Error;
 
@@ -16,18 +15,18 @@ pub const HIDDEN_SIZES: [usize; 3] = [10, 32, 64];
 pub const MAX_HIDDEN: usize = 64;
 /// Gates per cell: input i, forget f, candidate g, output o.
 pub const GATES: usize = 4;
-/// Without `input_clip`, scaled inputs count as at most this [per axis, in units of `input_scale`]: a hundred
-/// thousand times the typical one.
+/// Limit of scaled inputs without `input_clip` [per axis, in units of `input_scale`]: a hundred thousand
+/// times the typical one.
 pub const LARGEST_INPUT: f64 = 1e5;
 
-/// What a network looks like and what it was trained for.
+/// Architecture of a network, and what it was trained for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LstmSpec {
     /// H, one of [`HIDDEN_SIZES`].
     pub hidden: usize,
     /// K: 1 = one step ahead, rolled out by feeding back; more = row pair i − 1 predicts step i directly.
     pub leads: usize,
-    /// The output is added to the newest clipped input instead of standing for itself.
+    /// The output is added to the newest clipped input (residual).
     pub residual: bool,
     /// Scaled inputs are limited to ± this per component; `None` = as they are.
     pub input_clip: Option<f64>,
@@ -45,7 +44,7 @@ impl LstmSpec {
         Self { hidden, leads: 1, residual: false, input_clip: None, input_scale, step_ns }
     }
 
-    /// Limit that scaled inputs meet.
+    /// Limit of scaled inputs.
     #[must_use]
     pub fn clip(&self) -> f64 {
         self.input_clip.unwrap_or(LARGEST_INPUT)
@@ -154,7 +153,7 @@ pub enum LstmError {
         /// 4H x 2 etc.
         wanted: usize,
     },
-    /// A parameter is NaN, infinite or absurdly large.
+    /// A parameter is NaN, infinite or too large.
     #[error(
         "tensor {tensor} holds {got} at index {index} (counted row by row from 0), legal are finite values \
          within ±{limit}: \
@@ -180,7 +179,7 @@ pub enum LstmError {
         /// Of the loop \[ns\].
         loop_ns: u64,
     },
-    /// Trained on displacements of quite another size.
+    /// Trained on displacements of another size.
     #[error(
         "the LSTM expects displacements of RMS {got}, the loop normalises them to about {wanted}; legal are \
          half to twice \
@@ -205,7 +204,7 @@ impl LstmWeights {
     /// Largest magnitude of a parameter; trained ones stay below 20.
     pub const MAX_MAGNITUDE: f64 = 1000.0;
 
-    /// Judges everything once.
+    /// Checks everything once.
     ///
     /// # Errors
     ///

@@ -1,6 +1,6 @@
 //! `MixtureLearner`: read-outs, coefficients and weights learn from one displacement per step.
 //!
-//! The same function in the daemon's learner thread, in replay and in the tables.
+//! The same function serves the daemon's learner thread, replay and the tables.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ pub struct MixtureSettings {
     pub forgetting: f64,
     /// η of the mixture per mean squared error.
     pub rate: f64,
-    /// Part of the weight that is dealt out anew at every step, 0 to 0.1.
+    /// Share of the weight that is redistributed at every step, 0 to 0.1.
     pub share: f64,
 }
 

@@ -1,9 +1,9 @@
-//! Whom to believe: exponential weights with fixed share, per lead, on realised position errors.
+//! Expert selection: exponential weights with fixed share, per lead, on realised position errors.
 //!
 //! w_e ← w_e · exp(−η_h · min(ℓ_e/ℓ̄, cap)), η_h = η (1 + NEAR/h) at lead h, normalised, then mixed with a
-//! little of the equal weights so that an expert that was wrong for long can come back within steps. ℓ_e =
-//! squared error of the summed displacement; ℓ̄ = running mean of the mixture's own, so that units, speeds
-//! and leads do not matter. Source: Herbster & Warmuth 1998, "Tracking the best expert".
+//! little of the equal weights so that an expert that was wrong for long can recover within steps. ℓ_e =
+//! squared error of the summed displacement; ℓ̄ = running mean of the mixture's own, which makes the rule
+//! independent of units, speed and lead. Source: Herbster & Warmuth 1998, "Tracking the best expert".
 
 use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 
@@ -14,13 +14,13 @@ const KEPT: usize = LEADS + 1;
 pub(super) struct MixerRule {
     /// η per mean error.
     pub(super) rate: f64,
-    /// Part of the weight that is dealt out anew at every step.
+    /// Share of the weight that is redistributed at every step.
     pub(super) share: f64,
     /// Largest loss in mean errors.
     pub(super) cap: f64,
 }
 
-/// Predictions that wait for their future.
+/// Predictions whose outcome is pending.
 #[derive(Debug, Clone)]
 pub(super) struct Mixer {
     rule: MixerRule,
@@ -33,14 +33,13 @@ pub(super) struct Mixer {
     mean: [f64; NODE_COUNT],
 }
 
-/// ℓ̄ before the first error, one step ahead \[in the plane, squared\]; farther ahead with the square of the
-/// lead.
+/// ℓ̄ before the first error, one step ahead \[in the plane, squared\]; grows with the square of the lead.
 const FIRST_MEAN: f64 = 4.0;
-/// ℓ̄ counts as no less than this [in the plane, squared]: errors of a pen that rests say nothing.
+/// Lower bound of ℓ̄ [in the plane, squared]: errors of a resting pen carry no information.
 const LEAST_MEAN: f64 = 1e-6;
-/// Part of the way by which ℓ̄ follows one error.
+/// Rate at which ℓ̄ follows an error.
 const MEAN_RATE: f64 = 0.003;
-/// One error counts as at most this many mean ones in ℓ̄.
+/// Cap of one error in ℓ̄, as a multiple of ℓ̄.
 const MEAN_CAP: f64 = 10.0;
 
 impl Mixer {
@@ -50,17 +49,17 @@ impl Mixer {
         Self { rule, taking_part, pending, newest: 0, seen: 0, mean }
     }
 
-    /// What waits will not see its future.
+    /// Pending predictions have no outcome.
     pub(super) fn interrupt(&mut self) {
         self.seen = 0;
     }
 
-    /// Forgets how large errors are.
+    /// Forgets the size of errors.
     pub(super) fn restart(&mut self) {
         *self = Self::new(self.rule, self.taking_part);
     }
 
-    /// Judges predictions whose future is known; `shown[h − 1]` = the sum of the last h displacements.
+    /// Judges predictions whose outcome is known; `shown[h − 1]` = the sum of the last h displacements.
     pub(super) fn settle(&mut self, shares: &mut [[f32; EXPERTS]; NODE_COUNT], shown: &[[f64; 2]; LEADS]) {
         let nodes = NODES.iter().zip(shares).zip(&mut self.mean).enumerate();
         for (node, ((lead, shares), mean)) in nodes {
@@ -90,7 +89,7 @@ impl Mixer {
         }
     }
 
-    /// Keeps a step's predictions until their future is seen.
+    /// Keeps a step's predictions until their outcome is known.
     pub(super) fn keep(&mut self, paths: &[Path; EXPERTS]) {
         self.newest = (self.newest + 1) % KEPT;
         self.seen = (self.seen + 1).min(KEPT);
@@ -100,7 +99,7 @@ impl Mixer {
     }
 }
 
-/// How much faster the next step's weights follow than those of far leads.
+/// Factor by which weights of the next step adapt faster than those of far leads.
 const NEAR: f64 = 3.0;
 
 impl MixerRule {
@@ -112,12 +111,12 @@ impl MixerRule {
         mean: f64,
         taking_part: usize,
     ) {
-        // Errors of far leads overlap from step to step: one of them says less that is new.
+        // Errors of far leads overlap from step to step, so each carries less information.
         let rate = self.rate * (1.0 + NEAR / lead as f64);
         let mut weighed = [0.0; EXPERTS];
         let entries = weighed.iter_mut().zip(shares.iter()).zip(losses).take(taking_part);
         for ((weighed, share), loss) in entries {
-            // A loss that is NaN is as bad as can be.
+            // A NaN loss counts as the largest.
             let bounded = if *loss < self.cap * mean { *loss / mean } else { self.cap };
             *weighed = f64::from(*share) * (-rate * bounded).exp();
         }
@@ -143,7 +142,7 @@ mod tests {
     /// The last expert does not take part.
     const PART: usize = EXPERTS - 1;
 
-    /// Against the module's formula, with everything that was ever predicted at hand.
+    /// Against the module's formula, computed from all predictions made.
     #[test]
     fn weights_follow_the_errors_of_what_was_predicted_for_now() {
         let mut rng = Pcg64::seed_from_u64(21);
@@ -187,7 +186,7 @@ mod tests {
             for (found, expected) in shares.as_flattened().iter().zip(expected.as_flattened()) {
                 assert!((found - expected).abs() < 1e-5, "{k}: {found} {expected}");
             }
-            // Experts that are the worse the higher their number; sometimes one has no number at all.
+            // Experts whose error grows with their number; sometimes one is NaN.
             let paths: [Path; EXPERTS] = std::array::from_fn(|e| {
                 NODES.map(|node| {
                     let size = (e + 1) as f64 * node as f64;

@@ -1,13 +1,13 @@
-//! `mixture`: five experts and a mixture that learns online whom to believe, separately for every lead time.
+//! `mixture`: five experts, and a mixture of them that learns online, separately for every lead.
 //!
-//! What the experts see of the pen is made once per step by the [`Trunk`]: the last 8 displacements, a fixed
-//! random reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with a
-//! direct output per lead. Two read-outs of it are learned online by recursive least squares, for the leads
-//! of [`NODES`] directly, so that nothing is fed back and no error compounds:
+//! The experts' features of the pen are made once per step by the [`Trunk`]: the last 8 displacements, a
+//! fixed random reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with
+//! a direct output per lead. Two read-outs are learned online by recursive least squares, directly for the
+//! leads of [`NODES`], so that no prediction is fed back and no error compounds:
 //!
 //! | expert | predicts | learns online |
 //! |---|---|---|
-//! | constant velocity | the last displacement goes on | nothing |
+//! | constant velocity | the last displacement repeated | nothing |
 //! | AR-RLS | its roll-out ([`crate::predict::models::ar_rls`]) | coefficients |
 //! | DyBM+ESN | constant velocity + read-out of FIFO and reservoir | read-out, by RLS |
 //! | LSTM | its direct outputs | nothing |
@@ -17,8 +17,8 @@
 //! realised position errors. Without an LSTM (`mixture-cold`) the first three remain.
 //!
 //! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a
-//! jump, not motion: memory empties, and nothing is learned from it or across it. Parameters, memory and
-//! learner are apart.
+//! jump, not motion: memory is cleared, and nothing is learned from it or across it. Parameters, memory and
+//! learner are separate.
 
 mod learner;
 mod mixer;
@@ -39,18 +39,18 @@ use crate::predict::{Entry, LstmWeights, Models, Pace, Predictor, Taught, shorte
 
 pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of five experts to believe");
 
-/// Lead times that are learned \[steps ahead\]; those between are interpolated, those beyond fade.
+/// Leads that are learned \[steps\]; those between are interpolated, those beyond decay.
 pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
 /// How many.
 pub const NODE_COUNT: usize = 16;
-/// The furthest of them, and the number of direct outputs that the LSTM must have.
+/// The farthest of them, and the number of direct outputs that the LSTM must have.
 pub const LEADS: usize = 24;
 /// Experts of the mixture.
 pub const EXPERTS: usize = 5;
 /// Displacements longer than this (normalised, in the plane) are jumps: five ordinary steps.
 pub const GATE: f64 = 7.0 * TARGET_RMS;
 
-/// Summed displacements at the nodes (normalised): where the pen will be, seen from where it is.
+/// Summed displacements at the nodes (normalised): the future positions relative to the present one.
 pub(super) type Path = [[f64; 2]; NODE_COUNT];
 
 /// The predictor: trunk, memory and parameters.
@@ -128,7 +128,7 @@ fn preview(parameters: &MixtureParameters, memory: &MixtureMemory, limit: f64, o
     steps_of(&parameters.mix(&paths), limit, out);
 }
 
-/// Displacements per step along `path`: evenly spread between nodes, fading beyond the last.
+/// Displacements per step along `path`: constant between nodes, decaying beyond the last.
 fn steps_of(path: &Path, limit: f64, out: &mut [[f64; 2]]) {
     let mut out = out.iter_mut();
     let mut before = [0.0; 2];

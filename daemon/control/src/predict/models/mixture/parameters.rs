@@ -1,4 +1,4 @@
-//! `MixtureParameters`: everything that is learned online, one plain copy that crosses threads whole.
+//! `MixtureParameters`: everything that is learned online, one plain copy that crosses threads.
 
 use crate::pen::TARGET_RMS;
 use crate::predict::ArRlsWeights;
@@ -21,7 +21,7 @@ pub struct MixtureParameters {
     pub(super) full: Readout<ALL>,
     /// Weight of each expert at each node; a row sums to 1.
     pub(super) shares: [[f32; EXPERTS]; NODE_COUNT],
-    /// The experts with an LSTM take part.
+    /// Whether the experts with an LSTM take part.
     pub(super) trained: bool,
 }
 
@@ -63,13 +63,13 @@ impl MixtureParameters {
         }
     }
 
-    /// The experts, weighed.
+    /// The weighted mean of the experts.
     pub(super) fn mix(&self, paths: &[Path; EXPERTS]) -> Path {
         let mut mixed = [[0.0; 2]; NODE_COUNT];
         for (node, (out, shares)) in mixed.iter_mut().zip(&self.shares).enumerate() {
             for (path, share) in paths.iter().zip(shares) {
                 let [x, y] = path.get(node).copied().unwrap_or_default();
-                // An expert without weight has no say even when it is not finite.
+                // An expert without weight has no effect even if it is non-finite.
                 if *share > 0.0 {
                     out[0] += f64::from(*share) * x;
                     out[1] += f64::from(*share) * y;
@@ -88,8 +88,8 @@ fn sum(a: &Path, b: &Path) -> Path {
     out
 }
 
-/// Largest magnitude of a read-out's number: a whole feature moves the pen by that much \[per axis\], a
-/// thousand typical displacements.
+/// Largest magnitude of a read-out's number: the displacement for a feature of 1 \[per axis\], a thousand
+/// typical ones.
 const LARGEST: f64 = 1e4;
 
 impl ModelParameters for MixtureParameters {

@@ -1,25 +1,24 @@
 //! A linear read-out of features for all nodes, and its recursive least squares.
 //!
 //! One covariance serves all leads: the gain k_t = P φ_t/(λ + φ_tᵀ P φ_t) depends on features only, so it is
-//! computed when φ_t is seen, kept, and applied to the row of lead h at t + h, when the pen has shown what
-//! was right. For every lead that is recursive least squares to the letter, in the order of time, with no
-//! wait beyond its own lead.
+//! computed at t, kept, and applied to the row of lead h at t + h, when the target is known. For every lead
+//! this is exact recursive least squares in order of time, delayed by its own lead only.
 
 use crate::predict::models::covariance::Covariance;
 use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
 
 /// Two numbers per node.
 const OUTPUTS: usize = 2 * NODE_COUNT;
-/// Steps kept: the newest and those whose furthest lead is still open.
+/// Steps kept: the newest and those whose farthest lead is pending.
 const KEPT: usize = LEADS + 1;
-/// Part of the way by which the typical error follows one error.
+/// Rate at which the typical error follows an error.
 const TYPICAL_RATE: f64 = 0.005;
-/// The typical error before the first, one step ahead \[in the plane\]; farther ahead in proportion.
+/// The typical error before the first, one step ahead \[in the plane\]; proportional to the lead.
 const FIRST_TYPICAL: f64 = 1.0;
-/// An error counts as at most this many typical ones in that.
+/// Cap of one error in the typical one, as a multiple of it.
 const TYPICAL_CAP: f64 = 3.0;
 
-/// W, D x OUTPUTS; single precision, for half the memory to fetch and to hand over.
+/// W, D x OUTPUTS; single precision, to halve the memory traffic and the hand-over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Readout<const D: usize> {
     pub(super) rows: [[f32; OUTPUTS]; D],
@@ -43,7 +42,7 @@ impl<const D: usize> Readout<D> {
         path
     }
 
-    /// What the read-out adds at one node.
+    /// The read-out's output at one node.
     fn at(&self, node: usize, features: &[f32; D]) -> [f64; 2] {
         let [mut x, mut y] = [0.0_f32; 2];
         for (row, feature) in self.rows.iter().zip(features) {
@@ -83,7 +82,7 @@ pub(super) struct RlsRule {
     pub(super) huber: f64,
 }
 
-/// One step that waits for its future.
+/// One pending step.
 #[derive(Debug, Clone, Copy)]
 struct Pending<const D: usize> {
     features: [f32; D],
@@ -118,17 +117,17 @@ impl<const D: usize> RlsReadout<D> {
         }
     }
 
-    /// What waits will not see its future.
+    /// Pending steps have no outcome.
     pub(super) fn interrupt(&mut self) {
         self.seen = 0;
     }
 
-    /// Forgets what was learned about the features.
+    /// Resets the covariance of the features.
     pub(super) fn restart(&mut self) {
         *self = Self::new(self.rule);
     }
 
-    /// Corrects `readout` where the pen has shown what was right; `shown[h − 1]` = the sum of the last h
+    /// Corrects `readout` by targets that are now known; `shown[h − 1]` = the sum of the last h
     /// displacements.
     pub(super) fn settle(&mut self, readout: &mut Readout<D>, shown: &[[f64; 2]; LEADS]) {
         for (node, (lead, typical)) in NODES.iter().zip(&mut self.typical).enumerate() {
@@ -152,7 +151,7 @@ impl<const D: usize> RlsReadout<D> {
         }
     }
 
-    /// Keeps a step until its future is seen.
+    /// Keeps a step until its targets are known.
     pub(super) fn keep(&mut self, features: &[f32; D], base: Path) {
         self.newest = (self.newest + 1) % KEPT;
         self.seen = (self.seen + 1).min(KEPT);
@@ -162,7 +161,7 @@ impl<const D: usize> RlsReadout<D> {
         }
     }
 
-    /// k; zero where there is nothing to learn from.
+    /// k; zero without excitation.
     fn gain(&mut self, features: &[f32; D]) -> [f32; D] {
         let phi = features.map(f64::from);
         if phi.iter().map(|p| p * p).sum::<f64>() <= LEAST_EXCITATION {
@@ -173,8 +172,8 @@ impl<const D: usize> RlsReadout<D> {
     }
 }
 
-/// |φ|² below which features excite nothing. A pen at rest is learned from: the network's cells go on, and
-/// what they say is corrected.
+/// |φ|² below which features carry no excitation. A pen at rest is learned from: the network's cells keep
+/// changing, and their output is corrected.
 const LEAST_EXCITATION: f64 = 1e-4;
 
 #[cfg(test)]
@@ -183,7 +182,7 @@ mod tests {
 
     const RULE: RlsRule = RlsRule { forgetting: 0.99, start: 10.0, ceiling: 1e9, huber: 1e9 };
 
-    /// Features and displacements that have something to do with each other.
+    /// Features and displacements that are correlated.
     fn step(t: usize) -> ([f32; 3], [f64; 2]) {
         let t = t as f64;
         let phi = [(0.3 * t).sin(), (0.17 * t).cos(), (0.05 * t * t).sin()];
@@ -191,7 +190,7 @@ mod tests {
         (phi.map(|f| f as f32), [2.0 * next.sin(), (0.17 * (t + 1.0)).cos() - next.cos()])
     }
 
-    /// Recursive least squares of one lead as the books write it, with targets that come `lead` steps late.
+    /// Recursive least squares of one lead as in textbooks, with targets that come `lead` steps late.
     fn textbook(lead: usize, steps: usize) -> [[f64; 2]; 3] {
         let mut p = nalgebra::Matrix3::<f64>::identity() * RULE.start;
         let mut theta = nalgebra::Matrix3x2::<f64>::zeros();
@@ -214,7 +213,7 @@ mod tests {
         let mut learner = RlsReadout::new(RULE);
         let mut shown = [[0.0; 2]; LEADS];
         for t in 0..STEPS {
-            // The displacement that was predicted at t − 1 is seen before the features of t are.
+            // The displacement predicted at t − 1 is observed before the features of t.
             if t > 0 {
                 let [x, y] = step(t - 1).1;
                 shown.rotate_right(1);

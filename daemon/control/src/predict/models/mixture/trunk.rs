@@ -1,4 +1,4 @@
-//! `Trunk`: what the experts see of the pen, made once per step.
+//! `Trunk`: the experts' features of the pen, made once per step.
 //!
 //! Contract: fixed after construction; the memory it fills is a plain copy from which any parameters can
 //! predict.
@@ -20,7 +20,7 @@ pub(super) const ALL: usize = PLAIN + MAX_HIDDEN;
 /// FIFO features are displacements in units of the RMS, so that all features are of order 1.
 const FIFO_UNIT: f64 = 1.0 / TARGET_RMS;
 
-/// What is remembered of the pen.
+/// Memory of the pen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MixtureMemory {
     /// The last displacements, newest first.
@@ -83,7 +83,7 @@ impl Trunk {
         self.lstm.is_some()
     }
 
-    /// Takes in one displacement; a jump (and NaN) empties the memory and counts as a rest, as in training.
+    /// Takes in one displacement; a jump (or NaN) clears the memory and counts as rest, as in training.
     pub fn observe(&mut self, memory: &mut MixtureMemory, x: [f64; 2]) {
         if is_motion(x) {
             self.take_in(memory, x);
@@ -111,12 +111,12 @@ impl Trunk {
         memory.lstm = Some(summed(&steps));
     }
 
-    /// Forgets the pen.
+    /// Clears the memory.
     pub fn reset(&mut self, memory: &mut MixtureMemory) {
         *memory = MixtureMemory::EMPTY;
         if let Some(lstm) = &mut self.lstm {
             lstm.reset();
-            // At rest until something is seen.
+            // At rest until the first displacement.
             memory.lstm = Some([[0.0; 2]; NODES.len()]);
         }
     }
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn nodes_hold_the_way_up_to_them() {
-        // 1 + 2 + ... + h to the one side, h times one half to the other.
+        // 1 + 2 + ... + h on one axis, h/2 on the other.
         let path = summed(&std::array::from_fn(|step| [(step + 1) as f64, -0.5]));
         for (node, [x, y]) in NODES.iter().zip(path) {
             assert_eq!([x, y], [(node * (node + 1) / 2) as f64, -0.5 * *node as f64], "{node} steps");

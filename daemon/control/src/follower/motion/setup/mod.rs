@@ -1,4 +1,9 @@
-//! Planner and inverse kinematics as the settings describe them, and at what pace they can work together.
+//! Planner and inverse kinematics as the settings describe them, and the limits with which they work
+//! together.
+
+mod rest;
+
+pub(super) use rest::comes_to_rest;
 
 use nalgebra::{SVector, Vector3};
 
@@ -10,27 +15,26 @@ use crate::ik::task::{self, ToolTarget};
 use crate::mpc::{Mpc, MpcSettings};
 use crate::qp::cholesky::Cholesky;
 
-/// A plan may ask for so many times the acceleration that the joints give along one axis at home, by
-/// themselves: in most places and with the tool tilting they do more, and a little late is better than slow.
-/// A jerk that they do not give makes it swing.
+/// A plan may ask for this multiple of the acceleration and velocity that the joints give along one axis at
+/// home: in most poses and with the tool tilting they give more, and a little lag is better than a slow plan.
+/// A jerk that the joints do not give would make it oscillate.
 const ACCELERATION_ASKED: f64 = 2.6;
 const VELOCITY_ASKED: f64 = 1.5;
-/// A stop is planned with so many times the acceleration that they give.
+/// Stops are planned with this multiple of the acceleration that the joints give.
 const ACCELERATION_STOPS: f64 = 1.2;
 
-/// Speeds from which a plan has to see a stop, per axis [m/s]: measured, with half of them in the plane it
-/// swung by 18 mm.
+/// Speeds from which a plan must be able to foresee a stop, per axis \[m/s\]; with half of them in the plane
+/// the tool oscillates by 18 mm.
 const USEFUL_MPS: [f64; 3] = [0.1, 0.1, 0.05];
 /// The lowest limits that a plan can be made with.
 const SLOWEST_MPS: f64 = 1e-3;
 const LEAST_MPS2: f64 = 0.01;
 const LEAST_MPS3: f64 = 1.0;
 
-/// The limits by which a plan can be followed: no more than the joints give, and no faster than its horizon
-/// sees a stop.
+/// The plan's limits, lowered to what the joints give and to speeds that can be stopped within the horizon.
 ///
-/// A plan that looks ahead for less than a stop takes does not know where to begin to brake: it goes past its
-/// target and comes back, for ever.
+/// A plan that looks ahead for less than a stop takes brakes too late: it overshoots its target and
+/// oscillates.
 pub(in crate::follower) fn paced<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> MpcSettings {
@@ -60,8 +64,8 @@ pub(in crate::follower) fn paced<const N: usize, const J: usize>(
     mpc
 }
 
-/// Refuses a jerk with which a plan sees no stop from a speed that is of any use: it would swing, slowly and
-/// widely.
+/// Refuses a jerk with which a plan does not foresee a stop from a useful speed: it would oscillate slowly
+/// and widely.
 fn sees_stops<const N: usize, const J: usize>(settings: &FollowerSettings<J>) -> Result<(), FollowerError> {
     if settings.mpc.unlimited {
         return Ok(());
@@ -81,7 +85,7 @@ fn sees_stops<const N: usize, const J: usize>(settings: &FollowerSettings<J>) ->
     Ok(())
 }
 
-/// What the IK makes of a tool velocity of 1 m/s along `axis` at home \[rad/m\].
+/// Joint velocities of the IK for a tool velocity of 1 m/s along `axis` at home \[rad/m\].
 fn needs<const J: usize>(settings: &FollowerSettings<J>, axis: &Vector3<f64>) -> [f64; J] {
     let kinematics = settings.chain.forward(&settings.ik.home);
     let tool = kinematics.rotation.column(2).into_owned();
@@ -94,7 +98,7 @@ fn needs<const J: usize>(settings: &FollowerSettings<J>, axis: &Vector3<f64>) ->
 pub(super) fn planner<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> Result<Mpc<N>, FollowerError> {
-    // A number outside its range is told first.
+    // Report a number outside its range first.
     settings.mpc.validate()?;
     sees_stops::<N, J>(settings)?;
     let mut mpc = Mpc::new(&paced::<N, J>(settings))?;

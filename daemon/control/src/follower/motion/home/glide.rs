@@ -1,12 +1,12 @@
-//! A way from 0 to 1, from rest to rest, with bounded velocity, acceleration and jerk: at most seven pieces
-//! of constant jerk.
+//! A motion from 0 to 1, from rest to rest, with bounded velocity, acceleration and jerk: at most seven
+//! segments of constant jerk.
 //!
-//! The velocity rises from 0 to V in t_r = V/A + A/K (where A is reached, else 2√(V/K)), point-symmetric
-//! about its middle, and falls alike: V·t_r of way. Where that is more than 1, V is lowered until it is 1:
-//! with A reached V(V/A + A/K) = 1, else 2V√(V/K) = 1. The second half mirrors the first, s(t) = 1 − s(T −
-//! t).
+//! The velocity rises from 0 to V in t_r = V/A + A/K (if A is reached, else 2√(V/K)), point-symmetric about
+//! its middle, and falls alike; rise and fall together cover V·t_r. If that exceeds 1, V is lowered until it
+//! is 1: V(V/A + A/K) = 1 if A is reached, else 2V√(V/K) = 1. The second half mirrors the first, s(t) = 1 −
+//! s(T − t).
 //!
-//! Contract: pure, total; limits that are not positive give a way that ends at once.
+//! Contract: pure, total; limits that are not positive give a motion that ends at once.
 
 /// Velocity, acceleration and jerk of the share \[1/s, 1/s², 1/s³\], or those of joints \[rad/s, rad/s²,
 /// rad/s³\].
@@ -17,18 +17,18 @@ pub(super) struct Pace {
     pub(super) jerk: f64,
 }
 
-/// The way in time.
+/// The motion in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Glide {
     pace: Pace,
-    /// Time in which the acceleration grows, and in which the velocity does \[s\].
+    /// Duration of the constant jerk, of the rise of the velocity, and of the whole motion \[s\].
     jerk_s: f64,
     rise_s: f64,
     whole_s: f64,
 }
 
 impl Glide {
-    /// The way that is over before it begins.
+    /// The motion that is over before it begins.
     pub(super) const OVER: Self = Self {
         pace: Pace { velocity: 0.0, acceleration: 0.0, jerk: 0.0 },
         jerk_s: 0.0,
@@ -74,7 +74,7 @@ impl Glide {
         self.whole_s
     }
 
-    /// The share of the way after `t` \[s\]; exactly 1 at its end and after.
+    /// The fraction of the way after `t` \[s\]; exactly 1 at its end and later.
     pub(super) fn share(&self, t: f64) -> f64 {
         if !(t < self.whole_s) {
             1.0
@@ -142,7 +142,7 @@ mod tests {
             assert!(near(velocity, limits.velocity) && near(acceleration, limits.acceleration), "{glide:?}");
             assert!(jerk <= limits.jerk * 1.01 + 1e-9, "{glide:?}: {jerk}");
             assert!(glide.share(0.0) == 0.0 && glide.share(glide.seconds()) == 1.0);
-            // Of what may bound it one does.
+            // At least one limit is reached.
             let bound = [velocity / limits.velocity, acceleration / limits.acceleration, jerk / limits.jerk];
             assert!(bound.iter().any(|share| *share > 0.99), "{bound:?}");
         }

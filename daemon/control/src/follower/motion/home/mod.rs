@@ -1,17 +1,20 @@
-//! The way home: straight in joint space, slow, jerk-limited, looked along before anything moves and watched
-//! while it does.
+//! The way home: straight in joint space, slow, jerk-limited, checked before anything moves and monitored
+//! during the motion.
 //!
-//! Phases: *checking* (the arm is held where it stands while its way is looked along, so many places a tick),
-//! *moving*, *halting* (lost time left the way: come to rest, then check anew from there), *settling* (at
-//! home, until the latest arm is there too). Near things the motion keeps to its way and slows down: gaps
-//! close by a quarter of the share per second that clearance allows at most. What holds it up for longer than
-//! a second is in the way after all.
+//! Phases: *checking* (the arm is held while its way is checked, a few points per tick), *moving*, *halting*
+//! (lost time left the way: come to rest, then check again from there), *settling* (at home, until the
+//! slowest arm allowed is there too). Near obstacles the motion stays on its way and slows down: gaps close
+//! at a quarter of the rate that clearance allows. An arm held up for longer than a second is stopped.
 //!
-//! Contract: no allocation after construction, bounded work per tick. Absent: ways around; the tool's
-//! envelope, which is out of force until the arm is armed, because the pen does not lead here.
+//! Contract: no allocation after construction, bounded work per tick. Absent: ways around obstacles; the
+//! tool's envelope, which is not in force until the arm is armed, because the pen does not lead here.
 
-use super::glide::{Glide, Pace};
-use super::paper::Paper;
+mod glide;
+mod paper;
+
+use glide::{Glide, Pace};
+use paper::Paper;
+
 use super::{Held, Mover};
 use crate::arm::{Chain, JointLimits, velocity_box};
 use crate::clearance::{Clearance, Inside, Looked, Obstructed, Way};
@@ -20,21 +23,21 @@ use crate::follower::io::{Health, HomeProgress, Refusal};
 use crate::guard::{Commanded, StopProfile};
 use crate::units::Stamp;
 
-/// No joint is faster than this, speeds up or eases faster, or uses more than this share of its limits.
+/// Limits of every joint: these, or this share of its own limits if that is less.
 const GENTLE: Pace = Pace { velocity: 0.25, acceleration: 0.5, jerk: 2.0 };
 const SHARE: f64 = 0.25;
 /// Gaps close by this share of the rate that clearance allows.
 const DAMPED: f64 = 0.25;
 /// Speed comes back over this time \[s\].
 const RECOVERY_S: f64 = 0.5;
-/// Slower than this share of the pace for so long \[s\] is held up.
+/// Slower than this share of the pace for this long \[s\] counts as held up.
 const HELD_SHARE: f64 = 0.02;
 const HELD_S: f64 = 1.0;
-/// Places of the way that are looked at per second of ticks.
+/// Points of the way that are checked per second.
 const LOOKS_HZ: f64 = 2000.0;
-/// Farther than this from the commanded joints \[rad\] is off the way.
+/// Joints farther than this from the way \[rad\] have left it.
 const OFF_RAD: f64 = 1e-3;
-/// Slower than this \[rad/s\] is at rest, but for rounding.
+/// Slower than this \[rad/s\] is at rest, up to rounding.
 const AT_REST_RADPS: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -47,7 +50,7 @@ enum Phase {
     Settling,
 }
 
-/// What a tick of the way home came to.
+/// Event of one tick of the way home.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(in crate::follower) enum HomeNews {
     #[default]
@@ -58,7 +61,7 @@ pub(in crate::follower) enum HomeNews {
     Blocked(Obstructed),
     /// Something holds the arm up on its way.
     HeldUp(Obstructed),
-    /// The arm is at home, by its commands and as late as it may be.
+    /// The arm is at home, even with the longest lag allowed.
     Arrived,
 }
 
@@ -74,16 +77,17 @@ pub(super) struct Homing<const J: usize> {
     phase: Phase,
     looks: u32,
     settle_ns: u64,
-    /// Time on the way, at its own pace \[s\]; part of that pace; for how long it was held up \[s\].
+    /// Time along the way at its own pace \[s\]; current share of that pace; how long it has been held up
+    /// \[s\].
     elapsed_s: f64,
     pace: f64,
     held_s: f64,
-    /// Something has moved since it was asked for.
+    /// The arm has moved since the request.
     underway: bool,
     arrived: Stamp,
 }
 
-/// What no joint exceeds on its way home.
+/// Limits of the joints on the way home.
 fn paces<const J: usize>(limits: &JointLimits<J>) -> [Pace; J] {
     let mut paces = [GENTLE; J];
     let jerks = limits.jerk().copied().unwrap_or([f64::INFINITY; J]);
@@ -111,7 +115,7 @@ fn glide<const J: usize>(paces: &[Pace; J], from: &[f64; J], to: &[f64; J]) -> G
 
 impl<const J: usize> FollowerSettings<J> {
     /// The way home from joints at `q` \[rad\]: the joint that turns farthest, by how much \[rad\], and how
-    /// long it takes with nothing near \[s\]. `None` where a joint is not finite.
+    /// long it takes with nothing near \[s\]. `None` if a joint is non-finite.
     #[must_use]
     pub fn way_home(&self, q: &[f64; J]) -> Option<(usize, f64, f64)> {
         if !q.iter().all(|q| q.is_finite()) {
@@ -145,7 +149,7 @@ impl<const J: usize> Homing<J> {
         }
     }
 
-    /// Looks along the way from `q` before anything moves.
+    /// Begins to check the way from `q`.
     fn check(&mut self, q: [f64; J]) {
         self.way.begin(q, self.home);
         self.paper.begin();
@@ -153,7 +157,7 @@ impl<const J: usize> Homing<J> {
         (self.phase, self.elapsed_s, self.pace, self.held_s) = (Phase::Checking, 0.0, 1.0, 0.0);
     }
 
-    /// So many looks along the way.
+    /// Checks the next points of the way.
     fn look(&mut self, chain: &Chain<J>) -> HomeNews {
         for _ in 0..self.looks {
             let near = self.clearance.as_ref().map_or(Looked::Clear, |c| c.look_along(chain, &mut self.way));
@@ -273,7 +277,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         (Some(qd), HomeNews::None)
     }
 
-    /// The consumer went on along the way for `lost_ns` as the last command said, or left it.
+    /// Accounts for `lost_ns` of lost time: the consumer went on along the way as the last command said, or
+    /// left it.
     pub(super) fn miss_home(&mut self, lost_ns: u64) {
         if self.homing.phase != Phase::Moving {
             return;
@@ -285,7 +290,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
     }
 
-    /// The way home is over, wherever it ended.
+    /// Ends the way home, wherever the arm is.
     pub(in crate::follower) fn leave_home(&mut self) {
         self.homing.phase = Phase::Over;
     }

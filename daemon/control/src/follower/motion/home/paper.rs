@@ -1,10 +1,10 @@
-//! Whether the tip stays over the paper on a way through the joints: the paper is there, whether the settings
-//! keep clear of things or not.
+//! Whether the tip stays above the paper on a path in joint space. The paper is always checked, whatever the
+//! settings keep clear of.
 //!
-//! Looked at in a thousand places. Between two of them the tip goes a few millimetres, along which its height
-//! bends by less than [`ROUNDING_M`] from the line between both.
+//! Checked at a thousand points. Between two of them the tip moves by a few millimetres, over which its
+//! height differs by less than [`ROUNDING_M`] from linear interpolation.
 //!
-//! Contract: pure, no allocation, one forward kinematics a look. Absent: the table around the workspace,
+//! Contract: pure, no allocation, one forward kinematics per check. Absent: the table around the workspace,
 //! which only `[clearance]` knows.
 
 use crate::arm::Chain;
@@ -12,20 +12,20 @@ use crate::clearance::{Looked, Obstructed, Way};
 use crate::follower::{FollowerSettings, WayBlocked};
 use crate::plane::Plane;
 
-/// Places looked at.
+/// Points checked.
 const LOOKS: u32 = 1000;
-/// An arm that was stopped in the paper may leave it from this deep \[m\].
+/// An arm that was stopped in the paper may leave it from this depth \[m\].
 const DEEPEST_M: f64 = 0.02;
 const ROUNDING_M: f64 = 1e-4;
 
-/// The paper, and how far a way over it was looked along.
+/// The paper, and how far a path over it was checked.
 #[derive(Debug, Clone)]
 pub(super) struct Paper {
     plane: Plane,
     /// Along the plane's axes \[m\].
     workspace: [[f64; 2]; 3],
     looked: u32,
-    /// The tip may be so low \[m\], plane frame.
+    /// Lowest tip allowed \[m\], plane frame.
     lowest: f64,
 }
 
@@ -36,12 +36,12 @@ impl Paper {
         Self { plane: settings.plane, workspace, looked: 0, lowest }
     }
 
-    /// Begins to look along a way.
+    /// Begins to check a path.
     pub(super) fn begin(&mut self) {
         self.looked = 0;
     }
 
-    /// Looks at one more place of `way`.
+    /// Checks one more point of `way`.
     pub(super) fn look<const J: usize>(&mut self, chain: &Chain<J>, way: &Way<J>) -> Looked {
         let share = f64::from(self.looked) / f64::from(LOOKS);
         let tip = self.plane.point_from_base(&chain.forward(&way.at(share)).position);

@@ -1,7 +1,6 @@
-//! Joint positions for a tool pose, found by repeating the IK step. For start-up checks, not for the loop.
+//! Joint positions for a tool pose, found by iterating the IK step. For start-up checks, not for the loop.
 //!
-//! Contract: only position limits count, time does not. Local: the answer belongs to the solution branch of
-//! the seed.
+//! Contract: respects position limits only. Local: the answer belongs to the solution branch of the seed.
 
 use nalgebra::{SVector, Vector3};
 
@@ -17,9 +16,9 @@ const MAX_TURN: f64 = 0.3;
 /// Joint positions \[rad\] inside the URDF's limits at which the tool is at `target` (its velocity is
 /// ignored).
 ///
-/// `seed` \[rad\] chooses the solution branch. `None` when 300 steps do not get within 1 nm and 10 nrad:
+/// `seed` \[rad\] selects the solution branch. `None` if 300 steps do not get within 1 nm and 10 nrad:
 /// unreachable, behind a limit, or too far from the seed. Without `target.spin` any rotation about the tool
-/// axis will do.
+/// axis is accepted.
 #[must_use]
 pub fn solve_pose<const J: usize>(
     chain: &Chain<J>,

@@ -1,5 +1,4 @@
-//! What came of a tick, for the ticks after it: stops, records of plans and of following, and who has the
-//! arm.
+//! What a tick leaves for later ticks: stops, records of planning and following, and who has the arm.
 
 use super::Follower;
 use super::io::{Health, Refusal};
@@ -8,8 +7,8 @@ use crate::stop::StopReason;
 use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
-    /// Learns from what `moved`. `followed`: a plan was wanted. Returns what the way home came to.
-    pub(super) fn heed(
+    /// Takes stock of `moved`. `followed`: the pen was to be followed. Returns the outcome of the way home.
+    pub(super) fn take_stock(
         &mut self,
         now: Stamp,
         lost_ns: u64,
@@ -20,7 +19,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(detail) = moved.breach {
             self.watch.latch_with(now, StopReason::Envelope, detail);
         }
-        let way = self.heed_home(now, &moved.home);
+        let way = self.take_stock_of_home(now, &moved.home);
         self.overtaxed = self.overtaxed_by(moved, now, lost_ns);
         self.left.at_limit = moved.at_limit;
         if followed {
@@ -39,7 +38,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         way
     }
 
-    /// See [`TrustInputs::overtaxed`].
+    /// See [`crate::trust::TrustInputs::overtaxed`].
     fn overtaxed_by(&mut self, moved: &Moved<J>, now: Stamp, lost_ns: u64) -> Option<bool> {
         if lost_ns > 0 {
             self.outcome.break_off();

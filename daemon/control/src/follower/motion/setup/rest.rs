@@ -1,16 +1,16 @@
-//! Whether the arm comes to rest at its limits as well as inside them: a large step of the pen, moved through
-//! at start-up.
+//! Whether the arm comes to rest with saturated limits too: a large step of the pen, simulated at start-up.
 //!
-//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration at their
-//! limits, of the plan or of the joints, a plan that looks too little ahead, or is in too great a hurry, goes
-//! past its target, comes back and goes past it again. Here plan, inverse kinematics and guard are followed
-//! exactly as in a tick, over a step long enough to reach full speed.
+//! Gains alone decide that only far from the limits (`mpc/settle.rs`). With jerk or acceleration of plan or
+//! joints saturated, a plan with too short a horizon or too high gains overshoots its target again and again.
+//! Here plan, inverse kinematics and guard run exactly as in a tick, over a step long enough to reach full
+//! speed.
 //!
-//! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings where
-//! it swings. An arm that cannot be put where the step begins is not judged: it cannot be armed there either.
+//! Contract: bounded: at most [`LONGEST_S`] of motion per trust, and a dozen trials of other settings if it
+//! oscillates. An arm that cannot be put where the step begins is not judged: it cannot be armed there
+//! either.
 
-use super::{Mover, Wanted};
 use crate::follower::io::{Health, NoClock};
+use crate::follower::motion::{Mover, Wanted};
 use crate::follower::settings::Would;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
 use crate::ik::{IkBackend, ToolTarget, solve_pose};
@@ -18,23 +18,23 @@ use crate::mpc::Backend;
 use crate::pen::PenReading;
 use crate::units::{AxisState, Stamp, Trust};
 
-/// Longest look at one step \[s\].
+/// Longest simulation of one step \[s\].
 const LONGEST_S: f64 = 1.6;
-/// Swings below this do not count \[m\]. At long periods the tool may chatter from tick to tick by less than
-/// a millimetre and, as the joints are at their limits all the time, drift to the pen for seconds.
+/// Oscillations below this do not count \[m\]. At long periods the tool may chatter by less than a millimetre
+/// from tick to tick and, with saturated joints, drift towards the pen for seconds.
 const SWING_M: f64 = 1e-4;
-/// So many turns have to follow one another, and the last swing be no smaller than this share of the one four
-/// turns before.
+/// This many reversals must follow one another, and the last amplitude be at least this share of the one four
+/// reversals before.
 const TURNS: usize = 7;
 const LASTING: f64 = 0.8;
-/// The step ends so far from the middle of the workspace to its edge.
+/// End of the step, as a share of the way from the middle of the workspace to its edge.
 const INSIDE: f64 = 0.6;
-/// The tool has arrived: so near, so slow, for so long.
+/// The tool has arrived: position and speed within these bounds for this many ticks.
 const NEAR_M: f64 = 5e-4;
 const SLOW_MPS: f64 = 5e-3;
 const ARRIVED_TICKS: u32 = 8;
 
-/// The turns of one axis.
+/// The reversals of one axis.
 #[derive(Debug, Clone, Copy)]
 struct Turns {
     last: f64,
@@ -49,7 +49,7 @@ impl Turns {
         Self { last: at, farthest: at, up: true, swings: [0.0; TURNS], count: 0 }
     }
 
-    /// The size of a swing that lasts, if there is one \[m\].
+    /// The amplitude of a sustained oscillation, if there is one \[m\].
     fn see(&mut self, at: f64) -> Option<f64> {
         let farther = if self.up { at > self.farthest } else { at < self.farthest };
         if farther {
@@ -69,7 +69,7 @@ impl Turns {
 
 /// Refuses settings with which the arm does not come to rest after a large step of the pen.
 #[inline(never)]
-pub(super) fn comes_to_rest<const N: usize, const J: usize>(
+pub(in crate::follower::motion) fn comes_to_rest<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> Result<(), FollowerError> {
     if settings.mpc.unlimited {
@@ -83,7 +83,7 @@ pub(super) fn comes_to_rest<const N: usize, const J: usize>(
     }
 }
 
-/// Another value of one setting with which it does, the nearest of those tried.
+/// The value of one setting, nearest to the present one of those tried, with which it comes to rest.
 fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis: usize) -> Would {
     let rests = |change: &dyn Fn(&mut FollowerSettings<J>)| {
         let mut other = settings.clone();
@@ -127,14 +127,14 @@ fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis
     Would::Nothing
 }
 
-/// Axis and size of a swing that lasts, after a step of the pen, at no trust or full trust.
+/// Axis and amplitude of a sustained oscillation after a step of the pen, at no trust or full trust \[m\].
 fn swing<const N: usize, const J: usize>(
     settings: &FollowerSettings<J>,
 ) -> Result<Option<(usize, f64)>, FollowerError> {
-    // The exact solvers find the optimum that the others come near to, a hundred times as fast.
+    // The exact solvers find the optimum that the others approximate, a hundred times as fast.
     let mut exact = settings.clone();
     (exact.mpc.backend, exact.ik_backend) = (Backend::Exact, IkBackend::Exact);
-    // The way of the step is not looked at for things to keep clear of; in front of them the arm waits.
+    // Clearance is off: in front of obstacles the arm waits, and the step is not checked for them.
     exact.clearance = None;
     let mut mover = Box::new(Mover::<N, J>::built(&exact)?);
     let horizon_s = mover.mpc.step_s() * N as f64;
@@ -162,7 +162,7 @@ fn swing<const N: usize, const J: usize>(
 }
 
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// Lets the pen touch the paper at `to` \[m\], plane frame, from one tick to the next, and rest there.
+    /// Moves the pen on the paper to `to` \[m\], plane frame, within one tick, and lets it rest there.
     fn step_to(&mut self, to: [f64; 2], trust: Trust) -> Option<(usize, f64)> {
         let [x, y] = to;
         let rests = [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]];
@@ -197,8 +197,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 mod tests {
     use super::*;
 
-    /// The first swing that lasts of a tool that goes to and fro by `size` \[m\], each time `decay` as far,
-    /// and chatters by `chatter` \[m\] from tick to tick; and after how many turns.
+    /// The first sustained oscillation of a tool that moves to and fro by `size` \[m\], decaying by `decay`
+    /// per reversal and chattering by `chatter` \[m\] from tick to tick; and after how many reversals.
     fn lasting(size: f64, decay: f64, chatter: f64) -> Option<(usize, f64)> {
         let mut turns = Turns::new(0.02);
         let (mut at, mut half) = (0.02, 0.5 * size);
@@ -221,12 +221,12 @@ mod tests {
             let (turn, swing) = lasting(size, 1.0, 0.0).expect("it swings for ever");
             assert!((TURNS - 1..=TURNS + 1).contains(&turn), "{turn} turns");
             assert!((swing / size - 1.0).abs() < 0.02, "{swing} m of {size}");
-            // Four turns later it is 0.8 as far, or less.
+            // Four reversals later the amplitude is 0.8 of it, or less.
             assert!(lasting(size, 0.96, 0.0).is_some());
             assert_eq!(lasting(size, 0.93, 0.0), None);
         }
         assert_eq!(lasting(0.95 * SWING_M, 1.0, 0.0), None);
-        // Chatter is no turn, and hides none.
+        // Chatter is not counted as a reversal, and hides none.
         let (_, swing) = lasting(5e-3, 1.0, 4e-5).expect("it swings for ever");
         assert!((swing / 5e-3 - 1.0).abs() < 0.05, "{swing} m");
         let mut turns = Turns::new(0.0);

@@ -1,4 +1,4 @@
-//! The first stages of a tick: what arrived from joints, dead-man switch, operator and pen.
+//! The first stages of a tick: input from joints, dead-man switch, operator and pen.
 
 use super::Follower;
 use super::io::{Health, JointReading, MAX_STEPS_PER_TICK, Refusal, Request, StepInput};
@@ -8,7 +8,7 @@ use crate::skill::Closed;
 use crate::stop::StopReason;
 use crate::units::Stamp;
 
-/// What joints, dead-man switch and operator brought.
+/// What joints, dead-man switch and operator reported.
 pub(super) struct Seen {
     /// Time without ticks before this one \[ns\].
     pub(super) lost_ns: u64,
@@ -18,7 +18,7 @@ pub(super) struct Seen {
     pub(super) begins: bool,
 }
 
-/// What the pen gave in one tick.
+/// What the pen reported in one tick.
 pub(super) struct PenNews {
     pub(super) learn: [LearnStep; MAX_STEPS_PER_TICK],
     /// The same steps for the skill.
@@ -26,15 +26,15 @@ pub(super) struct PenNews {
     /// Grid steps closed.
     pub(super) count: usize,
     pub(super) jumped: bool,
-    /// Of the one-step prediction of the first of them \[m\].
+    /// Error of the one-step prediction of the first of them \[m\].
     pub(super) error: Option<f64>,
-    /// Of the newest sample \[ns\].
+    /// Age of the newest sample \[ns\].
     pub(super) age_ns: Option<u64>,
 }
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Watch and monitor. Stops latch here, before anything is planned.
-    pub(super) fn see(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
+    pub(super) fn take_in(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
         let now = input.now;
         let lost_ns = self.mover.catch_up(now, health);
         if lost_ns > self.settings.safety.latch_after_ns {
@@ -60,7 +60,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.monitor_joints(now, joints);
     }
 
-    /// Takes in the pen samples and the grid steps that they close.
+    /// Takes in the pen samples, and closes grid steps with them.
     pub(super) fn read_pen(&mut self, now: Stamp, samples: &[PenReading], health: &mut Health) -> PenNews {
         let before = self.pen.counters().rejected();
         for sample in samples {
@@ -108,7 +108,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(newest) = self.pen.newest() {
             self.silence.hear(&newest);
         }
-        self.watch.heed_pen(news.age_ns);
+        self.watch.observe_pen(news.age_ns);
         news
     }
 }
