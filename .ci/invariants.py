@@ -20,6 +20,7 @@ ROOMS = {
         "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",
         "supervisor",
     ],
+    "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Tests that documents name; it may grow.
 LEAST_PROMISED = 98
@@ -66,6 +67,7 @@ def layers_point_downwards() -> None:
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
+        "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

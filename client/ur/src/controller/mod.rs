@@ -1,0 +1,1 @@
+//! A simulated UR controller: the ports, the program, the arm.

@@ -1,0 +1,1 @@
+//! The dashboard (port 29999): commands and answers as lines of text.

@@ -1,0 +1,1 @@
+//! Packages of the primary and secondary interfaces (ports 30001 and 30002).
