@@ -10,3 +10,6 @@ pub mod trip;
 pub mod reason;
 pub mod reaction;
 pub mod target;
+pub mod check;
+pub mod kinematics;
+pub mod pilot;

@@ -241,10 +241,10 @@ impl Machine {
         if ours && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
             return Some(Reason::Slowed);
         }
+        if wanted.refused.is_some() {
+            return wanted.refused;
+        }
         if matches!(self.phase, Phase::Following { .. }) {
-            if let Some(reason) = wanted.refused {
-                return Some(reason);
-            }
             let stopped_by_itself = seen.answer.used == self.leaves.newest();
             match seen.answer.program() {
                 ProgramState::StoppedLate if ours && stopped_by_itself => return Some(Reason::CountersLate),

@@ -54,9 +54,9 @@ impl Targets {
         self.newest = Some(*command);
     }
 
-    /// A leave begins: whatever was aimed at before is past.
-    pub fn begin(&mut self) {
-        self.last = None;
+    /// A leave begins with the arm at rest at `q` \[rad\]: whatever was aimed at before is past.
+    pub fn begin(&mut self, instant_ns: u64, q: [f64; JOINTS]) {
+        self.last = Some((instant_ns, JointMotion { q, qd: [0.0; JOINTS], qdd: [0.0; JOINTS] }));
     }
 
     /// The newest command.
@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(joint, 3);
         assert!((away - 0.2).abs() < 1e-12 && reach < 0.1);
         // With another leave the arm begins from where it is.
-        targets.begin();
+        targets.begin(1_008_000_000, far.q);
         assert!(matches!(targets.at(1_016_000_000), Target::Follow(_)));
     }
 
