@@ -3,6 +3,7 @@
 //! In the order that things depend on each other: registers, the program that runs on the controller, its
 //! clock on ours, round trips, reactions to everything that may go wrong.
 
+pub mod address;
 pub mod registers;
 pub mod program;
 pub mod clock;
@@ -13,3 +14,15 @@ pub mod target;
 pub mod check;
 pub mod kinematics;
 pub mod pilot;
+pub mod remote;
+pub mod wire;
+pub mod measures;
+pub mod line;
+pub mod link;
+pub mod probe;
+pub mod examine;
+
+#[cfg(test)]
+mod fake;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,152 @@
+//! What a controller says about itself before the bridge begins: version, installation, kinematics.
+//!
+//! Contract: reads only; a few seconds at most.
+
+use std::time::{Duration, Instant};
+
+use foretrace_client::JOINTS;
+use foretrace_config::Config;
+use nalgebra::Vector3;
+
+use super::address::Addresses;
+use super::check::{Installation, Refusal, Series, Version};
+use super::kinematics::{Deviation, DhParameters, deviation};
+use super::measures;
+use super::wire::{Rtde, RtdeError};
+
+/// Longest wait for a step.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Software of the controller.
+    pub version: Version,
+    /// What kind it is.
+    pub series: Series,
+    /// Joints, payload and tool.
+    pub installation: Installation,
+    /// The arm's own kinematics; `None` where the primary interface does not tell.
+    pub dh: Option<DhParameters>,
+}
+
+/// Why nothing was found.
+#[derive(Debug, thiserror::Error)]
+pub enum ProbeError {
+    /// RTDE does not answer.
+    #[error("{reason}: {0}", reason = .0.reason().text())]
+    Rtde(#[from] RtdeError),
+    /// The bridge cannot drive this controller.
+    #[error("{0}")]
+    Refused(#[from] Refusal),
+    /// No state came.
+    #[error("the controller sends no states over RTDE")]
+    NoState,
+}
+
+/// Asks the controller at `addresses`.
+///
+/// # Errors
+///
+/// See [`ProbeError`].
+pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
+    let mut rtde = Rtde::connect(addresses.rtde, PATIENCE)?;
+    let version = rtde.version()?;
+    let series = Series::of(version)?;
+    let installation = installation(&mut rtde, PATIENCE)?;
+    let dh = measures::listen(addresses.primary, PATIENCE).ok().and_then(|measures| measures.dh);
+    Ok(Found { version, series, installation, dh })
+}
+
+/// Joints, payload and tool over a connection that has not started yet.
+///
+/// # Errors
+///
+/// See [`ProbeError`].
+pub fn installation(rtde: &mut Rtde, patience: Duration) -> Result<Installation, ProbeError> {
+    // What the version does not know is asked for no more: the last of these is known to all.
+    let asked: [&[&str]; 4] = [
+        &["actual_q", "payload", "tcp_offset"],
+        &["actual_q", "payload"],
+        &["actual_q", "tcp_offset"],
+        &["actual_q"],
+    ];
+    let mut refused = None;
+    for names in asked {
+        let owned: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        match rtde.outputs(10.0, &owned) {
+            Ok(()) => return read(rtde, names, patience),
+            Err(error @ RtdeError::Fields { .. }) => refused = Some(error),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Err(refused.map_or(ProbeError::NoState, ProbeError::Rtde))
+}
+
+fn read(rtde: &mut Rtde, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
+    rtde.start()?;
+    let end = Instant::now() + patience;
+    while Instant::now() < end {
+        let Some(fields) = rtde.receive(Duration::from_millis(500))? else { continue };
+        let of = |wanted: &str| {
+            let pairs = names.iter().zip(&fields);
+            pairs.into_iter().find(|(name, _)| **name == wanted).map(|(_, numbers)| numbers.as_slice())
+        };
+        let Some(q) = of("actual_q").and_then(|numbers| <[f64; JOINTS]>::try_from(numbers).ok()) else {
+            continue;
+        };
+        let tcp = of("tcp_offset").and_then(|numbers| numbers.first_chunk::<3>());
+        return Ok(Installation {
+            q,
+            payload_kg: of("payload").and_then(|numbers| numbers.first().copied()),
+            tcp_m: tcp.copied(),
+        });
+    }
+    Err(ProbeError::NoState)
+}
+
+impl Found {
+    /// The arm by its measures.
+    #[must_use]
+    pub fn arm(&self) -> Option<&'static str> {
+        self.dh.and_then(|dh| dh.name())
+    }
+
+    /// Name of the embedded description of this arm.
+    #[must_use]
+    pub fn embedded(&self) -> Option<&'static str> {
+        match self.arm()? {
+            "a UR5" => Some("ur5"),
+            "a UR5e or UR7e" => Some("ur5e"),
+            _ => None,
+        }
+    }
+
+    /// How far the tip is from where the model of `config` believes it, over the paper.
+    #[must_use]
+    pub fn deviation(&self, config: &Config) -> Option<Deviation> {
+        self.dh.and_then(|dh| deviation_of(&dh, config))
+    }
+}
+
+/// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
+/// paper.
+#[must_use]
+pub fn deviation_of(dh: &DhParameters, config: &Config) -> Option<Deviation> {
+    let (robot, settings) = (config.robot(), config.settings());
+    let rotation = settings.plane.rotation();
+    let origin = Vector3::from(settings.plane.origin_m);
+    let tool = Vector3::from(settings.robot.tool_m);
+    let [x, y, _] = settings.plane.workspace_m;
+    deviation(
+        &robot.chain,
+        &|q: &[f64; JOINTS]| {
+            let flange = dh.flange(q);
+            flange.translation.vector + flange.rotation * tool
+        },
+        &[x, y],
+        &|[x, y]| origin + rotation * Vector3::new(x, y, 0.0),
+        &(rotation * Vector3::z()),
+        &robot.home,
+    )
+}
