@@ -2,12 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 
-use crate::dashboard;
-
-/// Port of RTDE.
-pub const RTDE_PORT: u16 = 30004;
-/// Port of the primary interface.
-pub const PRIMARY_PORT: u16 = 30001;
+use crate::{dashboard, primary, rtde};
 
 /// The ports of one controller that foretrace uses. A real one's are fixed; tests may choose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +34,7 @@ impl Addresses {
     pub fn of(host: &str) -> Result<Self, NoAddress> {
         let refused = |why: String| NoAddress { host: host.chars().take(80).collect(), why };
         let found: Vec<SocketAddr> =
-            (host, RTDE_PORT).to_socket_addrs().map_err(|error| refused(error.to_string()))?.collect();
+            (host, rtde::PORT).to_socket_addrs().map_err(|error| refused(error.to_string()))?.collect();
         let first = found.iter().find(|address| address.is_ipv4()).or_else(|| found.first());
         first
             .map(|address| Self::at(address.ip()))
@@ -50,8 +45,8 @@ impl Addresses {
     #[must_use]
     pub const fn at(ip: IpAddr) -> Self {
         Self {
-            rtde: SocketAddr::new(ip, RTDE_PORT),
-            primary: SocketAddr::new(ip, PRIMARY_PORT),
+            rtde: SocketAddr::new(ip, rtde::PORT),
+            primary: SocketAddr::new(ip, primary::PRIMARY_PORT),
             dashboard: SocketAddr::new(ip, dashboard::PORT),
         }
     }

@@ -8,6 +8,8 @@ use foretrace_client::JOINTS;
 use foretrace_config::Settings;
 use serde::Serialize;
 
+pub use crate::rtde::ControllerVersion as Version;
+
 /// A kind of controller that the bridge can drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Series {
@@ -15,19 +17,6 @@ pub enum Series {
     Cb3,
     /// PolyScope 5.3 or later, 500 Hz.
     E,
-}
-
-/// Version of the controller's software, as RTDE tells it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Version {
-    /// 3 for CB3, 5 for e-Series, 10 for PolyScope X.
-    pub major: u32,
-    /// Minor.
-    pub minor: u32,
-    /// Bugfix.
-    pub bugfix: u32,
-    /// Build.
-    pub build: u32,
 }
 
 /// Why the bridge does not begin.
@@ -116,12 +105,6 @@ pub enum Refusal {
         /// What the controller says about itself, or nothing.
         name: String,
     },
-}
-
-impl std::fmt::Display for Version {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}.{}.{}.{}", self.major, self.minor, self.bugfix, self.build)
-    }
 }
 
 impl Series {

@@ -1,14 +1,13 @@
 //! The bridge's RTDE connection: which fields it has, and what they mean.
 
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::time::Duration;
-
-use foretrace_client::JOINTS;
 
 use super::pilot::Package;
 use super::reason::Reason;
 use super::registers::{Answer, Inputs, Registers};
-use super::wire::{Fields, Rtde, RtdeError, Sent};
+use crate::rtde::{Client, InputRecipe, RtdeError, Value};
 
 /// Outputs beside the program's answer, in the order of [`package`].
 const OUTPUTS: [&str; 9] = [
@@ -26,8 +25,8 @@ const OUTPUTS: [&str; 9] = [
 /// A connection with its recipes.
 #[derive(Debug)]
 pub struct Line {
-    rtde: Rtde,
-    inputs: u8,
+    client: Client,
+    inputs: InputRecipe,
 }
 
 impl Line {
@@ -36,20 +35,21 @@ impl Line {
     ///
     /// # Errors
     ///
-    /// See [`RtdeError`]; [`RtdeError::reason`] says what it means for the bridge.
+    /// See [`RtdeError`]; [`reason`] says what it means for the bridge.
     pub fn connect(
         address: SocketAddr,
         registers: &Registers,
         rate_hz: f64,
         patience: Duration,
     ) -> Result<Self, RtdeError> {
-        let mut rtde = Rtde::connect(address, patience)?;
+        let mut client = Client::connect(address, patience)?;
         let answers = registers.answer_names();
-        let outputs: Vec<String> = OUTPUTS.iter().map(|name| (*name).to_owned()).chain(answers).collect();
-        rtde.outputs(rate_hz, &outputs)?;
-        let inputs = rtde.inputs(&registers.input_names())?;
-        rtde.start()?;
-        Ok(Self { rtde, inputs })
+        let outputs: Vec<&str> = OUTPUTS.into_iter().chain(answers.iter().map(String::as_str)).collect();
+        client.set_up_outputs(&outputs, rate_hz)?;
+        let names = registers.input_names();
+        let inputs = client.set_up_inputs(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+        client.start()?;
+        Ok(Self { client, inputs })
     }
 
     /// The newest state, waiting for one for `wait` at most; `None` when none came.
@@ -58,8 +58,8 @@ impl Line {
     ///
     /// See [`RtdeError`].
     pub fn receive(&mut self, wait: Duration) -> Result<Option<Package>, RtdeError> {
-        let Some(fields) = self.rtde.receive(wait)? else { return Ok(None) };
-        package(&fields).map(Some).ok_or(RtdeError::Strange("fields of other shapes than asked for"))
+        let Some(received) = self.client.receive(wait)? else { return Ok(None) };
+        package(&received.values).map(Some).ok_or(RtdeError::Refused("fields of the types that they have"))
     }
 
     /// Sends the registers of a cycle.
@@ -68,50 +68,44 @@ impl Line {
     ///
     /// See [`RtdeError`].
     pub fn send(&mut self, inputs: &Inputs) -> Result<(), RtdeError> {
-        let doubles = inputs.q.iter().chain(&inputs.qd).map(|value| Sent::Double(*value));
-        let values: Vec<Sent> =
-            [Sent::Int(inputs.counter), Sent::Int(inputs.leave)].into_iter().chain(doubles).collect();
-        self.rtde.send(self.inputs, &values)
+        let doubles = inputs.q.into_iter().chain(inputs.qd).map(Value::Double);
+        let values: Vec<Value> =
+            [Value::Int32(inputs.counter), Value::Int32(inputs.leave)].into_iter().chain(doubles).collect();
+        self.client.send(&self.inputs, &values)
     }
 }
 
 /// The fields of [`OUTPUTS`] and the program's answer.
-fn package(fields: &Fields) -> Option<Package> {
-    let mut fields = fields.iter();
-    let mut field = || fields.next().map(Vec::as_slice);
-    let six = |field: &[f64]| <[f64; JOINTS]>::try_from(field).ok();
-    let one = |field: &[f64]| field.first().copied();
+fn package(values: &[Value]) -> Option<Package> {
+    let mut values = values.iter().copied();
+    let mut next = || values.next();
     Some(Package {
-        timestamp: one(field()?)?,
-        q: six(field()?)?,
-        qd: six(field()?)?,
-        current: six(field()?)?,
-        robot_mode: one(field()?)? as i32,
-        safety_mode: one(field()?)? as i32,
-        runtime_state: one(field()?)? as u32,
-        speed_scaling: one(field()?)?,
-        target_speed_fraction: one(field()?)?,
+        timestamp: next()?.double()?,
+        q: next()?.vector6d()?,
+        qd: next()?.vector6d()?,
+        current: next()?.vector6d()?,
+        robot_mode: next()?.int32()?,
+        safety_mode: next()?.int32()?,
+        runtime_state: next()?.uint32()?,
+        speed_scaling: next()?.double()?,
+        target_speed_fraction: next()?.double()?,
         answer: {
             let mut words = [0; 7];
             for word in &mut words {
-                *word = one(field()?)? as i32;
+                *word = next()?.int32()?;
             }
             Answer::from_words(words)
         },
     })
 }
 
-impl RtdeError {
-    /// What it means for the bridge.
-    #[must_use]
-    pub fn reason(&self) -> Reason {
-        match self {
-            Self::Connect(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => {
-                Reason::ServiceOff
-            }
-            Self::Connect(_) => Reason::Unreachable,
-            Self::Fields { in_use, .. } if !in_use.is_empty() => Reason::InUse,
-            _ => Reason::ConnectionLost,
-        }
+/// What an error means for the bridge.
+#[must_use]
+pub fn reason(error: &RtdeError) -> Reason {
+    match error {
+        RtdeError::Connect(error) if error.kind() == ErrorKind::ConnectionRefused => Reason::ServiceOff,
+        RtdeError::Connect(_) => Reason::Unreachable,
+        RtdeError::InUse(_) => Reason::InUse,
+        _ => Reason::ConnectionLost,
     }
 }

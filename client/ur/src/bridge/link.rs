@@ -12,7 +12,7 @@ use foretrace_client::{JointState, monotonic_now_ns};
 use serde::Serialize;
 
 use super::address::Addresses;
-use super::line::Line;
+use super::line::{self, Line};
 use super::pilot::{Counts, Pilot};
 use super::program::Program;
 use super::reaction::Phase;
@@ -233,7 +233,7 @@ impl Link {
                 self.heard = Instant::now();
                 self.pilot.connected();
             }
-            Err(error) => self.lose(error.reason(), Some(error.to_string())),
+            Err(error) => self.lose(line::reason(&error), Some(error.to_string())),
         }
     }
 

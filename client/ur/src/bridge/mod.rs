@@ -15,7 +15,6 @@ pub mod check;
 pub mod kinematics;
 pub mod pilot;
 pub mod remote;
-pub mod wire;
 pub mod measures;
 pub mod line;
 pub mod link;

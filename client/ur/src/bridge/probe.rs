@@ -11,8 +11,9 @@ use nalgebra::Vector3;
 use super::address::Addresses;
 use super::check::{Installation, Refusal, Series, Version};
 use super::kinematics::{Deviation, DhParameters, deviation};
+use super::line;
 use super::measures;
-use super::wire::{Rtde, RtdeError};
+use crate::rtde::{Client, RtdeError, Value};
 
 /// Longest wait for a step.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -34,7 +35,7 @@ pub struct Found {
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
     /// RTDE does not answer.
-    #[error("{reason}: {0}", reason = .0.reason().text())]
+    #[error("{reason}: {0}", reason = line::reason(.0).text())]
     Rtde(#[from] RtdeError),
     /// The bridge cannot drive this controller.
     #[error("{0}")]
@@ -50,10 +51,10 @@ pub enum ProbeError {
 ///
 /// See [`ProbeError`].
 pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
-    let mut rtde = Rtde::connect(addresses.rtde, PATIENCE)?;
-    let version = rtde.version()?;
+    let mut client = Client::connect(addresses.rtde, PATIENCE)?;
+    let version = client.controller_version()?;
     let series = Series::of(version)?;
-    let installation = installation(&mut rtde, PATIENCE)?;
+    let installation = installation(&mut client, PATIENCE)?;
     let dh = measures::listen(addresses.primary, PATIENCE).ok().and_then(|measures| measures.dh);
     Ok(Found { version, series, installation, dh })
 }
@@ -63,7 +64,7 @@ pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
 /// # Errors
 ///
 /// See [`ProbeError`].
-pub fn installation(rtde: &mut Rtde, patience: Duration) -> Result<Installation, ProbeError> {
+pub fn installation(client: &mut Client, patience: Duration) -> Result<Installation, ProbeError> {
     // What the version does not know is asked for no more: the last of these is known to all.
     let asked: [&[&str]; 4] = [
         &["actual_q", "payload", "tcp_offset"],
@@ -73,33 +74,30 @@ pub fn installation(rtde: &mut Rtde, patience: Duration) -> Result<Installation,
     ];
     let mut refused = None;
     for names in asked {
-        let owned: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        match rtde.outputs(10.0, &owned) {
-            Ok(()) => return read(rtde, names, patience),
-            Err(error @ RtdeError::Fields { .. }) => refused = Some(error),
+        match client.set_up_outputs(names, 10.0) {
+            Ok(()) => return read(client, names, patience),
+            Err(error @ RtdeError::NotFound(_)) => refused = Some(error),
             Err(error) => return Err(error.into()),
         }
     }
     Err(refused.map_or(ProbeError::NoState, ProbeError::Rtde))
 }
 
-fn read(rtde: &mut Rtde, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
-    rtde.start()?;
+fn read(client: &mut Client, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
+    client.start()?;
     let end = Instant::now() + patience;
     while Instant::now() < end {
-        let Some(fields) = rtde.receive(Duration::from_millis(500))? else { continue };
+        let Some(package) = client.receive(Duration::from_millis(500))? else { continue };
         let of = |wanted: &str| {
-            let pairs = names.iter().zip(&fields);
-            pairs.into_iter().find(|(name, _)| **name == wanted).map(|(_, numbers)| numbers.as_slice())
+            let pairs = names.iter().zip(&package.values);
+            pairs.into_iter().find(|(name, _)| **name == wanted).map(|(_, value)| *value)
         };
-        let Some(q) = of("actual_q").and_then(|numbers| <[f64; JOINTS]>::try_from(numbers).ok()) else {
-            continue;
-        };
-        let tcp = of("tcp_offset").and_then(|numbers| numbers.first_chunk::<3>());
+        let Some(q) = of("actual_q").and_then(Value::vector6d) else { continue };
+        let tcp = of("tcp_offset").and_then(Value::vector6d);
         return Ok(Installation {
             q,
-            payload_kg: of("payload").and_then(|numbers| numbers.first().copied()),
-            tcp_m: tcp.copied(),
+            payload_kg: of("payload").and_then(Value::double),
+            tcp_m: tcp.map(|[x, y, z, ..]| [x, y, z]),
         });
     }
     Err(ProbeError::NoState)

@@ -1,17 +1,16 @@
 //! The bridge over sockets, against the stand-in.
 
-use std::io::Write;
 use std::net::TcpListener;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{JOINTS, JointCommand, Mode, RobotMode, command_flags, monotonic_now_ns};
 use foretrace_config::Config;
-use proptest::prelude::*;
 
 use super::address::Addresses;
 use super::examine::{self, Grade, RegisterFact};
 use super::fake::Fake;
+use super::line;
 use super::link::{Link, Measured};
 use super::pilot::Pilot;
 use super::probe::probe;
@@ -19,7 +18,7 @@ use super::program::Program;
 use super::reaction::Phase;
 use super::reason::Reason;
 use super::registers::Registers;
-use super::wire::{Rtde, RtdeError};
+use crate::rtde::Client;
 
 const LONG: Duration = Duration::from_secs(20);
 const SOON: Duration = Duration::from_millis(500);
@@ -180,7 +179,7 @@ fn registers_of_somebody_else_are_told_and_waited_for() {
     scene.fake.with(|state| state.in_use.push("input_double_register_30".to_owned()));
     scene.until(|scene| scene.link.reason() == Some(Reason::InUse));
     let (_, detail) = scene.link.news().unwrap();
-    assert!(detail.unwrap().contains("IN_USE: input_double_register_30"));
+    assert!(detail.unwrap().contains("input_double_register_30"));
     scene.fake.with(|state| state.in_use.clear());
     scene.ready();
 }
@@ -190,8 +189,8 @@ fn a_closed_port_is_a_service_that_is_off() {
     let fake = fake();
     let mut closed = addresses(&fake);
     closed.rtde = closed.dashboard;
-    let error = Rtde::connect(closed.rtde, SOON).unwrap_err();
-    assert_eq!(error.reason(), Reason::ServiceOff);
+    let error = Client::connect(closed.rtde, SOON).unwrap_err();
+    assert_eq!(line::reason(&error), Reason::ServiceOff);
     assert!(probe(&closed).unwrap_err().to_string().contains("service is off"));
 }
 
@@ -226,38 +225,4 @@ fn examination_measures_the_line_and_names_what_is_in_use() {
     fake.with(|state| state.in_use.push("input_int_register_25".to_owned()));
     let facts = examine::gather(&addresses(&fake), &config, Duration::from_millis(50), &|| false);
     assert_eq!(facts.registers, Some(RegisterFact::InUse(vec!["input_int_register_25".to_owned()])));
-}
-
-/// A server that answers the first bytes it gets with `bytes`, then closes.
-fn answering(bytes: Vec<u8>) -> Result<Rtde, RtdeError> {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap();
-    let server = thread::spawn(move || {
-        let (mut stream, _) = listener.accept().unwrap();
-        let _ = stream.write_all(&bytes);
-    });
-    let connected = Rtde::connect(address, SOON);
-    server.join().unwrap();
-    connected
-}
-
-#[test]
-fn what_is_no_rtde_is_refused() {
-    assert!(matches!(answering(vec![0, 2, b'V']), Err(RtdeError::Strange(_))));
-    assert!(matches!(answering(vec![0, 4, b'V', 0]), Err(RtdeError::Protocol)));
-    assert!(answering(b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec()).is_err());
-    assert!(answering(Vec::new()).is_err());
-    assert!(answering(vec![0, 4, b'V', 1]).is_ok());
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-    #[test]
-    fn any_bytes_from_the_controller_are_survived(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
-        if let Ok(mut rtde) = answering([vec![0, 4, b'V', 1], bytes].concat()) {
-            let _ = rtde.version();
-            let _ = rtde.outputs(500.0, &["timestamp".to_owned()]);
-            let _ = rtde.receive(Duration::from_millis(5));
-        }
-    }
 }

@@ -124,8 +124,7 @@ impl RobotMessage {
             3 => {
                 let project = counted(rest)?;
                 let [major, minor] = take(rest)?;
-                let (bugfix, build) = integer(rest)?;
-                integer(rest)?;
+                let (bugfix, build) = (integer(rest)?, integer(rest)?);
                 Said::Version { project, major, minor, bugfix, build, date: text(rest) }
             }
             6 => {
@@ -135,13 +134,11 @@ impl RobotMessage {
                 Said::Code { code, argument, level, text: text(rest) }
             }
             7 => {
-                let (code, argument) = integer(rest)?;
-                integer(rest)?;
+                let (code, argument) = (integer(rest)?, integer(rest)?);
                 Said::Key { code, argument, title: counted(rest)?, text: text(rest) }
             }
             10 => {
-                let (line, column) = integer(rest)?;
-                integer(rest)?;
+                let (line, column) = (integer(rest)?, integer(rest)?);
                 Said::RuntimeException { line, column, text: text(rest) }
             }
             kind => Said::Other(kind),

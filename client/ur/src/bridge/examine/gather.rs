@@ -13,9 +13,10 @@ use super::super::measures;
 use super::super::probe::{deviation_of, installation};
 use super::super::registers::{Answer, Numbers, Registers};
 use super::super::trip::Trips;
-use super::super::wire::{Rtde, RtdeError, Sent};
 use super::{Facts, Modes, Port, RegisterFact, Timing};
 use crate::dashboard::{Dashboard, DashboardError};
+use crate::primary::PrimaryError;
+use crate::rtde::{Client, RtdeError, Value};
 
 /// Longest wait for a step.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -45,7 +46,8 @@ pub fn gather(
             facts.deviation = measures.dh.and_then(|dh| deviation_of(&dh, config));
             facts.arm = facts.arm.take().or_else(|| measures.dh?.name().map(str::to_owned));
         }
-        Err(error) => facts.primary = closed(&error),
+        Err(PrimaryError::Connect(error)) => facts.primary = closed(&error),
+        Err(error) => facts.primary = Port::Strange(error.to_string()),
     }
     if interrupted() {
         return facts;
@@ -62,7 +64,6 @@ pub fn gather(
 fn closed(error: &std::io::Error) -> Port {
     match error.kind() {
         std::io::ErrorKind::ConnectionRefused => Port::Refused,
-        std::io::ErrorKind::InvalidData => Port::Strange(error.to_string()),
         _ => Port::Silent(error.to_string()),
     }
 }
@@ -89,28 +90,41 @@ fn rtde(
     interrupted: &dyn Fn() -> bool,
     facts: &mut Facts,
 ) -> Result<(), RtdeError> {
-    let mut first = Rtde::connect(addresses.rtde, PATIENCE)?;
-    facts.version = Some(first.version()?);
+    let mut first = Client::connect(addresses.rtde, PATIENCE)?;
+    facts.version = Some(first.controller_version()?);
     facts.installation = installation(&mut first, PATIENCE).ok();
     drop(first);
     let Some(series) = facts.version.and_then(|version| Series::of(version).ok()) else { return Ok(()) };
     let Some(registers) = Registers::at(config.settings().robot.ur.register_base) else { return Ok(()) };
-    let mut second = Rtde::connect(addresses.rtde, PATIENCE)?;
-    let claimed = match second.inputs(&registers.input_names()) {
-        Ok(_) => RegisterFact::Free,
-        Err(RtdeError::Fields { in_use, .. }) if !in_use.is_empty() => RegisterFact::InUse(in_use),
-        Err(RtdeError::Fields { not_found, .. }) => RegisterFact::Unknown(not_found),
-        Err(error) => return Err(error),
-    };
+    let mut second = Client::connect(addresses.rtde, PATIENCE)?;
+    let claimed = claim(&mut second, &registers)?;
     let free = claimed == RegisterFact::Free;
     facts.registers = Some(claimed);
     listen(&mut second, &registers, free, f64::from(series.rate_hz()), lasting, interrupted, facts)
 }
 
+/// One by one, so that each that is not to be had is named.
+fn claim(client: &mut Client, registers: &Registers) -> Result<RegisterFact, RtdeError> {
+    let (mut in_use, mut unknown) = (Vec::new(), Vec::new());
+    for name in registers.input_names() {
+        match client.set_up_inputs(&[name.as_str()]) {
+            Ok(_) => {}
+            Err(RtdeError::InUse(_)) => in_use.push(name),
+            Err(RtdeError::NotFound(_)) => unknown.push(name),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(match (in_use.is_empty(), unknown.is_empty()) {
+        (false, _) => RegisterFact::InUse(in_use),
+        (true, false) => RegisterFact::Unknown(unknown),
+        (true, true) => RegisterFact::Free,
+    })
+}
+
 /// Listens at the controller's own rate. Where the counter's register is ours it is written and read back,
 /// which no program is needed for: inputs are outputs as well.
 fn listen(
-    rtde: &mut Rtde,
+    client: &mut Client,
     registers: &Registers,
     free: bool,
     rate_hz: f64,
@@ -119,29 +133,37 @@ fn listen(
     facts: &mut Facts,
 ) -> Result<(), RtdeError> {
     let counter = format!("input_int_register_{}", registers.counter());
-    let names =
-        ["timestamp", "robot_mode", "safety_mode", "runtime_state", "speed_scaling", "target_speed_fraction"];
-    let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).chain([counter.clone()]).collect();
-    rtde.outputs(rate_hz, &names)?;
-    let recipe = if free { Some(rtde.inputs(&[counter])?) } else { None };
-    rtde.start()?;
+    let names = [
+        "timestamp",
+        "robot_mode",
+        "safety_mode",
+        "runtime_state",
+        "speed_scaling",
+        "target_speed_fraction",
+        &counter,
+    ];
+    client.set_up_outputs(&names, rate_hz)?;
+    let recipe = if free { Some(client.set_up_inputs(&[counter.as_str()])?) } else { None };
+    client.start()?;
     let cycle_s = 1.0 / rate_hz;
     let (mut clock, mut trips) = (ClockMap::default(), Trips::new(cycle_s, 1));
     let mut counters = Numbers::from_seed(monotonic_now_ns());
     let (begin, mut late_ms, mut states, mut skipped) = (Instant::now(), Vec::new(), 0, 0);
     let mut last: Option<f64> = None;
     while begin.elapsed() < lasting && !interrupted() {
-        let Some(fields) = rtde.receive(WAIT)? else { continue };
+        let Some(package) = client.receive(WAIT)? else { continue };
         let arrival_ns = monotonic_now_ns();
-        let one = |at: usize| fields.get(at).and_then(|field| field.first()).copied().unwrap_or(f64::NAN);
-        let timestamp = one(0);
+        let mut values = package.values.into_iter();
+        let mut next = || values.next();
+        let timestamp = next().and_then(Value::double).unwrap_or(f64::NAN);
         facts.modes = Some(Modes {
-            robot: one(1) as i32,
-            safety: one(2) as i32,
-            runtime: one(3) as u32,
-            speed_scaling: one(4),
-            slider: one(5),
+            robot: next().and_then(Value::int32).unwrap_or(i32::MIN),
+            safety: next().and_then(Value::int32).unwrap_or(i32::MIN),
+            runtime: next().and_then(Value::uint32).unwrap_or(u32::MAX),
+            speed_scaling: next().and_then(Value::double).unwrap_or(f64::NAN),
+            slider: next().and_then(Value::double).unwrap_or(f64::NAN),
         });
+        let echo = next().and_then(Value::int32).unwrap_or(0);
         states += 1;
         if let Some(last) = last.replace(timestamp) {
             skipped += (((timestamp - last) / cycle_s).round() as u64).saturating_sub(1);
@@ -151,11 +173,11 @@ fn listen(
         {
             late_ms.push(arrival_ns.saturating_sub(stamp_ns) as f64 * 1e-6);
         }
-        trips.answered(&Answer { echo: one(6) as i32, ..Answer::default() }, timestamp);
-        if let Some(recipe) = recipe {
+        trips.answered(&Answer { echo, ..Answer::default() }, timestamp);
+        if let Some(recipe) = &recipe {
             let counter = counters.next_number();
             trips.sent(counter, timestamp);
-            rtde.send(recipe, &[Sent::Int(counter)])?;
+            client.send(recipe, &[Value::Int32(counter)])?;
         }
     }
     facts.timing = Some(Timing {
