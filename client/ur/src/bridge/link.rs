@@ -4,8 +4,6 @@
 //! It connects again by itself, because nothing moves before somebody arms.
 
 use std::collections::BTreeMap;
-use std::io::Write;
-use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{JointState, monotonic_now_ns};
@@ -19,6 +17,7 @@ use super::reaction::Phase;
 use super::reason::Reason;
 use super::registers::END;
 use super::remote::RemoteWatch;
+use super::upload::Upload;
 
 /// Longest wait for one state, so that Ctrl-C and the daemon are looked at.
 const WAIT: Duration = Duration::from_millis(50);
@@ -37,8 +36,7 @@ pub struct Link {
     pilot: Pilot,
     line: Option<Line>,
     remote: Option<RemoteWatch>,
-    /// Held until the program runs: a controller may drop what came over a connection that is closed already.
-    uploading: Option<TcpStream>,
+    uploading: Option<Upload>,
     heard: Instant,
     next_attempt: Instant,
     connections: u64,
@@ -154,7 +152,10 @@ impl Link {
         }
         if outcome.upload {
             self.upload();
-        } else if !matches!(self.pilot.machine().phase(), Phase::Starting { .. }) {
+        } else if matches!(self.pilot.machine().phase(), Phase::Starting { .. }) {
+            let objection = self.uploading.as_mut().and_then(Upload::objection);
+            self.detail = objection.or(self.detail.take());
+        } else {
             self.uploading = None;
         }
         self.note();
@@ -247,14 +248,8 @@ impl Link {
     }
 
     fn upload(&mut self) {
-        let sent = TcpStream::connect_timeout(&self.addresses.primary, PATIENCE).and_then(|mut stream| {
-            stream.set_nodelay(true)?;
-            stream.set_write_timeout(Some(PATIENCE))?;
-            stream.write_all(self.program.text().as_bytes())?;
-            Ok(stream)
-        });
-        match sent {
-            Ok(stream) => self.uploading = Some(stream),
+        match Upload::begin(self.addresses.primary, &self.program.text(), PATIENCE) {
+            Ok(upload) => self.uploading = Some(upload),
             // The machine notices that nothing runs; this tells why.
             Err(error) => {
                 self.detail = Some(format!("the program could not be sent to port 30001: {error}"));

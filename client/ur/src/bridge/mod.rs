@@ -17,6 +17,7 @@ pub mod pilot;
 pub mod remote;
 pub mod measures;
 pub mod line;
+pub mod upload;
 pub mod link;
 pub mod probe;
 pub mod examine;
