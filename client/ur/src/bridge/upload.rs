@@ -8,6 +8,8 @@ use crate::primary::{Client, Package, Said};
 
 /// Most packages that are looked at in one cycle.
 const AT_ONCE: usize = 8;
+/// Long enough to read what is there already.
+const GLANCE: Duration = Duration::from_micros(500);
 /// Longest words that are kept.
 const LONGEST: usize = 200;
 
@@ -35,10 +37,10 @@ impl Upload {
         Ok(Self { _stream: stream, messages })
     }
 
-    /// What the controller says against the program, if anything came; does not wait.
+    /// What the controller says against the program, if anything came; waits for half a millisecond at most.
     pub fn objection(&mut self) -> Option<String> {
         for _ in 0..AT_ONCE {
-            let received = self.messages.as_mut()?.receive(Duration::ZERO);
+            let received = self.messages.as_mut()?.receive(GLANCE);
             let Ok(Some(package)) = received else {
                 if received.is_err() {
                     self.messages = None;
