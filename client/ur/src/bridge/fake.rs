@@ -4,12 +4,15 @@
 //! Contract: a stand-in whose faults are set by the test, not a model of an arm; `controller` has that.
 
 use std::collections::HashMap;
+use std::f64::consts::FRAC_PI_2;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+
+use crate::primary::{self, KinematicsInfo, Package, SubPackage};
 
 /// Cycle of the stand-in: an e-Series'.
 pub(super) const CYCLE: Duration = Duration::from_millis(2);
@@ -161,9 +164,21 @@ fn run(state: &Mutex<State>, over: &AtomicBool) {
     }
 }
 
-/// A program sent to the primary port runs at once, if it carries a token.
+/// Nominal UR5e (maker's table).
+const UR5E: KinematicsInfo = KinematicsInfo {
+    checksum: [1; 6],
+    theta: [0.0; 6],
+    a: [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
+    d: [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
+    alpha: [FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, -FRAC_PI_2, 0.0],
+    calibration_status: 1,
+};
+
+/// Tells the kinematics once. A program that is sent runs at once, if it carries a token.
 fn upload(mut stream: TcpStream, state: &Mutex<State>, over: &AtomicBool) {
     stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let told = primary::State { parts: vec![SubPackage::Kinematics(UR5E)] };
+    stream.write_all(&Package::State(told).encode()).unwrap();
     let (mut text, mut some) = (String::new(), [0; 4096]);
     while !over.load(Ordering::Relaxed) {
         match stream.read(&mut some) {

@@ -200,6 +200,8 @@ fn probing_asks_for_less_where_the_version_knows_less() {
     let found = probe(&addresses(&fake)).unwrap();
     assert_eq!((found.version.major, found.installation.payload_kg), (5, Some(0.4)));
     assert_eq!(found.installation.tcp_m, Some([0.0, 0.0, 0.15]));
+    assert_eq!(found.embedded(), Some("ur5e"));
+    assert!(found.deviation(&config()).unwrap().most_mm < 0.01);
     fake.with(|state| state.not_found = vec!["payload".to_owned()]);
     let found = probe(&addresses(&fake)).unwrap();
     assert_eq!((found.installation.payload_kg, found.installation.tcp_m), (None, Some([0.0, 0.0, 0.15])));
