@@ -25,6 +25,8 @@ const WAIT: Duration = Duration::from_millis(50);
 const SILENCE: Duration = Duration::from_secs(1);
 /// Between two attempts to connect.
 const AGAIN: Duration = Duration::from_secs(1);
+/// Between two looks at the controller's messages: they come ten times a second.
+const LISTEN_EVERY: Duration = Duration::from_millis(100);
 /// Longest time for a connection, or for the program to be sent.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -36,7 +38,9 @@ pub struct Link {
     pilot: Pilot,
     line: Option<Line>,
     remote: Option<RemoteWatch>,
-    uploading: Option<Upload>,
+    upload: Option<Upload>,
+    /// When the controller's messages were last looked at.
+    heard_messages: Instant,
     heard: Instant,
     next_attempt: Instant,
     connections: u64,
@@ -107,7 +111,8 @@ impl Link {
             pilot,
             line: None,
             remote,
-            uploading: None,
+            upload: None,
+            heard_messages: now,
             heard: now,
             next_attempt: now,
             connections: 0,
@@ -151,13 +156,9 @@ impl Link {
             return None;
         }
         if outcome.upload {
-            self.upload();
-        } else if matches!(self.pilot.machine().phase(), Phase::Starting { .. }) {
-            let objection = self.uploading.as_mut().and_then(Upload::objection);
-            self.detail = objection.or(self.detail.take());
-        } else {
-            self.uploading = None;
+            self.send_program();
         }
+        self.hear();
         self.note();
         Some(Measured { stamp_ns: outcome.stamp_ns, state: outcome.state })
     }
@@ -240,20 +241,35 @@ impl Link {
 
     fn lose(&mut self, reason: Reason, detail: Option<String>) {
         self.line = None;
-        self.uploading = None;
+        self.upload = None;
         self.next_attempt = Instant::now() + AGAIN;
         self.pilot.disconnected(reason);
         self.detail = detail;
         self.note();
     }
 
-    fn upload(&mut self) {
+    fn send_program(&mut self) {
         match Upload::begin(self.addresses.primary, &self.program.text(), PATIENCE) {
-            Ok(upload) => self.uploading = Some(upload),
+            Ok(upload) => self.upload = Some(upload),
             // The machine notices that nothing runs; this tells why.
             Err(error) => {
                 self.detail = Some(format!("the program could not be sent to port 30001: {error}"));
             }
+        }
+    }
+
+    /// What the controller says against the program: at once while it begins or has ended, now and then while
+    /// it runs.
+    fn hear(&mut self) {
+        let phase = self.pilot.machine().phase();
+        let soon = matches!(phase, Phase::Starting { .. } | Phase::Ended { .. });
+        if !soon && self.heard_messages.elapsed() < LISTEN_EVERY {
+            return;
+        }
+        self.heard_messages = Instant::now();
+        if let Some(objection) = self.upload.as_mut().and_then(Upload::objection) {
+            self.detail = Some(objection);
+            self.pilot.program_failed();
         }
     }
 

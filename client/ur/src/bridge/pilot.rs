@@ -168,6 +168,11 @@ impl Pilot {
         self.machine.disconnected(reason);
     }
 
+    /// The controller told an error of the program.
+    pub fn program_failed(&mut self) {
+        self.machine.program_failed();
+    }
+
     /// What the dashboard says about remote control.
     pub fn remote_control(&mut self, remote: Option<bool>) {
         self.machine.remote_control(remote);

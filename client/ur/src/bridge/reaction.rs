@@ -95,6 +95,8 @@ pub struct Machine {
     remote: Option<bool>,
     /// Not to be tried again before this instant \[s\].
     next_upload_s: f64,
+    /// The controller told an error of the program.
+    failed: bool,
 }
 
 /// Below this a speed is scaled.
@@ -125,6 +127,7 @@ impl Machine {
             reason: None,
             remote: None,
             next_upload_s: f64::NEG_INFINITY,
+            failed: false,
         }
     }
 
@@ -163,6 +166,11 @@ impl Machine {
         self.next_upload_s = f64::NEG_INFINITY;
     }
 
+    /// The controller told an error of the program; if the program ends now, that is why.
+    pub fn program_failed(&mut self) {
+        self.failed = true;
+    }
+
     /// What the dashboard says about remote control.
     pub fn remote_control(&mut self, remote: Option<bool>) {
         self.remote = remote;
@@ -187,8 +195,11 @@ impl Machine {
                 if now_s - at_s < EXPLAINED_S {
                     return Act::Wait;
                 }
-                let why =
-                    if seen.bridge_was_late { Reason::StoppedByWatchdog } else { Reason::StoppedByOperator };
+                let why = match (self.failed, seen.bridge_was_late) {
+                    (true, _) => Reason::ProgramFailed,
+                    (false, true) => Reason::StoppedByWatchdog,
+                    (false, false) => Reason::StoppedByOperator,
+                };
                 self.block(why, now_s)
             }
             Phase::Starting { since_s } => {
@@ -285,6 +296,7 @@ impl Machine {
             return Act::Wait;
         }
         self.phase = Phase::Starting { since_s: now_s };
+        self.failed = false;
         Act::Upload
     }
 

@@ -37,6 +37,8 @@ pub enum Reason {
     CountersLate,
     /// Our program, or the bridge, refused a target too far away.
     TargetJump,
+    /// Our program ended by an error of its own.
+    ProgramFailed,
     /// Our program does not answer.
     NoAnswer,
     /// Our program did not start.
@@ -73,7 +75,7 @@ pub enum Return {
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::ProtectiveStop,
         Self::SafeguardStop,
         Self::EmergencyStop,
@@ -88,6 +90,7 @@ impl Reason {
         Self::StoppedByWatchdog,
         Self::CountersLate,
         Self::TargetJump,
+        Self::ProgramFailed,
         Self::NoAnswer,
         Self::DidNotStart,
         Self::ForeignProgram,
@@ -117,7 +120,7 @@ impl Reason {
             | Self::LocalControl
             | Self::ServiceOff
             | Self::Restarted => Return::Operator,
-            Self::StoppedByOperator | Self::Uncalibrated => Return::NewBridge,
+            Self::StoppedByOperator | Self::ProgramFailed | Self::Uncalibrated => Return::NewBridge,
             Self::Booting
             | Self::StoppedByWatchdog
             | Self::CountersLate
@@ -150,6 +153,7 @@ impl Reason {
             }
             Self::CountersLate => "counters stayed away for too many cycles, and the arm stopped by itself",
             Self::TargetJump => "a target was too far from the one before, and the arm stopped",
+            Self::ProgramFailed => "the program on the controller ended by an error",
             Self::NoAnswer => "the program on the controller does not answer",
             Self::DidNotStart => "the program was sent, but does not run",
             Self::ForeignProgram => "another program runs on the controller",
@@ -182,6 +186,9 @@ impl Reason {
                 "look for what held up this machine or the network; `foretrace doctor --robot` measures"
             }
             Self::TargetJump => "the arm was moved, or the daemon was: check the settings, then arm",
+            Self::ProgramFailed => {
+                "read the log of the pendant and report it; then start `foretrace arm ur` again"
+            }
             Self::NoAnswer => "wait; the program is started again",
             Self::DidNotStart => "read the log of the pendant; the bridge tries again every 10 s",
             Self::ForeignProgram => "stop it on the pendant; the bridge does not stop programs of others",

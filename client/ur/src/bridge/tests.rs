@@ -219,10 +219,11 @@ fn examination_measures_the_line_and_names_what_is_in_use() {
     assert_eq!(facts.registers, Some(RegisterFact::Free));
     let judged = examine::judge(&facts, config.settings(), config.robot().limits.position());
     let bad: Vec<_> = judged.iter().filter(|finding| finding.grade == Grade::Bad).map(|f| f.name).collect();
-    assert!(
-        !bad.contains(&"robot") && !bad.contains(&"version") && bad.contains(&"primary (30001)"),
-        "{judged:?}"
-    );
+    for name in ["robot", "version", "safety", "program", "primary (30001)", "rtde (30004)", "registers"] {
+        assert!(!bad.contains(&name), "{name}: {judged:?}");
+    }
+    assert!(facts.deviation.unwrap().most_mm < 0.01);
+    assert_eq!(facts.arm.as_deref(), Some("a UR5e or UR7e"));
 
     fake.with(|state| state.in_use.push("input_int_register_25".to_owned()));
     let facts = examine::gather(&addresses(&fake), &config, Duration::from_millis(50), &|| false);

@@ -175,6 +175,15 @@ fn a_program_that_the_operator_stopped_is_not_started_again() {
 }
 
 #[test]
+fn a_program_that_failed_is_not_started_again() {
+    let mut scene = Scene::following();
+    scene.machine.program_failed();
+    (scene.seen.runtime_state, scene.wanted.commanding) = (1, false);
+    scene.cycles(5.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ProgramFailed), 1));
+}
+
+#[test]
 fn a_program_that_the_watchdog_ended_is_started_again() {
     let mut scene = Scene::following();
     (scene.seen.runtime_state, scene.seen.bridge_was_late) = (1, true);
