@@ -209,7 +209,8 @@ impl Pilot {
         }
         let target = if following || begins { self.targets.at(use_ns) } else { Target::None };
         let wanted = Wanted {
-            commanding: self.targets.commanding(use_ns),
+            // Alive now is what counts; a command that ends before it is used only brakes from there on.
+            commanding: self.targets.commanding(arrival_ns),
             begins,
             refused: self.refused(&target, following),
         };
@@ -234,7 +235,8 @@ impl Pilot {
 
     fn refused(&self, target: &Target, following: bool) -> Option<Reason> {
         let motion = match target {
-            Target::None => return None,
+            // A command that is no number is as bad as one far away.
+            Target::None => return following.then_some(Reason::TargetJump),
             Target::Jump { .. } => return Some(Reason::TargetJump),
             Target::Follow(motion) | Target::Brake(motion) => motion,
         };

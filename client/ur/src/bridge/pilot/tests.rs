@@ -180,6 +180,19 @@ fn a_command_far_away_takes_the_leave_back() {
 }
 
 #[test]
+fn a_command_that_is_no_number_takes_the_leave_back() {
+    let mut scene = scene(None);
+    scene.follow();
+    scene.home[4] = f64::NAN;
+    let since = scene.now_ns();
+    scene.command(0.0, since, false);
+    let outcome = scene.cycle();
+    assert_eq!(outcome.inputs.leave, 0);
+    assert!(outcome.inputs.q.iter().all(|q| q.is_finite()));
+    assert_eq!(scene.pilot.machine().reason(), Some(Reason::TargetJump));
+}
+
+#[test]
 fn arming_far_from_where_the_arm_stands_is_refused() {
     let mut scene = scene(None);
     scene.cycles(100);
