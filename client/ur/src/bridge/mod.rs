@@ -26,3 +26,5 @@ pub mod examine;
 mod fake;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod script_tests;
