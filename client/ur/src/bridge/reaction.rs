@@ -105,6 +105,8 @@ const FULL_SPEED: f64 = 0.99;
 const EXPLAINED_S: f64 = 0.5;
 /// Longest time for a program to begin \[s\].
 const BEGIN_S: f64 = 5.0;
+/// How long the speed may take to come up when it begins \[s\].
+const SPEEDS_UP_S: f64 = 1.0;
 /// Before it is sent again \[s\].
 const AGAIN_S: f64 = 10.0;
 /// A program that reads nothing new for so long does not answer \[s\].
@@ -203,7 +205,9 @@ impl Machine {
                 self.block(why, now_s)
             }
             Phase::Starting { since_s } => {
-                if ours && seen.answer.program() == ProgramState::Waiting {
+                // Some versions scale the speed up from 0 when a program begins.
+                let settled = seen.speed >= FULL_SPEED || now_s - since_s > SPEEDS_UP_S;
+                if ours && settled && seen.answer.program() == ProgramState::Waiting {
                     self.phase = Phase::Ready;
                 } else if now_s - since_s > BEGIN_S {
                     self.next_upload_s = now_s + AGAIN_S;
@@ -249,7 +253,8 @@ impl Machine {
             return Some(Reason::Paused);
         }
         let ours = seen.answer.session == self.token;
-        if ours && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
+        let begins = matches!(self.phase, Phase::Starting { .. });
+        if ours && !begins && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
             return Some(Reason::Slowed);
         }
         if wanted.refused.is_some() {

@@ -275,6 +275,23 @@ fn a_program_that_does_not_start_is_sent_again_after_a_while() {
 }
 
 #[test]
+fn a_speed_that_comes_up_with_the_program_is_no_slow_arm() {
+    let mut scene = Scene::new();
+    scene.seen.speed = 0.0;
+    for step in 0..100 {
+        scene.cycle();
+        scene.seen.speed = f64::from(step) / 80.0;
+        assert_eq!(scene.machine.reason(), None);
+    }
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+    // One that stays low is.
+    let mut scene = Scene::new();
+    scene.seen.speed = 0.5;
+    scene.cycles(3.0);
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::Slowed), false));
+}
+
+#[test]
 fn the_leave_ends_a_second_after_the_commands() {
     let mut scene = Scene::following();
     scene.wanted.commanding = false;
