@@ -257,9 +257,6 @@ impl Machine {
         if ours && !begins && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
             return Some(Reason::Slowed);
         }
-        if wanted.refused.is_some() {
-            return wanted.refused;
-        }
         if matches!(self.phase, Phase::Following { .. }) {
             let stopped_by_itself = seen.answer.used == self.leaves.newest();
             match seen.answer.program() {
@@ -267,6 +264,10 @@ impl Machine {
                 ProgramState::StoppedJump if ours && stopped_by_itself => return Some(Reason::TargetJump),
                 _ => {}
             }
+        }
+        // After its own stop the program is where it is, and every target is far away.
+        if wanted.refused.is_some() {
+            return wanted.refused;
         }
         // Where our program runs nothing needs remote control any more; what has to be sent does.
         (self.remote == Some(false) && !(ours && seen.runtime_state == RUNTIME_PLAYING))
