@@ -4,6 +4,8 @@ pub(crate) mod options;
 pub(crate) mod intake;
 mod refused;
 mod report;
+mod record;
+mod judge;
 mod sim;
 mod ur;
 

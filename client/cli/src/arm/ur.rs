@@ -3,6 +3,7 @@
 //! Contract: what has to be right before motion is checked first, and nothing moves before somebody arms the
 //! daemon. Outlives daemon and controller: without either it waits, says why, and goes on when they are back.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Commands, Foretrace, JointStates, monotonic_now_ns};
@@ -17,6 +18,10 @@ use foretrace_ur::bridge::reaction::Phase;
 use foretrace_ur::bridge::registers::Registers;
 use serde::Serialize;
 
+use super::judge::Judge;
+use super::record::Record;
+use super::refused::Refused;
+use super::report::CommandReport;
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
@@ -55,6 +60,10 @@ pub(crate) struct UrArgs {
     #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
     seconds: Option<f64>,
 
+    /// Write every joint state as CSV: t_s (monotonic clock), q1..q6 [rad]
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+
     /// Seconds to wait for the daemon to come up
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
@@ -69,6 +78,12 @@ pub(crate) struct UrArgs {
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 struct UrReport {
+    commands: CommandReport,
+    arm: ArmReport,
+}
+
+#[derive(Debug, Serialize)]
+struct ArmReport {
     robot: RobotReport,
     /// Daemons attached to.
     daemons: u64,
@@ -117,22 +132,30 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
 
     let foretrace = attach_within(&instance_of(settings)?, Duration::from_secs_f64(args.wait))?;
     let ports = Ports::open(&foretrace)?;
-    let mut bridge = Bridge { link, foretrace, ports: Some(ports), ready: false, daemons: 1, not_sent: 0 };
-    bridge.run(args.seconds, &interrupt);
-    let report = UrReport {
-        robot: RobotReport {
-            host: args.host.robot.clone(),
-            version: found.version.to_string(),
-            series: found.series,
-            arm: found.arm(),
-            deviation,
-            dead_man,
-        },
-        daemons: bridge.daemons,
-        states_not_sent: bridge.not_sent,
-        link: bridge.link.report(),
+    let mut bridge = Bridge {
+        link,
+        foretrace,
+        ports: Some(ports),
+        judge: Judge::new(config.robot().limits),
+        record: args.record.as_deref().map(Record::create).transpose()?,
+        ready: false,
+        daemons: 1,
+        not_sent: 0,
     };
-    summary(&report.link);
+    bridge.run(args.seconds, &interrupt);
+    if let Some(record) = bridge.record.take() {
+        record.finish()?;
+    }
+    let robot = RobotReport {
+        host: args.host.robot.clone(),
+        version: found.version.to_string(),
+        series: found.series,
+        arm: found.arm(),
+        deviation,
+        dead_man,
+    };
+    let report = bridge.report(robot);
+    summary(&report);
     args.json.write(&report)
 }
 
@@ -240,6 +263,8 @@ struct Bridge {
     link: Link,
     foretrace: Foretrace,
     ports: Option<Ports>,
+    judge: Judge,
+    record: Option<Record>,
     /// That the arm may be armed has been said.
     ready: bool,
     daemons: u64,
@@ -279,19 +304,41 @@ impl Bridge {
     }
 
     fn turn(&mut self) {
-        let ports = &mut self.ports;
+        let (ports, judge) = (&mut self.ports, &mut self.judge);
         let measured = self.link.turn(&mut |pilot: &mut Pilot| {
             if let Some(ports) = ports {
                 let now_ns = monotonic_now_ns();
-                ports.commands.drain(|command| pilot.take(command, now_ns));
+                judge.gaps(ports.commands.dropped(), ports.commands.restarts());
+                ports.commands.drain(|command| {
+                    judge.see(command);
+                    pilot.take(command, now_ns);
+                });
             }
         });
+        if let (Some(Measured { stamp_ns, state }), Some(record)) = (measured, &mut self.record) {
+            record.add(stamp_ns, &state.q);
+        }
         if let (Some(Measured { stamp_ns, mut state }), Some(ports)) = (measured, &mut self.ports) {
             state.commands_refused =
                 state.commands_refused.saturating_add(ports.commands.rejections().total());
             if !ports.states.publish(stamp_ns, state).unwrap_or(false) {
                 self.not_sent += 1;
             }
+        }
+    }
+
+    fn report(&self, robot: RobotReport) -> UrReport {
+        let link = self.link.report();
+        let commands = self.ports.as_ref().map(|ports| &ports.commands);
+        let (count, newest) =
+            commands.map_or((0, None), |commands| (commands.rejections().total(), commands.newest_refused()));
+        let mut refused = Refused::default().with(count, newest);
+        refused.jump = link.jumps;
+        let lost = commands.map_or(0, Commands::dropped);
+        let seen = self.judge.statistics();
+        UrReport {
+            commands: CommandReport::of(seen, link.commands, lost, refused),
+            arm: ArmReport { robot, daemons: self.daemons, states_not_sent: self.not_sent, link },
         }
     }
 
@@ -310,9 +357,16 @@ impl Bridge {
     }
 }
 
-fn summary(link: &LinkReport) {
+fn summary(report: &UrReport) {
+    let UrReport { commands, arm: ArmReport { link, .. } } = report;
     say!("states      {} at {:.0} Hz, {} skipped", link.states, link.rate_hz, link.states_skipped);
-    say!("commands    {} taken, {} too far away", link.commands, link.jumps);
+    say!(
+        "commands    {} taken, {} too far away, {} lost on the way, {} violations",
+        link.commands,
+        link.jumps,
+        commands.lost,
+        commands.limit_violations
+    );
     say!(
         "cycles      {} following, {} without a fresh counter, {} counters lost",
         link.following_cycles,

@@ -160,7 +160,9 @@ impl Reason {
             Self::LocalControl => "the controller is in local control",
             Self::InUse => "another client holds a register that the bridge needs",
             Self::Unreachable => "the controller cannot be reached",
-            Self::ServiceOff => "the controller refuses the connection: the RTDE service is off or blocked",
+            Self::ServiceOff => {
+                "the controller refuses the connection: it is starting up, or its RTDE service is off"
+            }
             Self::ConnectionLost => "the connection to the controller is lost",
             Self::Restarted => "the controller was restarted",
             Self::Uncalibrated => "the pen would come nearer to the paper than an uncalibrated model allows",

@@ -191,7 +191,7 @@ fn a_closed_port_is_a_service_that_is_off() {
     closed.rtde = closed.dashboard;
     let error = Client::connect(closed.rtde, SOON).unwrap_err();
     assert_eq!(line::reason(&error), Reason::ServiceOff);
-    assert!(probe(&closed).unwrap_err().to_string().contains("service is off"));
+    assert!(probe(&closed).unwrap_err().to_string().contains("RTDE service is off"));
 }
 
 #[test]
