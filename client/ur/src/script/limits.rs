@@ -10,8 +10,10 @@ pub(super) const BLOCK_DEPTH: u16 = 50;
 pub(super) const FUNCTIONS: usize = 4096;
 /// Variables of one function, or of all the program as globals.
 pub(super) const VARIABLES: usize = 2048;
-/// Arguments of a call, parameters of a function, elements of a list literal.
-pub(super) const ARGUMENTS: usize = 1024;
+/// Arguments of a call, parameters of a function.
+pub(super) const ARGUMENTS: usize = 64;
+/// Elements of a list literal.
+pub(super) const LITERAL: usize = 1024;
 /// Threads alive at a time, the program's own included.
 pub(super) const THREADS: usize = 32;
 /// Calls inside calls, in one thread.
@@ -34,3 +36,5 @@ pub(super) const STEPS_PER_THREAD: u32 = 10_000;
 pub(super) const STEPS_PER_CYCLE: u32 = 40_000;
 /// Cycles in a row that a thread may use up without waiting; then it is an infinite loop.
 pub(super) const CYCLES_USED_UP: u32 = 100;
+/// Values that one thread's unfinished expressions hold.
+pub(super) const STACK: usize = 16_384;
