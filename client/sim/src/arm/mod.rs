@@ -254,6 +254,12 @@ impl ArmModel {
         self.scaling = self.settings.scaling();
     }
 
+    /// Breaks the arm from the next cycle on, unless it is broken already.
+    pub fn break_now(&mut self, kind: FaultKind) {
+        let at_s = self.cycles as f64 * self.settings.cycle_s;
+        self.settings.fault = Some(Fault { kind, at_s });
+    }
+
     /// The settings in force.
     #[must_use]
     pub fn settings(&self) -> &ArmSettings {

@@ -1,4 +1,5 @@
-//! Kinematics of the simulated arm: nominal Denavit-Hartenberg parameters, an own calibration, the tool's pose.
+//! Kinematics of the simulated arm: nominal Denavit-Hartenberg parameters, an own calibration, the tool's
+//! pose.
 //!
 //! *Source*: the maker's description package, UR5 and UR5e: T_i = Rz(q + θ) Tz(d) Tx(a) Rx(α).
 
@@ -77,8 +78,19 @@ impl Dh {
     /// The flange in the base frame at `q` \[rad\].
     #[must_use]
     pub fn flange(&self, q: &[f64; 6]) -> Frame {
+        self.after(6, q)
+    }
+
+    /// The elbow in the base frame at `q` \[rad\]: \[m\].
+    #[must_use]
+    pub fn elbow(&self, q: &[f64; 6]) -> [f64; 3] {
+        self.after(2, q).1
+    }
+
+    /// The frame behind the first `joints`.
+    fn after(&self, joints: usize, q: &[f64; 6]) -> Frame {
         let mut at = IDENTITY;
-        let rows = q.iter().zip(&self.theta).zip(&self.a).zip(&self.d).zip(&self.alpha);
+        let rows = q.iter().take(joints).zip(&self.theta).zip(&self.a).zip(&self.d).zip(&self.alpha);
         for ((((q, theta), a), d), alpha) in rows {
             let (sin, cos) = (q + theta).sin_cos();
             let (sin_alpha, cos_alpha) = alpha.sin_cos();
@@ -177,6 +189,7 @@ impl Random {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::controller::options::Options;
 
     #[test]
     fn flange_stands_where_the_table_says() {
@@ -204,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_calibration_is_off_by_what_was_asked_for_and_the_same_again() {
-        let q = [3.1416, -1.3, 1.8, -2.0708, -1.5708, 0.0];
+        let q = Options::new(Series::E).q;
         let arm = Dh::calibrated(Series::E, 0.004, 7, &q);
         let off = distance(&arm.flange(&q).1, &Dh::nominal(Series::E).flange(&q).1);
         assert!((off - 0.004).abs() < 1e-5, "{off}");

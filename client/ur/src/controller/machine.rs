@@ -1,14 +1,15 @@
 //! What a program asks of the robot: motion, registers, inputs and outputs, messages.
 //!
-//! Contract: total. What is known by name but not simulated stops the program with a sentence that says so; what a
-//! controller does not know either is refused when a program is loaded.
+//! Contract: total. What is known by name but not simulated stops the program with a sentence that says so;
+//! what a controller does not know either is refused when a program is loaded.
 //!
 //! *Source*: script manual of Universal Robots, 5.x, for parameters and defaults.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use super::inputs::{Inputs, REGISTERS};
-use super::motion::{Line, Motion};
+use super::motion::Motion;
+use super::names::{NOT_SIMULATED, SIMULATED};
 use super::robot::Robot;
 use super::safety::Stopped;
 use crate::primary::Said;
@@ -79,122 +80,17 @@ pub struct Hands<'a> {
     pub said: &'a mut VecDeque<Said>,
 }
 
-/// Simulated here.
-const SIMULATED: &[&str] = &[
-    "end_force_mode",
-    "end_freedrive_mode",
-    "end_teach_mode",
-    "force_mode_set_damping",
-    "force_mode_set_gain_scaling",
-    "get_actual_joint_positions",
-    "get_actual_joint_speeds",
-    "get_actual_tcp_pose",
-    "get_actual_tcp_speed",
-    "get_analog_out",
-    "get_configurable_digital_in",
-    "get_configurable_digital_out",
-    "get_digital_in",
-    "get_digital_out",
-    "get_forward_kin",
-    "get_standard_analog_out",
-    "get_standard_digital_in",
-    "get_standard_digital_out",
-    "get_steptime",
-    "get_target_joint_positions",
-    "get_target_joint_speeds",
-    "get_target_payload",
-    "get_target_payload_cog",
-    "get_target_tcp_pose",
-    "get_tcp_offset",
-    "get_tool_digital_out",
-    "is_steady",
-    "movej",
-    "popup",
-    "protective_stop",
-    "read_input_boolean_register",
-    "read_input_float_register",
-    "read_input_integer_register",
-    "read_output_boolean_register",
-    "read_output_float_register",
-    "read_output_integer_register",
-    "rtde_set_watchdog",
-    "servoj",
-    "set_analog_out",
-    "set_configurable_digital_out",
-    "set_digital_out",
-    "set_gravity",
-    "set_payload",
-    "set_payload_cog",
-    "set_payload_mass",
-    "set_standard_analog_out",
-    "set_standard_digital_out",
-    "set_target_payload",
-    "set_tcp",
-    "set_tool_digital_out",
-    "set_tool_voltage",
-    "sleep",
-    "speedj",
-    "stopj",
-    "stopl",
-    "sync",
-    "textmsg",
-    "write_output_boolean_register",
-    "write_output_float_register",
-    "write_output_integer_register",
-    "zero_ftsensor",
-];
-
-/// Known to a controller, and to programs of clients, but not simulated.
-const NOT_SIMULATED: &[&str] = &[
-    "direct_torque",
-    "enable_external_ft_sensor",
-    "force_mode",
-    "freedrive_mode",
-    "ft_rtde_input_enable",
-    "get_actual_joint_positions_history",
-    "get_actual_tool_flange_pose",
-    "get_coriolis_and_centrifugal_torques",
-    "get_freedrive_status",
-    "get_inverse_kin",
-    "get_inverse_kin_has_solution",
-    "get_jacobian",
-    "get_jacobian_time_derivative",
-    "get_joint_torques",
-    "get_mass_matrix",
-    "get_target_joint_accelerations",
-    "get_target_tcp_speed",
-    "get_target_waypoint",
-    "get_tcp_force",
-    "is_within_safety_limits",
-    "movec",
-    "movel",
-    "movep",
-    "servoc",
-    "socket_close",
-    "socket_open",
-    "socket_read_ascii_float",
-    "socket_read_binary_integer",
-    "socket_read_line",
-    "socket_read_string",
-    "socket_send_int",
-    "socket_send_line",
-    "socket_send_string",
-    "speedl",
-    "teach_mode",
-    "tool_contact",
-];
-
-type Result<T> = std::result::Result<T, String>;
+pub(super) type Result<T> = std::result::Result<T, String>;
 
 fn number(value: Option<&Value>, name: &str) -> Result<f64> {
     value.and_then(Value::as_number).ok_or_else(|| format!("wants a number for {name}"))
 }
 
-fn number_or(value: Option<&Value>, name: &str, usual: f64) -> Result<f64> {
+pub(super) fn number_or(value: Option<&Value>, name: &str, usual: f64) -> Result<f64> {
     if value.is_some() { number(value, name) } else { Ok(usual) }
 }
 
-fn joints(value: Option<&Value>, name: &str) -> Result<[f64; 6]> {
+pub(super) fn joints(value: Option<&Value>, name: &str) -> Result<[f64; 6]> {
     if matches!(value, Some(Value::Pose(_))) {
         return Err(format!("a pose for {name} is not simulated, joint positions are"));
     }
@@ -209,7 +105,7 @@ fn index(value: Option<&Value>, count: usize) -> Result<usize> {
 
 impl Hands<'_> {
     /// Waits `cycles` from the first call on; 1 is the rest of this cycle.
-    fn wait(&mut self, call: &Call<'_>, cycles: u64) -> Called {
+    pub(super) fn wait(&mut self, call: &Call<'_>, cycles: u64) -> Called {
         let now = self.robot.cycle;
         if call.first {
             if cycles <= 1 {
@@ -226,93 +122,14 @@ impl Hands<'_> {
         Called::Wait
     }
 
-    fn cycles(&self, seconds: f64) -> u64 {
+    pub(super) fn cycles(&self, seconds: f64) -> u64 {
         // Whole cycles of 0.002 as text are not quite those of a float; saturates.
         (seconds / self.robot.dt() - 1e-6).ceil().max(0.0) as u64
     }
 
-    fn say(&mut self, said: Said) {
+    pub(super) fn say(&mut self, said: Said) {
         if self.said.len() < MOST_SAID {
             self.said.push_back(said);
-        }
-    }
-
-    fn motion(&mut self, call: &Call<'_>) -> Result<Called> {
-        let arguments = call.arguments;
-        if !self.robot.ready() {
-            // The program is about to be stopped.
-            return Ok(Called::Wait);
-        }
-        *self.mover = Some(call.thread);
-        match call.name {
-            "servoj" => {
-                let names = ["q", "a", "v", "t", "lookahead_time", "gain"];
-                let [q, _, _, t, look_ahead, gain] = arguments.bind(names)?;
-                let dt = self.robot.dt();
-                let (q, t) = (joints(q, "q")?, number_or(t, "t", dt)?);
-                let look_ahead = number_or(look_ahead, "lookahead_time", 0.1)?;
-                let gain = number_or(gain, "gain", 300.0)?;
-                if !(0.03..=0.2).contains(&look_ahead) {
-                    return Err("lookahead_time must be from 0.03 to 0.2".to_owned());
-                }
-                if !(100.0..=2000.0).contains(&gain) {
-                    return Err("gain must be from 100 to 2000".to_owned());
-                }
-                if call.first {
-                    self.robot.servo(q, look_ahead);
-                }
-                let cycles = self.cycles(t);
-                Ok(self.wait(call, cycles))
-            }
-            "movej" => {
-                let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
-                let q = joints(q, "q")?;
-                let (a, v) = (number_or(a, "a", 1.4)?, number_or(v, "v", 1.05)?);
-                let t = number_or(t, "t", 0.0)?;
-                if q.iter().any(|q| !q.is_finite()) || !(a > 0.0 && v > 0.0 && t >= 0.0) {
-                    return Err("wants finite targets, a > 0, v > 0, t >= 0".to_owned());
-                }
-                if call.first {
-                    let (v, a) = (v.min(super::robot::SPEED_LIMIT_RADPS), a.min(40.0));
-                    self.robot.plan(|point| Motion::Line(Line::new(point.q, q, v, a, t)));
-                    return Ok(Called::Wait);
-                }
-                let over = !matches!(self.robot.motion, Motion::Line(_));
-                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
-            }
-            "speedj" => {
-                let [qd, a, t] = arguments.bind(["qd", "a", "t"])?;
-                let (qd, a, t) = (joints(qd, "qd")?, number_or(a, "a", 1.4)?, number_or(t, "t", 0.0)?);
-                if qd.iter().any(|qd| !qd.is_finite()) || !(a > 0.0 && t >= 0.0) {
-                    return Err("wants finite speeds, a > 0, t >= 0".to_owned());
-                }
-                let limit = super::robot::SPEED_LIMIT_RADPS;
-                let (qd, a) = (qd.map(|qd| qd.clamp(-limit, limit)), a.min(40.0));
-                let cycles = self.cycles(t);
-                // One cycle more, in which the program may renew it.
-                let left = if cycles == 0 { 2 } else { cycles.saturating_add(1) };
-                if call.first || cycles == 0 {
-                    self.robot.plan(|_| Motion::Speed { qd, acceleration: a, left });
-                }
-                if cycles > 0 {
-                    return Ok(self.wait(call, cycles));
-                }
-                let there = self.robot.motion.at_speed(&self.robot.target);
-                Ok(if there { Called::Cycle(Value::None) } else { Called::Wait })
-            }
-            // stopj and stopl: this arm brakes all joints together in either case.
-            _ => {
-                let [a] = arguments.bind(["a"])?;
-                let a = number_or(a, "a", 10.0)?;
-                if !(a > 0.0) {
-                    return Err("wants a > 0".to_owned());
-                }
-                if call.first {
-                    self.robot.brake(a);
-                }
-                let over = !matches!(self.robot.motion, Motion::Brake { .. });
-                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
-            }
         }
     }
 

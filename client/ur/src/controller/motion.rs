@@ -1,7 +1,8 @@
 //! Motions of a program: what the joints are sent to in each cycle.
 //!
-//! Contract: total; no motion asks for more than its speed and acceleration, `servoj` aside, whose targets the
-//! robot checks. Joints brake and accelerate together: the leading one as asked, the others in proportion.
+//! Contract: total; no motion asks for more than its speed and acceleration, `servoj` aside, whose targets
+//! the robot checks. Joints brake and accelerate together: the leading one as asked, the others in
+//! proportion.
 
 /// Positions \[rad\] and speeds \[rad/s\] of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,8 +55,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// From rest at `from` to `to` \[rad\], the leading joint at `speed` \[rad/s\] and `acceleration` \[rad/s²\]; in
-    /// `duration_s` where that is more than 0.
+    /// From rest at `from` to `to` \[rad\], the leading joint at `speed` \[rad/s\] and `acceleration`
+    /// \[rad/s²\]; in `duration_s` where that is more than 0.
     #[must_use]
     pub fn new(from: [f64; 6], to: [f64; 6], speed: f64, acceleration: f64, duration_s: f64) -> Self {
         let mut by = to;
@@ -95,7 +96,8 @@ impl Line {
 }
 
 impl Motion {
-    /// One cycle of `dt` \[s\] from `point`, at `scaling` of the motion's own time. True where the motion is over.
+    /// One cycle of `dt` \[s\] from `point`, at `scaling` of the motion's own time. True where the motion is
+    /// over.
     pub fn step(&mut self, point: &mut Point, dt: f64, scaling: f64) -> bool {
         match self {
             Self::Rest => {

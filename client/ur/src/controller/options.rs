@@ -1,5 +1,6 @@
 //! What a simulated controller is: series, address, ports, calibration.
 
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::net::{IpAddr, Ipv4Addr};
 
 use crate::rtde::ControllerVersion;
@@ -145,7 +146,7 @@ impl Options {
             series,
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
             ephemeral_ports: false,
-            q: [3.1416, -1.3, 1.8, -2.0708, -1.5708, 0.0],
+            q: [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0],
             calibration_error_m: 0.0,
             seed: 1,
             running: true,

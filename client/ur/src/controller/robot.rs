@@ -1,10 +1,10 @@
 //! The robot: modes, safety, motion and the arm, one control cycle at a time.
 //!
-//! Contract: total; whatever a program or a client asks for, the arm obeys its speed and acceleration limits. The
-//! arm is `foretrace_sim`'s: a cycle of delay, `servoj`'s look-ahead, 2 ms of joint loop. A safety stop brakes as a
-//! stop of category 2 does and ends the program.
+//! Contract: total; whatever a program or a client asks for, the arm obeys its speed and acceleration limits.
+//! The arm is `foretrace_sim`'s: a cycle of delay, `servoj`'s look-ahead, 2 ms of joint loop. A safety stop
+//! brakes as a stop of category 2 does and ends the program.
 
-use foretrace_sim::arm::{ArmModel, ArmSettings};
+use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
 
 use super::kinematics::{Dh, chain, frame, pose};
 use super::motion::{Motion, Point};
@@ -127,6 +127,19 @@ impl Robot {
         self.tcp_speed
     }
 
+    /// Velocity \[m/s\] and place \[m\] of the elbow.
+    #[must_use]
+    pub fn elbow(&self) -> ([f64; 3], [f64; 3]) {
+        let Point { q, qd } = self.actual();
+        let place = |q: &[f64; 6]| self.dh.elbow(q);
+        let (now, step) = (place(&q), 1e-6);
+        let mut moved = q;
+        moved.iter_mut().zip(qd).for_each(|(q, qd)| *q += qd * step);
+        let mut velocity = place(&moved);
+        velocity.iter_mut().zip(now).for_each(|(v, now)| *v = (*v - now) / step);
+        (velocity, now)
+    }
+
     /// It may move: brakes released, nothing stops it.
     #[must_use]
     pub fn ready(&self) -> bool {
@@ -204,10 +217,20 @@ impl Robot {
     }
 
     fn halt(&mut self) {
-        let q = self.arm.joints().q;
+        self.place(self.arm.joints().q);
+    }
+
+    /// At rest at `q` \[rad\], whatever was before.
+    pub fn place(&mut self, q: [f64; 6]) {
         self.arm = ArmModel::at_rest(*self.arm.settings(), q);
+        self.tcp_before = self.tcp_pose(&q);
         self.motion = Motion::Rest;
         self.target = Point { q, qd: [0.0; 6] };
+    }
+
+    /// Breaks the arm.
+    pub fn break_now(&mut self, kind: FaultKind) {
+        self.arm.break_now(kind);
     }
 
     /// One cycle: the motion, the arm, the checks.
