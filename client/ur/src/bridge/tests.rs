@@ -1,5 +1,8 @@
 //! The bridge over sockets, against the stand-in.
 
+mod scene;
+mod world;
+
 use std::net::TcpListener;
 use std::thread;
 use std::time::{Duration, Instant};
