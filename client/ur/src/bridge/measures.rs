@@ -13,6 +13,8 @@ pub struct Measures {
     pub states: bool,
     /// The arm's kinematics.
     pub dh: Option<DhParameters>,
+    /// Tool centre point, seen from the flange \[m\].
+    pub tcp_m: Option<[f64; 3]>,
 }
 
 /// Listens to the primary interface at `address` until the kinematics came, for `patience` at most.
@@ -23,7 +25,7 @@ pub struct Measures {
 pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, PrimaryError> {
     let end = Instant::now() + patience;
     let mut client = Client::connect(address, patience)?;
-    let mut found = Measures { states: false, dh: None };
+    let mut found = Measures { states: false, dh: None, tcp_m: None };
     while found.dh.is_none() {
         let left = end.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -37,6 +39,7 @@ pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, Prima
                     _ => None,
                 });
                 found.dh = found.dh.filter(DhParameters::are_sound);
+                found.tcp_m = found.tcp_m.or_else(|| state.parts.iter().find_map(tool_centre_point));
             }
             Ok(Some(_)) => {}
             Ok(None) => break,
@@ -45,6 +48,12 @@ pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, Prima
         }
     }
     Ok(found)
+}
+
+fn tool_centre_point(part: &SubPackage) -> Option<[f64; 3]> {
+    let SubPackage::Cartesian(info) = part else { return None };
+    let [x, y, z, ..] = info.tcp_offset;
+    Some([x, y, z]).filter(|place| place.iter().all(|value| value.is_finite()))
 }
 
 impl From<&KinematicsInfo> for DhParameters {
@@ -56,7 +65,7 @@ impl From<&KinematicsInfo> for DhParameters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::primary::State;
+    use crate::primary::{CartesianInfo, State};
     use std::io::Write;
     use std::net::TcpListener;
     use std::thread;
@@ -93,13 +102,16 @@ mod tests {
 
     #[test]
     fn kinematics_are_found_in_the_state_that_has_them() {
-        let bytes = [state(Vec::new()), state(vec![SubPackage::Kinematics(INFO)])].concat();
-        assert_eq!(served(bytes).unwrap(), Measures { states: true, dh: Some(DhParameters::from(&INFO)) });
+        let tool = CartesianInfo { pose: [0.0; 6], tcp_offset: [0.0, 0.01, 0.15, 0.0, 0.0, 0.0] };
+        let parts = vec![SubPackage::Cartesian(tool), SubPackage::Kinematics(INFO)];
+        let bytes = [state(Vec::new()), state(parts)].concat();
+        let (dh, tcp_m) = (Some(DhParameters::from(&INFO)), Some([0.0, 0.01, 0.15]));
+        assert_eq!(served(bytes).unwrap(), Measures { states: true, dh, tcp_m });
     }
 
     #[test]
     fn states_without_kinematics_are_states() {
-        assert_eq!(served(state(Vec::new())).unwrap(), Measures { states: true, dh: None });
+        assert_eq!(served(state(Vec::new())).unwrap(), Measures { states: true, dh: None, tcp_m: None });
     }
 
     #[test]

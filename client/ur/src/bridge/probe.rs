@@ -54,8 +54,11 @@ pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
     let mut client = Client::connect(addresses.rtde, PATIENCE)?;
     let version = client.controller_version()?;
     let series = Series::of(version)?;
-    let installation = installation(&mut client, PATIENCE)?;
-    let dh = measures::listen(addresses.primary, PATIENCE).ok().and_then(|measures| measures.dh);
+    let mut installation = installation(&mut client, PATIENCE)?;
+    let measures = measures::listen(addresses.primary, PATIENCE).ok();
+    let dh = measures.and_then(|measures| measures.dh);
+    // Older versions tell the tool only there.
+    installation.tcp_m = installation.tcp_m.or_else(|| measures?.tcp_m);
     Ok(Found { version, series, installation, dh })
 }
 

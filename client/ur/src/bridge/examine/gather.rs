@@ -36,8 +36,10 @@ pub fn gather(
     let mut facts = Facts { loopback: addresses.ip().is_loopback(), ..Facts::default() };
     let (port, arm, remote) = dashboard(addresses.dashboard);
     (facts.dashboard, facts.arm, facts.remote) = (port, arm, remote);
+    let mut tcp_m = None;
     match measures::listen(addresses.primary, PATIENCE) {
         Ok(measures) => {
+            tcp_m = measures.tcp_m;
             facts.primary = if measures.states {
                 Port::Open("robot states come".to_owned())
             } else {
@@ -58,6 +60,9 @@ pub fn gather(
         Err(error @ RtdeError::Silent(_)) => Port::Silent(error.to_string()),
         Err(error) => Port::Strange(error.to_string()),
     };
+    if let Some(installation) = &mut facts.installation {
+        installation.tcp_m = installation.tcp_m.or(tcp_m);
+    }
     facts
 }
 
