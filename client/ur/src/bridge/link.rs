@@ -46,6 +46,8 @@ pub struct Link {
     connections: u64,
     reasons: BTreeMap<&'static str, u64>,
     counted: Option<Reason>,
+    /// Why the arm did not follow when the end began; ending is no reason.
+    at_end: Option<Option<Reason>>,
     told: Option<Reason>,
     detail: Option<String>,
 }
@@ -118,6 +120,7 @@ impl Link {
             connections: 0,
             reasons: BTreeMap::new(),
             counted: None,
+            at_end: None,
             told: None,
             detail: None,
         })
@@ -165,6 +168,7 @@ impl Link {
 
     /// The program on the controller is told to stop the arm and to end.
     pub fn end(&mut self) {
+        self.at_end = Some(self.hindrance());
         let Some(line) = &mut self.line else { return };
         let end = Instant::now() + Duration::from_millis(200);
         while Instant::now() < end {
@@ -216,8 +220,13 @@ impl Link {
             round_trip_ms: trips.usual() as f64 * self.program.cycle_s * 1e3,
             round_trips: trips.counts().to_vec(),
             stops: self.reasons.clone(),
-            reason: self.reason().filter(|_| !self.pilot.machine().may_move()),
+            reason: self.at_end.unwrap_or_else(|| self.hindrance()),
         }
+    }
+
+    /// Why the arm does not follow now.
+    fn hindrance(&self) -> Option<Reason> {
+        self.reason().filter(|_| !self.pilot.machine().may_move())
     }
 
     fn connect(&mut self) {

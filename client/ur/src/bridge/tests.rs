@@ -129,6 +129,7 @@ fn program_is_sent_and_the_arm_follows_once_armed() {
     let report = scene.link.report();
     assert!(report.states > 2 && report.following_cycles > 0 && report.round_trip_ms > 0.0, "{report:?}");
     scene.link.end();
+    assert_eq!(scene.link.report().reason, None);
     let begin = Instant::now();
     while scene.fake.with(|state| state.values["runtime_state"][0]) != 1.0 {
         assert!(begin.elapsed() < LONG, "the program was not told to end");
