@@ -23,6 +23,7 @@ ROOMS = {
         "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",
         "supervisor",
     ],
+    "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
 WIDTH = 110
@@ -77,6 +78,7 @@ def layers_point_downwards() -> None:
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
+        "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

@@ -14,12 +14,14 @@ mod interrupt;
 mod values;
 mod settings;
 mod attach;
+mod robot;
 mod spread;
 mod ghost;
 mod shapes;
 mod config;
 mod daemon;
 mod arm;
+mod ur_sim;
 mod play;
 mod gateway;
 mod record;
@@ -72,6 +74,7 @@ enum Command {
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
+    UrSim(ur_sim::UrSimArgs),
     Request(request::RequestArgs),
     Enable(enable::EnableArgs),
     /// Move the arm where the pen does not lead it
@@ -130,6 +133,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
+        Command::UrSim(args) => ur_sim::run(args),
         Command::Request(args) => request::run(args),
         Command::Enable(args) => enable::run(args),
         Command::Move(command) => move_home::run(command),

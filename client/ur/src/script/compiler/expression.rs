@@ -1,0 +1,139 @@
+//! Expressions and calls to instructions. Arguments stand on the stack in the order written.
+
+use super::super::builtins;
+use super::super::code::{Op, Ready};
+use super::super::error::{Place, ScriptError};
+use super::super::tree::{Asked, Binary, Expression, Give, Sort};
+use super::{Compiler, scope};
+
+impl Compiler {
+    pub(super) fn expression(&mut self, expression: &Expression) -> Result<(), ScriptError> {
+        let place = expression.place;
+        match &expression.what {
+            Give::Value(value) => self.constant(value.clone(), place),
+            Give::Name(name) => match scope::find(name, &self.levels, &self.globals) {
+                Some(from) => self.simple(Op::Load(from), place),
+                None => match builtins::constant(name) {
+                    Some(value) => self.constant(value, place),
+                    None => {
+                        return Err(ScriptError::new(place, format!("the variable {name} is not defined")));
+                    }
+                },
+            },
+            Give::List(elements) => {
+                self.each(elements)?;
+                self.simple(Op::List(u16::try_from(elements.len()).unwrap_or(u16::MAX)), place);
+            }
+            Give::Pose(elements) => {
+                self.each(elements)?;
+                self.simple(Op::Pose, place);
+            }
+            Give::Index(of, indices) => {
+                self.expression(of)?;
+                self.each(indices)?;
+                self.simple(Op::Element(u8::try_from(indices.len()).unwrap_or(u8::MAX)), place);
+            }
+            Give::Call(asked) => self.call(asked, place)?,
+            Give::Run(asked) => self.run(asked, place)?,
+            Give::Unary(operator, of) => {
+                self.expression(of)?;
+                self.simple(Op::Unary(*operator), place);
+            }
+            Give::Binary(operator @ (Binary::And | Binary::Or), left, right) => {
+                self.expression(left)?;
+                let known = self.emit(Op::JumpIf(*operator == Binary::Or, 0), place);
+                self.expression(right)?;
+                // Tells a right side that is no truth value.
+                self.simple(Op::Binary(*operator), place);
+                self.land(known);
+            }
+            Give::Binary(operator, left, right) => {
+                self.expression(left)?;
+                self.expression(right)?;
+                self.simple(Op::Binary(*operator), place);
+            }
+        }
+        Ok(())
+    }
+
+    fn each(&mut self, expressions: &[Expression]) -> Result<(), ScriptError> {
+        expressions.iter().try_for_each(|expression| self.expression(expression))
+    }
+
+    fn function_number(&self, name: &str) -> Option<usize> {
+        self.levels.iter().rev().find_map(|level| level.functions.get(name).copied())
+    }
+
+    fn call(&mut self, asked: &Asked, place: Place) -> Result<(), ScriptError> {
+        if let Some(number) = self.function_number(&asked.name) {
+            if self.code.bodies.get(number).is_some_and(|body| body.sort == Sort::Thread) {
+                let message = format!("{0} is a thread: `run {0}()` starts it", asked.name);
+                return Err(ScriptError::new(place, message));
+            }
+            let call = self.of_program(asked, number, place)?;
+            self.simple(Op::Call(call), place);
+            return Ok(());
+        }
+        self.each(&asked.positional)?;
+        asked.named.iter().try_for_each(|(_, value)| self.expression(value))?;
+        let arguments = asked.positional.len() + asked.named.len();
+        let names: Vec<String> = asked.named.iter().map(|(name, _)| name.clone()).collect();
+        if let Some(number) = builtins::find(&asked.name) {
+            builtins::check(number, asked.positional.len(), &names)
+                .map_err(|message| ScriptError::new(place, format!("{} {message}", asked.name)))?;
+            let target = u32::try_from(number).unwrap_or(u32::MAX);
+            let call = self.asked(Ready { target, slots: Vec::new(), names, arguments });
+            self.simple(Op::Own(call), place);
+            return Ok(());
+        }
+        let next = self.code.foreign.len();
+        let at = *self.foreign.entry(asked.name.clone()).or_insert(next);
+        if at == next {
+            self.code.foreign.push((asked.name.clone(), place));
+        }
+        let target = u32::try_from(at).unwrap_or(u32::MAX);
+        let call = self.asked(Ready { target, slots: Vec::new(), names, arguments });
+        self.simple(Op::Foreign(call), place);
+        Ok(())
+    }
+
+    fn run(&mut self, asked: &Asked, place: Place) -> Result<(), ScriptError> {
+        let number = self
+            .function_number(&asked.name)
+            .filter(|&number| self.code.bodies.get(number).is_some_and(|body| body.sort == Sort::Thread))
+            .ok_or_else(|| ScriptError::new(place, format!("there is no thread {}", asked.name)))?;
+        let call = self.of_program(asked, number, place)?;
+        self.simple(Op::Run(call), place);
+        Ok(())
+    }
+
+    /// The arguments of a function or thread of the program, and where each of them goes.
+    fn of_program(&mut self, asked: &Asked, number: usize, place: Place) -> Result<u32, ScriptError> {
+        let parameters = self.parameters.get(number).cloned().unwrap_or_default();
+        let wrong = |message: String| ScriptError::new(place, format!("{} {message}", asked.name));
+        if asked.positional.len() > parameters.len() {
+            let message = format!("takes {} arguments, not {}", parameters.len(), asked.positional.len());
+            return Err(wrong(message));
+        }
+        let mut slots: Vec<u16> = (0..).take(asked.positional.len()).collect();
+        self.each(&asked.positional)?;
+        for (name, value) in &asked.named {
+            let slot = parameters.iter().position(|(parameter, _)| parameter == name);
+            let slot = slot.and_then(|slot| u16::try_from(slot).ok());
+            let slot = slot.ok_or_else(|| wrong(format!("has no parameter {name}")))?;
+            if slots.contains(&slot) {
+                return Err(wrong(format!("gets its parameter {name} twice")));
+            }
+            slots.push(slot);
+            self.expression(value)?;
+        }
+        for (slot, (parameter, has_default)) in (0_u16..).zip(&parameters) {
+            if !has_default && !slots.contains(&slot) {
+                return Err(wrong(format!("wants an argument for {parameter}")));
+            }
+        }
+        let target = u32::try_from(number).unwrap_or(u32::MAX);
+        let arguments = slots.len();
+        Ok(self.asked(Ready { target, slots, names: Vec::new(), arguments }))
+    }
+}

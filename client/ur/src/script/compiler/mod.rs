@@ -1,0 +1,267 @@
+//! The tree to instructions: functions and statements. Expressions are in `expression`, names in `scope`.
+
+mod expression;
+mod scope;
+
+use super::code::{Body, Code, Op, Ready, Where};
+use super::error::{Place, ScriptError};
+use super::limits;
+use super::tree::{Do, Expression, Function, Scope, Sort, Statement};
+use super::value::Value;
+use scope::{Level, Names};
+use std::collections::HashMap;
+
+/// Compiles a program: the one `def` or `sec` of the text, or else all its statements.
+pub(super) fn program(statements: Vec<Statement>) -> Result<Code, ScriptError> {
+    let place = statements.first().map_or(Place { line: 1, column: 1 }, |first| first.place);
+    let mut statements = statements;
+    let alone = statements.len() == 1;
+    let program = match statements.pop() {
+        Some(Statement { what: Do::Define(function), .. }) if alone && function.sort != Sort::Thread => {
+            function
+        }
+        last => {
+            statements.extend(last);
+            Function { name: String::new(), sort: Sort::Def, place, parameters: Vec::new(), body: statements }
+        }
+    };
+    if let Some((name, _)) = program.parameters.first() {
+        return Err(ScriptError::new(place, format!("a program has no parameters, but this one has {name}")));
+    }
+    let mut compiler = Compiler {
+        code: Code::default(),
+        globals: Names::default(),
+        levels: Vec::new(),
+        loops: Vec::new(),
+        parameters: vec![Vec::new()],
+        foreign: HashMap::new(),
+    };
+    scope::globals(&program.body, &mut compiler.globals)?;
+    compiler.code.bodies.push(Body {
+        name: program.name.clone(),
+        sort: program.sort,
+        entry: 0,
+        variables: Vec::new(),
+        inside: None,
+    });
+    compiler.function(&program, 0)?;
+    compiler.code.globals = compiler.globals.order;
+    Ok(compiler.code)
+}
+
+struct Compiler {
+    code: Code,
+    globals: Names,
+    /// The functions around what is being compiled, outermost first.
+    levels: Vec<Level>,
+    loops: Vec<Loop>,
+    /// Of each function: the parameters' names and whether they have a default.
+    parameters: Vec<Vec<(String, bool)>>,
+    /// Of each function of the machine: its number in `Code::foreign`.
+    foreign: HashMap<String, usize>,
+}
+
+struct Loop {
+    start: u32,
+    /// Jumps to the end, which is not known yet.
+    breaks: Vec<usize>,
+}
+
+impl Compiler {
+    fn emit(&mut self, op: Op, place: Place) -> usize {
+        self.code.ops.push(op);
+        self.code.places.push(place);
+        self.code.ops.len() - 1
+    }
+
+    /// The next instruction's address.
+    fn here(&self) -> u32 {
+        // A text of a megabyte makes fewer instructions than that.
+        u32::try_from(self.code.ops.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Makes the jump at `at` go to the next instruction.
+    fn land(&mut self, at: usize) {
+        let here = self.here();
+        if let Some(Op::Jump(to) | Op::JumpUnless(to) | Op::JumpIf(_, to) | Op::JumpIfGiven(_, to)) =
+            self.code.ops.get_mut(at)
+        {
+            *to = here;
+        }
+    }
+
+    fn constant(&mut self, value: Value, place: Place) {
+        let number = u32::try_from(self.code.constants.len()).unwrap_or(u32::MAX);
+        self.code.constants.push(value);
+        self.emit(Op::Constant(number), place);
+    }
+
+    /// Keeps a call and gives its number.
+    fn asked(&mut self, ready: Ready) -> u32 {
+        self.code.asked.push(ready);
+        u32::try_from(self.code.asked.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    fn function(&mut self, function: &Function, number: usize) -> Result<(), ScriptError> {
+        let mut level = Level {
+            variables: scope::variables(function, &self.levels, &self.globals)?,
+            functions: HashMap::new(),
+        };
+        let mut inside = Vec::new();
+        scope::functions(&function.body, &mut inside);
+        let first = self.code.bodies.len();
+        for inner in &inside {
+            if inner.sort == Sort::Sec {
+                return Err(ScriptError::new(inner.place, "a secondary program stands alone, in no other"));
+            }
+            let next = self.code.bodies.len();
+            if next >= limits::FUNCTIONS {
+                return Err(ScriptError::new(
+                    inner.place,
+                    format!("more than {} functions", limits::FUNCTIONS),
+                ));
+            }
+            if level.functions.insert(inner.name.clone(), next).is_some() {
+                return Err(ScriptError::new(inner.place, format!("{} is defined twice", inner.name)));
+            }
+            let with_default =
+                |(name, default): &(String, Option<Expression>)| (name.clone(), default.is_some());
+            self.parameters.push(inner.parameters.iter().map(with_default).collect());
+            self.code.bodies.push(Body {
+                name: inner.name.clone(),
+                sort: inner.sort,
+                entry: 0,
+                variables: Vec::new(),
+                inside: Some(number),
+            });
+        }
+        let variables = level.variables.order.clone();
+        self.levels.push(level);
+        let loops = std::mem::take(&mut self.loops);
+        let entry = self.code.ops.len();
+        for (slot, (_, default)) in (0_u16..).zip(&function.parameters) {
+            if let Some(default) = default {
+                let given = self.emit(Op::JumpIfGiven(slot, 0), default.place);
+                self.expression(default)?;
+                self.emit(Op::Store(Where::Frame { up: 0, slot }), default.place);
+                self.land(given);
+            }
+        }
+        self.body(&function.body)?;
+        self.constant(Value::None, function.place);
+        self.emit(Op::Return, function.place);
+        if let Some(body) = self.code.bodies.get_mut(number) {
+            body.entry = entry;
+            body.variables = variables;
+        }
+        for (number, inner) in (first..).zip(&inside) {
+            self.function(inner, number)?;
+        }
+        self.loops = loops;
+        self.levels.pop();
+        Ok(())
+    }
+
+    fn body(&mut self, body: &[Statement]) -> Result<(), ScriptError> {
+        body.iter().try_for_each(|statement| self.statement(statement))
+    }
+
+    fn statement(&mut self, statement: &Statement) -> Result<(), ScriptError> {
+        let place = statement.place;
+        match &statement.what {
+            Do::Define(_) | Do::Pass => {}
+            Do::Assign { scope, name, indices, value } => {
+                self.assign(*scope, name, indices, value.as_ref(), place)?
+            }
+            Do::If { arms, otherwise } => {
+                let mut ends = Vec::new();
+                for (condition, arm) in arms {
+                    self.expression(condition)?;
+                    let next = self.emit(Op::JumpUnless(0), condition.place);
+                    self.body(arm)?;
+                    ends.push(self.emit(Op::Jump(0), place));
+                    self.land(next);
+                }
+                self.body(otherwise)?;
+                ends.into_iter().for_each(|end| self.land(end));
+            }
+            Do::While(condition, body) => {
+                let start = self.here();
+                self.expression(condition)?;
+                let end = self.emit(Op::JumpUnless(0), condition.place);
+                self.loops.push(Loop { start, breaks: vec![end] });
+                self.body(body)?;
+                self.emit(Op::Jump(start), place);
+                let breaks = self.loops.pop().map(|ended| ended.breaks);
+                breaks.into_iter().flatten().for_each(|jump| self.land(jump));
+            }
+            Do::Break => {
+                let jump = self.emit(Op::Jump(0), place);
+                match self.loops.last_mut() {
+                    Some(around) => around.breaks.push(jump),
+                    None => return Err(ScriptError::new(place, "`break` outside a loop")),
+                }
+            }
+            Do::Continue => match self.loops.last() {
+                Some(around) => {
+                    let start = around.start;
+                    self.emit(Op::Jump(start), place);
+                }
+                None => return Err(ScriptError::new(place, "`continue` outside a loop")),
+            },
+            Do::Return(value) => {
+                match value {
+                    Some(value) => self.expression(value)?,
+                    None => self.constant(Value::None, place),
+                }
+                self.emit(Op::Return, place);
+            }
+            Do::Kill(thread) => self.of_thread(thread, Op::Kill)?,
+            Do::Join(thread) => self.of_thread(thread, Op::Join)?,
+            Do::Halt => self.simple(Op::Halt, place),
+            Do::EnterCritical => self.simple(Op::EnterCritical, place),
+            Do::ExitCritical => self.simple(Op::ExitCritical, place),
+            Do::Evaluate(expression) => {
+                self.expression(expression)?;
+                self.emit(Op::Drop, place);
+            }
+        }
+        Ok(())
+    }
+
+    fn simple(&mut self, op: Op, place: Place) {
+        self.emit(op, place);
+    }
+
+    fn of_thread(&mut self, thread: &Expression, op: Op) -> Result<(), ScriptError> {
+        self.expression(thread)?;
+        self.emit(op, thread.place);
+        Ok(())
+    }
+
+    fn assign(
+        &mut self,
+        scope: Scope,
+        name: &str,
+        indices: &[Expression],
+        value: Option<&Expression>,
+        place: Place,
+    ) -> Result<(), ScriptError> {
+        let Some(value) = value else { return Ok(()) };
+        let to = match scope {
+            Scope::Global => self.globals.get(name).map(Where::Global),
+            _ => scope::find(name, &self.levels, &self.globals),
+        };
+        let to = to.ok_or_else(|| ScriptError::new(place, format!("the variable {name} is not defined")))?;
+        for index in indices {
+            self.expression(index)?;
+        }
+        self.expression(value)?;
+        let op = match u8::try_from(indices.len()).unwrap_or(u8::MAX) {
+            0 => Op::Store(to),
+            count => Op::StoreElement(to, count),
+        };
+        self.emit(op, place);
+        Ok(())
+    }
+}

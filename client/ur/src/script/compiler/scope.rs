@@ -1,0 +1,127 @@
+//! Which variable a name means. Decided before the program runs, by the manual's rules of scoping.
+//!
+//! A free assignment goes to the variable that the function has (parameter or `local`), else to one of a function around
+//! it, else to a global, else it makes a local one. That a function around is asked too is not in the manual, but the
+//! client library's program needs it (it assigns to a thread's variable of the program from a function inside).
+
+use super::super::code::Where;
+use super::super::error::{Place, ScriptError};
+use super::super::limits;
+use super::super::tree::{Do, Function, Scope, Statement};
+use std::collections::HashMap;
+
+/// Names with the numbers of their variables.
+#[derive(Debug, Default)]
+pub(super) struct Names {
+    numbers: HashMap<String, u16>,
+    pub(super) order: Vec<String>,
+}
+
+impl Names {
+    pub(super) fn get(&self, name: &str) -> Option<u16> {
+        self.numbers.get(name).copied()
+    }
+
+    pub(super) fn add(&mut self, name: &str, place: Place) -> Result<(), ScriptError> {
+        if self.numbers.contains_key(name) {
+            return Ok(());
+        }
+        let number = u16::try_from(self.order.len()).unwrap_or(u16::MAX);
+        if self.order.len() >= limits::VARIABLES {
+            let message = format!("more than {} variables in one function", limits::VARIABLES);
+            return Err(ScriptError::new(place, message));
+        }
+        self.numbers.insert(name.to_owned(), number);
+        self.order.push(name.to_owned());
+        Ok(())
+    }
+}
+
+/// What the compiler knows of the function that it is in, and of those around it.
+#[derive(Debug, Default)]
+pub(super) struct Level {
+    pub(super) variables: Names,
+    /// Functions that stand in it.
+    pub(super) functions: HashMap<String, usize>,
+}
+
+/// Calls `found` with every statement of a body, those of blocks included, those of functions inside not.
+fn each<E>(body: &[Statement], found: &mut impl FnMut(&Statement) -> Result<(), E>) -> Result<(), E> {
+    for statement in body {
+        found(statement)?;
+        match &statement.what {
+            Do::If { arms, otherwise } => {
+                for (_, arm) in arms {
+                    each(arm, found)?;
+                }
+                each(otherwise, found)?;
+            }
+            Do::While(_, body) => each(body, found)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Every global of the program, wherever it is declared.
+pub(super) fn globals(body: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
+    each(body, &mut |statement| match &statement.what {
+        Do::Assign { scope: Scope::Global, name, .. } => names.add(name, statement.place),
+        Do::Define(function) => globals(&function.body, names),
+        _ => Ok(()),
+    })
+}
+
+/// The variables of `function`, which stands in the functions of `around` (outermost first).
+pub(super) fn variables(
+    function: &Function,
+    around: &[Level],
+    globals: &Names,
+) -> Result<Names, ScriptError> {
+    let mut own = Names::default();
+    for (parameter, _) in &function.parameters {
+        own.add(parameter, function.place)?;
+    }
+    each(&function.body, &mut |statement| match &statement.what {
+        Do::Assign { scope: Scope::Local, name, .. } => own.add(name, statement.place),
+        _ => Ok(()),
+    })?;
+    each(&function.body, &mut |statement| match &statement.what {
+        Do::Assign { scope: Scope::Free, name, indices, .. }
+            if indices.is_empty()
+                && globals.get(name).is_none()
+                && !around.iter().any(|level| level.variables.get(name).is_some()) =>
+        {
+            own.add(name, statement.place)
+        }
+        _ => Ok(()),
+    })?;
+    Ok(own)
+}
+
+/// The functions that stand in `body`, numbered from `next` on in the order of the text.
+pub(super) fn functions<'a>(body: &'a [Statement], found: &mut Vec<&'a Function>) {
+    for statement in body {
+        match &statement.what {
+            Do::Define(function) => found.push(function),
+            Do::If { arms, otherwise } => {
+                for (_, arm) in arms {
+                    functions(arm, found);
+                }
+                functions(otherwise, found);
+            }
+            Do::While(_, body) => functions(body, found),
+            _ => {}
+        }
+    }
+}
+
+/// The variable that `name` means in the innermost of `levels`.
+pub(super) fn find(name: &str, levels: &[Level], globals: &Names) -> Option<Where> {
+    for (up, level) in levels.iter().rev().enumerate() {
+        if let Some(slot) = level.variables.get(name) {
+            return Some(Where::Frame { up: u8::try_from(up).ok()?, slot });
+        }
+    }
+    globals.get(name).map(Where::Global)
+}

@@ -1,0 +1,40 @@
+//! The bounds of a script. All are far above what known programs need (the largest is 50 kB, 7 threads, 12 calls deep).
+
+/// Length of a program's text \[bytes\].
+pub(super) const TEXT_BYTES: usize = 1 << 20;
+/// Depth of an expression's tree, and so of every recursion over it.
+pub(super) const EXPRESSION_DEPTH: u16 = 100;
+/// Blocks inside blocks.
+pub(super) const BLOCK_DEPTH: u16 = 50;
+/// Functions and threads that a program defines.
+pub(super) const FUNCTIONS: usize = 4096;
+/// Variables of one function, or of all the program as globals.
+pub(super) const VARIABLES: usize = 2048;
+/// Arguments of a call, parameters of a function.
+pub(super) const ARGUMENTS: usize = 64;
+/// Elements of a list literal.
+pub(super) const LITERAL: usize = 1024;
+/// Threads alive at a time, the program's own included.
+pub(super) const THREADS: usize = 32;
+/// Calls inside calls, in one thread.
+pub(super) const CALL_DEPTH: usize = 100;
+/// Variables of all calls of all threads that are alive.
+pub(super) const LIVE_VARIABLES: usize = 16_384;
+/// Elements of a list, those of lists inside it included.
+pub(super) const LIST_ELEMENTS: usize = 4096;
+/// Lists inside lists.
+pub(super) const LIST_DEPTH: u8 = 4;
+/// Length of a string \[bytes\].
+pub(super) const STRING_BYTES: usize = 16_384;
+/// What all values of a run may hold, in elements (see `Value::weight`).
+pub(super) const WEIGHT: usize = 1 << 20;
+/// Elements made between two countings of `WEIGHT`.
+pub(super) const WEIGHT_STEP: usize = 1 << 18;
+/// Instructions of one thread in a cycle; then it goes on in the next, as after a frame on a controller.
+pub(super) const STEPS_PER_THREAD: u32 = 10_000;
+/// Instructions of all threads in a cycle.
+pub(super) const STEPS_PER_CYCLE: u32 = 40_000;
+/// Cycles in a row that a thread may use up without waiting; then it is an infinite loop.
+pub(super) const CYCLES_USED_UP: u32 = 100;
+/// Values that one thread's unfinished expressions hold.
+pub(super) const STACK: usize = 16_384;

@@ -1,0 +1,283 @@
+//! Tokens to a tree: statements and blocks. Expressions are in `expression`.
+
+mod expression;
+
+use super::error::{Place, ScriptError};
+use super::lexer::{self, Kind, Token};
+use super::limits;
+use super::tree::{Do, Expression, Function, Give, Scope, Sort, Statement};
+
+/// Words that are no names.
+const KEYWORDS: [&str; 28] = [
+    "def",
+    "thread",
+    "sec",
+    "end",
+    "if",
+    "elif",
+    "else",
+    "while",
+    "break",
+    "continue",
+    "return",
+    "global",
+    "local",
+    "run",
+    "kill",
+    "join",
+    "halt",
+    "pass",
+    "and",
+    "or",
+    "xor",
+    "not",
+    "True",
+    "False",
+    "true",
+    "false",
+    "enter_critical",
+    "exit_critical",
+];
+
+/// The statements of a whole text.
+pub(super) fn statements(text: &str) -> Result<Vec<Statement>, ScriptError> {
+    let mut parser = Parser { tokens: lexer::tokens(text)?, at: 0, blocks: 0, nested: 0 };
+    let mut found = Vec::new();
+    while parser.peek().kind != Kind::End {
+        if let Some(word @ ("end" | "elif" | "else")) = parser.word() {
+            return Err(parser.wrong(format!("`{word}` without a block that it belongs to")));
+        }
+        found.push(parser.statement()?);
+    }
+    Ok(found)
+}
+
+struct Parser {
+    /// Never empty; the last is [`Kind::End`].
+    tokens: Vec<Token>,
+    at: usize,
+    /// Open blocks.
+    blocks: u16,
+    /// Open expressions.
+    nested: u16,
+}
+
+const NOTHING: Token = Token { kind: Kind::End, place: Place { line: 1, column: 1 } };
+
+impl Parser {
+    fn peek(&self) -> &Token {
+        self.tokens.get(self.at).or(self.tokens.last()).unwrap_or(&NOTHING)
+    }
+
+    fn place(&self) -> Place {
+        self.peek().place
+    }
+
+    fn step(&mut self) {
+        self.at = self.at.saturating_add(1);
+    }
+
+    /// The name or keyword that comes next.
+    fn word(&self) -> Option<&str> {
+        if let Kind::Name(name) = &self.peek().kind { Some(name) } else { None }
+    }
+
+    fn is(&self, symbol: &str) -> bool {
+        matches!(self.peek().kind, Kind::Symbol(found) if found == symbol)
+    }
+
+    /// Steps over the symbol if it comes next.
+    fn accept(&mut self, symbol: &str) -> bool {
+        let found = self.is(symbol);
+        if found {
+            self.step();
+        }
+        found
+    }
+
+    fn expect(&mut self, symbol: &str) -> Result<(), ScriptError> {
+        if self.accept(symbol) { Ok(()) } else { Err(self.wrong(format!("`{symbol}` wanted"))) }
+    }
+
+    /// An error at the next token, which it names.
+    fn wrong(&self, message: impl AsRef<str>) -> ScriptError {
+        let found = match &self.peek().kind {
+            Kind::Name(name) => format!("`{}`", lexer::short(name)),
+            Kind::Value(value) => format!("`{}`", lexer::short(&value.to_string())),
+            Kind::Symbol(symbol) => format!("`{symbol}`"),
+            Kind::NewLine => "the end of the line".to_owned(),
+            Kind::End => "the end of the program".to_owned(),
+        };
+        ScriptError::new(self.place(), format!("{}, found {found}", message.as_ref()))
+    }
+
+    /// A name that is no keyword.
+    fn name(&mut self) -> Result<String, ScriptError> {
+        match self.word() {
+            Some(name) if !KEYWORDS.contains(&name) => {
+                let name = name.to_owned();
+                self.step();
+                Ok(name)
+            }
+            _ => Err(self.wrong("a name wanted")),
+        }
+    }
+
+    fn end_of_line(&mut self) -> Result<(), ScriptError> {
+        if self.peek().kind != Kind::NewLine {
+            return Err(self.wrong("the end of the line wanted"));
+        }
+        self.step();
+        Ok(())
+    }
+
+    /// The statements up to one of the words `until`, which stays.
+    fn block(&mut self, opened: Place, until: &[&str]) -> Result<Vec<Statement>, ScriptError> {
+        self.expect(":")?;
+        if self.peek().kind == Kind::NewLine {
+            self.step();
+        }
+        if self.blocks >= limits::BLOCK_DEPTH {
+            return Err(ScriptError::new(opened, format!("blocks are deeper than {}", limits::BLOCK_DEPTH)));
+        }
+        self.blocks += 1;
+        let mut body = Vec::new();
+        loop {
+            match self.word() {
+                Some(word) if until.contains(&word) => break,
+                Some(word @ ("elif" | "else")) => {
+                    return Err(self.wrong(format!("`{word}` without an `if` before it")));
+                }
+                _ if self.peek().kind == Kind::End => {
+                    let message = format!("the block that begins in line {} has no `end`", opened.line);
+                    return Err(ScriptError::new(self.place(), message));
+                }
+                _ => body.push(self.statement()?),
+            }
+        }
+        self.blocks -= 1;
+        Ok(body)
+    }
+
+    fn statement(&mut self) -> Result<Statement, ScriptError> {
+        let place = self.place();
+        let word = self.word().unwrap_or_default().to_owned();
+        let keyword = KEYWORDS.contains(&word.as_str());
+        if keyword {
+            self.step();
+        }
+        let what = match word.as_str() {
+            "def" => Do::Define(self.function(Sort::Def, place)?),
+            "thread" => Do::Define(self.function(Sort::Thread, place)?),
+            "sec" => Do::Define(self.function(Sort::Sec, place)?),
+            "if" => self.condition(place)?,
+            "while" => {
+                let condition = self.expression()?;
+                let body = self.block(place, &["end"])?;
+                self.step();
+                Do::While(condition, body)
+            }
+            "global" => self.declaration(Scope::Global)?,
+            "local" => self.declaration(Scope::Local)?,
+            "return" if self.peek().kind == Kind::NewLine => Do::Return(None),
+            "return" => Do::Return(Some(self.expression()?)),
+            "kill" => Do::Kill(self.expression()?),
+            "join" => Do::Join(self.expression()?),
+            "break" => Do::Break,
+            "continue" => Do::Continue,
+            "pass" => Do::Pass,
+            "halt" => self.bare(Do::Halt)?,
+            "enter_critical" => self.bare(Do::EnterCritical)?,
+            "exit_critical" => self.bare(Do::ExitCritical)?,
+            _ => {
+                if keyword {
+                    self.at = self.at.saturating_sub(1);
+                }
+                self.assignment_or_call()?
+            }
+        };
+        self.end_of_line()?;
+        Ok(Statement { place, what })
+    }
+
+    /// A statement of one word, which may be written like a call.
+    fn bare(&mut self, what: Do) -> Result<Do, ScriptError> {
+        if self.accept("(") {
+            self.expect(")")?;
+        }
+        Ok(what)
+    }
+
+    fn declaration(&mut self, scope: Scope) -> Result<Do, ScriptError> {
+        let name = self.name()?;
+        let value = if self.accept("=") { Some(self.expression()?) } else { None };
+        Ok(Do::Assign { scope, name, indices: Vec::new(), value })
+    }
+
+    fn assignment_or_call(&mut self) -> Result<Do, ScriptError> {
+        let left = self.expression()?;
+        if !self.is("=") {
+            return Ok(Do::Evaluate(left));
+        }
+        let wrong = self.wrong("only a variable or an element of one can be assigned to");
+        self.step();
+        let (name, indices) = match left.what {
+            Give::Name(name) => (name, Vec::new()),
+            Give::Index(of, indices) => match of.what {
+                Give::Name(name) => (name, indices),
+                _ => return Err(wrong),
+            },
+            _ => return Err(wrong),
+        };
+        Ok(Do::Assign { scope: Scope::Free, name, indices, value: Some(self.expression()?) })
+    }
+
+    /// `if` is read; up to and including its `end`.
+    fn condition(&mut self, place: Place) -> Result<Do, ScriptError> {
+        let mut arms = vec![(self.expression()?, self.block(place, &["elif", "else", "end"])?)];
+        while self.word() == Some("elif") {
+            let place = self.place();
+            self.step();
+            arms.push((self.expression()?, self.block(place, &["elif", "else", "end"])?));
+        }
+        let mut otherwise = Vec::new();
+        if self.word() == Some("else") {
+            let place = self.place();
+            self.step();
+            otherwise = self.block(place, &["end"])?;
+        }
+        self.step();
+        Ok(Do::If { arms, otherwise })
+    }
+
+    /// The word before the name is read.
+    fn function(&mut self, sort: Sort, place: Place) -> Result<Function, ScriptError> {
+        let name = self.name()?;
+        let mut parameters: Vec<(String, Option<Expression>)> = Vec::new();
+        self.expect("(")?;
+        while !self.accept(")") {
+            let at = self.place();
+            let parameter = self.name()?;
+            if parameters.iter().any(|(other, _)| *other == parameter) {
+                return Err(ScriptError::new(at, format!("parameter {parameter} stands there twice")));
+            }
+            let default = if self.accept("=") { Some(self.expression()?) } else { None };
+            if default.is_none() && parameters.last().is_some_and(|(_, before)| before.is_some()) {
+                return Err(ScriptError::new(
+                    at,
+                    "a parameter without a default stands after one with a default",
+                ));
+            }
+            parameters.push((parameter, default));
+            if parameters.len() > limits::ARGUMENTS {
+                return Err(ScriptError::new(at, format!("more than {} parameters", limits::ARGUMENTS)));
+            }
+            if !self.is(")") {
+                self.expect(",")?;
+            }
+        }
+        let body = self.block(place, &["end"])?;
+        self.step();
+        Ok(Function { name, sort, place, parameters, body })
+    }
+}

@@ -1,0 +1,43 @@
+//! A program that has been read and understood, but not run.
+
+use super::code::Code;
+use super::error::{Place, ScriptError};
+use super::tree::Sort;
+use super::{compiler, parser};
+use std::sync::Arc;
+
+/// A program. Copies share it.
+#[derive(Debug, Clone)]
+pub struct Program {
+    pub(super) code: Arc<Code>,
+}
+
+impl Program {
+    /// Reads a text as a controller does: one `def` or `sec` is the program; anything else, for instance the bare line
+    /// `stopj(2)`, is the body of one.
+    ///
+    /// # Errors
+    /// The first thing that is no URScript, a variable that nothing assigns to, a call that does not fit the function
+    /// called, or a bound of `limits`; with its place.
+    pub fn parse(text: &str) -> Result<Self, ScriptError> {
+        let code = compiler::program(parser::statements(text)?)?;
+        Ok(Self { code: Arc::new(code) })
+    }
+
+    /// Its name; empty for bare lines.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.code.bodies.first().map_or("", |body| &body.name)
+    }
+
+    /// Whether it is a `sec`: it runs beside the program that is running, and must be done within one cycle.
+    #[must_use]
+    pub fn is_secondary(&self) -> bool {
+        self.code.bodies.first().is_some_and(|body| body.sort == Sort::Sec)
+    }
+
+    /// The functions that it wants of a machine, each with the place of its first call.
+    pub fn wanted(&self) -> impl Iterator<Item = (&str, Place)> {
+        self.code.foreign.iter().map(|(name, place)| (name.as_str(), *place))
+    }
+}

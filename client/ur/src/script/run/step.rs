@@ -1,0 +1,283 @@
+//! One instruction.
+
+use super::super::code::{Op, Ready, Where};
+use super::super::machine::{Arguments, Call, Called, Machine};
+use super::super::value::{List, Value};
+use super::super::{arithmetic, builtins, limits};
+use super::{Run, Stop, Thread, ThreadId};
+use std::sync::Arc;
+
+/// The compiler makes no program that takes more than it gave; this is the answer if it does.
+const EMPTY: &str = "the interpreter lost count of its values";
+
+impl Thread {
+    fn give(&mut self, value: Value) -> Result<(), String> {
+        if self.stack.len() >= limits::STACK {
+            return Err(format!("more than {} values in open expressions", limits::STACK));
+        }
+        self.stack.push(value);
+        Ok(())
+    }
+
+    fn take(&mut self) -> Result<Value, String> {
+        self.stack.pop().ok_or_else(|| EMPTY.to_owned())
+    }
+
+    /// The last `count` values, in the order they were given.
+    fn take_many(&mut self, count: usize) -> Result<Vec<Value>, String> {
+        let from = self.stack.len().checked_sub(count).ok_or(EMPTY)?;
+        Ok(self.stack.split_off(from))
+    }
+}
+
+fn weight(values: &[Value]) -> usize {
+    values.iter().map(Value::weight).fold(0, usize::saturating_add)
+}
+
+impl Run {
+    /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the place.
+    pub(super) fn step(
+        &mut self,
+        thread: &mut Thread,
+        machine: &mut dyn Machine,
+    ) -> Result<Option<Stop>, String> {
+        let code = Arc::clone(&self.code);
+        let op = *code.ops.get(thread.at).ok_or("the program has no more instructions")?;
+        let mut next = thread.at.saturating_add(1);
+        let to = |target: u32| usize::try_from(target).unwrap_or(usize::MAX);
+        match op {
+            Op::Constant(number) => thread.give(code.constants.get(to(number)).cloned().ok_or(EMPTY)?)?,
+            Op::Load(from) => {
+                let value = self.variable(thread, from)?.clone();
+                let value = value
+                    .ok_or_else(|| format!("the variable {} has no value yet", self.name(thread, from)))?;
+                thread.give(value)?;
+            }
+            Op::Store(variable) => {
+                let value = thread.take()?;
+                *self.variable(thread, variable)? = Some(value);
+            }
+            Op::StoreElement(variable, count) => {
+                let value = thread.take()?;
+                let indices = thread.take_many(usize::from(count))?;
+                let Some(of) = self.variable(thread, variable)?.take() else {
+                    return Err(format!("the variable {} has no value yet", self.name(thread, variable)));
+                };
+                let changed = arithmetic::with_element(of, &indices, value)?;
+                let made = changed.weight();
+                *self.variable(thread, variable)? = Some(changed);
+                self.made(made, thread)?;
+            }
+            Op::Drop => {
+                thread.take()?;
+            }
+            Op::Jump(target) => next = to(target),
+            Op::JumpUnless(target) => {
+                if !arithmetic::truth(&thread.take()?)? {
+                    next = to(target);
+                }
+            }
+            Op::JumpIf(wanted, target) => {
+                if arithmetic::truth(thread.stack.last().ok_or(EMPTY)?)? == wanted {
+                    next = to(target);
+                }
+            }
+            Op::JumpIfGiven(slot, target) => {
+                if self.variable(thread, Where::Frame { up: 0, slot })?.is_some() {
+                    next = to(target);
+                }
+            }
+            Op::Unary(operator) => {
+                let value = arithmetic::unary(operator, &thread.take()?)?;
+                self.give_made(thread, value)?;
+            }
+            Op::Binary(operator) => {
+                let (right, left) = (thread.take()?, thread.take()?);
+                let value = arithmetic::binary(operator, &left, &right)?;
+                self.made(left.weight().saturating_add(right.weight()), thread)?;
+                self.give_made(thread, value)?;
+            }
+            Op::List(count) => {
+                let value = Value::List(List::new(thread.take_many(usize::from(count))?)?);
+                self.give_made(thread, value)?;
+            }
+            Op::Pose => {
+                let numbers = thread.take_many(6)?;
+                let value = Value::List(List::new(numbers)?);
+                thread.give(Value::Pose(value.as_numbers().ok_or("a pose has six numbers")?))?;
+            }
+            Op::Element(count) => {
+                let indices = thread.take_many(usize::from(count))?;
+                let of = thread.take()?;
+                thread.give(arithmetic::element(&of, &indices)?)?;
+            }
+            Op::Own(call) => {
+                let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
+                let arguments = thread.take_many(ready.arguments)?;
+                let number = to(ready.target);
+                self.made(weight(&arguments), thread)?;
+                let value = builtins::call(number, &arguments);
+                let value = value.map_err(|message| format!("{} {message}", builtins::name(number)))?;
+                self.give_made(thread, value)?;
+            }
+            Op::Foreign(call) => {
+                let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
+                let name = &code.foreign.get(to(ready.target)).ok_or(EMPTY)?.0;
+                let again = thread.asking.take();
+                let first = again.is_none();
+                let arguments = match again {
+                    Some(arguments) => arguments,
+                    None => arguments(thread, ready)?,
+                };
+                let place = code.places.get(thread.at).copied().unwrap_or_default();
+                let id = thread.id;
+                match machine.call(&Call { thread: id, name, arguments: &arguments, first, place }) {
+                    Called::Value(value) => self.give_made(thread, value)?,
+                    Called::Cycle(value) => {
+                        self.give_made(thread, value)?;
+                        thread.at = next;
+                        return Ok(Some(Stop::Waits));
+                    }
+                    Called::Wait => {
+                        thread.asking = Some(arguments);
+                        return Ok(Some(Stop::Waits));
+                    }
+                    Called::Unknown => return Err(format!("there is no function {name}")),
+                    Called::Failed(message) => return Err(format!("{name}: {message}")),
+                }
+            }
+            Op::Call(call) => {
+                let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
+                if thread.calls.len() >= limits::CALL_DEPTH {
+                    return Err(format!("calls are deeper than {}", limits::CALL_DEPTH));
+                }
+                let (values, around) = self.values(thread, ready)?;
+                let body = to(ready.target);
+                let frame = self.frames.open(body, values, around, next, thread.stack.len())?;
+                thread.calls.push(frame);
+                next = code.bodies.get(body).ok_or(EMPTY)?.entry;
+            }
+            Op::Run(call) => {
+                let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
+                let (values, around) = self.values(thread, ready)?;
+                // The runner itself is out of the list while it runs.
+                let id = self.start(to(ready.target), values, around)?;
+                thread.give(Value::Thread(id))?;
+            }
+            Op::Return => {
+                let value = thread.take()?;
+                let frame = thread.calls.pop().and_then(|id| self.frames.close(id)).ok_or(EMPTY)?;
+                if thread.calls.is_empty() {
+                    return Ok(Some(Stop::Over));
+                }
+                thread.stack.truncate(frame.base);
+                thread.give(value)?;
+                next = frame.back;
+            }
+            Op::Kill => {
+                if let Some(id) = named_thread(&thread.take()?)? {
+                    if id == thread.id {
+                        return Ok(Some(Stop::Over));
+                    }
+                    let mut others = self.threads.iter_mut();
+                    if let Some(other) =
+                        others.find(|other| other.as_ref().is_some_and(|other| other.id == id))
+                        && let Some(other) = other.take()
+                    {
+                        self.ended(other, machine);
+                    }
+                }
+            }
+            Op::Join => {
+                let value = thread.take()?;
+                if let Some(id) = named_thread(&value)? {
+                    if id == thread.id {
+                        return Err("a thread cannot wait for itself".to_owned());
+                    }
+                    if self.is_alive(id) {
+                        thread.joining = Some(id);
+                        thread.give(value)?;
+                        return Ok(Some(Stop::Joins));
+                    }
+                }
+            }
+            Op::Halt => return Ok(Some(Stop::Halts)),
+            Op::EnterCritical => thread.critical = true,
+            Op::ExitCritical => thread.critical = false,
+        }
+        thread.at = next;
+        Ok(None)
+    }
+
+    fn give_made(&mut self, thread: &mut Thread, value: Value) -> Result<(), String> {
+        self.made(value.weight(), thread)?;
+        thread.give(value)
+    }
+
+    fn variable(&mut self, thread: &Thread, at: Where) -> Result<&mut Option<Value>, String> {
+        match at {
+            Where::Global(number) => {
+                self.globals.get_mut(usize::from(number)).ok_or_else(|| EMPTY.to_owned())
+            }
+            Where::Frame { up, slot } => {
+                let frame = thread.calls.last().and_then(|&frame| self.frames.up(frame, up));
+                let frame = frame.and_then(|frame| self.frames.get_mut(frame));
+                frame
+                    .and_then(|frame| frame.values.get_mut(usize::from(slot)))
+                    .ok_or_else(|| "this variable belongs to a call that is over".to_owned())
+            }
+        }
+    }
+
+    fn name(&self, thread: &Thread, at: Where) -> &str {
+        let name = match at {
+            Where::Global(number) => self.code.globals.get(usize::from(number)),
+            Where::Frame { up, slot } => thread
+                .calls
+                .last()
+                .and_then(|&frame| self.frames.get(self.frames.up(frame, up)?))
+                .and_then(|frame| self.code.bodies.get(frame.body)?.variables.get(usize::from(slot))),
+        };
+        name.map_or("", String::as_str)
+    }
+
+    /// The variables of a call at its beginning, and the frame that it stands in.
+    fn values(
+        &self,
+        thread: &mut Thread,
+        ready: &Ready,
+    ) -> Result<(Vec<Option<Value>>, Option<super::FrameId>), String> {
+        let body =
+            usize::try_from(ready.target).ok().and_then(|body| self.code.bodies.get(body)).ok_or(EMPTY)?;
+        let mut values = vec![None; body.variables.len()];
+        for (slot, value) in ready.slots.iter().zip(thread.take_many(ready.arguments)?) {
+            if let Some(place) = values.get_mut(usize::from(*slot)) {
+                *place = Some(value);
+            }
+        }
+        let here = thread.calls.last().copied().ok_or(EMPTY)?;
+        let around = body.inside.map(|inside| self.frames.around(here, inside));
+        match around {
+            Some(None) => Err(format!("{} belongs to a call that is over", body.name)),
+            Some(around) => Ok((values, around)),
+            None => Ok((values, None)),
+        }
+    }
+}
+
+/// The arguments of a call to the machine.
+fn arguments(thread: &mut Thread, ready: &Ready) -> Result<Arguments, String> {
+    let mut positional = thread.take_many(ready.arguments)?;
+    let by_name = positional.len().saturating_sub(ready.names.len());
+    let named = ready.names.iter().cloned().zip(positional.split_off(by_name)).collect();
+    Ok(Arguments { positional, named })
+}
+
+/// The thread that a value names; none for a number, with which programs begin such variables.
+fn named_thread(value: &Value) -> Result<Option<ThreadId>, String> {
+    match value {
+        Value::Thread(id) => Ok(Some(*id)),
+        Value::Integer(_) => Ok(None),
+        other => Err(format!("a thread wanted, not {}", other.kind())),
+    }
+}

@@ -1,0 +1,10 @@
+//! The interpreter of URScript from outside: what scripts do, on a machine that is itself a script.
+
+mod machine;
+mod language;
+mod builtins;
+mod threads;
+mod errors;
+mod bounds;
+mod hostile;
+mod sdu;
