@@ -1,5 +1,6 @@
-//! The operators. Between lists, and between a list and a number, they work element by element, as the manual's page on
-//! matrix and array expressions has it; two integers give an integer, but their quotient is a float.
+//! The operators. Between lists, and between a list and a number, they work element by element, as the
+//! manual's page on matrix and array expressions has it; two integers give an integer, but their quotient is
+//! a float.
 
 use super::tree::{Binary, Unary};
 use super::value::{List, Value};

@@ -1,4 +1,4 @@
-//! The bounds of a script. All are far above what known programs need (the largest is 50 kB, 7 threads, 12 calls deep).
+//! The bounds of a script. All are far above what known programs need: the largest has 50 kB.
 
 /// Length of a program's text \[bytes\].
 pub(super) const TEXT_BYTES: usize = 1 << 20;

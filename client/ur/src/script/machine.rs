@@ -84,14 +84,15 @@ pub enum Called {
 
 /// What a script runs on.
 pub trait Machine {
-    /// Whether there is a function of that name. Asked when a program is loaded: a controller refuses a program that
-    /// calls what it does not know, also where it would never come by.
+    /// Whether there is a function of that name. Asked when a program is loaded: a controller refuses a
+    /// program that calls what it does not know, also where it would never come by.
     fn knows(&self, name: &str) -> bool;
 
     /// Answers one call.
     fn call(&mut self, call: &Call<'_>) -> Called;
 
-    /// A thread is over: it returned, was killed, or the program ended. What it waited for is no longer asked for.
+    /// A thread is over: it returned, was killed, or the program ended. What it waited for is no longer asked
+    /// for.
     fn ended(&mut self, thread: ThreadId) {
         let _ = thread;
     }

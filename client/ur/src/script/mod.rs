@@ -1,11 +1,11 @@
-//! An interpreter of URScript: text to [`Program`], and [`Run`], which executes it one control cycle at a time.
+//! An interpreter of URScript: text to [`Program`], and [`Run`], which executes it a control cycle at a time.
 //!
 //! It knows no robot. What a script asks of one (motion, registers, sockets, messages) goes to a [`Machine`];
-//! arithmetic, lists, poses and strings are its own ([`signatures`]). Everything is bounded (`limits`), because scripts
-//! come from a socket.
+//! arithmetic, lists, poses and strings are its own ([`signatures`]). Everything is bounded (`limits`),
+//! because scripts come from a socket.
 //!
-//! Source: the script manual's pages on scoping, threads, thread scheduling and secondary programs; where they are
-//! silent, what the programs of `ur_rtde` and of the Universal Robots client library need.
+//! Source: the script manual's pages on scoping, threads, thread scheduling and secondary programs; where
+//! they are silent, what the programs of `ur_rtde` and of the Universal Robots client library need.
 
 mod limits;
 mod error;

@@ -54,7 +54,15 @@ fn what_means_nothing_is_refused_with_its_place() {
 
 #[test]
 fn a_function_that_nobody_has_is_refused_when_the_program_is_loaded() {
-    let program = Program::parse("def p():\n  if False:\n    fly_away(1)\n  end\nend\n").unwrap();
+    let program = Program::parse(
+        r"def p():
+  if False:
+    fly_away(1)
+  end
+end
+",
+    )
+    .unwrap();
     let wanted: Vec<_> = program.wanted().map(|(name, place)| (name, place.line, place.column)).collect();
     assert_eq!(wanted, [("fly_away", 3, 5)]);
     let error = Run::new(&program, &Recorder::default()).expect_err("fly_away is not there");
@@ -81,7 +89,16 @@ fn what_goes_wrong_ends_the_program_with_its_place() {
 
 #[test]
 fn an_error_in_a_thread_ends_the_program() {
-    let text = "def p():\n  thread t():\n    sync()\n    x = 1 / 0\n  end\n  run t()\n  while True:\n    sync()\n  end\nend";
+    let text = r"def p():
+  thread t():
+    sync()
+    x = 1 / 0
+  end
+  run t()
+  while True:
+    sync()
+  end
+end";
     fails(text, 4, 11, "division by zero");
 }
 

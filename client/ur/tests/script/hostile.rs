@@ -137,6 +137,11 @@ fn every_beginning_of_a_program_is_answered() {
     }
 }
 
+/// A place in the program, how much goes there, and the word that comes instead.
+fn change() -> impl Strategy<Value = (usize, usize, &'static str)> {
+    (0..WHOLE.len(), 0_usize..12, prop::sample::select(&WORDS[..]))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -151,9 +156,7 @@ proptest! {
     }
 
     #[test]
-    fn mutants_of_a_program_are_answered(
-        changes in prop::collection::vec((0..WHOLE.len(), 0_usize..12, prop::sample::select(&WORDS[..])), 1..5)
-    ) {
+    fn mutants_of_a_program_are_answered(changes in prop::collection::vec(change(), 1..5)) {
         let mut text = WHOLE.to_owned();
         for (at, length, word) in changes {
             let start = at.min(text.len());

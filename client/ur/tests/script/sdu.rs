@@ -1,5 +1,5 @@
-//! Programs that others wrote. They are not part of this repository: where the folder named by `FORETRACE_UR_SCRIPTS`
-//! has them (`*.script`; `tests/ur` makes it), they are run, else the test says that it was skipped.
+//! Programs that others wrote. They are not part of this repository: where the folder named by
+//! `FORETRACE_UR_SCRIPTS` has them (`*.script`), they are run, else the test says that it was skipped.
 
 use foretrace_ur::script::{Call, Called, Machine, Program, Progress, Run, ThreadId, Value};
 use std::collections::HashMap;

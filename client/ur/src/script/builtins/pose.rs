@@ -1,4 +1,5 @@
-//! Poses: position \[m\] and rotation vector \[rad\]. Rotations are calculated with unit quaternions (w, x, y, z).
+//! Poses: position \[m\] and rotation vector \[rad\]. Rotations are calculated with unit quaternions
+//! (w, x, y, z).
 
 use super::super::value::Value;
 use super::{number, value};

@@ -1,8 +1,9 @@
 //! Which variable a name means. Decided before the program runs, by the manual's rules of scoping.
 //!
-//! A free assignment goes to the variable that the function has (parameter or `local`), else to one of a function around
-//! it, else to a global, else it makes a local one. That a function around is asked too is not in the manual, but the
-//! client library's program needs it (it assigns to a thread's variable of the program from a function inside).
+//! A free assignment goes to the variable that the function has (parameter or `local`), else to one of a
+//! function around it, else to a global, else it makes a local one. That a function around is asked too is
+//! not in the manual, but the client library's program needs it: a function inside assigns to a variable of
+//! the program.
 
 use super::super::code::Where;
 use super::super::error::{Place, ScriptError};

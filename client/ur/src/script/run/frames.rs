@@ -1,4 +1,5 @@
-//! The variables of calls. A call's frame is gone when the call is over, also where a thread started in it still runs.
+//! The variables of calls. A call's frame is gone when the call is over, also where a thread that was started
+//! in it still runs.
 
 use super::super::limits;
 use super::super::value::Value;

@@ -1,10 +1,11 @@
 //! A program running: its threads, and how they share a cycle.
 //!
-//! Each thread runs until it waits (the machine says so) or has used up its instructions; then it rests until the next
-//! cycle, as the manual's page on thread scheduling has it. The program's own thread is first, the others follow in the
-//! order they were started; a thread that is started or that a `join` lets go runs in the same cycle still. Between
-//! `enter_critical` and `exit_critical` no other thread runs, except while this one waits: the client library's program
-//! waits for its socket and for `servoj` there, and goes on elsewhere meanwhile.
+//! Each thread runs until it waits (the machine says so) or has used up its instructions; then it rests until
+//! the next cycle, as the manual's page on thread scheduling has it. The program's own thread is first, the
+//! others follow in the order they were started; a thread that is started or that a `join` lets go runs in
+//! the same cycle still. Between `enter_critical` and `exit_critical` no other thread runs, except while this
+//! one waits: the client library's program waits for its socket and for `servoj` there, and extrapolates
+//! meanwhile.
 
 mod frames;
 mod step;
@@ -80,8 +81,8 @@ impl Run {
     /// A run that has not begun.
     ///
     /// # Errors
-    /// The program calls a function that neither it nor the machine has: a controller refuses such a program when it is
-    /// loaded, which is why clients leave lines out that older versions do not know.
+    /// The program calls a function that neither it nor the machine has: a controller refuses such a program
+    /// when it is loaded, which is why clients leave lines out that older versions do not know.
     pub fn new(program: &Program, machine: &dyn Machine) -> Result<Self, ScriptError> {
         if let Some((name, place)) = program.wanted().find(|(name, _)| !machine.knows(name)) {
             return Err(ScriptError::new(place, format!("there is no function {name}")));

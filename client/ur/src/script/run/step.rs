@@ -35,7 +35,8 @@ fn weight(values: &[Value]) -> usize {
 }
 
 impl Run {
-    /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the place.
+    /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the
+    /// place.
     pub(super) fn step(
         &mut self,
         thread: &mut Thread,
