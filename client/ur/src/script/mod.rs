@@ -20,10 +20,12 @@ mod builtins;
 mod compiler;
 mod program;
 mod run;
+mod uploads;
 
 pub use builtins::signatures;
 pub use error::{Place, ScriptError};
 pub use machine::{Arguments, Call, Called, Machine, ThreadId};
 pub use program::Program;
 pub use run::{Progress, Run};
+pub use uploads::{TooLong, Uploads};
 pub use value::{List, Value};

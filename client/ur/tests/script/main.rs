@@ -7,4 +7,5 @@ mod threads;
 mod errors;
 mod bounds;
 mod hostile;
-mod sdu;
+mod others;
+mod uploads;
