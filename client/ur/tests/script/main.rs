@@ -7,5 +7,6 @@ mod threads;
 mod errors;
 mod bounds;
 mod hostile;
+mod grammar;
 mod others;
 mod uploads;
