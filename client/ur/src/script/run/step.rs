@@ -116,7 +116,8 @@ impl Run {
                 let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
                 let arguments = thread.take_many(ready.arguments)?;
                 let number = to(ready.target);
-                self.made(weight(&arguments), thread)?;
+                // Unlike the operators they look at every letter and copy every element.
+                self.cost = self.cost.saturating_add(u32::try_from(weight(&arguments)).unwrap_or(u32::MAX));
                 let value = builtins::call(number, &arguments);
                 let value = value.map_err(|message| format!("{} {message}", builtins::name(number)))?;
                 self.give_made(thread, value)?;
@@ -161,7 +162,7 @@ impl Run {
             Op::Run(call) => {
                 let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
                 let (values, around) = self.values(thread, ready)?;
-                // The runner itself is out of the list while it runs.
+                self.cost = self.cost.saturating_add(limits::STEPS_OF_RUN);
                 let id = self.start(to(ready.target), values, around)?;
                 thread.give(Value::Thread(id))?;
             }
