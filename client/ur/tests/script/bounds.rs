@@ -111,6 +111,8 @@ fn values_are_bounded() {
     fails("l = make_list(-1, 0)", "0 to 4096 elements");
     fails("l = [1]\nwhile True:\n  l = [l]\nend", "at most 4 deep");
     fails("l = [1]\nl[0] = [[[[1]]]]", "at most 4 deep");
+    let tall = "m = transpose([make_list(2000, 1)])\nw = transpose(m)\n";
+    fails(&format!("{tall}x = m * w"), "a matrix has at most 4096 elements");
     // Many variables, each as large as it may be: 50 calls, 12 variables, 4096 elements.
     let body: String = (0..12).map(|n| format!("  local v{n} = make_list(4096, {n})\n")).collect();
     fails(&format!("def f(n):\n{body}  return f(n + 1)\nend\nf(0)"), "too large");

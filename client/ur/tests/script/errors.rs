@@ -80,6 +80,9 @@ fn what_goes_wrong_ends_the_program_with_its_place() {
     fails("x = True and 1", 1, 10, "a truth value wanted, not an integer");
     fails("x = \"a\" + 1", 1, 9, "a string cannot be calculated with an integer");
     fails("x = [1] + [1, 2]", 1, 9, "a list of 1 and one of 2 do not match");
+    fails("x = [[1, 2]] * [[1, 2]]", 1, 14, "a row of 2 and a column of 1 do not match");
+    fails("x = [[1, 2], 3] * [1, 2]", 1, 17, "a matrix has rows only");
+    fails("x = [[1, 1]] * [[1, 2], [3]]", 1, 14, "rows of one length wanted");
     fails("x = \"a\" < \"b\"", 1, 9, "a string and a string have no order");
     fails("x = p[1, 2, 3, 4, 5, \"6\"]", 1, 5, "a pose has six numbers");
     fails("local x\ntextmsg(x)", 2, 9, "the variable x has no value yet");

@@ -5,7 +5,8 @@ use foretrace_ur::script::{Program, Progress, Run};
 use proptest::prelude::*;
 use std::fmt::Write as _;
 
-/// Writes a program; every choice takes a byte, and when they are used up the choice is always the first, which ends.
+/// Writes a program; every choice takes a byte, and when they are used up the choice is always the first,
+/// which ends.
 struct Writer<'a> {
     bytes: std::slice::Iter<'a, u8>,
     text: String,

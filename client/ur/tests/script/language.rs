@@ -39,6 +39,21 @@ fn lists_calculate_element_by_element() {
     assert_eq!(value("[1, 2] == [1, 2, 3]"), "False");
 }
 
+/// The examples of the script manual's page on matrix and array expressions.
+#[test]
+fn matrices_and_lists_are_multiplied_as_the_manual_says() {
+    assert_eq!(
+        value("[[1,2],[3,4],[5,6]] * [[10,20,30],[40,50,60]]"),
+        "[[90, 120, 150], [190, 260, 330], [290, 400, 510]]"
+    );
+    assert_eq!(value("[[1,2],[3,4],[5,6]] * [10,20]"), "[50, 110, 170]");
+    assert_eq!(value("[1,2,3] * [10,20,30]"), "[10, 40, 90]");
+    assert_eq!(value("[10,20,30] / [1,2,3]"), "[10.0, 10.0, 10.0]");
+    assert_eq!(value("[10,20,30] % [1,2,4]"), "[0, 0, 2]");
+    assert_eq!(value("5 * [[1,2],[3,4],[5,6]]"), "[[5, 10], [15, 20], [25, 30]]");
+    assert_eq!(value("10 / [10,20,40]"), "[1.0, 0.5, 0.25]");
+}
+
 #[test]
 fn elements_are_read_and_written_and_copies_stay_what_they_are() {
     let program = r"a = [1, 2, 3]

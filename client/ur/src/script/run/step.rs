@@ -95,6 +95,8 @@ impl Run {
             Op::Binary(operator) => {
                 let (right, left) = (thread.take()?, thread.take()?);
                 let value = arithmetic::binary(operator, &left, &right)?;
+                let work = arithmetic::work(operator, &left, &right) / 4;
+                self.cost = self.cost.saturating_add(u32::try_from(work).unwrap_or(u32::MAX));
                 self.made(left.weight().saturating_add(right.weight()), thread)?;
                 self.give_made(thread, value)?;
             }
