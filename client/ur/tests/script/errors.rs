@@ -41,6 +41,8 @@ fn what_is_no_urscript_is_refused_with_its_place() {
 fn what_means_nothing_is_refused_with_its_place() {
     refused("x = 1\ny = x + z\n", 2, 9, "the variable z is not defined");
     refused("z[1] = 2", 1, 1, "the variable z is not defined");
+    let inside = "def p():\n  def f():\n    local x = 1\n    def g():\n      return x\n    end\n  end\nend";
+    refused(inside, 5, 14, "the variable x is not defined");
     refused("def f(a):\n  return a\nend\nf()\n", 4, 1, "f wants an argument for a");
     refused("def f(a):\nend\nf(1, 2)\n", 3, 1, "f takes 1 arguments, not 2");
     refused("def f(a):\nend\nf(b=2)\n", 3, 1, "f has no parameter b");

@@ -189,50 +189,60 @@ fn a_function_without_return_gives_none() {
     assert_eq!(said("def f():\n  x = 1\nend\ntextmsg(f())"), ["None"]);
 }
 
+/// The examples of the script manual's page on scoping rules, in its order.
 #[test]
-fn a_free_variable_is_the_global_and_a_local_one_masks_it() {
-    let program = r"def program():
+fn variables_have_the_scopes_that_the_manual_gives_them() {
+    let local = r#"def program():
   global a = 0
   def f():
-    a = 1
-  end
-  def g():
-    local a = 2
+    local a = 1
     textmsg(a)
-  end
-  def h():
-    global made = 3
   end
   f()
   textmsg(a)
-  g()
-  textmsg(a)
-  h()
-  textmsg(made)
 end
-";
-    assert_eq!(said(program), ["1", "2", "1", "3"]);
+"#;
+    assert_eq!(said(local), ["1", "0"]);
+    let free = "def program():\n  global a = 0\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend";
+    assert_eq!(said(free), ["1"]);
+    let nested = r#"def program():
+  global a = 0
+  def f():
+    local a = 1
+    def g():
+      a = 2
+    end
+    g()
+    textmsg(a)
+  end
+  f()
+  textmsg(a)
+end
+"#;
+    assert_eq!(said(nested), ["1", "2"]);
+    for first in ["a = 0", "local a = 0", "if True:\n    a = 0\n  end"] {
+        let text =
+            format!("def program():\n  {first}\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend");
+        assert_eq!(said(&text), ["1"], "{first}");
+    }
 }
 
 #[test]
-fn a_free_variable_of_the_program_is_seen_and_set_by_the_functions_inside() {
-    let program = r"def program():
-  a = 1
+fn a_global_may_be_made_in_a_function_and_a_parameter_masks_one() {
+    let program = r#"def program():
   def f():
-    a = a + 1
-    b = 5
+    global made = 3
+    own = 4
   end
-  b = 7
+  def g(made):
+    made = 100
+  end
   f()
-  textmsg(a, b)
-  def g(a):
-    a = 100
-  end
   g(3)
-  textmsg(a)
+  textmsg(made)
 end
-";
-    assert_eq!(said(program), ["25", "2"]);
+"#;
+    assert_eq!(said(program), ["3"]);
 }
 
 #[test]

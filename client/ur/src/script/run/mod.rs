@@ -7,7 +7,6 @@
 //! one waits: the client library's program waits for its socket and for `servoj` there, and extrapolates
 //! meanwhile.
 
-mod frames;
 mod step;
 
 use super::code::Code;
@@ -16,7 +15,6 @@ use super::limits;
 use super::machine::{Arguments, Machine, ThreadId};
 use super::program::Program;
 use super::value::Value;
-use frames::{FrameId, Frames};
 use std::sync::Arc;
 
 /// Where a run stands after a cycle.
@@ -36,7 +34,8 @@ pub struct Run {
     code: Arc<Code>,
     secondary: bool,
     globals: Vec<Option<Value>>,
-    frames: Frames,
+    /// Variables of all calls.
+    live: usize,
     /// In the order they were started; `None` while one runs and when it is over, until the cycle's end.
     threads: Vec<Option<Thread>>,
     /// The number of the next thread.
@@ -56,7 +55,7 @@ struct Thread {
     /// The next instruction.
     at: usize,
     stack: Vec<Value>,
-    calls: Vec<FrameId>,
+    calls: Vec<Frame>,
     /// The machine is asked again with these.
     asking: Option<Arguments>,
     /// Waits for this thread's end.
@@ -66,6 +65,18 @@ struct Thread {
     critical: bool,
     /// Cycles in a row that were used up.
     used_up: u32,
+}
+
+/// The variables of a call.
+#[derive(Debug)]
+struct Frame {
+    /// The function's number.
+    body: usize,
+    values: Vec<Option<Value>>,
+    /// The instruction after the call.
+    back: usize,
+    /// How many values stood on the stack.
+    base: usize,
 }
 
 /// Why a thread no longer runs in this cycle.
@@ -92,7 +103,7 @@ impl Run {
             globals: vec![None; code.globals.len()],
             code,
             secondary: program.is_secondary(),
-            frames: Frames::default(),
+            live: 0,
             threads: Vec::new(),
             next: 0,
             holder: None,
@@ -100,7 +111,7 @@ impl Run {
             cost: 0,
             over: None,
         };
-        run.start(0, Vec::new(), None)
+        run.start(0, Vec::new())
             .map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
         Ok(run)
     }
@@ -263,20 +274,13 @@ impl Run {
     }
 
     /// Starts a thread in the function `body`, with these variables; its number.
-    fn start(
-        &mut self,
-        body: usize,
-        values: Vec<Option<Value>>,
-        around: Option<FrameId>,
-    ) -> Result<ThreadId, String> {
+    fn start(&mut self, body: usize, values: Vec<Option<Value>>) -> Result<ThreadId, String> {
         if self.threads.iter().flatten().count() >= limits::THREADS {
             return Err(format!("more than {} threads", limits::THREADS));
         }
         let code = Arc::clone(&self.code);
         let function = code.bodies.get(body).ok_or("there is no such function")?;
-        let mut values = values;
-        values.resize(function.variables.len(), None);
-        let frame = self.frames.open(body, values, around, 0, 0)?;
+        let frame = self.open(body, values, 0, 0)?;
         let id = ThreadId(self.next);
         self.next = self.next.checked_add(1).ok_or("too many threads were started")?;
         self.threads.push(Some(Thread {
@@ -293,9 +297,28 @@ impl Run {
         Ok(id)
     }
 
+    /// The frame of a call of `body` whose first variables are these.
+    fn open(
+        &mut self,
+        body: usize,
+        values: Vec<Option<Value>>,
+        back: usize,
+        base: usize,
+    ) -> Result<Frame, String> {
+        let count = self.code.bodies.get(body).map_or(0, |body| body.variables.len());
+        let live = self.live.saturating_add(count);
+        if live > limits::LIVE_VARIABLES {
+            return Err(format!("more than {} variables in all calls that are open", limits::LIVE_VARIABLES));
+        }
+        self.live = live;
+        let mut values = values;
+        values.resize(count, None);
+        Ok(Frame { body, values, back, base })
+    }
+
     fn ended(&mut self, thread: Thread, machine: &mut dyn Machine) {
-        for frame in thread.calls {
-            self.frames.close(frame);
+        for frame in &thread.calls {
+            self.live = self.live.saturating_sub(frame.values.len());
         }
         if self.holder == Some(thread.id) {
             self.holder = None;
@@ -319,13 +342,14 @@ impl Run {
         let sum = |values: &mut dyn Iterator<Item = &Value>| {
             values.map(Value::weight).fold(0, usize::saturating_add)
         };
-        let mut weight = self.frames.weight().saturating_add(sum(&mut self.globals.iter().flatten()));
+        let mut weight = sum(&mut self.globals.iter().flatten());
         for thread in self.threads.iter().flatten().chain([thread]) {
             let asking = thread
                 .asking
                 .iter()
                 .flat_map(|asked| asked.positional.iter().chain(asked.named.iter().map(|(_, value)| value)));
-            weight = weight.saturating_add(sum(&mut thread.stack.iter().chain(asking)));
+            let variables = thread.calls.iter().flat_map(|frame| frame.values.iter().flatten());
+            weight = weight.saturating_add(sum(&mut thread.stack.iter().chain(asking).chain(variables)));
         }
         if weight > limits::WEIGHT {
             return Err("the program's values are too large".to_owned());
