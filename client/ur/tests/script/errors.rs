@@ -50,6 +50,7 @@ fn what_means_nothing_is_refused_with_its_place() {
     refused("def f():\nend\ndef f():\nend\n", 3, 1, "f is defined twice");
     refused("thread t():\nend\nt()", 3, 1, "t is a thread: `run t()` starts it");
     refused("x = run t()", 1, 5, "there is no thread t");
+    refused("thread t(a):\nend", 1, 1, "a thread has no parameters");
     refused("def p(a):\nend", 1, 1, "a program has no parameters, but this one has a");
     refused("def p():\n  sec s():\n  end\nend", 2, 3, "a secondary program stands alone, in no other");
 }

@@ -44,7 +44,7 @@ impl Writer<'_> {
             12 => format!("str_cat({}, {})", self.expression(deeper), self.expression(deeper)),
             13 => format!("make_list({}, {})", self.expression(deeper), self.expression(deeper)),
             14 => format!("pose_trans({}, {})", self.expression(deeper), self.expression(deeper)),
-            _ => "run t(2)".to_owned(),
+            _ => "run t()".to_owned(),
         }
     }
 
@@ -62,7 +62,7 @@ impl Writer<'_> {
             4 => format!("{}[{}] = {}", self.name(), self.expression(1), self.expression(2)),
             5 => format!("textmsg({}, {})", self.name(), self.expression(2)),
             6 => format!("servoj({}, t={})", self.expression(2), self.expression(1)),
-            7 => ["enter_critical", "exit_critical", "kill h", "join h", "h = run t(1)", "halt", "return a"]
+            7 => ["enter_critical", "exit_critical", "kill h", "join h", "h = run t()", "halt", "return a"]
                 [usize::from(self.choose(7))]
             .to_owned(),
             8 => format!("movej({})", self.expression(1)),
@@ -91,7 +91,7 @@ impl Writer<'_> {
 fn program(bytes: &[u8]) -> String {
     let mut writer = Writer { bytes: bytes.iter(), text: "def program():\n".to_owned() };
     writer.text += "global a = 1\nb = [1, 2, 3]\nglobal c = p[0, 0, 0, 0, 0, 1]\nx = 2\nglobal h = 0\n";
-    for head in ["def f(x, y=2):\n", "thread t(x):\nlocal a = 0\n"] {
+    for head in ["def f(x, y=2):\n", "thread t():\nlocal a = 0\n"] {
         writer.text += head;
         writer.block(2);
         writer.text += "end\n";

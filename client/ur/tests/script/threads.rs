@@ -179,41 +179,63 @@ end";
 
 #[test]
 fn threads_have_variables_of_their_own_and_see_those_of_the_program() {
-    let text = r"def program():
+    let text = r#"def program():
   base = 10
-  thread t(n):
-    local mine = base + n
+  thread t():
+    local mine = base
+    own = 2 * base
+    base = base + 1
     sync()
-    textmsg(mine)
+    textmsg(mine, own)
   end
-  a = run t(1)
-  b = run t(2)
+  a = run t()
+  b = run t()
   base = 20
   join a
   join b
 end
-";
+"#;
     let told: Vec<String> = said(text).into_iter().filter(|told| told != "sync").collect();
     // Both started after the program had gone on to its first `join`.
-    assert_eq!(told, ["21", "22"]);
+    assert_eq!(told, ["2040", "2142"]);
 }
 
 #[test]
-fn a_thread_outlives_the_call_that_started_it() {
+fn a_killed_thread_s_children_are_killed_with_it() {
     let text = r#"def program():
-  def f():
-    local x = 5
-    thread t(x):
-      sync()
-      textmsg(x)
+  thread parent():
+    thread child():
+      thread grandchild():
+        while True:
+          sync()
+        end
+      end
+      run grandchild()
+      movej(9)
     end
-    return run t(x + 1)
+    run child()
+    run child()
+    movej(9)
   end
-  h = f()
-  join h
+  thread other():
+    movej(1)
+    textmsg("other")
+  end
+  o = run other()
+  h = run parent()
+  sync()
+  kill h
+  join o
 end
 "#;
-    assert_eq!(said(text), ["sync", "6"]);
+    let mut machine = Recorder::default();
+    assert_eq!(machine.run(text, 20), Progress::Finished);
+    assert_eq!(machine.said().last(), Some(&"other"));
+    // The parent, its children and their children, long before the program's end.
+    let mut killed = machine.ended[..5].to_vec();
+    killed.sort_unstable();
+    assert_eq!(killed, [2, 3, 4, 5, 6]);
+    assert_eq!(machine.ended[5..], [1, 0]);
 }
 
 #[test]

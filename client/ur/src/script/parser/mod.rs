@@ -276,6 +276,9 @@ impl Parser {
                 self.expect(",")?;
             }
         }
+        if sort == Sort::Thread && !parameters.is_empty() {
+            return Err(ScriptError::new(place, "a thread has no parameters"));
+        }
         let body = self.block(place, &["end"])?;
         self.step();
         Ok(Function { name, sort, place, parameters, body })

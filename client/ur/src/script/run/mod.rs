@@ -4,8 +4,7 @@
 //! the next cycle, as the manual's page on thread scheduling has it. The program's own thread is first, the
 //! others follow in the order they were started; a thread that is started or that a `join` lets go runs in
 //! the same cycle still. Between `enter_critical` and `exit_critical` no other thread runs, except while this
-//! one waits: the client library's program waits for its socket and for `servoj` there, and extrapolates
-//! meanwhile.
+//! one waits (the manual's page on threads).
 
 mod step;
 
@@ -52,6 +51,8 @@ pub struct Run {
 #[derive(Debug)]
 struct Thread {
     id: ThreadId,
+    /// The thread that started it.
+    parent: Option<ThreadId>,
     /// The next instruction.
     at: usize,
     stack: Vec<Value>,
@@ -85,6 +86,8 @@ enum Stop {
     UsedUp,
     Joins,
     Over,
+    /// By itself.
+    Killed,
     Halts,
 }
 
@@ -111,8 +114,7 @@ impl Run {
             cost: 0,
             over: None,
         };
-        run.start(0, Vec::new())
-            .map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
+        run.start(0, None).map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
         Ok(run)
     }
 
@@ -225,6 +227,11 @@ impl Run {
                     self.holder = Some(thread.id);
                 }
             }
+            Ok(Stop::Killed) => {
+                self.kill_children(thread.id, machine);
+                self.ended(thread, machine);
+                return Ok(false);
+            }
             Ok(Stop::Over) => {
                 let over = thread.id == ThreadId::PROGRAM;
                 self.ended(thread, machine);
@@ -273,18 +280,19 @@ impl Run {
         Ok(Stop::UsedUp)
     }
 
-    /// Starts a thread in the function `body`, with these variables; its number.
-    fn start(&mut self, body: usize, values: Vec<Option<Value>>) -> Result<ThreadId, String> {
+    /// Starts a thread in the function `body`; its number.
+    fn start(&mut self, body: usize, parent: Option<ThreadId>) -> Result<ThreadId, String> {
         if self.threads.iter().flatten().count() >= limits::THREADS {
             return Err(format!("more than {} threads", limits::THREADS));
         }
         let code = Arc::clone(&self.code);
         let function = code.bodies.get(body).ok_or("there is no such function")?;
-        let frame = self.open(body, values, 0, 0)?;
+        let frame = self.open(body, Vec::new(), 0, 0)?;
         let id = ThreadId(self.next);
         self.next = self.next.checked_add(1).ok_or("too many threads were started")?;
         self.threads.push(Some(Thread {
             id,
+            parent,
             at: function.entry,
             stack: Vec::new(),
             calls: vec![frame],
@@ -314,6 +322,30 @@ impl Run {
         let mut values = values;
         values.resize(count, None);
         Ok(Frame { body, values, back, base })
+    }
+
+    fn kill(&mut self, id: ThreadId, machine: &mut dyn Machine) {
+        let mut threads = self.threads.iter_mut();
+        if let Some(slot) = threads.find(|thread| thread.as_ref().is_some_and(|thread| thread.id == id))
+            && let Some(thread) = slot.take()
+        {
+            self.ended(thread, machine);
+        }
+        self.kill_children(id, machine);
+    }
+
+    /// Ends every thread that `id` started, and those that they started.
+    fn kill_children(&mut self, id: ThreadId, machine: &mut dyn Machine) {
+        let mut parents = vec![id];
+        // Every round takes a thread away, so it ends.
+        while let Some(parent) = parents.pop() {
+            let mut threads = self.threads.iter_mut();
+            let child = threads.find(|thread| thread.as_ref().is_some_and(|t| t.parent == Some(parent)));
+            if let Some(child) = child.and_then(Option::take) {
+                parents.extend([parent, child.id]);
+                self.ended(child, machine);
+            }
+        }
     }
 
     fn ended(&mut self, thread: Thread, machine: &mut dyn Machine) {

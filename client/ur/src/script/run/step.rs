@@ -163,9 +163,8 @@ impl Run {
             }
             Op::Run(call) => {
                 let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
-                let values = values(thread, ready)?;
                 self.cost = self.cost.saturating_add(limits::STEPS_OF_RUN);
-                let id = self.start(to(ready.target), values)?;
+                let id = self.start(to(ready.target), Some(thread.id))?;
                 thread.give(Value::Thread(id))?;
             }
             Op::Return => {
@@ -182,15 +181,9 @@ impl Run {
             Op::Kill => {
                 if let Some(id) = named_thread(&thread.take()?)? {
                     if id == thread.id {
-                        return Ok(Some(Stop::Over));
+                        return Ok(Some(Stop::Killed));
                     }
-                    let mut others = self.threads.iter_mut();
-                    if let Some(other) =
-                        others.find(|other| other.as_ref().is_some_and(|other| other.id == id))
-                        && let Some(other) = other.take()
-                    {
-                        self.ended(other, machine);
-                    }
+                    self.kill(id, machine);
                 }
             }
             Op::Join => {
