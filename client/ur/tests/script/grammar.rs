@@ -116,7 +116,8 @@ proptest! {
             let progress = run.cycle(&mut machine);
             prop_assert!(run.threads() <= 32);
             if let Progress::Failed(error) = &progress {
-                prop_assert!(error.line >= 1 && error.line as usize <= text.lines().count() + 1, "{error}\n{text}");
+                let line = usize::try_from(error.line).unwrap();
+                prop_assert!((1..=text.lines().count() + 1).contains(&line), "{error}\n{text}");
                 prop_assert!(!error.message.contains("lost count"), "{error}\n{text}");
             }
             if progress != Progress::Running {

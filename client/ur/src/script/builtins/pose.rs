@@ -79,7 +79,7 @@ pub(super) fn pose_add(arguments: &[Value]) -> Result<Value, String> {
 }
 
 /// What `p_from` must be added to (`pose_add`) to have `p_to`.
-/// *Source*: Universal Robots' answer at forum.universal-robots.com/t/doubts-on-pose-sub-usage-and-meaning/8431.
+/// *Source*: Universal Robots in forum.universal-robots.com/t/doubts-on-pose-sub-usage-and-meaning/8431.
 pub(super) fn pose_sub(arguments: &[Value]) -> Result<Value, String> {
     let ((to, by), (at, turn)) = (parts(pose(arguments, 0)?), parts(pose(arguments, 1)?));
     Ok(joined(sum(to, at, -1.0), turned(by, back(turn))))
