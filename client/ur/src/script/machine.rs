@@ -3,13 +3,16 @@
 use super::error::Place;
 use super::value::Value;
 
-/// A thread of a run. Numbers are not used again within a run; 0 is the program itself.
+/// A thread of a run. Numbers are not used again within a run. A secondary program has others than the
+/// program that it runs beside, so that its end is not taken for the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ThreadId(pub(super) u32);
 
 impl ThreadId {
-    /// The program itself.
+    /// A program itself.
     pub const PROGRAM: Self = Self(0);
+    /// A secondary program itself.
+    pub const SECONDARY: Self = Self(1 << 31);
 
     /// Its number, from 0.
     #[must_use]

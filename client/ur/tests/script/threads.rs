@@ -1,7 +1,7 @@
 //! Threads: how they share a cycle, and how they end.
 
 use crate::machine::{Recorder, said};
-use foretrace_ur::script::{Program, Progress, Run, Value};
+use foretrace_ur::script::{Program, Progress, Run, ThreadId, Value};
 
 /// One thread servos, the other watches a register: the loop that streaming clients are made of.
 #[test]
@@ -296,6 +296,8 @@ fn a_secondary_program_is_done_within_a_cycle_or_fails() {
     assert!(Program::parse("sec s():\n  write(1, 5)\nend").unwrap().is_secondary());
     assert!(!Program::parse("def s():\n  write(1, 5)\nend").unwrap().is_secondary());
     assert_eq!(machine.run("sec s():\n  write(1, 5)\nend", 2), Progress::Finished);
+    // Its end is not that of the program's own thread.
+    assert_eq!(machine.ended, [ThreadId::SECONDARY.number()]);
     assert_eq!(machine.registers[&1], Value::Integer(5));
     let (line, _, message) = crate::machine::error("sec s():\n  write(1, 5)\n  sync()\n  write(1, 6)\nend");
     assert_eq!((line, message.as_str()), (3, "a secondary program must be done within a cycle"));

@@ -31,7 +31,8 @@ pub enum Progress {
 #[derive(Debug)]
 pub struct Run {
     code: Arc<Code>,
-    secondary: bool,
+    /// The program's own thread.
+    own: ThreadId,
     globals: Vec<Option<Value>>,
     /// Variables of all calls.
     live: usize,
@@ -102,13 +103,14 @@ impl Run {
             return Err(ScriptError::new(place, format!("there is no function {name}")));
         }
         let code = Arc::clone(&program.code);
+        let own = if program.is_secondary() { ThreadId::SECONDARY } else { ThreadId::PROGRAM };
         let mut run = Self {
             globals: vec![None; code.globals.len()],
             code,
-            secondary: program.is_secondary(),
+            own,
             live: 0,
             threads: Vec::new(),
-            next: 0,
+            next: own.0,
             holder: None,
             made: 0,
             cost: 0,
@@ -127,8 +129,8 @@ impl Run {
             thread.rests = false;
         }
         let progress = match self.all_threads(machine) {
-            Ok(false) if self.secondary => {
-                let place = self.place(ThreadId::PROGRAM);
+            Ok(false) if self.own == ThreadId::SECONDARY => {
+                let place = self.place(self.own);
                 Progress::Failed(ScriptError::new(place, "a secondary program must be done within a cycle"))
             }
             Ok(false) => Progress::Running,
@@ -152,7 +154,7 @@ impl Run {
     /// The line that the program's own thread is at, from 1; 0 after the end.
     #[must_use]
     pub fn line(&self) -> u32 {
-        self.place(ThreadId::PROGRAM).line
+        self.place(self.own).line
     }
 
     /// How many threads are alive, the program's own included.
@@ -233,7 +235,7 @@ impl Run {
                 return Ok(false);
             }
             Ok(Stop::Over) => {
-                let over = thread.id == ThreadId::PROGRAM;
+                let over = thread.id == self.own;
                 self.ended(thread, machine);
                 return Ok(over);
             }
