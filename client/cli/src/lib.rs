@@ -19,6 +19,7 @@ mod shapes;
 mod config;
 mod daemon;
 mod arm;
+mod ur_sim;
 mod play;
 mod gateway;
 mod record;
@@ -70,6 +71,7 @@ enum Command {
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
+    UrSim(ur_sim::UrSimArgs),
     Request(request::RequestArgs),
     /// Move the arm where the pen does not lead it
     #[command(subcommand)]
@@ -127,6 +129,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
+        Command::UrSim(args) => ur_sim::run(args),
         Command::Request(args) => request::run(args),
         Command::Move(command) => move_home::run(command),
         Command::Calibrate(command) => calibrate::run(command),

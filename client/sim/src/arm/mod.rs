@@ -233,7 +233,34 @@ impl ArmModel {
         self.clamped
     }
 
-    /// The settings it was built with.
+    /// Another look-ahead from the next cycle on [s], as a program's `servoj` may ask for. Without one, targets that the
+    /// servo had not come to are forgotten: it goes on from where it is.
+    pub fn set_look_ahead_s(&mut self, look_ahead_s: f64) {
+        if look_ahead_s <= 0.0 && self.settings.look_ahead_s > 0.0 {
+            self.previous_target = self.servo.map(|servo| servo.q);
+        }
+        self.settings.look_ahead_s = look_ahead_s;
+    }
+
+    /// Where the servo is, which the joint loop follows [rad], [rad/s].
+    #[must_use]
+    pub fn servo(&self) -> Joints {
+        Joints { q: self.servo.map(|servo| servo.q), qd: self.servo.map(|servo| servo.qd) }
+    }
+
+    /// Another speed scaling from the next cycle on, as by the slider; see [`ArmSettings::speed_scaling`].
+    pub fn set_speed_scaling(&mut self, speed_scaling: f64) {
+        self.settings.speed_scaling = speed_scaling;
+        self.scaling = self.settings.scaling();
+    }
+
+    /// Breaks the arm from the next cycle on, unless it is broken already.
+    pub fn break_now(&mut self, kind: FaultKind) {
+        let at_s = self.cycles as f64 * self.settings.cycle_s;
+        self.settings.fault = Some(Fault { kind, at_s });
+    }
+
+    /// The settings in force.
     #[must_use]
     pub fn settings(&self) -> &ArmSettings {
         &self.settings

@@ -1,1 +1,34 @@
-//! A simulated UR controller: the ports, the program, the arm.
+//! A simulated controller of Universal Robots, CB3 or e-Series, behind the ports of a real one.
+//!
+//! One thread is the control loop, at exactly 125 or 500 Hz by absolute deadlines; it takes one lock, never
+//! waits for a socket, and skips packages, not cycles, when it is late. Each connection has a thread that
+//! reads and one that writes, with bounded memory between them and the loop. Scripts are run by
+//! [`crate::script`]. Absent: forces, dynamics, singularities, PolyScope's own programs, joint temperatures
+//! that mean anything.
+
+pub mod options;
+pub mod kinematics;
+pub mod motion;
+pub mod safety;
+pub mod inputs;
+pub mod robot;
+mod names;
+pub mod machine;
+mod motion_calls;
+pub mod world;
+pub mod outputs;
+pub mod outbox;
+pub mod script_text;
+pub mod rtde_server;
+pub mod streams;
+pub mod dashboard_server;
+pub mod trouble;
+pub mod faults;
+pub mod network;
+pub mod control;
+
+pub use control::{Controller, StartError};
+pub use options::{Options, Series, Service};
+
+#[cfg(test)]
+mod conversation_tests;

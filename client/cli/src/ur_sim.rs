@@ -1,0 +1,148 @@
+//! `foretrace ur-sim`: a simulated controller of Universal Robots behind the ports of a real one.
+//!
+//! Contract: nothing but the address of `--bind` can reach it, loopback unless said otherwise. It runs until
+//! Ctrl-C or for `--seconds`.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::time::{Duration, Instant};
+
+use foretrace_ur::controller::{Controller, Options, Series, Service};
+use serde::Serialize;
+
+use crate::failure::{Cause, Failure};
+use crate::interrupt::Interrupt;
+use crate::output::{JsonArgs, note};
+
+/// Between two looks at whether the user wants to end.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Simulate a controller of Universal Robots: dashboard, primary, secondary, real-time and RTDE interface,
+/// URScript
+///
+/// Every client of such a robot can connect as to a real one: RTDE at 125 Hz (CB3) or 500 Hz (e-Series),
+/// scripts to ports 30001 to 30003, dashboard at 29999. Port 30020 takes faults, one line each ("help" lists
+/// them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace ur-sim --series e\n  foretrace ur-sim --bind 127.0.0.2 --calibration-error-mm 4\n  foretrace ur-sim --do 'slider 0.3' --do 'remote off'"
+)]
+pub(crate) struct UrSimArgs {
+    /// CB3 (UR5, software 3.15, 125 Hz) or e-Series (UR5e, software 5.11, 500 Hz)
+    #[arg(long, value_enum, default_value_t = SeriesArg::Cb3)]
+    series: SeriesArg,
+
+    /// Address to listen at; one that is no loopback address lets everybody in the network move the simulated
+    /// arm
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    bind: IpAddr,
+
+    /// End after this many seconds; otherwise on Ctrl-C
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
+    seconds: Option<f64>,
+
+    /// Stand at these joints in the beginning, base first [rad] [default: home of the presets]
+    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1.., allow_negative_numbers = true)]
+    from: Option<Vec<f64>>,
+
+    /// Give the arm a calibration of its own: the flange is off the nominal one by this much [mm]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = millimetres)]
+    calibration_error_mm: f64,
+
+    /// Seed of the calibration
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Begin with the power off
+    #[arg(long)]
+    power_off: bool,
+
+    /// Let the system choose the ports; they are told on stdout
+    #[arg(long)]
+    ephemeral_ports: bool,
+
+    /// Do this in the beginning, as a line to port 30020 would; may be given several times
+    #[arg(long = "do", value_name = "LINE")]
+    orders: Vec<String>,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum SeriesArg {
+    Cb3,
+    E,
+}
+
+/// A run in figures; keys are stable.
+#[derive(Debug, Serialize)]
+struct Report {
+    seconds: f64,
+    connections: usize,
+    state: serde_json::Value,
+}
+
+fn millimetres(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|mm| (0.0..=50.0).contains(mm));
+    number.ok_or_else(|| "from 0 to 50 mm".to_owned())
+}
+
+pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
+    args.json.claim()?;
+    let interrupt = Interrupt::listen()?;
+    let series = match args.series {
+        SeriesArg::Cb3 => Series::Cb3,
+        SeriesArg::E => Series::E,
+    };
+    let mut options = Options {
+        bind: args.bind,
+        ephemeral_ports: args.ephemeral_ports,
+        calibration_error_m: args.calibration_error_mm * 1e-3,
+        seed: args.seed,
+        running: !args.power_off,
+        ..Options::new(series)
+    };
+    if let Some(from) = &args.from {
+        options.q = standing(from)?;
+    }
+    let controller = Controller::start(options).map_err(|error| Failure::failed(error, ""))?;
+    for order in &args.orders {
+        let answer = controller.obey(order);
+        if let Some(why) = answer.strip_prefix("error: ") {
+            return Err(Failure::usage(format_args!("--do {order:?}: {why}"), ""));
+        }
+    }
+    let version = series.version();
+    note!("ur-sim: {} {version}, {} Hz, at {}", series.model(), series.rate_hz(), args.bind);
+    if args.ephemeral_ports {
+        for service in Service::ALL {
+            if let Some(address) = controller.address(service) {
+                note!("ur-sim: {} {address}", service.name());
+            }
+        }
+    }
+    if !args.bind.is_loopback() {
+        note!("ur-sim: everybody who reaches {} can move this arm", args.bind);
+    }
+    let began = Instant::now();
+    let end = args.seconds.map(Duration::from_secs_f64);
+    while !interrupt.is_set() && end.is_none_or(|end| began.elapsed() < end) {
+        interrupt.wait(end.map_or(LOOK, |end| LOOK.min(end.saturating_sub(began.elapsed()))));
+    }
+    let state = serde_json::from_str(&controller.status()).unwrap_or_default();
+    let report =
+        Report { seconds: began.elapsed().as_secs_f64(), connections: controller.connections(), state };
+    args.json.write(&report)
+}
+
+/// Where the arm stands at first [rad].
+fn standing(from: &[f64]) -> Result<[f64; 6], Failure> {
+    let q: Option<[f64; 6]> = from.try_into().ok();
+    q.filter(|q| q.iter().all(|q| q.abs() <= 6.28)).ok_or_else(|| {
+        Failure::new(
+            Cause::Usage,
+            "--from wants six joints within 6.28 rad",
+            "give --from=Q1,...,Q6, base first, in radians",
+        )
+    })
+}

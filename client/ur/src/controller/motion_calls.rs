@@ -1,0 +1,87 @@
+//! The calls that move the robot: `servoj`, `movej`, `speedj`, `stopj`, `stopl`.
+
+use super::machine::{Hands, Result, joints, number_or};
+use super::motion::{Line, Motion};
+use super::robot::SPEED_LIMIT_RADPS;
+use crate::script::{Call, Called, Value};
+
+impl Hands<'_> {
+    pub(super) fn motion(&mut self, call: &Call<'_>) -> Result<Called> {
+        let arguments = call.arguments;
+        if !self.robot.ready() {
+            // The program is about to be stopped.
+            return Ok(Called::Wait);
+        }
+        *self.mover = Some(call.thread);
+        match call.name {
+            "servoj" => {
+                let names = ["q", "a", "v", "t", "lookahead_time", "gain"];
+                let [q, _, _, t, look_ahead, gain] = arguments.bind(names)?;
+                let dt = self.robot.dt();
+                let (q, t) = (joints(q, "q")?, number_or(t, "t", dt)?);
+                let look_ahead = number_or(look_ahead, "lookahead_time", 0.1)?;
+                let gain = number_or(gain, "gain", 300.0)?;
+                if !(0.03..=0.2).contains(&look_ahead) {
+                    return Err("lookahead_time must be from 0.03 to 0.2".to_owned());
+                }
+                if !(100.0..=2000.0).contains(&gain) {
+                    return Err("gain must be from 100 to 2000".to_owned());
+                }
+                if call.first {
+                    self.robot.servo(q, look_ahead);
+                }
+                let cycles = self.cycles(t);
+                Ok(self.wait(call, cycles))
+            }
+            "movej" => {
+                let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
+                let q = joints(q, "q")?;
+                let (a, v) = (number_or(a, "a", 1.4)?, number_or(v, "v", 1.05)?);
+                let t = number_or(t, "t", 0.0)?;
+                if q.iter().any(|q| !q.is_finite()) || !(a > 0.0 && v > 0.0 && t >= 0.0) {
+                    return Err("wants finite targets, a > 0, v > 0, t >= 0".to_owned());
+                }
+                if call.first {
+                    let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(40.0));
+                    self.robot.plan(|point| Motion::Line(Line::new(point.q, q, v, a, t)));
+                    return Ok(Called::Wait);
+                }
+                let over = !matches!(self.robot.motion, Motion::Line(_));
+                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
+            }
+            "speedj" => {
+                let [qd, a, t] = arguments.bind(["qd", "a", "t"])?;
+                let (qd, a, t) = (joints(qd, "qd")?, number_or(a, "a", 1.4)?, number_or(t, "t", 0.0)?);
+                if qd.iter().any(|qd| !qd.is_finite()) || !(a > 0.0 && t >= 0.0) {
+                    return Err("wants finite speeds, a > 0, t >= 0".to_owned());
+                }
+                let limit = SPEED_LIMIT_RADPS;
+                let (qd, a) = (qd.map(|qd| qd.clamp(-limit, limit)), a.min(40.0));
+                let cycles = self.cycles(t);
+                // One cycle more, in which the program may renew it.
+                let left = if cycles == 0 { 2 } else { cycles.saturating_add(1) };
+                if call.first || cycles == 0 {
+                    self.robot.plan(|_| Motion::Speed { qd, acceleration: a, left });
+                }
+                if cycles > 0 {
+                    return Ok(self.wait(call, cycles));
+                }
+                let there = self.robot.motion.at_speed(&self.robot.target);
+                Ok(if there { Called::Cycle(Value::None) } else { Called::Wait })
+            }
+            // stopj and stopl: this arm brakes all joints together in either case.
+            _ => {
+                let [a] = arguments.bind(["a"])?;
+                let a = number_or(a, "a", 10.0)?;
+                if !(a > 0.0) {
+                    return Err("wants a > 0".to_owned());
+                }
+                if call.first {
+                    self.robot.brake(a);
+                }
+                let over = !matches!(self.robot.motion, Motion::Brake { .. });
+                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
+            }
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! Ports, connections, and the threads that read and write them.
+//!
+//! Contract: at most [`MOST_CONNECTIONS`] connections a service; each read and each line is bounded.
+
+use std::collections::HashMap;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::dashboard_server::{self, Answer};
+use super::faults;
+use super::options::Service;
+use super::outbox::Outbox;
+use super::rtde_server::Session;
+use super::script_text::ScriptText;
+use super::streams;
+use super::trouble::Trouble;
+use super::world::World;
+use crate::rtde::frames::Frames;
+
+/// Connections of one service at a time.
+pub const MOST_CONNECTIONS: usize = 16;
+/// Longest line of a command.
+const LONGEST_LINE: usize = 1024;
+/// Between two looks at whether all is over.
+const LOOK: Duration = Duration::from_millis(100);
+/// Between two looks for a new connection.
+const ACCEPT: Duration = Duration::from_millis(5);
+
+/// Who is sent something by the control loop.
+#[derive(Debug)]
+pub struct Subscriber {
+    number: u64,
+    service: Service,
+    outbox: Arc<Outbox>,
+    rtde: Option<Arc<Mutex<Session>>>,
+}
+
+/// What all threads share.
+#[derive(Debug)]
+pub struct Shared {
+    /// The controller.
+    pub world: Mutex<World>,
+    /// Troubles.
+    pub trouble: Trouble,
+    /// All is over.
+    pub stop: AtomicBool,
+    subscribers: Mutex<Vec<Subscriber>>,
+    connections: Mutex<HashMap<u64, (Service, TcpStream)>>,
+    next: AtomicU64,
+    taken: AtomicUsize,
+}
+
+impl Shared {
+    /// Around a controller.
+    #[must_use]
+    pub fn new(world: World) -> Self {
+        Self {
+            world: Mutex::new(world),
+            trouble: Trouble::default(),
+            stop: AtomicBool::new(false),
+            subscribers: Mutex::new(Vec::new()),
+            connections: Mutex::new(HashMap::new()),
+            next: AtomicU64::new(1),
+            taken: AtomicUsize::new(0),
+        }
+    }
+
+    /// The controller.
+    pub fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn subscribers(&self) -> MutexGuard<'_, Vec<Subscriber>> {
+        self.subscribers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn connections(&self) -> MutexGuard<'_, HashMap<u64, (Service, TcpStream)>> {
+        self.connections.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many connections there have been.
+    #[must_use]
+    pub fn taken(&self) -> usize {
+        self.taken.load(Ordering::Relaxed)
+    }
+
+    fn over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Ends the connections of services that are off, or all.
+    pub fn end_connections(&self, all: bool) {
+        for (service, stream) in self.connections().values() {
+            if all || !self.trouble.is_on(*service) {
+                // It may be shut down already.
+                let _ = stream.shutdown(Shutdown::Both);
+            }
+        }
+    }
+
+    fn wait_out_cut(&self) {
+        while self.trouble.is_cut() && !self.over() {
+            std::thread::sleep(ACCEPT);
+        }
+    }
+
+    /// Sends everybody what is due after a cycle; `world` is locked already.
+    pub fn publish(&self, world: &mut World) {
+        let tenth = u64::from(world.robot.options.series.rate_hz()) / 10;
+        let state_due = world.robot.cycle.is_multiple_of(tenth.max(1));
+        let said: Vec<_> = world.said.drain(..).collect();
+        let (mut state, mut real_time) = (None, None);
+        for subscriber in self.subscribers().iter() {
+            let outbox = &subscriber.outbox;
+            match subscriber.service {
+                Service::Rtde => {
+                    let Some(session) = &subscriber.rtde else { continue };
+                    let session = session.lock().unwrap_or_else(PoisonError::into_inner);
+                    if let Some(package) = session.package(world) {
+                        outbox.package(package, self.trouble.next_delay());
+                    }
+                }
+                Service::RealTime | Service::RealTimeReadOnly => {
+                    let bytes: &Vec<u8> = real_time.get_or_insert_with(|| streams::real_time(world));
+                    outbox.package(bytes.clone(), Duration::ZERO);
+                }
+                Service::Primary | Service::PrimaryReadOnly => {
+                    for said in &said {
+                        // A client that does not read loses messages.
+                        let _ = outbox.reply(streams::message(world, said.clone()));
+                    }
+                    if state_due {
+                        let bytes: &Vec<u8> = state.get_or_insert_with(|| streams::state(world));
+                        outbox.package(bytes.clone(), Duration::ZERO);
+                    }
+                }
+                Service::Secondary | Service::SecondaryReadOnly if state_due => {
+                    let bytes: &Vec<u8> = state.get_or_insert_with(|| streams::state(world));
+                    outbox.package(bytes.clone(), Duration::ZERO);
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Listens for `service` at `address` until all is over; the port is closed while the service is off.
+pub fn serve(shared: &Arc<Shared>, service: Service, listener: TcpListener, address: SocketAddr) {
+    let mut listener = Some(listener);
+    while !shared.over() {
+        if !shared.trouble.is_on(service) {
+            listener = None;
+            shared.end_connections(false);
+            std::thread::sleep(ACCEPT);
+            continue;
+        }
+        let Some(open) = &listener else {
+            // The port may be taken for a moment still.
+            listener =
+                TcpListener::bind(address).and_then(|open| open.set_nonblocking(true).map(|()| open)).ok();
+            std::thread::sleep(ACCEPT);
+            continue;
+        };
+        match open.accept() {
+            Ok((stream, _)) => welcome(shared, service, stream),
+            Err(_) => std::thread::sleep(ACCEPT),
+        }
+    }
+}
+
+/// Gives a connection its threads, unless there are too many.
+fn welcome(shared: &Arc<Shared>, service: Service, stream: TcpStream) {
+    let number = shared.next.fetch_add(1, Ordering::Relaxed);
+    shared.taken.fetch_add(1, Ordering::Relaxed);
+    let known = {
+        let mut connections = shared.connections();
+        let many = connections.values().filter(|(other, _)| *other == service).count() >= MOST_CONNECTIONS;
+        let ready = stream.set_nonblocking(false).and_then(|()| stream.set_nodelay(true));
+        let ready = ready.and_then(|()| stream.set_read_timeout(Some(LOOK)));
+        match (many, ready, stream.try_clone()) {
+            (false, Ok(()), Ok(clone)) => connections.insert(number, (service, clone)).is_none(),
+            _ => false,
+        }
+    };
+    if !known {
+        return;
+    }
+    let own = Arc::clone(shared);
+    let name = format!("ur {}", service.name());
+    let started = std::thread::Builder::new().name(name).spawn(move || {
+        match service {
+            Service::Dashboard | Service::Faults => lines(&own, service, &stream),
+            _ => stream_to(&own, service, number, &stream),
+        }
+        let _ = stream.shutdown(Shutdown::Both);
+        own.connections().remove(&number);
+    });
+    if started.is_err() {
+        shared.connections().remove(&number);
+    }
+}
+
+/// Reads once; `None` at the end, an empty slice where nothing came yet.
+fn read<'a>(shared: &Shared, mut stream: &TcpStream, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
+    shared.wait_out_cut();
+    if shared.over() {
+        return None;
+    }
+    match stream.read(buffer) {
+        Ok(0) => None,
+        Ok(length) => {
+            // A cut that came while it waited: what arrived stays where it is until the network is back.
+            shared.wait_out_cut();
+            buffer.get(..length)
+        }
+        Err(error) => match error.kind() {
+            ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => Some(&[]),
+            _ => None,
+        },
+    }
+}
+
+/// Dashboard and faults: lines in, lines out.
+fn lines(shared: &Shared, service: Service, stream: &TcpStream) {
+    // Who does not read the answers is left.
+    if stream.set_write_timeout(Some(Duration::from_secs(2))).is_err() {
+        return;
+    }
+    let mut out = stream;
+    let mut say = |line: &str| out.write_all(format!("{line}\n").as_bytes()).is_ok();
+    if service == Service::Dashboard && !say(dashboard_server::GREETING) {
+        return;
+    }
+    let (mut buffer, mut line) = ([0; 1024], Vec::new());
+    while let Some(bytes) = read(shared, stream, &mut buffer) {
+        for byte in bytes {
+            if *byte != b'\n' {
+                line.push(*byte);
+                if line.len() > LONGEST_LINE {
+                    return;
+                }
+                continue;
+            }
+            let text = String::from_utf8_lossy(&line).trim().to_owned();
+            line.clear();
+            let answer = match service {
+                Service::Dashboard => dashboard_server::answer(&mut shared.world(), &text),
+                _ => Answer::Line(faults::obey(&mut shared.world(), &shared.trouble, &text)),
+            };
+            shared.end_connections(false);
+            let (text, goes_on) = match answer {
+                Answer::Line(text) => (text, true),
+                Answer::Last(text) => (text, false),
+            };
+            if !say(&text) || !goes_on {
+                return;
+            }
+        }
+    }
+}
+
+/// The other ports: this thread reads, another writes what the control loop has for it.
+fn stream_to(shared: &Arc<Shared>, service: Service, number: u64, stream: &TcpStream) {
+    let Ok(writing) = stream.try_clone() else { return };
+    let outbox = Arc::new(Outbox::default());
+    let rtde = (service == Service::Rtde)
+        .then(|| Arc::new(Mutex::new(Session::new(number, shared.world().robot.options.series))));
+    if !matches!(service, Service::Rtde | Service::RealTime | Service::RealTimeReadOnly) {
+        let greeting = streams::greeting(&shared.world());
+        outbox.reply(greeting);
+    }
+    let subscriber = Subscriber { number, service, outbox: Arc::clone(&outbox), rtde: rtde.clone() };
+    shared.subscribers().push(subscriber);
+    let (own, own_outbox) = (Arc::clone(shared), Arc::clone(&outbox));
+    let writer = std::thread::Builder::new()
+        .name(format!("ur {} out", service.name()))
+        .spawn(move || own_outbox.write_to(&writing, || own.wait_out_cut()));
+    if writer.is_ok() {
+        match &rtde {
+            Some(session) => read_rtde(shared, session, &outbox, stream),
+            None => read_scripts(shared, service, stream),
+        }
+    }
+    outbox.close();
+    shared.subscribers().retain(|subscriber| subscriber.number != number);
+    shared.world().inputs.release(number);
+}
+
+fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, stream: &TcpStream) {
+    let (mut frames, mut buffer) = (Frames::default(), [0; 4096]);
+    while let Some(bytes) = read(shared, stream, &mut buffer) {
+        frames.feed(bytes);
+        loop {
+            let (kind, payload) = match frames.next_package() {
+                Ok(Some(package)) => package,
+                Ok(None) => break,
+                Err(_) => return,
+            };
+            // First the world, as the control loop does.
+            let mut world = shared.world();
+            let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
+            let replies = session.answer(kind, payload, &mut world);
+            if !replies.is_empty() {
+                // A package of the recipe before would be read as one of the new recipe.
+                outbox.forget_packages();
+            }
+            drop(session);
+            drop(world);
+            if !replies.into_iter().all(|reply| outbox.reply(reply)) {
+                return;
+            }
+        }
+    }
+}
+
+fn read_scripts(shared: &Shared, service: Service, stream: &TcpStream) {
+    let takes = matches!(service, Service::Primary | Service::Secondary | Service::RealTime);
+    let (mut text, mut buffer) = (ScriptText::default(), [0; 4096]);
+    while let Some(bytes) = read(shared, stream, &mut buffer) {
+        if !takes {
+            continue;
+        }
+        let Ok(programs) = text.feed(bytes) else { return };
+        for program in programs {
+            take_program(&mut shared.world(), &program);
+        }
+    }
+}
+
+/// Plain lines that are no script, as drivers send them; else a script.
+fn take_program(world: &mut World, text: &str) {
+    match text.trim() {
+        "stop program" => world.stop(),
+        "pause program" => {
+            world.pause();
+        }
+        "resume program" => {
+            world.play();
+        }
+        "set robotmode run" | "power on" if world.remote => world.power_on(),
+        _ => world.take_script(text),
+    }
+}

@@ -1,0 +1,194 @@
+//! Modes of robot and safety, and the rules by which they change.
+
+/// Seconds before a protective stop may be unlocked.
+const UNLOCK_AFTER_S: u64 = 5;
+/// Half seconds that powering on and releasing brakes take here; a real arm takes several seconds.
+const HALF_SECONDS: u64 = 1;
+
+/// Power and brakes; numbers as RTDE's `robot_mode`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotMode {
+    /// 3
+    PowerOff,
+    /// 4: becomes idle.
+    PowerOn {
+        /// Cycle in which it does; `None` until the first cycle.
+        until: Option<u64>,
+    },
+    /// 5: powered, brakes engaged.
+    Idle,
+    /// 5 still: brakes are released, then it runs.
+    Releasing {
+        /// As above.
+        until: Option<u64>,
+    },
+    /// 7
+    Running,
+}
+
+impl RobotMode {
+    /// RTDE's number.
+    #[must_use]
+    pub const fn number(self) -> i32 {
+        match self {
+            Self::PowerOff => 3,
+            Self::PowerOn { .. } => 4,
+            Self::Idle | Self::Releasing { .. } => 5,
+            Self::Running => 7,
+        }
+    }
+
+    /// The dashboard's word.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::PowerOff => "POWER_OFF",
+            Self::PowerOn { .. } => "POWER_ON",
+            Self::Idle | Self::Releasing { .. } => "IDLE",
+            Self::Running => "RUNNING",
+        }
+    }
+
+    /// The joints hold themselves.
+    #[must_use]
+    pub const fn brakes_released(self) -> bool {
+        matches!(self, Self::Running)
+    }
+
+    /// Goes on with what takes time.
+    pub fn step(&mut self, cycle: u64, rate_hz: u32) {
+        let takes = HALF_SECONDS * u64::from(rate_hz) / 2;
+        match self {
+            Self::PowerOn { until } | Self::Releasing { until } if until.is_none() => {
+                *until = Some(cycle.saturating_add(takes));
+            }
+            Self::PowerOn { until: Some(until) } if cycle >= *until => *self = Self::Idle,
+            Self::Releasing { until: Some(until) } if cycle >= *until => *self = Self::Running,
+            _ => {}
+        }
+    }
+}
+
+/// Why a protective stop came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    /// The arm is not where its targets led: C153A0.
+    Deviation,
+    /// A target far from the one before: C204A1.
+    SuddenChange,
+    /// A joint beyond its range.
+    PositionLimit,
+    /// A program or somebody at the fault port asked for it.
+    Asked,
+}
+
+impl Stopped {
+    /// Code and argument, where it has them.
+    #[must_use]
+    pub const fn code(self) -> (i32, i32) {
+        match self {
+            Self::Deviation => (153, 0),
+            Self::SuddenChange => (204, 1),
+            Self::PositionLimit | Self::Asked => (0, 0),
+        }
+    }
+
+    /// As a line of the log.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Deviation => "C153A0: Protective Stop: Position deviates from path",
+            Self::SuddenChange => "C204A1: Path sanity check failed: Sudden change in target position",
+            Self::PositionLimit => "Protective Stop: Joint position beyond its limit",
+            Self::Asked => "Protective Stop: asked for",
+        }
+    }
+}
+
+/// What stops the robot.
+#[derive(Debug, Clone, Copy)]
+pub struct Safety {
+    rate_hz: u32,
+    /// Since which cycle, and why.
+    protective: Option<(u64, Stopped)>,
+    /// An emergency stop button is pressed.
+    pub emergency: bool,
+    /// The safeguard input is open.
+    pub safeguard: bool,
+}
+
+impl Safety {
+    /// Nothing stops it.
+    #[must_use]
+    pub const fn new(rate_hz: u32) -> Self {
+        Self { rate_hz, protective: None, emergency: false, safeguard: false }
+    }
+
+    /// A protective stop in `cycle`; the first reason stays.
+    pub fn protective_stop(&mut self, cycle: u64, why: Stopped) {
+        self.protective.get_or_insert((cycle, why));
+    }
+
+    /// Why there is a protective stop.
+    #[must_use]
+    pub fn protective(&self) -> Option<Stopped> {
+        self.protective.map(|(_, why)| why)
+    }
+
+    /// Unlocks a protective stop.
+    ///
+    /// # Errors
+    ///
+    /// The dashboard's answer, within 5 s of the stop.
+    pub fn unlock(&mut self, cycle: u64) -> Result<(), &'static str> {
+        let Some((since, _)) = self.protective else { return Ok(()) };
+        if cycle.saturating_sub(since) < UNLOCK_AFTER_S * u64::from(self.rate_hz) {
+            return Err("Cannot unlock protective stop until 5s after occurrence. Always inspect cause of \
+                        protective stop before unlocking");
+        }
+        self.protective = None;
+        Ok(())
+    }
+
+    /// Nothing stops it.
+    #[must_use]
+    pub const fn clear(&self) -> bool {
+        self.protective.is_none() && !self.emergency && !self.safeguard
+    }
+
+    /// RTDE's `safety_mode`.
+    #[must_use]
+    pub const fn number(&self) -> i32 {
+        if self.emergency {
+            7
+        } else if self.protective.is_some() {
+            3
+        } else if self.safeguard {
+            5
+        } else {
+            1
+        }
+    }
+
+    /// The dashboard's word.
+    #[must_use]
+    pub const fn word(&self) -> &'static str {
+        match self.number() {
+            7 => "ROBOT_EMERGENCY_STOP",
+            3 => "PROTECTIVE_STOP",
+            5 => "SAFEGUARD_STOP",
+            _ => "NORMAL",
+        }
+    }
+
+    /// RTDE's `safety_status_bits`.
+    #[must_use]
+    pub const fn bits(&self) -> u32 {
+        match self.number() {
+            7 => 1 << 6 | 1 << 7 | 1 << 10,
+            3 => 1 << 2 | 1 << 10,
+            5 => 1 << 4 | 1 << 10,
+            _ => 1,
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Troubles of the network, on request: services that are off, a cut, delays.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::options::Service;
+
+/// Troubles of the network, on request.
+#[derive(Debug, Default)]
+pub struct Trouble {
+    state: Mutex<TroubleState>,
+}
+
+#[derive(Debug, Default)]
+struct TroubleState {
+    cut_until: Option<Instant>,
+    away_until: Option<Instant>,
+    off: Vec<Service>,
+    delay: Duration,
+    jitter: Duration,
+    /// Draws the jitter.
+    draws: u64,
+}
+
+impl Trouble {
+    fn lock(&self) -> MutexGuard<'_, TroubleState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Nothing goes in or out for this long; connections stay.
+    pub fn cut(&self, duration: Duration) {
+        self.lock().cut_until = Instant::now().checked_add(duration);
+    }
+
+    /// All connections end; all ports are closed for this long.
+    pub fn reboot(&self, away: Duration) {
+        self.lock().away_until = Instant::now().checked_add(away);
+    }
+
+    /// Switches a service on or off.
+    pub fn switch(&self, service: Service, on: bool) {
+        let mut state = self.lock();
+        state.off.retain(|off| *off != service);
+        if !on {
+            state.off.push(service);
+        }
+    }
+
+    /// RTDE packages leave that much later.
+    pub fn delay(&self, delay: Duration) {
+        self.lock().delay = delay;
+    }
+
+    /// And evenly spread up to that much later still.
+    pub fn jitter(&self, jitter: Duration) {
+        self.lock().jitter = jitter;
+    }
+
+    /// Whether the service is on. That of faults always is.
+    pub fn is_on(&self, service: Service) -> bool {
+        let state = self.lock();
+        let away = state.away_until.is_some_and(|until| Instant::now() < until);
+        service == Service::Faults || !(away || state.off.contains(&service))
+    }
+
+    /// Nothing may go in or out.
+    pub fn is_cut(&self) -> bool {
+        self.lock().cut_until.is_some_and(|until| Instant::now() < until)
+    }
+
+    /// Of the next package.
+    pub fn next_delay(&self) -> Duration {
+        let mut state = self.lock();
+        if state.jitter.is_zero() {
+            return state.delay;
+        }
+        state.draws =
+            state.draws.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let share = (state.draws >> 40) as f64 / (1u64 << 24) as f64;
+        state.delay + state.jitter.mul_f64(share)
+    }
+}

@@ -1,0 +1,122 @@
+//! Claims about the client, against peers that answer with prepared bytes.
+
+use std::net::TcpListener;
+use std::thread::JoinHandle;
+
+use super::*;
+use crate::rtde::value::FieldType;
+
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A peer that reads one package, answers with the next of `answers`, and so on, then closes.
+fn peer(answers: Vec<Vec<u8>>) -> (SocketAddr, JoinHandle<Vec<Vec<u8>>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let thread = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut requests = Vec::new();
+        for answer in answers {
+            let mut header = [0; 3];
+            stream.read_exact(&mut header).unwrap();
+            let mut rest = vec![0; usize::from(u16::from_be_bytes([header[0], header[1]])) - 3];
+            stream.read_exact(&mut rest).unwrap();
+            requests.push([&header[..], &rest].concat());
+            stream.write_all(&answer).unwrap();
+        }
+        requests
+    });
+    (address, thread)
+}
+
+fn reply(reply: &Reply) -> Vec<u8> {
+    reply.encode(ProtocolVersion::V2).unwrap()
+}
+
+#[test]
+fn the_whole_conversation_and_the_newest_package_of_several() {
+    let data = |value: f64| {
+        reply(&Reply::Data {
+            recipe: Some(1),
+            fields: [value.to_be_bytes(), (-value).to_be_bytes()].concat(),
+        })
+    };
+    let warning = Message { level: 2, text: "slow".to_owned(), source: "test".to_owned() };
+    let version = ControllerVersion { major: 3, minor: 15, bugfix: 8, build: 1 };
+    let (address, thread) = peer(vec![
+        reply(&Reply::Protocol(true)),
+        [reply(&Reply::Message(warning.clone())), reply(&Reply::ControllerVersion(version))].concat(),
+        reply(&Reply::Outputs { recipe: Some(1), answers: vec![Answer::Type(FieldType::Double); 2] }),
+        reply(&Reply::Inputs { recipe: 1, answers: vec![Answer::Type(FieldType::Int32)] }),
+        [reply(&Reply::Start(true)), data(1.0), data(2.0), data(3.0)].concat(),
+        Vec::new(),
+    ]);
+    let mut client = Client::connect(address, PATIENCE).unwrap();
+    assert_eq!(client.protocol(), ProtocolVersion::V2);
+    assert_eq!(client.controller_version().unwrap(), version);
+    assert_eq!((client.message(), client.message()), (Some(warning), None));
+    client.set_up_outputs(&["timestamp", "speed_scaling"], 125.0).unwrap();
+    let inputs = client.set_up_inputs(&["input_int_register_24"]).unwrap();
+    client.start().unwrap();
+    let package = client.receive(PATIENCE).unwrap().unwrap();
+    assert_eq!(package, Package { values: vec![Value::Double(3.0), Value::Double(-3.0)], passed: 2 });
+    client.send(&inputs, &[Value::Int32(5)]).unwrap();
+    assert!(matches!(client.send(&inputs, &[Value::Uint32(5)]), Err(RtdeError::Misfit(Misfit::Type { .. }))));
+    assert!(matches!(client.receive(PATIENCE), Err(RtdeError::Closed | RtdeError::Broken(_))));
+    let requests = thread.join().unwrap();
+    assert_eq!(requests[5], [0, 8, b'U', 1, 0, 0, 0, 5]);
+}
+
+#[test]
+fn fields_that_cannot_be_had_are_named() {
+    let types = |answers| reply(&Reply::Inputs { recipe: 0, answers });
+    let double = Answer::Type(FieldType::Double);
+    let (address, thread) = peer(vec![
+        reply(&Reply::Protocol(true)),
+        types(vec![double, Answer::InUse]),
+        types(vec![Answer::NotFound, double]),
+        types(vec![double]),
+    ]);
+    let mut client = Client::connect(address, PATIENCE).unwrap();
+    let mut ask = || client.set_up_inputs(&["one", "two"]).unwrap_err().to_string();
+    assert!(ask().contains("\"two\" is in use"));
+    assert!(ask().contains("no field \"one\""));
+    assert!(ask().contains("refused"));
+    thread.join().unwrap();
+}
+
+#[test]
+fn version_1_is_taken_where_2_is_refused() {
+    let first = |reply: &Reply| reply.encode(ProtocolVersion::V1).unwrap();
+    let (address, thread) = peer(vec![
+        first(&Reply::Protocol(false)),
+        first(&Reply::Protocol(true)),
+        first(&Reply::Outputs { recipe: None, answers: vec![Answer::Type(FieldType::Double)] }),
+        [
+            first(&Reply::Start(true)),
+            first(&Reply::Data { recipe: None, fields: 0.5f64.to_be_bytes().to_vec() }),
+        ]
+        .concat(),
+    ]);
+    let mut client = Client::connect(address, PATIENCE).unwrap();
+    assert_eq!(client.protocol(), ProtocolVersion::V1);
+    client.set_up_outputs(&["timestamp"], 125.0).unwrap();
+    client.start().unwrap();
+    assert_eq!(client.receive(PATIENCE).unwrap().unwrap().values, [Value::Double(0.5)]);
+    // Without a frequency: version 1 has none.
+    assert_eq!(thread.join().unwrap()[2], [&[0, 12, b'O'], &b"timestamp"[..]].concat());
+}
+
+#[test]
+fn strangers_and_silence_are_told_apart() {
+    let (address, thread) = peer(vec![b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec()]);
+    let error = Client::connect(address, Duration::from_millis(300)).unwrap_err();
+    assert!(matches!(error, RtdeError::Silent(_) | RtdeError::Closed | RtdeError::Wire(_)), "{error}");
+    thread.join().unwrap();
+
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let silent = Client::connect(listener.local_addr().unwrap(), Duration::from_millis(50)).unwrap_err();
+    assert!(matches!(silent, RtdeError::Silent(_)), "{silent}");
+    let closed = listener.local_addr().unwrap();
+    drop(listener);
+    assert!(matches!(Client::connect(closed, PATIENCE).unwrap_err(), RtdeError::Connect(_)));
+}
