@@ -266,6 +266,19 @@ fn text_is_laid_out_freely() {
     assert_eq!(said(program), ["a # b12", "x"]);
 }
 
+/// Newlines separate less than they seem to: `ur_rtde` sends such a program.
+#[test]
+fn a_value_may_stand_below_its_variable_and_a_statement_beside_another() {
+    let program = r#"def program():
+  global a = # a comment
+1  global b = # another
+2  c = a + b  textmsg(c)
+  if c == 3: textmsg("three") end
+end
+"#;
+    assert_eq!(said(program), ["3", "three"]);
+}
+
 #[test]
 fn halt_ends_the_program_wherever_it_stands() {
     assert_eq!(

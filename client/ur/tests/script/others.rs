@@ -96,9 +96,10 @@ fn programs(name: &str) -> Vec<(PathBuf, String)> {
         .map(|entry| entry.unwrap().path());
     let scripts = files.filter(|path| path.extension().is_some_and(|ending| ending == "script"));
     let texts = scripts.map(|path| (std::fs::read_to_string(&path).unwrap(), path));
-    // ur_rtde leaves the offsets of its registers to the client that sends the program.
+    // The client puts the offsets of its registers behind these comments, which is where the next line begins.
     let filled = texts.map(|(text, path)| {
-        (path, text.replace("= # float register offset", "= 0").replace("= # int register offset", "= 0"))
+        let offsets = ["# float register offset\n", "# int register offset\n"];
+        (path, offsets.iter().fold(text, |text, offset| text.replace(offset, &format!("{offset}0"))))
     });
     let found: Vec<_> = filled.filter(|(_, text)| text.starts_with(&format!("def {name}"))).collect();
     if found.is_empty() {
