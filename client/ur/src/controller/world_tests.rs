@@ -115,7 +115,7 @@ fn watchdogs_pause_stop_or_ignore() {
 #[test]
 fn outputs_of_a_program_are_not_undone_by_a_client_that_sets_the_slider() {
     let mut world = world();
-    let mut set = |world: &mut World, name: &str, value: Value| {
+    let set = |world: &mut World, name: &str, value: Value| {
         let (slot, _) = world.inputs.free(name, 1).unwrap();
         world.inputs.set(slot, value, 0);
         world.apply_input(name);
