@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit, universal-robots-clients.
-# Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder); where it cannot be had, says so and
-# leaves with 0. FORETRACE is the program (default: built here). Ports of a robot are fixed, so each simulator has an
-# address of its own: 127.0.0.21 and 127.0.0.22.
+# Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit and
+# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder);
+# where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here). Ports of a robot
+# are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -19,7 +19,7 @@ if [[ ! -x $venv/bin/python ]]; then
   if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
     ! timeout 600 "$venv/bin/pip" install -q --only-binary ur_rtde \
       ur_rtde==1.6.5 urkit==0.6.0 urx==0.11.0 universal-robots-clients==0.4.0 >>"$scratch/log" 2>&1; then
-    echo "ur: skipped, no Python environment with ur_rtde and others can be had here: $(tail -1 "$scratch/log")"
+    echo "ur: skipped, a Python environment with ur_rtde cannot be had here: $(tail -1 "$scratch/log")"
     exit 0
   fi
 fi

@@ -37,7 +37,8 @@ fn servoj_takes_its_time_and_other_statements_none() {
     let mut world = world();
     world.take_script(
         "def s():\n  q = get_target_joint_positions()\n  i = 0\n  while i < 1000:\n    i = i + 1\n    \
-         write_output_integer_register(0, i)\n    servoj(q, t=0.004, lookahead_time=0.03, gain=500)\n  end\nend\n",
+         write_output_integer_register(0, i)\n    \
+         servoj(q, t=0.004, lookahead_time=0.03, gain=500)\n  end\nend\n",
     );
     run(&mut world, 100);
     // Two cycles a pass.
@@ -51,7 +52,8 @@ fn servoj_takes_its_time_and_other_statements_none() {
 fn killing_the_thread_of_a_motion_brakes_the_arm() {
     let mut world = world();
     world.take_script(
-        "def k():\n  thread m():\n    speedj([0.5,0,0,0,0,0], 2, 100)\n  end\n  t = run m()\n  sleep(0.5)\n  kill t\n  \
+        "def k():\n  thread m():\n    speedj([0.5,0,0,0,0,0], 2, 100)\n  end\n  t = run m()\n  \
+         sleep(0.5)\n  kill t\n  \
          sleep(1)\nend\n",
     );
     run(&mut world, 240);
