@@ -24,7 +24,10 @@ const LOOK: Duration = Duration::from_millis(100);
 /// them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  foretrace ur-sim --series e\n  foretrace ur-sim --bind 127.0.0.2 --calibration-error-mm 4\n  foretrace ur-sim --do 'slider 0.3' --do 'remote off'"
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  foretrace ur-sim --series e\n  \
+                  foretrace ur-sim --bind 127.0.0.2 --calibration-error-mm 4\n  \
+                  foretrace ur-sim --do 'slider 0.3' --do 'remote off'"
 )]
 pub(crate) struct UrSimArgs {
     /// CB3 (UR5, software 3.15, 125 Hz) or e-Series (UR5e, software 5.11, 500 Hz)
@@ -41,7 +44,7 @@ pub(crate) struct UrSimArgs {
     seconds: Option<f64>,
 
     /// Stand at these joints in the beginning, base first [rad] [default: home of the presets]
-    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1.., allow_negative_numbers = true)]
+    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',')]
     from: Option<Vec<f64>>,
 
     /// Give the arm a calibration of its own: the flange is off the nominal one by this much [mm]

@@ -200,9 +200,10 @@ impl Session {
         for (slot, value) in known.slots.iter().zip(values) {
             world.inputs.set(*slot, value, cycle);
         }
-        let names = &known.slots;
-        if names.iter().any(|slot| *slot < crate::rtde::fields::INPUTS.len()) {
-            world.apply_inputs();
+        for slot in &known.slots {
+            if let Some((name, ..)) = crate::rtde::fields::INPUTS.get(*slot) {
+                world.apply_input(name);
+            }
         }
         Vec::new()
     }
