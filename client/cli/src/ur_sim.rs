@@ -3,6 +3,7 @@
 //! Contract: nothing but the address of `--bind` can reach it, loopback unless said otherwise. It runs until
 //! Ctrl-C or for `--seconds`.
 
+use std::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
@@ -141,10 +142,10 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
 /// Where the arm stands at first [rad].
 fn standing(from: &[f64]) -> Result<[f64; 6], Failure> {
     let q: Option<[f64; 6]> = from.try_into().ok();
-    q.filter(|q| q.iter().all(|q| q.abs() <= 6.28)).ok_or_else(|| {
+    q.filter(|q| q.iter().all(|q| q.abs() <= TAU)).ok_or_else(|| {
         Failure::new(
             Cause::Usage,
-            "--from wants six joints within 6.28 rad",
+            "--from wants six joints within a turn of 0",
             "give --from=Q1,...,Q6, base first, in radians",
         )
     })

@@ -98,6 +98,12 @@ impl Controller {
         faults::status(&self.shared.world())
     }
 
+    /// Connections that are open now.
+    #[must_use]
+    pub fn open_connections(&self) -> usize {
+        self.shared.open_connections()
+    }
+
     /// Connections so far.
     #[must_use]
     pub fn connections(&self) -> usize {

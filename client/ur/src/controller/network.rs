@@ -87,6 +87,12 @@ impl Shared {
         self.taken.load(Ordering::Relaxed)
     }
 
+    /// How many there are now.
+    #[must_use]
+    pub fn open_connections(&self) -> usize {
+        self.connections().len()
+    }
+
     fn over(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
