@@ -271,6 +271,7 @@ impl Hands<'_> {
             "get_actual_tcp_speed" => Value::floats(&self.robot.tcp_speed()),
             "get_tcp_offset" => Value::Pose(self.robot.tcp_offset),
             "get_target_payload" => Value::Float(self.robot.payload.0),
+            "get_target_payload_inertia" => Value::floats(&[0.0; 6]),
             "get_target_payload_cog" => Value::floats(&self.robot.payload.1),
             "get_steptime" => Value::Float(self.robot.dt()),
             "is_steady" => Value::Bool(self.robot.steady()),

@@ -25,6 +25,7 @@ pub(super) const SIMULATED: &[&str] = &[
     "get_target_joint_speeds",
     "get_target_payload",
     "get_target_payload_cog",
+    "get_target_payload_inertia",
     "get_target_tcp_pose",
     "get_tcp_offset",
     "get_tool_digital_out",

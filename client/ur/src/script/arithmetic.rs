@@ -1,6 +1,9 @@
-//! The operators. Between lists, and between a list and a number, they work element by element, as the manual's page on
-//! matrix and array expressions has it; two integers give an integer, but their quotient is a float.
+//! The operators. Between lists, and between a list and a number, they work element by element; a matrix (a
+//! list of rows) times a matrix or a list is their product. Two integers give an integer, but their quotient
+//! is a float.
+//! *Source*: script manual, "Matrix and array expressions".
 
+use super::limits;
 use super::tree::{Binary, Unary};
 use super::value::{List, Value};
 
@@ -70,8 +73,11 @@ fn calculate(operator: Binary, left: &Value, right: &Value) -> Result<Value, Str
     };
     match (left, right) {
         (Value::Integer(left), Value::Integer(right)) => integers(operator, *left, *right),
-        (Value::List(left), Value::List(right)) if matches!(operator, Binary::Add | Binary::Subtract) => {
+        (Value::List(left), Value::List(right)) => {
             let (left, right) = (left.items(), right.items());
+            if operator == Binary::Multiply && matches!(left, [Value::List(_), ..]) {
+                return product(left, right);
+            }
             if left.len() != right.len() {
                 return Err(format!("a list of {} and one of {} do not match", left.len(), right.len()));
             }
@@ -87,6 +93,58 @@ fn calculate(operator: Binary, left: &Value, right: &Value) -> Result<Value, Str
             (Some(left), Some(right)) => floats(operator, left, right),
             _ => Err(format!("{} cannot be calculated with {}", left.kind(), right.kind())),
         },
+    }
+}
+
+/// The product of a matrix, as rows, with a matrix or a list.
+fn product(left: &[Value], right: &[Value]) -> Result<Value, String> {
+    // The elements in the place `column` of each row; the elements themselves if it is a list.
+    let columns = |column: usize| {
+        let element = |row: &Value| match row {
+            Value::List(row) => row.items().get(column).cloned(),
+            number => Some(number.clone()),
+        };
+        right.iter().map(element).collect::<Option<Vec<_>>>().ok_or("rows of one length wanted")
+    };
+    let times = |row: &Value, column: &[Value]| {
+        let row = if let Value::List(row) = row {
+            row.items()
+        } else {
+            return Err("a matrix has rows only".to_owned());
+        };
+        if row.len() != column.len() {
+            return Err(format!("a row of {} and a column of {} do not match", row.len(), column.len()));
+        }
+        row.iter().zip(column).try_fold(Value::Integer(0), |sum, (left, right)| {
+            calculate(Binary::Add, &sum, &calculate(Binary::Multiply, left, right)?)
+        })
+    };
+    let Some(Value::List(first)) = right.first() else {
+        let elements = left.iter().map(|row| times(row, right)).collect::<Result<_, _>>()?;
+        return List::new(elements).map(Value::List);
+    };
+    if first.items().len().saturating_mul(left.len()) > limits::LIST_ELEMENTS {
+        return Err(format!("a matrix has at most {} elements", limits::LIST_ELEMENTS));
+    }
+    let columns = (0..first.items().len()).map(columns).collect::<Result<Vec<_>, _>>()?;
+    let row = |row: &Value| {
+        let elements = columns.iter().map(|column| times(row, column)).collect::<Result<_, _>>()?;
+        List::new(elements).map(Value::List)
+    };
+    List::new(left.iter().map(row).collect::<Result<_, _>>()?).map(Value::List)
+}
+
+/// What an operation costs beyond what its sides hold: a product of matrices looks at each row for each
+/// column.
+pub(super) fn work(operator: Binary, left: &Value, right: &Value) -> usize {
+    match (operator, left, right) {
+        (Binary::Multiply, Value::List(left), Value::List(right)) => match (left.items(), right.items()) {
+            ([Value::List(row), ..], [Value::List(other), ..]) => {
+                left.items().len().saturating_mul(row.items().len()).saturating_mul(other.items().len())
+            }
+            _ => 0,
+        },
+        _ => 0,
     }
 }
 

@@ -8,11 +8,8 @@ use super::value::Value;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Where {
     Global(u16),
-    /// In the frame of a function: the running one (`up` 0) or one that it stands in.
-    Frame {
-        up: u8,
-        slot: u16,
-    },
+    /// Of the call that runs.
+    Local(u16),
 }
 
 /// One instruction. "Takes" is off the stack, "gives" onto it.
@@ -31,7 +28,7 @@ pub(super) enum Op {
     JumpUnless(u32),
     /// Looks at the truth value on top and jumps if it is this one.
     JumpIf(bool, u32),
-    /// Jumps if the slot of this frame has a value: the parameter's default is not wanted.
+    /// Jumps if this variable of the call has a value: the parameter's default is not wanted.
     JumpIfGiven(u16, u32),
     Unary(Unary),
     Binary(Binary),
@@ -74,8 +71,6 @@ pub(super) struct Body {
     pub(super) entry: usize,
     /// Names of its variables, parameters first.
     pub(super) variables: Vec<String>,
-    /// The function in which it stands, by number.
-    pub(super) inside: Option<usize>,
 }
 
 /// A program ready to run.

@@ -1,4 +1,5 @@
-//! Text to tokens. Newlines end statements, but not inside brackets; comments and program labels (`$ 1 "..."`) are skipped.
+//! Text to tokens. Newlines end statements, but not inside brackets; comments and program labels
+//! (`$ 1 "..."`) are skipped.
 
 use super::error::{Place, ScriptError};
 use super::limits;
@@ -139,7 +140,8 @@ impl Reader<'_> {
         Ok(Value::text(&text))
     }
 
-    /// Digits with a point, an exponent or both are a float; else an integer, or a float where 32 bits are too few.
+    /// Digits with a point, an exponent or both are a float; else an integer, or a float where 32 bits are
+    /// too few.
     fn number(&mut self, place: Place) -> Result<Value, ScriptError> {
         let mut written = self.take(|c| c.is_ascii_digit() || c == '.');
         if self.rest.peek().is_some_and(|&c| c == 'e' || c == 'E') {

@@ -1,4 +1,4 @@
-//! The bounds of a script. All are far above what known programs need (the largest is 50 kB, 7 threads, 12 calls deep).
+//! The bounds of a script. All are far above what known programs need: the largest has 50 kB.
 
 /// Length of a program's text \[bytes\].
 pub(super) const TEXT_BYTES: usize = 1 << 20;
@@ -32,6 +32,8 @@ pub(super) const WEIGHT: usize = 1 << 20;
 pub(super) const WEIGHT_STEP: usize = 1 << 18;
 /// Instructions of one thread in a cycle; then it goes on in the next, as after a frame on a controller.
 pub(super) const STEPS_PER_THREAD: u32 = 10_000;
+/// What starting a thread counts as.
+pub(super) const STEPS_OF_RUN: u32 = 100;
 /// Instructions of all threads in a cycle.
 pub(super) const STEPS_PER_CYCLE: u32 = 40_000;
 /// Cycles in a row that a thread may use up without waiting; then it is an infinite loop.

@@ -3,13 +3,16 @@
 use super::error::Place;
 use super::value::Value;
 
-/// A thread of a run. Numbers are not used again within a run; 0 is the program itself.
+/// A thread of a run. Numbers are not used again within a run. A secondary program has others than the
+/// program that it runs beside, so that its end is not taken for the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ThreadId(pub(super) u32);
 
 impl ThreadId {
-    /// The program itself.
+    /// A program itself.
     pub const PROGRAM: Self = Self(0);
+    /// A secondary program itself.
+    pub const SECONDARY: Self = Self(1 << 31);
 
     /// Its number, from 0.
     #[must_use]
@@ -84,14 +87,15 @@ pub enum Called {
 
 /// What a script runs on.
 pub trait Machine {
-    /// Whether there is a function of that name. Asked when a program is loaded: a controller refuses a program that
-    /// calls what it does not know, also where it would never come by.
+    /// Whether there is a function of that name. Asked when a program is loaded: a controller refuses a
+    /// program that calls what it does not know, also where it would never come by.
     fn knows(&self, name: &str) -> bool;
 
     /// Answers one call.
     fn call(&mut self, call: &Call<'_>) -> Called;
 
-    /// A thread is over: it returned, was killed, or the program ended. What it waited for is no longer asked for.
+    /// A thread is over: it returned, was killed, or the program ended. What it waited for is no longer asked
+    /// for.
     fn ended(&mut self, thread: ThreadId) {
         let _ = thread;
     }

@@ -1,11 +1,11 @@
-//! An interpreter of URScript: text to [`Program`], and [`Run`], which executes it one control cycle at a time.
+//! An interpreter of URScript: text to [`Program`], and [`Run`], which executes it a control cycle at a time.
 //!
 //! It knows no robot. What a script asks of one (motion, registers, sockets, messages) goes to a [`Machine`];
-//! arithmetic, lists, poses and strings are its own ([`signatures`]). Everything is bounded (`limits`), because scripts
-//! come from a socket.
+//! arithmetic, lists, poses and strings are its own ([`signatures`]). Everything is bounded (`limits`),
+//! because scripts come from a socket.
 //!
-//! Source: the script manual's pages on scoping, threads, thread scheduling and secondary programs; where they are
-//! silent, what the programs of `ur_rtde` and of the Universal Robots client library need.
+//! Source: the script manual's pages on scoping, threads, thread scheduling and secondary programs; where
+//! they are silent, what the programs of `ur_rtde` and of the Universal Robots client library need.
 
 mod limits;
 mod error;
@@ -20,10 +20,12 @@ mod builtins;
 mod compiler;
 mod program;
 mod run;
+mod uploads;
 
 pub use builtins::signatures;
 pub use error::{Place, ScriptError};
 pub use machine::{Arguments, Call, Called, Machine, ThreadId};
 pub use program::Program;
 pub use run::{Progress, Run};
+pub use uploads::{TooLong, Uploads};
 pub use value::{List, Value};

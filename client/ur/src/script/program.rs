@@ -13,12 +13,12 @@ pub struct Program {
 }
 
 impl Program {
-    /// Reads a text as a controller does: one `def` or `sec` is the program; anything else, for instance the bare line
-    /// `stopj(2)`, is the body of one.
+    /// Reads a text as a controller does: one `def` or `sec` is the program; anything else, for instance the
+    /// bare line `stopj(2)`, is the body of one.
     ///
     /// # Errors
-    /// The first thing that is no URScript, a variable that nothing assigns to, a call that does not fit the function
-    /// called, or a bound of `limits`; with its place.
+    /// The first thing that is no URScript, a variable that nothing assigns to, a call that does not fit the
+    /// function called, or a bound of `limits`; with its place.
     pub fn parse(text: &str) -> Result<Self, ScriptError> {
         let code = compiler::program(parser::statements(text)?)?;
         Ok(Self { code: Arc::new(code) })

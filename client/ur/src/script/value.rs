@@ -166,7 +166,7 @@ impl Value {
     }
 }
 
-/// As `textmsg` and `to_str` write it, at most about [`limits::STRING_BYTES`] long.
+/// As `textmsg` and `to_str` write it, at most about 100 kB.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let row = |f: &mut fmt::Formatter<'_>, items: &mut dyn Iterator<Item = &dyn fmt::Display>| {

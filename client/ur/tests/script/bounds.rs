@@ -27,8 +27,19 @@ fn a_loop_that_never_waits_is_an_error_but_a_long_calculation_is_not() {
 
 #[test]
 fn other_threads_go_on_beside_one_that_never_waits() {
-    let text = "def p():\n  thread t():\n    while True:\n    end\n  end\n  run t()\n  n = 0\n  while n < 50:\n    \
-                n = n + 1\n    sync()\n  end\n  textmsg(\"done\")\nend";
+    let text = r#"def p():
+  thread t():
+    while True:
+    end
+  end
+  run t()
+  n = 0
+  while n < 50:
+    n = n + 1
+    sync()
+  end
+  textmsg("done")
+end"#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 60), Progress::Finished);
     assert_eq!(machine.cycle, 51);
@@ -67,12 +78,28 @@ fn depths_that_programs_have_are_allowed() {
 fn calls_and_threads_are_bounded() {
     fails("def f(n):\n  return f(n + 1)\nend\nf(0)", "calls are deeper than 100");
     fails(
-        "def p():\n  thread t():\n    sync()\n  end\n  while True:\n    run t()\n  end\nend",
+        r"def p():
+  thread t():
+    sync()
+  end
+  while True:
+    run t()
+  end
+end",
         "more than 32 threads",
     );
     // One after the other there may be many.
-    let text = "def p():\n  thread t():\n    sync()\n  end\n  n = 0\n  while n < 200:\n    h = run t()\n    join h\n    \
-                n = n + 1\n  end\nend";
+    let text = r"def p():
+  thread t():
+    sync()
+  end
+  n = 0
+  while n < 200:
+    h = run t()
+    join h
+    n = n + 1
+  end
+end";
     assert_eq!(Recorder::default().run(text, 300), Progress::Finished);
 }
 
@@ -84,6 +111,8 @@ fn values_are_bounded() {
     fails("l = make_list(-1, 0)", "0 to 4096 elements");
     fails("l = [1]\nwhile True:\n  l = [l]\nend", "at most 4 deep");
     fails("l = [1]\nl[0] = [[[[1]]]]", "at most 4 deep");
+    let tall = "m = transpose([make_list(2000, 1)])\nw = transpose(m)\n";
+    fails(&format!("{tall}x = m * w"), "a matrix has at most 4096 elements");
     // Many variables, each as large as it may be: 50 calls, 12 variables, 4096 elements.
     let body: String = (0..12).map(|n| format!("  local v{n} = make_list(4096, {n})\n")).collect();
     fails(&format!("def f(n):\n{body}  return f(n + 1)\nend\nf(0)"), "too large");
@@ -112,7 +141,14 @@ fn numbers_end_where_floats_end() {
 fn large_values_cost_instructions() {
     let rounds = |length: u32| {
         let text = format!(
-            "l = make_list({length}, 1)\nk = l\nglobal n = 0\nwhile True:\n  k = l + l\n  n = n + 1\n  write(0, n)\nend"
+            r"l = make_list({length}, 1)
+k = l
+global n = 0
+while True:
+  k = l + l
+  n = n + 1
+  write(0, n)
+end"
         );
         let mut machine = Recorder::default();
         assert_eq!(machine.run(&text, 10), Progress::Running);

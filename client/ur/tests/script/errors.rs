@@ -41,6 +41,8 @@ fn what_is_no_urscript_is_refused_with_its_place() {
 fn what_means_nothing_is_refused_with_its_place() {
     refused("x = 1\ny = x + z\n", 2, 9, "the variable z is not defined");
     refused("z[1] = 2", 1, 1, "the variable z is not defined");
+    let inside = "def p():\n  def f():\n    local x = 1\n    def g():\n      return x\n    end\n  end\nend";
+    refused(inside, 5, 14, "the variable x is not defined");
     refused("def f(a):\n  return a\nend\nf()\n", 4, 1, "f wants an argument for a");
     refused("def f(a):\nend\nf(1, 2)\n", 3, 1, "f takes 1 arguments, not 2");
     refused("def f(a):\nend\nf(b=2)\n", 3, 1, "f has no parameter b");
@@ -48,13 +50,22 @@ fn what_means_nothing_is_refused_with_its_place() {
     refused("def f():\nend\ndef f():\nend\n", 3, 1, "f is defined twice");
     refused("thread t():\nend\nt()", 3, 1, "t is a thread: `run t()` starts it");
     refused("x = run t()", 1, 5, "there is no thread t");
+    refused("thread t(a):\nend", 1, 1, "a thread has no parameters");
     refused("def p(a):\nend", 1, 1, "a program has no parameters, but this one has a");
     refused("def p():\n  sec s():\n  end\nend", 2, 3, "a secondary program stands alone, in no other");
 }
 
 #[test]
 fn a_function_that_nobody_has_is_refused_when_the_program_is_loaded() {
-    let program = Program::parse("def p():\n  if False:\n    fly_away(1)\n  end\nend\n").unwrap();
+    let program = Program::parse(
+        r"def p():
+  if False:
+    fly_away(1)
+  end
+end
+",
+    )
+    .unwrap();
     let wanted: Vec<_> = program.wanted().map(|(name, place)| (name, place.line, place.column)).collect();
     assert_eq!(wanted, [("fly_away", 3, 5)]);
     let error = Run::new(&program, &Recorder::default()).expect_err("fly_away is not there");
@@ -72,6 +83,9 @@ fn what_goes_wrong_ends_the_program_with_its_place() {
     fails("x = True and 1", 1, 10, "a truth value wanted, not an integer");
     fails("x = \"a\" + 1", 1, 9, "a string cannot be calculated with an integer");
     fails("x = [1] + [1, 2]", 1, 9, "a list of 1 and one of 2 do not match");
+    fails("x = [[1, 2]] * [[1, 2]]", 1, 14, "a row of 2 and a column of 1 do not match");
+    fails("x = [[1, 2], 3] * [1, 2]", 1, 17, "a matrix has rows only");
+    fails("x = [[1, 1]] * [[1, 2], [3]]", 1, 14, "rows of one length wanted");
     fails("x = \"a\" < \"b\"", 1, 9, "a string and a string have no order");
     fails("x = p[1, 2, 3, 4, 5, \"6\"]", 1, 5, "a pose has six numbers");
     fails("local x\ntextmsg(x)", 2, 9, "the variable x has no value yet");
@@ -81,7 +95,16 @@ fn what_goes_wrong_ends_the_program_with_its_place() {
 
 #[test]
 fn an_error_in_a_thread_ends_the_program() {
-    let text = "def p():\n  thread t():\n    sync()\n    x = 1 / 0\n  end\n  run t()\n  while True:\n    sync()\n  end\nend";
+    let text = r"def p():
+  thread t():
+    sync()
+    x = 1 / 0
+  end
+  run t()
+  while True:
+    sync()
+  end
+end";
     fails(text, 4, 11, "division by zero");
 }
 

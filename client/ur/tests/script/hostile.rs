@@ -137,8 +137,14 @@ fn every_beginning_of_a_program_is_answered() {
     }
 }
 
+/// A place in the program, how much goes there, and the word that comes instead.
+fn change() -> impl Strategy<Value = (usize, usize, &'static str)> {
+    (0..WHOLE.len(), 0_usize..12, prop::sample::select(&WORDS[..]))
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    // 256 cases each; PROPTEST_CASES asks for more.
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn random_texts_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
@@ -151,9 +157,7 @@ proptest! {
     }
 
     #[test]
-    fn mutants_of_a_program_are_answered(
-        changes in prop::collection::vec((0..WHOLE.len(), 0_usize..12, prop::sample::select(&WORDS[..])), 1..5)
-    ) {
+    fn mutants_of_a_program_are_answered(changes in prop::collection::vec(change(), 1..5)) {
         let mut text = WHOLE.to_owned();
         for (at, length, word) in changes {
             let start = at.min(text.len());

@@ -39,11 +39,36 @@ fn lists_calculate_element_by_element() {
     assert_eq!(value("[1, 2] == [1, 2, 3]"), "False");
 }
 
+/// The examples of the script manual's page on matrix and array expressions.
+#[test]
+fn matrices_and_lists_are_multiplied_as_the_manual_says() {
+    assert_eq!(
+        value("[[1,2],[3,4],[5,6]] * [[10,20,30],[40,50,60]]"),
+        "[[90, 120, 150], [190, 260, 330], [290, 400, 510]]"
+    );
+    assert_eq!(value("[[1,2],[3,4],[5,6]] * [10,20]"), "[50, 110, 170]");
+    assert_eq!(value("[1,2,3] * [10,20,30]"), "[10, 40, 90]");
+    assert_eq!(value("[10,20,30] / [1,2,3]"), "[10.0, 10.0, 10.0]");
+    assert_eq!(value("[10,20,30] % [1,2,4]"), "[0, 0, 2]");
+    assert_eq!(value("5 * [[1,2],[3,4],[5,6]]"), "[[5, 10], [15, 20], [25, 30]]");
+    assert_eq!(value("10 / [10,20,40]"), "[1.0, 0.5, 0.25]");
+}
+
 #[test]
 fn elements_are_read_and_written_and_copies_stay_what_they_are() {
-    let program = "a = [1, 2, 3]\nb = a\na[1] = 20\ntextmsg(a, b)\ntextmsg(a[2])\n\
-                   p1 = p[0.1, 0.2, 0.3, 0, 0, 0]\np1[2] = 4\ntextmsg(p1, p1[0])\n\
-                   m = [[1, 2], [3, 4]]\nm[1, 0] = 30\ntextmsg(m[1, 0] + m[0][1])\ntextmsg(m)\n";
+    let program = r"a = [1, 2, 3]
+b = a
+a[1] = 20
+textmsg(a, b)
+textmsg(a[2])
+p1 = p[0.1, 0.2, 0.3, 0, 0, 0]
+p1[2] = 4
+textmsg(p1, p1[0])
+m = [[1, 2], [3, 4]]
+m[1, 0] = 30
+textmsg(m[1, 0] + m[0][1])
+textmsg(m)
+";
     assert_eq!(
         said(program),
         ["[1, 20, 3][1, 2, 3]", "3", "p[0.1, 0.2, 4.0, 0.0, 0.0, 0.0]0.1", "32", "[[1, 2], [30, 4]]"]
@@ -60,9 +85,17 @@ fn a_variable_may_be_called_p() {
 
 #[test]
 fn and_and_or_leave_out_what_no_longer_matters() {
-    let program = "def f(x):\n  textmsg(\"asked\")\n  return x\nend\n\
-                   if False and f(True):\n  textmsg(\"wrong\")\nend\n\
-                   if True or f(False):\n  textmsg(\"right\")\nend\n";
+    let program = r#"def f(x):
+  textmsg("asked")
+  return x
+end
+if False and f(True):
+  textmsg("wrong")
+end
+if True or f(False):
+  textmsg("right")
+end
+"#;
     assert_eq!(said(program), ["right"]);
 }
 
@@ -70,8 +103,18 @@ fn and_and_or_leave_out_what_no_longer_matters() {
 fn conditions_take_the_first_arm_that_holds() {
     let program = |x: i32| {
         format!(
-            "def f(x):\n  if x < 0:\n    return \"below\"\n  elif x == 0:\n    return \"zero\"\n  elif x == 1:\n    \
-             return \"one\"\n  else:\n    return \"above\"\n  end\nend\ntextmsg(f({x}))"
+            r#"def f(x):
+  if x < 0:
+    return "below"
+  elif x == 0:
+    return "zero"
+  elif x == 1:
+    return "one"
+  else:
+    return "above"
+  end
+end
+textmsg(f({x}))"#
         )
     };
     assert_eq!([-1, 0, 1, 2].map(|x| said(&program(x)).concat()), ["below", "zero", "one", "above"]);
@@ -79,25 +122,65 @@ fn conditions_take_the_first_arm_that_holds() {
 
 #[test]
 fn loops_break_and_continue_the_innermost_one() {
-    let program = "i = 0\nwhile True:\n  i = i + 1\n  if i == 2:\n    continue\n  end\n  j = 0\n  while True:\n    \
-                   j = j + 1\n    if j > i:\n      break\n    end\n  end\n  textmsg(i, j)\n  if i >= 3:\n    break\n  \
-                   end\nend\ntextmsg(\"end\")";
+    let program = r#"i = 0
+while True:
+  i = i + 1
+  if i == 2:
+    continue
+  end
+  j = 0
+  while True:
+    j = j + 1
+    if j > i:
+      break
+    end
+  end
+  textmsg(i, j)
+  if i >= 3:
+    break
+  end
+end
+textmsg("end")"#;
     assert_eq!(said(program), ["12", "34", "end"]);
 }
 
 #[test]
 fn functions_take_arguments_by_place_by_name_and_by_default() {
-    let program = "def f(a, b=10, c=a + b):\n  return [a, b, c]\nend\n\
-                   textmsg(f(1))\ntextmsg(f(1, 2))\ntextmsg(f(1, c=3))\ntextmsg(f(c=3, a=1))";
+    let program = r"def f(a, b=10, c=a + b):
+  return [a, b, c]
+end
+textmsg(f(1))
+textmsg(f(1, 2))
+textmsg(f(1, c=3))
+textmsg(f(c=3, a=1))";
     assert_eq!(said(program), ["[1, 10, 11]", "[1, 2, 3]", "[1, 10, 3]", "[1, 10, 3]"]);
 }
 
 #[test]
 fn functions_call_themselves_and_each_other_wherever_they_stand() {
-    let program = "def program():\n  def even(n):\n    if n == 0:\n      return True\n    end\n    return odd(n - 1)\n  \
-                   end\n  def odd(n):\n    if n == 0:\n      return False\n    end\n    return even(n - 1)\n  end\n  \
-                   def fact(n):\n    if n < 2:\n      return 1\n    end\n    return n * fact(n - 1)\n  end\n  \
-                   textmsg(even(10), odd(10))\n  textmsg(fact(10))\nend\n";
+    let program = r"def program():
+  def even(n):
+    if n == 0:
+      return True
+    end
+    return odd(n - 1)
+  end
+  def odd(n):
+    if n == 0:
+      return False
+    end
+    return even(n - 1)
+  end
+  def fact(n):
+    if n < 2:
+      return 1
+    end
+    return n * fact(n - 1)
+  end
+  textmsg(even(10), odd(10))
+  textmsg(fact(10))
+end
+";
     assert_eq!(said(program), ["TrueFalse", "3628800"]);
 }
 
@@ -106,37 +189,109 @@ fn a_function_without_return_gives_none() {
     assert_eq!(said("def f():\n  x = 1\nend\ntextmsg(f())"), ["None"]);
 }
 
+/// The examples of the script manual's page on scoping rules, in its order.
 #[test]
-fn a_free_variable_is_the_global_and_a_local_one_masks_it() {
-    let program = "def program():\n  global a = 0\n  def f():\n    a = 1\n  end\n  def g():\n    local a = 2\n    \
-                   textmsg(a)\n  end\n  def h():\n    global made = 3\n  end\n  f()\n  textmsg(a)\n  g()\n  textmsg(a)\n  \
-                   h()\n  textmsg(made)\nend\n";
-    assert_eq!(said(program), ["1", "2", "1", "3"]);
+fn variables_have_the_scopes_that_the_manual_gives_them() {
+    let local = r#"def program():
+  global a = 0
+  def f():
+    local a = 1
+    textmsg(a)
+  end
+  f()
+  textmsg(a)
+end
+"#;
+    assert_eq!(said(local), ["1", "0"]);
+    let free = "def program():\n  global a = 0\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend";
+    assert_eq!(said(free), ["1"]);
+    let nested = r#"def program():
+  global a = 0
+  def f():
+    local a = 1
+    def g():
+      a = 2
+    end
+    g()
+    textmsg(a)
+  end
+  f()
+  textmsg(a)
+end
+"#;
+    assert_eq!(said(nested), ["1", "2"]);
+    for first in ["a = 0", "local a = 0", "if True:\n    a = 0\n  end"] {
+        let text =
+            format!("def program():\n  {first}\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend");
+        assert_eq!(said(&text), ["1"], "{first}");
+    }
 }
 
 #[test]
-fn a_free_variable_of_the_program_is_seen_and_set_by_the_functions_inside() {
-    let program = "def program():\n  a = 1\n  def f():\n    a = a + 1\n    b = 5\n  end\n  b = 7\n  f()\n  \
-                   textmsg(a, b)\n  def g(a):\n    a = 100\n  end\n  g(3)\n  textmsg(a)\nend\n";
-    assert_eq!(said(program), ["25", "2"]);
+fn a_global_may_be_made_in_a_function_and_a_parameter_masks_one() {
+    let program = r#"def program():
+  def f():
+    global made = 3
+    own = 4
+  end
+  def g(made):
+    made = 100
+  end
+  f()
+  g(3)
+  textmsg(made)
+end
+"#;
+    assert_eq!(said(program), ["3"]);
 }
 
 #[test]
 fn locals_of_a_call_are_its_own() {
-    let program = "def f(n):\n  local mine = n\n  if n > 0:\n    f(n - 1)\n  end\n  textmsg(mine)\nend\nf(2)";
+    let program = r"def f(n):
+  local mine = n
+  if n > 0:
+    f(n - 1)
+  end
+  textmsg(mine)
+end
+f(2)";
     assert_eq!(said(program), ["0", "1", "2"]);
 }
 
 #[test]
 fn text_is_laid_out_freely() {
-    let program = "  # a comment\n\n$ 1 \"Robot Program\"\n\ttextmsg(\"a # b\", # not the end\n\t\t1,\n   2)\r\n\
+    let program = "  # a comment\n\n$ 1 \"Robot Program\"\n\ttextmsg(\"a # b\", # not the end\n\t\t1,\n   \
+                   2)\r\n\
                    x = 1 +\n  2\nif (x == 3 or\n    False):\n textmsg('x')\nend";
     assert_eq!(said(program), ["a # b12", "x"]);
 }
 
+/// Newlines separate less than they seem to: `ur_rtde` sends such a program.
+#[test]
+fn a_value_may_stand_below_its_variable_and_a_statement_beside_another() {
+    let program = r#"def program():
+  global a = # a comment
+1  global b = # another
+2  c = a + b  textmsg(c)
+  if c == 3: textmsg("three") end
+end
+"#;
+    assert_eq!(said(program), ["3", "three"]);
+}
+
 #[test]
 fn halt_ends_the_program_wherever_it_stands() {
-    assert_eq!(said("def f():\n  halt\nend\ntextmsg(1)\nf()\ntextmsg(2)"), ["1"]);
+    assert_eq!(
+        said(
+            r"def f():
+  halt
+end
+textmsg(1)
+f()
+textmsg(2)"
+        ),
+        ["1"]
+    );
 }
 
 #[test]

@@ -7,4 +7,6 @@ mod threads;
 mod errors;
 mod bounds;
 mod hostile;
-mod sdu;
+mod grammar;
+mod others;
+mod uploads;

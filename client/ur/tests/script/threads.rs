@@ -1,7 +1,7 @@
 //! Threads: how they share a cycle, and how they end.
 
 use crate::machine::{Recorder, said};
-use foretrace_ur::script::{Program, Progress, Run, Value};
+use foretrace_ur::script::{Program, Progress, Run, ThreadId, Value};
 
 /// One thread servos, the other watches a register: the loop that streaming clients are made of.
 #[test]
@@ -63,7 +63,13 @@ fn a_waiting_call_is_asked_again_until_it_is_done() {
 #[test]
 fn a_cycle_is_used_up_by_sync_and_by_nothing_less() {
     let mut machine = Recorder::default();
-    let text = "i = 0\nwhile i < 3:\n  textmsg(i)\n  textmsg(i)\n  sync()\n  i = i + 1\nend";
+    let text = r"i = 0
+while i < 3:
+  textmsg(i)
+  textmsg(i)
+  sync()
+  i = i + 1
+end";
     assert_eq!(machine.run(text, 10), Progress::Finished);
     let cycles: Vec<u32> =
         machine.calls.iter().filter(|call| !call.2.starts_with("sync")).map(|call| call.0).collect();
@@ -73,9 +79,25 @@ fn a_cycle_is_used_up_by_sync_and_by_nothing_less() {
 
 #[test]
 fn a_killed_thread_does_nothing_more() {
-    let text = "def program():\n  thread t():\n    while True:\n      textmsg(\"t\")\n      movej(2)\n    end\n  end\n  \
-                h = run t()\n  sync()\n  sync()\n  kill h\n  textmsg(\"killed\")\n  sync()\n  sync()\n  kill h\n  \
-                join h\n  textmsg(h != 0)\nend\n";
+    let text = r#"def program():
+  thread t():
+    while True:
+      textmsg("t")
+      movej(2)
+    end
+  end
+  h = run t()
+  sync()
+  sync()
+  kill h
+  textmsg("killed")
+  sync()
+  sync()
+  kill h
+  join h
+  textmsg(h != 0)
+end
+"#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
     assert_eq!(machine.said(), ["sync", "t", "sync", "killed", "sync", "sync", "True"]);
@@ -84,15 +106,35 @@ fn a_killed_thread_does_nothing_more() {
 
 #[test]
 fn a_thread_may_kill_itself() {
-    let text = "def program():\n  global h = 0\n  thread t():\n    sync()\n    kill h\n    textmsg(\"wrong\")\n  end\n  \
-                h = run t()\n  join h\n  textmsg(\"gone\")\nend\n";
+    let text = r#"def program():
+  global h = 0
+  thread t():
+    sync()
+    kill h
+    textmsg("wrong")
+  end
+  h = run t()
+  join h
+  textmsg("gone")
+end
+"#;
     assert_eq!(said(text), ["sync", "gone"]);
 }
 
 #[test]
 fn join_waits_for_the_end_and_goes_on_in_the_same_cycle() {
-    let text = "def program():\n  thread t():\n    movej(2)\n    textmsg(\"t ends\")\n  end\n  h = run t()\n  join h\n  \
-                textmsg(\"joined\")\n  join 0\n  kill 0\nend\n";
+    let text = r#"def program():
+  thread t():
+    movej(2)
+    textmsg("t ends")
+  end
+  h = run t()
+  join h
+  textmsg("joined")
+  join 0
+  kill 0
+end
+"#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
     let told: Vec<_> = machine.calls.iter().map(|call| (call.0, call.2.as_str())).collect();
@@ -101,8 +143,17 @@ fn join_waits_for_the_end_and_goes_on_in_the_same_cycle() {
 
 #[test]
 fn the_end_of_the_program_ends_its_threads() {
-    let text = "def program():\n  thread t():\n    while True:\n      sync()\n    end\n  end\n  run t()\n  run t()\n  \
-                sync()\nend\n";
+    let text = r"def program():
+  thread t():
+    while True:
+      sync()
+    end
+  end
+  run t()
+  run t()
+  sync()
+end
+";
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
     machine.ended.sort_unstable();
@@ -111,7 +162,16 @@ fn the_end_of_the_program_ends_its_threads() {
 
 #[test]
 fn halt_in_a_thread_ends_the_program() {
-    let text = "def program():\n  thread t():\n    sync()\n    halt\n  end\n  run t()\n  while True:\n    sync()\n  end\nend";
+    let text = r"def program():
+  thread t():
+    sync()
+    halt
+  end
+  run t()
+  while True:
+    sync()
+  end
+end";
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
     assert_eq!(machine.cycle, 2);
@@ -119,21 +179,63 @@ fn halt_in_a_thread_ends_the_program() {
 
 #[test]
 fn threads_have_variables_of_their_own_and_see_those_of_the_program() {
-    let text = "def program():\n  base = 10\n  thread t(n):\n    local mine = base + n\n    sync()\n    textmsg(mine)\n  \
-                end\n  a = run t(1)\n  b = run t(2)\n  base = 20\n  join a\n  join b\nend\n";
+    let text = r#"def program():
+  base = 10
+  thread t():
+    local mine = base
+    own = 2 * base
+    base = base + 1
+    sync()
+    textmsg(mine, own)
+  end
+  a = run t()
+  b = run t()
+  base = 20
+  join a
+  join b
+end
+"#;
     let told: Vec<String> = said(text).into_iter().filter(|told| told != "sync").collect();
     // Both started after the program had gone on to its first `join`.
-    assert_eq!(told, ["21", "22"]);
+    assert_eq!(told, ["2040", "2142"]);
 }
 
 #[test]
-fn a_thread_outlives_the_call_that_started_it_but_not_its_variables() {
-    let text = "def program():\n  def f():\n    local x = 5\n    thread t():\n      sync()\n      textmsg(x)\n    end\n    \
-                return run t()\n  end\n  h = f()\n  join h\nend\n";
-    assert_eq!(
-        crate::machine::error(text),
-        (6, 15, "this variable belongs to a call that is over".to_owned())
-    );
+fn a_killed_thread_s_children_are_killed_with_it() {
+    let text = r#"def program():
+  thread parent():
+    thread child():
+      thread grandchild():
+        while True:
+          sync()
+        end
+      end
+      run grandchild()
+      movej(9)
+    end
+    run child()
+    run child()
+    movej(9)
+  end
+  thread other():
+    movej(1)
+    textmsg("other")
+  end
+  o = run other()
+  h = run parent()
+  sync()
+  kill h
+  join o
+end
+"#;
+    let mut machine = Recorder::default();
+    assert_eq!(machine.run(text, 20), Progress::Finished);
+    assert_eq!(machine.said().last(), Some(&"other"));
+    // The parent, its children and their children, long before the program's end.
+    let mut killed = machine.ended[..5].to_vec();
+    killed.sort_unstable();
+    assert_eq!(killed, [2, 3, 4, 5, 6]);
+    assert_eq!(machine.ended[5..], [1, 0]);
 }
 
 #[test]
@@ -141,9 +243,24 @@ fn a_critical_section_is_not_interrupted_by_the_end_of_a_thread_s_time() {
     // 3000 rounds are more instructions than a cycle has; the other thread must not see `n` between.
     let section = |enter: &str, exit: &str| {
         format!(
-            "def program():\n  global n = 0\n  thread t():\n    while True:\n      textmsg(n)\n      sync()\n    end\n  \
-             end\n  run t()\n  {enter}\n  while n < 3000:\n    n = n + 1\n  end\n  {exit}\n  sync()\n  textmsg(\"end\")\n\
-             end\n"
+            r#"def program():
+  global n = 0
+  thread t():
+    while True:
+      textmsg(n)
+      sync()
+    end
+  end
+  run t()
+  {enter}
+  while n < 3000:
+    n = n + 1
+  end
+  {exit}
+  sync()
+  textmsg("end")
+end
+"#
         )
     };
     let told = said(&section("enter_critical", "exit_critical"));
@@ -154,8 +271,20 @@ fn a_critical_section_is_not_interrupted_by_the_end_of_a_thread_s_time() {
 
 #[test]
 fn a_critical_section_that_waits_lets_others_run_meanwhile() {
-    let text = "def program():\n  thread t():\n    enter_critical\n    movej(5)\n    exit_critical\n  end\n  h = run t()\n  \
-                sync()\n  enter_critical\n  textmsg(\"in\")\n  exit_critical\n  join h\nend\n";
+    let text = r#"def program():
+  thread t():
+    enter_critical
+    movej(5)
+    exit_critical
+  end
+  h = run t()
+  sync()
+  enter_critical
+  textmsg("in")
+  exit_critical
+  join h
+end
+"#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
     assert_eq!(machine.said(), ["sync", "in", "movej 5"]);
@@ -167,6 +296,8 @@ fn a_secondary_program_is_done_within_a_cycle_or_fails() {
     assert!(Program::parse("sec s():\n  write(1, 5)\nend").unwrap().is_secondary());
     assert!(!Program::parse("def s():\n  write(1, 5)\nend").unwrap().is_secondary());
     assert_eq!(machine.run("sec s():\n  write(1, 5)\nend", 2), Progress::Finished);
+    // Its end is not that of the program's own thread.
+    assert_eq!(machine.ended, [ThreadId::SECONDARY.number()]);
     assert_eq!(machine.registers[&1], Value::Integer(5));
     let (line, _, message) = crate::machine::error("sec s():\n  write(1, 5)\n  sync()\n  write(1, 6)\nend");
     assert_eq!((line, message.as_str()), (3, "a secondary program must be done within a cycle"));
@@ -175,8 +306,16 @@ fn a_secondary_program_is_done_within_a_cycle_or_fails() {
 #[test]
 fn stopping_from_outside_tells_the_machine_and_stays() {
     let mut machine = Recorder::default();
-    let program =
-        Program::parse("def p():\n  thread t():\n    movej(9)\n  end\n  run t()\n  movej(9)\nend").unwrap();
+    let program = Program::parse(
+        r"def p():
+  thread t():
+    movej(9)
+  end
+  run t()
+  movej(9)
+end",
+    )
+    .unwrap();
     let mut run = Run::new(&program, &machine).unwrap();
     assert_eq!(run.cycle(&mut machine), Progress::Running);
     assert_eq!((run.threads(), run.line()), (2, 6));

@@ -1,4 +1,5 @@
-//! Poses: position \[m\] and rotation vector \[rad\]. Rotations are calculated with unit quaternions (w, x, y, z).
+//! Poses: position \[m\] and rotation vector \[rad\]. Rotations are calculated with unit quaternions
+//! (w, x, y, z).
 
 use super::super::value::Value;
 use super::{number, value};
@@ -77,10 +78,11 @@ pub(super) fn pose_add(arguments: &[Value]) -> Result<Value, String> {
     Ok(joined(sum(at, to, 1.0), turned(turn, by)))
 }
 
-/// What `pose_add` must add to `p_from` to have `p_to`.
+/// What `p_from` must be added to (`pose_add`) to have `p_to`.
+/// *Source*: Universal Robots in forum.universal-robots.com/t/doubts-on-pose-sub-usage-and-meaning/8431.
 pub(super) fn pose_sub(arguments: &[Value]) -> Result<Value, String> {
     let ((to, by), (at, turn)) = (parts(pose(arguments, 0)?), parts(pose(arguments, 1)?));
-    Ok(joined(sum(to, at, -1.0), turned(back(turn), by)))
+    Ok(joined(sum(to, at, -1.0), turned(by, back(turn))))
 }
 
 pub(super) fn point_dist(arguments: &[Value]) -> Result<Value, String> {

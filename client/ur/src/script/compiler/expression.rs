@@ -4,14 +4,14 @@ use super::super::builtins;
 use super::super::code::{Op, Ready};
 use super::super::error::{Place, ScriptError};
 use super::super::tree::{Asked, Binary, Expression, Give, Sort};
-use super::{Compiler, scope};
+use super::Compiler;
 
 impl Compiler {
     pub(super) fn expression(&mut self, expression: &Expression) -> Result<(), ScriptError> {
         let place = expression.place;
         match &expression.what {
             Give::Value(value) => self.constant(value.clone(), place),
-            Give::Name(name) => match scope::find(name, &self.levels, &self.globals) {
+            Give::Name(name) => match self.variable(name) {
                 Some(from) => self.simple(Op::Load(from), place),
                 None => match builtins::constant(name) {
                     Some(value) => self.constant(value, place),

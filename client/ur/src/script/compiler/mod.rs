@@ -42,7 +42,6 @@ pub(super) fn program(statements: Vec<Statement>) -> Result<Code, ScriptError> {
         sort: program.sort,
         entry: 0,
         variables: Vec::new(),
-        inside: None,
     });
     compiler.function(&program, 0)?;
     compiler.code.globals = compiler.globals.order;
@@ -104,7 +103,7 @@ impl Compiler {
 
     fn function(&mut self, function: &Function, number: usize) -> Result<(), ScriptError> {
         let mut level = Level {
-            variables: scope::variables(function, &self.levels, &self.globals)?,
+            variables: scope::variables(function, self.levels.is_empty(), &self.globals)?,
             functions: HashMap::new(),
         };
         let mut inside = Vec::new();
@@ -132,7 +131,6 @@ impl Compiler {
                 sort: inner.sort,
                 entry: 0,
                 variables: Vec::new(),
-                inside: Some(number),
             });
         }
         let variables = level.variables.order.clone();
@@ -143,7 +141,7 @@ impl Compiler {
             if let Some(default) = default {
                 let given = self.emit(Op::JumpIfGiven(slot, 0), default.place);
                 self.expression(default)?;
-                self.emit(Op::Store(Where::Frame { up: 0, slot }), default.place);
+                self.emit(Op::Store(Where::Local(slot)), default.place);
                 self.land(given);
             }
         }
@@ -229,6 +227,11 @@ impl Compiler {
         Ok(())
     }
 
+    /// The variable that `name` means here.
+    fn variable(&self, name: &str) -> Option<Where> {
+        scope::find(name, self.levels.last().map(|level| &level.variables), &self.globals)
+    }
+
     fn simple(&mut self, op: Op, place: Place) {
         self.emit(op, place);
     }
@@ -250,7 +253,7 @@ impl Compiler {
         let Some(value) = value else { return Ok(()) };
         let to = match scope {
             Scope::Global => self.globals.get(name).map(Where::Global),
-            _ => scope::find(name, &self.levels, &self.globals),
+            _ => self.variable(name),
         };
         let to = to.ok_or_else(|| ScriptError::new(place, format!("the variable {name} is not defined")))?;
         for index in indices {

@@ -1,8 +1,7 @@
-//! Which variable a name means. Decided before the program runs, by the manual's rules of scoping.
-//!
-//! A free assignment goes to the variable that the function has (parameter or `local`), else to one of a function around
-//! it, else to a global, else it makes a local one. That a function around is asked too is not in the manual, but the
-//! client library's program needs it (it assigns to a thread's variable of the program from a function inside).
+//! Which variable a name means. Decided before the program runs, by the manual's rules of scoping (5.25,
+//! "Scoping rules"): what the program itself assigns to is global, whatever it is called there; in a function
+//! a name is the function's own where it is a parameter or `local`, else the global of that name, else the
+//! function's own. The locals of a function are not seen by the functions inside it.
 
 use super::super::code::Where;
 use super::super::error::{Place, ScriptError};
@@ -63,34 +62,40 @@ fn each<E>(body: &[Statement], found: &mut impl FnMut(&Statement) -> Result<(), 
     Ok(())
 }
 
-/// Every global of the program, wherever it is declared.
-pub(super) fn globals(body: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
-    each(body, &mut |statement| match &statement.what {
-        Do::Assign { scope: Scope::Global, name, .. } => names.add(name, statement.place),
-        Do::Define(function) => globals(&function.body, names),
+/// Every global of the program: what it assigns to itself, and what is declared `global` anywhere.
+pub(super) fn globals(program: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
+    each(program, &mut |statement| match &statement.what {
+        Do::Assign { name, indices, .. } if indices.is_empty() => names.add(name, statement.place),
+        Do::Define(function) => declared_global(&function.body, names),
         _ => Ok(()),
     })
 }
 
-/// The variables of `function`, which stands in the functions of `around` (outermost first).
+fn declared_global(body: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
+    each(body, &mut |statement| match &statement.what {
+        Do::Assign { scope: Scope::Global, name, .. } => names.add(name, statement.place),
+        Do::Define(function) => declared_global(&function.body, names),
+        _ => Ok(()),
+    })
+}
+
+/// The variables that `function` has of its own; the program has none.
 pub(super) fn variables(
     function: &Function,
-    around: &[Level],
+    is_program: bool,
     globals: &Names,
 ) -> Result<Names, ScriptError> {
     let mut own = Names::default();
+    if is_program {
+        return Ok(own);
+    }
     for (parameter, _) in &function.parameters {
         own.add(parameter, function.place)?;
     }
     each(&function.body, &mut |statement| match &statement.what {
         Do::Assign { scope: Scope::Local, name, .. } => own.add(name, statement.place),
-        _ => Ok(()),
-    })?;
-    each(&function.body, &mut |statement| match &statement.what {
         Do::Assign { scope: Scope::Free, name, indices, .. }
-            if indices.is_empty()
-                && globals.get(name).is_none()
-                && !around.iter().any(|level| level.variables.get(name).is_some()) =>
+            if indices.is_empty() && globals.get(name).is_none() =>
         {
             own.add(name, statement.place)
         }
@@ -116,12 +121,8 @@ pub(super) fn functions<'a>(body: &'a [Statement], found: &mut Vec<&'a Function>
     }
 }
 
-/// The variable that `name` means in the innermost of `levels`.
-pub(super) fn find(name: &str, levels: &[Level], globals: &Names) -> Option<Where> {
-    for (up, level) in levels.iter().rev().enumerate() {
-        if let Some(slot) = level.variables.get(name) {
-            return Some(Where::Frame { up: u8::try_from(up).ok()?, slot });
-        }
-    }
-    globals.get(name).map(Where::Global)
+/// The variable that `name` means where a function has these variables of its own.
+pub(super) fn find(name: &str, own: Option<&Names>, globals: &Names) -> Option<Where> {
+    let local = own.and_then(|own| own.get(name)).map(Where::Local);
+    local.or_else(|| globals.get(name).map(Where::Global))
 }

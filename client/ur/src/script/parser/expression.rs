@@ -32,9 +32,7 @@ impl Parser {
             let place = self.place();
             self.step();
             // A line that ends in an operator goes on in the next.
-            while self.peek().kind == Kind::NewLine {
-                self.step();
-            }
+            self.new_lines();
             let right = self.bound(binds)?;
             left = Expression::new(place, Give::Binary(operator, Box::new(left), Box::new(right)))?;
         }

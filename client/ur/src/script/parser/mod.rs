@@ -123,12 +123,26 @@ impl Parser {
         }
     }
 
-    fn end_of_line(&mut self) -> Result<(), ScriptError> {
-        if self.peek().kind != Kind::NewLine {
-            return Err(self.wrong("the end of the line wanted"));
+    fn new_lines(&mut self) {
+        while self.peek().kind == Kind::NewLine {
+            self.step();
         }
-        self.step();
+    }
+
+    /// After a statement. Another one may follow on the same line, as in the program that ur_rtde sends.
+    fn end_of_statement(&mut self) -> Result<(), ScriptError> {
+        match self.peek().kind {
+            Kind::NewLine => self.step(),
+            Kind::Name(_) => {}
+            _ => return Err(self.wrong("the end of the line wanted")),
+        }
         Ok(())
+    }
+
+    /// What is assigned, on the same line as the `=` or on a later one.
+    fn assigned(&mut self) -> Result<Expression, ScriptError> {
+        self.new_lines();
+        self.expression()
     }
 
     /// The statements up to one of the words `until`, which stays.
@@ -196,7 +210,7 @@ impl Parser {
                 self.assignment_or_call()?
             }
         };
-        self.end_of_line()?;
+        self.end_of_statement()?;
         Ok(Statement { place, what })
     }
 
@@ -210,7 +224,7 @@ impl Parser {
 
     fn declaration(&mut self, scope: Scope) -> Result<Do, ScriptError> {
         let name = self.name()?;
-        let value = if self.accept("=") { Some(self.expression()?) } else { None };
+        let value = if self.accept("=") { Some(self.assigned()?) } else { None };
         Ok(Do::Assign { scope, name, indices: Vec::new(), value })
     }
 
@@ -229,7 +243,7 @@ impl Parser {
             },
             _ => return Err(wrong),
         };
-        Ok(Do::Assign { scope: Scope::Free, name, indices, value: Some(self.expression()?) })
+        Ok(Do::Assign { scope: Scope::Free, name, indices, value: Some(self.assigned()?) })
     }
 
     /// `if` is read; up to and including its `end`.
@@ -275,6 +289,9 @@ impl Parser {
             if !self.is(")") {
                 self.expect(",")?;
             }
+        }
+        if sort == Sort::Thread && !parameters.is_empty() {
+            return Err(ScriptError::new(place, "a thread has no parameters"));
         }
         let body = self.block(place, &["end"])?;
         self.step();

@@ -1,12 +1,11 @@
 //! A program running: its threads, and how they share a cycle.
 //!
-//! Each thread runs until it waits (the machine says so) or has used up its instructions; then it rests until the next
-//! cycle, as the manual's page on thread scheduling has it. The program's own thread is first, the others follow in the
-//! order they were started; a thread that is started or that a `join` lets go runs in the same cycle still. Between
-//! `enter_critical` and `exit_critical` no other thread runs, except while this one waits: the client library's program
-//! waits for its socket and for `servoj` there, and goes on elsewhere meanwhile.
+//! Each thread runs until it waits (the machine says so) or has used up its instructions; then it rests until
+//! the next cycle, as the manual's page on thread scheduling has it. The program's own thread is first, the
+//! others follow in the order they were started; a thread that is started or that a `join` lets go runs in
+//! the same cycle still. Between `enter_critical` and `exit_critical` no other thread runs, except while this
+//! one waits (the manual's page on threads).
 
-mod frames;
 mod step;
 
 use super::code::Code;
@@ -15,7 +14,6 @@ use super::limits;
 use super::machine::{Arguments, Machine, ThreadId};
 use super::program::Program;
 use super::value::Value;
-use frames::{FrameId, Frames};
 use std::sync::Arc;
 
 /// Where a run stands after a cycle.
@@ -33,9 +31,11 @@ pub enum Progress {
 #[derive(Debug)]
 pub struct Run {
     code: Arc<Code>,
-    secondary: bool,
+    /// The program's own thread.
+    own: ThreadId,
     globals: Vec<Option<Value>>,
-    frames: Frames,
+    /// Variables of all calls.
+    live: usize,
     /// In the order they were started; `None` while one runs and when it is over, until the cycle's end.
     threads: Vec<Option<Thread>>,
     /// The number of the next thread.
@@ -52,10 +52,12 @@ pub struct Run {
 #[derive(Debug)]
 struct Thread {
     id: ThreadId,
+    /// The thread that started it.
+    parent: Option<ThreadId>,
     /// The next instruction.
     at: usize,
     stack: Vec<Value>,
-    calls: Vec<FrameId>,
+    calls: Vec<Frame>,
     /// The machine is asked again with these.
     asking: Option<Arguments>,
     /// Waits for this thread's end.
@@ -67,12 +69,26 @@ struct Thread {
     used_up: u32,
 }
 
+/// The variables of a call.
+#[derive(Debug)]
+struct Frame {
+    /// The function's number.
+    body: usize,
+    values: Vec<Option<Value>>,
+    /// The instruction after the call.
+    back: usize,
+    /// How many values stood on the stack.
+    base: usize,
+}
+
 /// Why a thread no longer runs in this cycle.
 enum Stop {
     Waits,
     UsedUp,
     Joins,
     Over,
+    /// By itself.
+    Killed,
     Halts,
 }
 
@@ -80,27 +96,27 @@ impl Run {
     /// A run that has not begun.
     ///
     /// # Errors
-    /// The program calls a function that neither it nor the machine has: a controller refuses such a program when it is
-    /// loaded, which is why clients leave lines out that older versions do not know.
+    /// The program calls a function that neither it nor the machine has: a controller refuses such a program
+    /// when it is loaded, which is why clients leave lines out that older versions do not know.
     pub fn new(program: &Program, machine: &dyn Machine) -> Result<Self, ScriptError> {
         if let Some((name, place)) = program.wanted().find(|(name, _)| !machine.knows(name)) {
             return Err(ScriptError::new(place, format!("there is no function {name}")));
         }
         let code = Arc::clone(&program.code);
+        let own = if program.is_secondary() { ThreadId::SECONDARY } else { ThreadId::PROGRAM };
         let mut run = Self {
             globals: vec![None; code.globals.len()],
             code,
-            secondary: program.is_secondary(),
-            frames: Frames::default(),
+            own,
+            live: 0,
             threads: Vec::new(),
-            next: 0,
+            next: own.0,
             holder: None,
             made: 0,
             cost: 0,
             over: None,
         };
-        run.start(0, Vec::new(), None)
-            .map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
+        run.start(0, None).map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
         Ok(run)
     }
 
@@ -113,8 +129,8 @@ impl Run {
             thread.rests = false;
         }
         let progress = match self.all_threads(machine) {
-            Ok(false) if self.secondary => {
-                let place = self.place(ThreadId::PROGRAM);
+            Ok(false) if self.own == ThreadId::SECONDARY => {
+                let place = self.place(self.own);
                 Progress::Failed(ScriptError::new(place, "a secondary program must be done within a cycle"))
             }
             Ok(false) => Progress::Running,
@@ -138,7 +154,7 @@ impl Run {
     /// The line that the program's own thread is at, from 1; 0 after the end.
     #[must_use]
     pub fn line(&self) -> u32 {
-        self.place(ThreadId::PROGRAM).line
+        self.place(self.own).line
     }
 
     /// How many threads are alive, the program's own included.
@@ -213,8 +229,13 @@ impl Run {
                     self.holder = Some(thread.id);
                 }
             }
+            Ok(Stop::Killed) => {
+                self.kill_children(thread.id, machine);
+                self.ended(thread, machine);
+                return Ok(false);
+            }
             Ok(Stop::Over) => {
-                let over = thread.id == ThreadId::PROGRAM;
+                let over = thread.id == self.own;
                 self.ended(thread, machine);
                 return Ok(over);
             }
@@ -261,25 +282,19 @@ impl Run {
         Ok(Stop::UsedUp)
     }
 
-    /// Starts a thread in the function `body`, with these variables; its number.
-    fn start(
-        &mut self,
-        body: usize,
-        values: Vec<Option<Value>>,
-        around: Option<FrameId>,
-    ) -> Result<ThreadId, String> {
+    /// Starts a thread in the function `body`; its number.
+    fn start(&mut self, body: usize, parent: Option<ThreadId>) -> Result<ThreadId, String> {
         if self.threads.iter().flatten().count() >= limits::THREADS {
             return Err(format!("more than {} threads", limits::THREADS));
         }
         let code = Arc::clone(&self.code);
         let function = code.bodies.get(body).ok_or("there is no such function")?;
-        let mut values = values;
-        values.resize(function.variables.len(), None);
-        let frame = self.frames.open(body, values, around, 0, 0)?;
+        let frame = self.open(body, Vec::new(), 0, 0)?;
         let id = ThreadId(self.next);
         self.next = self.next.checked_add(1).ok_or("too many threads were started")?;
         self.threads.push(Some(Thread {
             id,
+            parent,
             at: function.entry,
             stack: Vec::new(),
             calls: vec![frame],
@@ -292,9 +307,52 @@ impl Run {
         Ok(id)
     }
 
+    /// The frame of a call of `body` whose first variables are these.
+    fn open(
+        &mut self,
+        body: usize,
+        values: Vec<Option<Value>>,
+        back: usize,
+        base: usize,
+    ) -> Result<Frame, String> {
+        let count = self.code.bodies.get(body).map_or(0, |body| body.variables.len());
+        let live = self.live.saturating_add(count);
+        if live > limits::LIVE_VARIABLES {
+            return Err(format!("more than {} variables in all calls that are open", limits::LIVE_VARIABLES));
+        }
+        self.live = live;
+        let mut values = values;
+        values.resize(count, None);
+        Ok(Frame { body, values, back, base })
+    }
+
+    fn kill(&mut self, id: ThreadId, machine: &mut dyn Machine) {
+        let mut threads = self.threads.iter_mut();
+        if let Some(slot) = threads.find(|thread| thread.as_ref().is_some_and(|thread| thread.id == id))
+            && let Some(thread) = slot.take()
+        {
+            self.ended(thread, machine);
+        }
+        self.kill_children(id, machine);
+    }
+
+    /// Ends every thread that `id` started, and those that they started.
+    fn kill_children(&mut self, id: ThreadId, machine: &mut dyn Machine) {
+        let mut parents = vec![id];
+        // Every round takes a thread away, so it ends.
+        while let Some(parent) = parents.pop() {
+            let mut threads = self.threads.iter_mut();
+            let child = threads.find(|thread| thread.as_ref().is_some_and(|t| t.parent == Some(parent)));
+            if let Some(child) = child.and_then(Option::take) {
+                parents.extend([parent, child.id]);
+                self.ended(child, machine);
+            }
+        }
+    }
+
     fn ended(&mut self, thread: Thread, machine: &mut dyn Machine) {
-        for frame in thread.calls {
-            self.frames.close(frame);
+        for frame in &thread.calls {
+            self.live = self.live.saturating_sub(frame.values.len());
         }
         if self.holder == Some(thread.id) {
             self.holder = None;
@@ -318,13 +376,14 @@ impl Run {
         let sum = |values: &mut dyn Iterator<Item = &Value>| {
             values.map(Value::weight).fold(0, usize::saturating_add)
         };
-        let mut weight = self.frames.weight().saturating_add(sum(&mut self.globals.iter().flatten()));
+        let mut weight = sum(&mut self.globals.iter().flatten());
         for thread in self.threads.iter().flatten().chain([thread]) {
             let asking = thread
                 .asking
                 .iter()
                 .flat_map(|asked| asked.positional.iter().chain(asked.named.iter().map(|(_, value)| value)));
-            weight = weight.saturating_add(sum(&mut thread.stack.iter().chain(asking)));
+            let variables = thread.calls.iter().flat_map(|frame| frame.values.iter().flatten());
+            weight = weight.saturating_add(sum(&mut thread.stack.iter().chain(asking).chain(variables)));
         }
         if weight > limits::WEIGHT {
             return Err("the program's values are too large".to_owned());

@@ -35,7 +35,8 @@ fn weight(values: &[Value]) -> usize {
 }
 
 impl Run {
-    /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the place.
+    /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the
+    /// place.
     pub(super) fn step(
         &mut self,
         thread: &mut Thread,
@@ -83,7 +84,7 @@ impl Run {
                 }
             }
             Op::JumpIfGiven(slot, target) => {
-                if self.variable(thread, Where::Frame { up: 0, slot })?.is_some() {
+                if self.variable(thread, Where::Local(slot))?.is_some() {
                     next = to(target);
                 }
             }
@@ -94,6 +95,8 @@ impl Run {
             Op::Binary(operator) => {
                 let (right, left) = (thread.take()?, thread.take()?);
                 let value = arithmetic::binary(operator, &left, &right)?;
+                let work = arithmetic::work(operator, &left, &right) / 4;
+                self.cost = self.cost.saturating_add(u32::try_from(work).unwrap_or(u32::MAX));
                 self.made(left.weight().saturating_add(right.weight()), thread)?;
                 self.give_made(thread, value)?;
             }
@@ -115,7 +118,8 @@ impl Run {
                 let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
                 let arguments = thread.take_many(ready.arguments)?;
                 let number = to(ready.target);
-                self.made(weight(&arguments), thread)?;
+                // Unlike the operators they look at every letter and copy every element.
+                self.cost = self.cost.saturating_add(u32::try_from(weight(&arguments)).unwrap_or(u32::MAX));
                 let value = builtins::call(number, &arguments);
                 let value = value.map_err(|message| format!("{} {message}", builtins::name(number)))?;
                 self.give_made(thread, value)?;
@@ -151,22 +155,22 @@ impl Run {
                 if thread.calls.len() >= limits::CALL_DEPTH {
                     return Err(format!("calls are deeper than {}", limits::CALL_DEPTH));
                 }
-                let (values, around) = self.values(thread, ready)?;
+                let values = values(thread, ready)?;
                 let body = to(ready.target);
-                let frame = self.frames.open(body, values, around, next, thread.stack.len())?;
+                let frame = self.open(body, values, next, thread.stack.len())?;
                 thread.calls.push(frame);
                 next = code.bodies.get(body).ok_or(EMPTY)?.entry;
             }
             Op::Run(call) => {
                 let ready = code.asked.get(to(call)).ok_or(EMPTY)?;
-                let (values, around) = self.values(thread, ready)?;
-                // The runner itself is out of the list while it runs.
-                let id = self.start(to(ready.target), values, around)?;
+                self.cost = self.cost.saturating_add(limits::STEPS_OF_RUN);
+                let id = self.start(to(ready.target), Some(thread.id))?;
                 thread.give(Value::Thread(id))?;
             }
             Op::Return => {
                 let value = thread.take()?;
-                let frame = thread.calls.pop().and_then(|id| self.frames.close(id)).ok_or(EMPTY)?;
+                let frame = thread.calls.pop().ok_or(EMPTY)?;
+                self.live = self.live.saturating_sub(frame.values.len());
                 if thread.calls.is_empty() {
                     return Ok(Some(Stop::Over));
                 }
@@ -177,15 +181,9 @@ impl Run {
             Op::Kill => {
                 if let Some(id) = named_thread(&thread.take()?)? {
                     if id == thread.id {
-                        return Ok(Some(Stop::Over));
+                        return Ok(Some(Stop::Killed));
                     }
-                    let mut others = self.threads.iter_mut();
-                    if let Some(other) =
-                        others.find(|other| other.as_ref().is_some_and(|other| other.id == id))
-                        && let Some(other) = other.take()
-                    {
-                        self.ended(other, machine);
-                    }
+                    self.kill(id, machine);
                 }
             }
             Op::Join => {
@@ -214,55 +212,41 @@ impl Run {
         thread.give(value)
     }
 
-    fn variable(&mut self, thread: &Thread, at: Where) -> Result<&mut Option<Value>, String> {
-        match at {
-            Where::Global(number) => {
-                self.globals.get_mut(usize::from(number)).ok_or_else(|| EMPTY.to_owned())
+    fn variable<'a>(
+        &'a mut self,
+        thread: &'a mut Thread,
+        at: Where,
+    ) -> Result<&'a mut Option<Value>, String> {
+        let variable = match at {
+            Where::Global(number) => self.globals.get_mut(usize::from(number)),
+            Where::Local(slot) => {
+                thread.calls.last_mut().and_then(|call| call.values.get_mut(usize::from(slot)))
             }
-            Where::Frame { up, slot } => {
-                let frame = thread.calls.last().and_then(|&frame| self.frames.up(frame, up));
-                let frame = frame.and_then(|frame| self.frames.get_mut(frame));
-                frame
-                    .and_then(|frame| frame.values.get_mut(usize::from(slot)))
-                    .ok_or_else(|| "this variable belongs to a call that is over".to_owned())
-            }
-        }
+        };
+        variable.ok_or_else(|| EMPTY.to_owned())
     }
 
     fn name(&self, thread: &Thread, at: Where) -> &str {
         let name = match at {
             Where::Global(number) => self.code.globals.get(usize::from(number)),
-            Where::Frame { up, slot } => thread
+            Where::Local(slot) => thread
                 .calls
                 .last()
-                .and_then(|&frame| self.frames.get(self.frames.up(frame, up)?))
-                .and_then(|frame| self.code.bodies.get(frame.body)?.variables.get(usize::from(slot))),
+                .and_then(|call| self.code.bodies.get(call.body)?.variables.get(usize::from(slot))),
         };
         name.map_or("", String::as_str)
     }
+}
 
-    /// The variables of a call at its beginning, and the frame that it stands in.
-    fn values(
-        &self,
-        thread: &mut Thread,
-        ready: &Ready,
-    ) -> Result<(Vec<Option<Value>>, Option<super::FrameId>), String> {
-        let body =
-            usize::try_from(ready.target).ok().and_then(|body| self.code.bodies.get(body)).ok_or(EMPTY)?;
-        let mut values = vec![None; body.variables.len()];
-        for (slot, value) in ready.slots.iter().zip(thread.take_many(ready.arguments)?) {
-            if let Some(place) = values.get_mut(usize::from(*slot)) {
-                *place = Some(value);
-            }
-        }
-        let here = thread.calls.last().copied().ok_or(EMPTY)?;
-        let around = body.inside.map(|inside| self.frames.around(here, inside));
-        match around {
-            Some(None) => Err(format!("{} belongs to a call that is over", body.name)),
-            Some(around) => Ok((values, around)),
-            None => Ok((values, None)),
+/// The first variables of a call, as its arguments have them.
+fn values(thread: &mut Thread, ready: &Ready) -> Result<Vec<Option<Value>>, String> {
+    let mut values = vec![None; ready.slots.iter().map(|&slot| usize::from(slot) + 1).max().unwrap_or(0)];
+    for (slot, value) in ready.slots.iter().zip(thread.take_many(ready.arguments)?) {
+        if let Some(place) = values.get_mut(usize::from(*slot)) {
+            *place = Some(value);
         }
     }
+    Ok(values)
 }
 
 /// The arguments of a call to the machine.

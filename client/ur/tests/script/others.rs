@@ -1,7 +1,7 @@
-//! Programs that others wrote. They are not part of this repository: where the folder named by `FORETRACE_UR_SCRIPTS`
-//! has them (`*.script`; `tests/ur` makes it), they are run, else the test says that it was skipped.
+//! Programs that others wrote. They are not part of this repository: where the folder named by
+//! `FORETRACE_UR_SCRIPTS` has them (`*.script`), they are run, else the test says that it was skipped.
 
-use foretrace_ur::script::{Call, Called, Machine, Program, Progress, Run, ThreadId, Value};
+use foretrace_ur::script::{Call, Called, List, Machine, Program, Progress, Run, ThreadId, Uploads, Value};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -14,6 +14,9 @@ struct Robot {
     /// The last motion: name, joints or pose, and how often it was asked for.
     motion: Option<(String, [f64; 6], u32)>,
     waited: HashMap<ThreadId, u32>,
+    /// What the reverse socket of the client library brings, if anything.
+    socket: Option<Vec<i32>>,
+    said: Vec<String>,
 }
 
 impl Machine for Robot {
@@ -40,6 +43,25 @@ impl Machine for Robot {
             },
             "get_steptime" => Called::Value(Value::Float(0.002)),
             "is_steady" => Called::Value(Value::Bool(true)),
+            "get_joint_positions" | "get_target_joint_positions" | "get_target_joint_speeds" => {
+                Called::Value(Value::floats(&[0.0; 6]))
+            }
+            "textmsg" => {
+                self.said.extend(argument(0).map(ToString::to_string));
+                Called::Value(Value::None)
+            }
+            "socket_open" => Called::Value(Value::Bool(true)),
+            "socket_read_binary_integer" => {
+                // The script command socket stays silent; the reverse socket brings one message a cycle.
+                let reverse = argument(1).and_then(Value::as_text) == Some("reverse_socket");
+                match if reverse { self.socket.take() } else { None } {
+                    Some(numbers) => {
+                        let list = numbers.into_iter().map(Value::Integer).collect();
+                        Called::Value(Value::List(List::new(list).unwrap()))
+                    }
+                    None => Called::Wait,
+                }
+            }
             "sync" => Called::Cycle(Value::None),
             "servoj" | "speedj" | "servoc" | "speedl" => {
                 let Some(target) = argument(0).and_then(Value::as_numbers) else {
@@ -65,16 +87,25 @@ impl Machine for Robot {
     }
 }
 
-/// The programs of `ur_rtde`, which leaves the offsets of its registers to the client that sends them.
-fn programs() -> Vec<(PathBuf, String)> {
-    let Some(folder) = std::env::var_os("FORETRACE_UR_SCRIPTS") else { return Vec::new() };
-    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+/// The programs of that name (its beginning) in the folder, with their paths.
+fn programs(name: &str) -> Vec<(PathBuf, String)> {
+    let folder = std::env::var_os("FORETRACE_UR_SCRIPTS");
+    let files = folder
+        .iter()
+        .flat_map(|folder| std::fs::read_dir(folder).unwrap())
+        .map(|entry| entry.unwrap().path());
     let scripts = files.filter(|path| path.extension().is_some_and(|ending| ending == "script"));
-    let read = |path: PathBuf| {
-        let text = std::fs::read_to_string(&path).unwrap();
-        (path, text.replace("= # float register offset", "= 0").replace("= # int register offset", "= 0"))
-    };
-    scripts.map(read).filter(|(_, text)| text.contains("def rtde_control():")).collect()
+    let texts = scripts.map(|path| (std::fs::read_to_string(&path).unwrap(), path));
+    // The client puts the offsets of its registers behind these comments, which is where the next line begins.
+    let filled = texts.map(|(text, path)| {
+        let offsets = ["# float register offset\n", "# int register offset\n"];
+        (path, offsets.iter().fold(text, |text, offset| text.replace(offset, &format!("{offset}0"))))
+    });
+    let found: Vec<_> = filled.filter(|(_, text)| text.starts_with(&format!("def {name}"))).collect();
+    if found.is_empty() {
+        eprintln!("skipped: FORETRACE_UR_SCRIPTS names no folder with the program {name}");
+    }
+    found
 }
 
 struct Client {
@@ -115,12 +146,7 @@ impl Client {
 
 #[test]
 fn the_program_of_ur_rtde_moves_servos_speeds_and_stops() {
-    let programs = programs();
-    if programs.is_empty() {
-        eprintln!("skipped: FORETRACE_UR_SCRIPTS names no folder with ur_rtde's program");
-        return;
-    }
-    for (path, text) in programs {
+    for (path, text) in programs("rtde_control") {
         eprintln!("{}", path.display());
         let program = Program::parse(&text).unwrap();
         assert_eq!(program.name(), "rtde_control");
@@ -172,5 +198,42 @@ fn the_program_of_ur_rtde_moves_servos_speeds_and_stops() {
             .map(|_| client.run.cycle(&mut client.robot))
             .find(|progress| *progress != Progress::Running);
         assert_eq!(end, Some(Progress::Finished));
+    }
+}
+
+#[test]
+fn the_program_of_the_client_library_servos_and_extrapolates() {
+    for (path, text) in programs("externalControl") {
+        eprintln!("{}", path.display());
+        let program = Program::parse(&text).unwrap();
+        let robot = Robot::default();
+        let run = Run::new(&program, &robot).unwrap();
+        let mut client = Client { robot, run };
+        client.cycles(1);
+        // Eight numbers: time limit [ms], joints [1e-6 rad], mode 1 (servoj); before them their count.
+        for cycle in 0..20 {
+            client.robot.socket = Some(vec![8, 20, cycle * 100, 0, 0, 0, 0, 0, 1]);
+            client.cycles(1);
+        }
+        let Some((name, q, times)) = client.robot.motion.clone() else { panic!("no motion") };
+        assert_eq!((name.as_str(), q[0], times), ("servoj", 0.0019, 20));
+        // No message: the servo thread goes on by itself.
+        client.cycles(3);
+        assert_eq!(client.robot.motion.as_ref().map(|motion| motion.2), Some(23));
+        // Mode -2 ends the program.
+        client.robot.socket = Some(vec![8, 20, 0, 0, 0, 0, 0, 0, -2]);
+        let end = (0..20).map(|_| client.run.cycle(&mut client.robot)).find(|p| *p != Progress::Running);
+        assert_eq!(end, Some(Progress::Finished), "{:?}", client.robot.said);
+    }
+}
+
+#[test]
+fn every_program_of_the_folder_is_read() {
+    for (path, text) in programs("") {
+        let program = Program::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        assert!(!program.name().is_empty(), "{}", path.display());
+        let robot = Robot::default();
+        assert!(Run::new(&program, &robot).is_ok());
+        assert_eq!(Uploads::default().take(text.as_bytes()), Ok(vec![text]), "{}", path.display());
     }
 }

@@ -1,0 +1,47 @@
+#!/usr/bin/env bash
+# Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit, universal-robots-clients.
+# Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder); where it cannot be had, says so and
+# leaves with 0. FORETRACE is the program (default: built here). Ports of a robot are fixed, so each simulator has an
+# address of its own: 127.0.0.21 and 127.0.0.22.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+scratch=$(mktemp -d)
+simulators=()
+finish() {
+  for simulator in "${simulators[@]}"; do kill "$simulator" 2>/dev/null || true; done
+  rm -rf "$scratch"
+}
+trap finish EXIT
+
+venv=${FORETRACE_UR_VENV:-$scratch/venv}
+if [[ ! -x $venv/bin/python ]]; then
+  if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
+    ! timeout 600 "$venv/bin/pip" install -q --only-binary ur_rtde \
+      ur_rtde==1.6.5 urkit==0.6.0 urx==0.11.0 universal-robots-clients==0.4.0 >>"$scratch/log" 2>&1; then
+    echo "ur: skipped, no Python environment with ur_rtde and others can be had here: $(tail -1 "$scratch/log")"
+    exit 0
+  fi
+fi
+
+if [[ -z ${FORETRACE:-} ]]; then
+  cargo build --release --locked -p foretrace
+  FORETRACE=target/release/foretrace
+fi
+
+broken=0
+for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
+  read -r name rate address <<<"$series"
+  "$FORETRACE" ur-sim --series "$name" --bind "$address" &
+  simulators+=($!)
+  # Until its last port is open.
+  for _ in $(seq 100); do
+    (exec 3<>"/dev/tcp/$address/30020") 2>/dev/null && break
+    sleep 0.1
+  done
+  for judge in sdu others; do
+    timeout 300 "$venv/bin/python" "tests/ur/$judge.py" "$address" "$rate" || broken=$((broken + $?))
+  done
+done
+echo "ur: $broken claims broken"
+[[ $broken == 0 ]]
