@@ -33,7 +33,7 @@ impl Watcher {
         while let Ok(Some(package)) = self.client.receive(Duration::from_millis(1)) {
             let [Value::Double(t), Value::Vector6d(q)] = package.values[..] else { panic!() };
             self.seen.push((t, q));
-            if self.seen.len() % 8 == 0 {
+            if self.seen.len().is_multiple_of(8) {
                 return;
             }
         }
