@@ -1,6 +1,7 @@
 //! The bridge over sockets, against the stand-in.
 
 mod scene;
+mod sockets;
 mod world;
 
 use std::net::TcpListener;
