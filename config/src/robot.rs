@@ -192,7 +192,8 @@ fn limits(
                 format!("gives joint limits that cannot be kept: {error}"),
                 match error {
                     LimitError::Deceleration { .. } => {
-                        "set it to what the arm really brakes with by itself when commands stay away, at most \
+                        "set it to what the arm really brakes with by itself when commands stay away, at \
+                         most \
                          robot.acceleration_radps2"
                     }
                     _ => "correct the limits of the settings or of the URDF",

@@ -123,7 +123,8 @@ fn stop(args: &RequestArgs, wait: Duration) -> Result<(), Failure> {
             StopError::NoDaemon { .. } => Failure::new(
                 Cause::NoDaemon,
                 format_args!("no stop was sent: {error}"),
-                "if an arm moves, use its own stop button; a service's daemon is found with `sudo -u foretrace \
+                "if an arm moves, use its own stop button; a service's daemon is found with `sudo -u \
+                 foretrace \
                  XDG_RUNTIME_DIR=/run/foretrace foretrace request stop`",
             ),
             other => Failure::failed(other, OTHERWISE),

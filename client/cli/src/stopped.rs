@@ -39,11 +39,13 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
         }
         FaultReason::Overruns => {
             "the loop cannot keep its rate on this machine (bounds: safety.late_ticks_max, \
-             safety.late_ticks_window_ms): lower loop.rate_hz, set mpc.backend and ik.backend to \"exact\", or \
+             safety.late_ticks_window_ms): lower loop.rate_hz, set mpc.backend and ik.backend to \"exact\", \
+             or \
              see `foretrace doctor`; then arm again"
         }
         FaultReason::Envelope => {
-            "the tool would have left its height, workspace, tilt or speed (bounds: safety.envelope): look at \
+            "the tool would have left its height, workspace, tilt or speed (bounds: safety.envelope): look \
+             at \
              plane.workspace_m and mpc.limits, then arm again; `foretrace move home` brings it back"
         }
         FaultReason::WayBlocked => {

@@ -169,7 +169,8 @@ pub(super) fn lateness(need: &Need, seen: &Lateness) -> Finding {
         seen.ticks + seen.missed
     );
     let fix = format!(
-        "first the remedies above; then find what holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` beside \
+        "first the remedies above; then find what holds the CPU: `sudo cyclictest -m -p{} -i{} -l10000` \
+         beside \
          your other \
          programs, `sudo trace-cmd record -e sched_switch -e irq`; or a slower loop: --set loop.rate_hz={}",
         need.priority,

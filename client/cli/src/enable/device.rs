@@ -11,7 +11,8 @@ use evdevil::event::Key;
 
 use crate::failure::{Cause, Failure};
 
-const RIGHTS: &str = "give your user the group `input`, or a udev rule with TAG+=\"uaccess\" for this device, \
+const RIGHTS: &str = "give your user the group `input`, or a udev rule with TAG+=\"uaccess\" for this \
+                      device, \
                       then plug it in again";
 
 /// A button of a device.

@@ -237,8 +237,8 @@ impl ArmModel {
         self.clamped
     }
 
-    /// Another look-ahead from the next cycle on [s], as a program's `servoj` may ask for. Without one, targets that the
-    /// servo had not come to are forgotten: it goes on from where it is.
+    /// Another look-ahead from the next cycle on \[s\], as a program's `servoj` may ask for. Without one,
+    /// targets that the servo had not come to are forgotten: it goes on from where it is.
     pub fn set_look_ahead_s(&mut self, look_ahead_s: f64) {
         if look_ahead_s <= 0.0 && self.settings.look_ahead_s > 0.0 {
             self.previous_target = self.servo.map(|servo| servo.q);
@@ -246,7 +246,7 @@ impl ArmModel {
         self.settings.look_ahead_s = look_ahead_s;
     }
 
-    /// Where the servo is, which the joint loop follows [rad], [rad/s].
+    /// Where the servo is, which the joint loop follows \[rad\], \[rad/s\].
     #[must_use]
     pub fn servo(&self) -> Joints {
         Joints { q: self.servo.map(|servo| servo.q), qd: self.servo.map(|servo| servo.qd) }

@@ -27,7 +27,7 @@ pub struct Targets {
 pub enum Target {
     /// There was no command yet.
     None,
-    /// Be at these joints [rad], moving this fast [rad/s]; the command is enabled and valid.
+    /// Be at these joints \[rad\], moving this fast \[rad/s\]; the command is enabled and valid.
     Follow(JointMotion<JOINTS>),
     /// The same, on the way to a stand or at rest: no valid command asks for motion.
     Brake(JointMotion<JOINTS>),
