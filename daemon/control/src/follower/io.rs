@@ -289,3 +289,33 @@ pub struct StepOutput<const J: usize> {
     /// See `learn`.
     pub learn_count: usize,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_word_of_health_is_a_bit_of_its_own() {
+        let bits = [
+            Health::PEN_STALE,
+            Health::PEN_REJECTED,
+            Health::PEN_JUMP,
+            Health::PREDICTOR_INVALID,
+            Health::WEIGHTS_REFUSED,
+            Health::MPC_FAILED,
+            Health::IK_FAILED,
+            Health::IK_LIMITED,
+            Health::GUARD_ALTERED,
+            Health::RESYNCHRONISED,
+            Health::SHED,
+            Health::JOINTS_STALE,
+            Health::ENABLE_MISSING,
+            Health::TIME_LOST,
+            Health::JOINTS_REJECTED,
+            Health::CLEARANCE,
+            Health::FALLBACK,
+        ];
+        assert_eq!(bits.iter().fold(0, |all, bit| all | bit), (1 << bits.len()) - 1);
+        assert!(bits.iter().all(|bit| bit.count_ones() == 1));
+    }
+}
