@@ -5,6 +5,7 @@
 # are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+here=$PWD/tests/ur
 
 scratch=$(mktemp -d)
 simulators=()
@@ -14,7 +15,7 @@ finish() {
 }
 trap finish EXIT
 
-venv=${FORETRACE_UR_VENV:-$scratch/venv}
+venv=$(realpath -m "${FORETRACE_UR_VENV:-$scratch/venv}")
 if [[ ! -x $venv/bin/python ]]; then
   if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
     ! timeout 600 "$venv/bin/pip" install -q --only-binary ur_rtde \
@@ -40,7 +41,9 @@ for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
     sleep 0.1
   done
   for judge in sdu others; do
-    timeout 300 "$venv/bin/python" "tests/ur/$judge.py" "$address" "$rate" || broken=$((broken + $?))
+    # urkit leaves a log where it is started.
+    (cd "$scratch" && timeout 300 "$venv/bin/python" "$here/$judge.py" "$address" "$rate") ||
+      broken=$((broken + $?))
   done
 done
 echo "ur: $broken claims broken"

@@ -38,7 +38,7 @@ proptest! {
     #[test]
     fn any_conversation_is_answered_in_whole_packages(packages in prop::collection::vec(package(), 0..40)) {
         let mut world = World::new(Options::new(Series::E));
-        let mut session = Session::new(1, Series::E);
+        let mut session = Session::new(1, &Options::new(Series::E));
         let mut version = ProtocolVersion::V1;
         for (kind, payload) in packages {
             let replies = session.answer(kind, &payload, &mut world);
