@@ -3,10 +3,12 @@
 //! Contract: nothing but the address of `--bind` can reach it, loopback unless said otherwise. It runs until
 //! Ctrl-C or for `--seconds`.
 
+use std::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
 use foretrace_ur::controller::{Controller, Options, Series, Service};
+use foretrace_ur::rtde::ControllerVersion;
 use serde::Serialize;
 
 use crate::failure::{Cause, Failure};
@@ -24,12 +26,20 @@ const LOOK: Duration = Duration::from_millis(100);
 /// them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  foretrace ur-sim --series e\n  foretrace ur-sim --bind 127.0.0.2 --calibration-error-mm 4\n  foretrace ur-sim --do 'slider 0.3' --do 'remote off'"
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  foretrace ur-sim --series e\n  \
+                  foretrace ur-sim --bind 127.0.0.2 --calibration-error-mm 4\n  \
+                  foretrace ur-sim --do 'slider 0.3' --do 'remote off'"
 )]
 pub(crate) struct UrSimArgs {
     /// CB3 (UR5, software 3.15, 125 Hz) or e-Series (UR5e, software 5.11, 500 Hz)
     #[arg(long, value_enum, default_value_t = SeriesArg::Cb3)]
     series: SeriesArg,
+
+    /// Software that it says it has, to see what a client makes of older or newer ones [default: that of the
+    /// series]
+    #[arg(long, value_name = "MAJOR.MINOR.BUGFIX.BUILD", value_parser = software)]
+    software: Option<ControllerVersion>,
 
     /// Address to listen at; one that is no loopback address lets everybody in the network move the simulated
     /// arm
@@ -41,7 +51,7 @@ pub(crate) struct UrSimArgs {
     seconds: Option<f64>,
 
     /// Stand at these joints in the beginning, base first [rad] [default: home of the presets]
-    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',', num_args = 1.., allow_negative_numbers = true)]
+    #[arg(long, value_name = "Q1,...,Q6", value_delimiter = ',')]
     from: Option<Vec<f64>>,
 
     /// Give the arm a calibration of its own: the flange is off the nominal one by this much [mm]
@@ -82,6 +92,14 @@ struct Report {
     state: serde_json::Value,
 }
 
+fn software(text: &str) -> Result<ControllerVersion, String> {
+    let numbers: Option<Vec<u32>> = text.split('.').map(|number| number.parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[major, minor, bugfix, build]) => Ok(ControllerVersion { major, minor, bugfix, build }),
+        _ => Err("four numbers with dots between, as 5.11.1.108318".to_owned()),
+    }
+}
+
 fn millimetres(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|mm| (0.0..=50.0).contains(mm));
     number.ok_or_else(|| "from 0 to 50 mm".to_owned())
@@ -95,6 +113,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         SeriesArg::E => Series::E,
     };
     let mut options = Options {
+        version: args.software.unwrap_or(series.version()),
         bind: args.bind,
         ephemeral_ports: args.ephemeral_ports,
         calibration_error_m: args.calibration_error_mm * 1e-3,
@@ -112,7 +131,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
             return Err(Failure::usage(format_args!("--do {order:?}: {why}"), ""));
         }
     }
-    let version = series.version();
+    let version = options.version;
     note!("ur-sim: {} {version}, {} Hz, at {}", series.model(), series.rate_hz(), args.bind);
     if args.ephemeral_ports {
         for service in Service::ALL {
@@ -138,10 +157,10 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
 /// Where the arm stands at first [rad].
 fn standing(from: &[f64]) -> Result<[f64; 6], Failure> {
     let q: Option<[f64; 6]> = from.try_into().ok();
-    q.filter(|q| q.iter().all(|q| q.abs() <= 6.28)).ok_or_else(|| {
+    q.filter(|q| q.iter().all(|q| q.abs() <= TAU)).ok_or_else(|| {
         Failure::new(
             Cause::Usage,
-            "--from wants six joints within 6.28 rad",
+            "--from wants six joints within a turn of 0",
             "give --from=Q1,...,Q6, base first, in radians",
         )
     })

@@ -13,8 +13,8 @@ use super::world::World;
 /// All that is understood.
 pub const HELP: &str = "protective-stop, unlock, emergency-stop, emergency-reset, safeguard-stop, \
      safeguard-reset, power-off, power-up, slider 0..1, pause, play, stop-program, remote on|off, \
-     payload KG, tcp X Y Z RX RY RZ, arm KIND[:VALUE], reboot [SECONDS], service NAME on|off, cut SECONDS, delay MS, \
-     jitter MS, digital-in N on|off, status, help";
+     payload KG, tcp X Y Z RX RY RZ, arm KIND[:VALUE], reboot [SECONDS], service NAME on|off, cut SECONDS, \
+     delay MS, jitter MS, digital-in N on|off, status, help";
 
 /// Does what `line` says; the answer begins with `ok` or `error`, but that of `status`, which is JSON.
 pub fn obey(world: &mut World, trouble: &Trouble, line: &str) -> String {

@@ -32,3 +32,5 @@ pub use options::{Options, Series, Service};
 
 #[cfg(test)]
 mod conversation_tests;
+#[cfg(test)]
+mod hostile_tests;

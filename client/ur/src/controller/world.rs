@@ -75,7 +75,7 @@ impl World {
     /// A controller that has booted.
     #[must_use]
     pub fn new(options: Options) -> Self {
-        let version = options.series.version();
+        let version = options.version;
         Self {
             robot: Robot::new(options),
             inputs: Inputs::new((version.major, version.minor)),
@@ -269,31 +269,36 @@ impl World {
         self.robot.power_off();
     }
 
-    /// Does what inputs that are no registers ask for: the slider, digital and analog outputs, where their
-    /// mask says so.
-    pub fn apply_inputs(&mut self) {
+    /// Does what the input `name` asks for, if it is no register: the slider, digital and analog outputs,
+    /// where their mask says so.
+    pub fn apply_input(&mut self, name: &str) {
         let inputs = &self.inputs;
         let word = |name: &str| inputs.value(name).and_then(Value::uint8).unwrap_or(0);
         let number = |name: &str| inputs.value(name).and_then(Value::double).unwrap_or(0.0);
-        if inputs.value("speed_slider_mask").and_then(Value::uint32).is_some_and(|mask| mask & 1 == 1) {
+        if name.starts_with("speed_slider") {
+            let mask = inputs.value("speed_slider_mask").and_then(Value::uint32).unwrap_or(0);
             let fraction = number("speed_slider_fraction");
-            if fraction.is_finite() {
+            if mask & 1 == 1 && fraction.is_finite() {
                 self.robot.slider = fraction.clamp(0.0, 1.0);
             }
         }
-        let outputs = &mut self.robot.digital_outputs;
-        for (group, shift) in [("standard", 0), ("configurable", 8), ("tool", 16)] {
-            let bits = u64::from(word(&format!("{group}_digital_output"))) << shift;
-            let mask = u64::from(word(&format!("{group}_digital_output_mask"))) << shift;
-            *outputs = *outputs & !mask | bits & mask;
+        for (group, shift) in [("standard_digital", 0), ("configurable_digital", 8), ("tool_digital", 16)] {
+            if name.starts_with(group) {
+                let bits = u64::from(word(&format!("{group}_output"))) << shift;
+                let mask = u64::from(word(&format!("{group}_output_mask"))) << shift;
+                let outputs = &mut self.robot.digital_outputs;
+                *outputs = *outputs & !mask | bits & mask;
+            }
         }
-        let (mask, kind) = (word("standard_analog_output_mask"), word("standard_analog_output_type"));
-        for (index, output) in self.robot.analog_outputs.iter_mut().enumerate() {
-            let share = number(&format!("standard_analog_output_{index}"));
-            if mask >> index & 1 == 1 && share.is_finite() {
-                let share = share.clamp(0.0, 1.0);
-                // 1 is a voltage, 0 a current.
-                *output = if kind >> index & 1 == 1 { 10.0 * share } else { 0.004 + 0.016 * share };
+        if name.starts_with("standard_analog") {
+            let (mask, kind) = (word("standard_analog_output_mask"), word("standard_analog_output_type"));
+            for (index, output) in self.robot.analog_outputs.iter_mut().enumerate() {
+                let share = number(&format!("standard_analog_output_{index}"));
+                if mask >> index & 1 == 1 && share.is_finite() {
+                    let share = share.clamp(0.0, 1.0);
+                    // 1 is a voltage, 0 a current.
+                    *output = if kind >> index & 1 == 1 { 10.0 * share } else { 0.004 + 0.016 * share };
+                }
             }
         }
     }
@@ -358,3 +363,7 @@ impl World {
         debug_assert!(!matches!(self.robot.motion, Motion::Servo { .. }) || safety.protective().is_none());
     }
 }
+
+#[cfg(test)]
+#[path = "world_tests.rs"]
+mod tests;
