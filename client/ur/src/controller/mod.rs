@@ -8,6 +8,7 @@
 
 pub mod options;
 pub mod kinematics;
+pub mod inverse;
 pub mod motion;
 pub mod safety;
 pub mod inputs;
