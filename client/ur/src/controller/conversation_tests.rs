@@ -165,7 +165,8 @@ fn timestamps_are_whole_cycles_and_a_client_that_does_not_read_stalls_nobody() {
             last = now;
         }
         let ratio = (last - first) / began.elapsed().as_secs_f64();
-        assert!((ratio - 1.0).abs() < 0.25, "{ratio}");
+        // A busy machine may let the clock stand; it never goes faster.
+        assert!((0.2..1.2).contains(&ratio), "{ratio}");
     }
 }
 

@@ -35,3 +35,5 @@ pub use options::{Options, Series, Service};
 mod conversation_tests;
 #[cfg(test)]
 mod hostile_tests;
+#[cfg(test)]
+mod trouble_tests;
