@@ -1,5 +1,6 @@
 //! Programs that others wrote. They are not part of this repository: where the folder named by
-//! `FORETRACE_UR_SCRIPTS` has them (`*.script`), they are run, else the test says that it was skipped.
+//! `FORETRACE_UR_SCRIPTS` has them (`others.py` fills it), they are run, else the test says that it was
+//! skipped.
 
 use foretrace_ur::script::{Call, Called, List, Machine, Program, Progress, Run, ThreadId, Uploads, Value};
 use std::collections::HashMap;
@@ -95,13 +96,8 @@ fn programs(name: &str) -> Vec<(PathBuf, String)> {
         .flat_map(|folder| std::fs::read_dir(folder).unwrap())
         .map(|entry| entry.unwrap().path());
     let scripts = files.filter(|path| path.extension().is_some_and(|ending| ending == "script"));
-    let texts = scripts.map(|path| (std::fs::read_to_string(&path).unwrap(), path));
-    // The client puts the offsets of its registers behind these comments, which is where the next line begins.
-    let filled = texts.map(|(text, path)| {
-        let offsets = ["# float register offset\n", "# int register offset\n"];
-        (path, offsets.iter().fold(text, |text, offset| text.replace(offset, &format!("{offset}0"))))
-    });
-    let found: Vec<_> = filled.filter(|(_, text)| text.starts_with(&format!("def {name}"))).collect();
+    let texts = scripts.map(|path| (path.clone(), std::fs::read_to_string(path).unwrap()));
+    let found: Vec<_> = texts.filter(|(_, text)| text.starts_with(&format!("def {name}"))).collect();
     if found.is_empty() {
         eprintln!("skipped: FORETRACE_UR_SCRIPTS names no folder with the program {name}");
     }

@@ -304,6 +304,14 @@ fn a_secondary_program_is_done_within_a_cycle_or_fails() {
 }
 
 #[test]
+fn a_run_may_go_to_another_operating_system_thread() {
+    fn goes<T: Send>(_: &T) {}
+    let program = Program::parse("sync()").unwrap();
+    goes(&program);
+    goes(&Run::new(&program, &Recorder::default()).unwrap());
+}
+
+#[test]
 fn stopping_from_outside_tells_the_machine_and_stays() {
     let mut machine = Recorder::default();
     let program = Program::parse(

@@ -7,14 +7,16 @@
 //! one waits (the manual's page on threads).
 
 mod step;
+mod thread;
 
 use super::code::Code;
 use super::error::{Place, ScriptError};
 use super::limits;
-use super::machine::{Arguments, Machine, ThreadId};
+use super::machine::{Machine, ThreadId};
 use super::program::Program;
 use super::value::Value;
 use std::sync::Arc;
+use thread::{Frame, Thread};
 
 /// Where a run stands after a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,38 +49,6 @@ pub struct Run {
     /// What the present instruction costs.
     cost: u32,
     over: Option<Progress>,
-}
-
-#[derive(Debug)]
-struct Thread {
-    id: ThreadId,
-    /// The thread that started it.
-    parent: Option<ThreadId>,
-    /// The next instruction.
-    at: usize,
-    stack: Vec<Value>,
-    calls: Vec<Frame>,
-    /// The machine is asked again with these.
-    asking: Option<Arguments>,
-    /// Waits for this thread's end.
-    joining: Option<ThreadId>,
-    /// Not before the next cycle.
-    rests: bool,
-    critical: bool,
-    /// Cycles in a row that were used up.
-    used_up: u32,
-}
-
-/// The variables of a call.
-#[derive(Debug)]
-struct Frame {
-    /// The function's number.
-    body: usize,
-    values: Vec<Option<Value>>,
-    /// The instruction after the call.
-    back: usize,
-    /// How many values stood on the stack.
-    base: usize,
 }
 
 /// Why a thread no longer runs in this cycle.

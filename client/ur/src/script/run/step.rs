@@ -4,31 +4,9 @@ use super::super::code::{Op, Ready, Where};
 use super::super::machine::{Arguments, Call, Called, Machine};
 use super::super::value::{List, Value};
 use super::super::{arithmetic, builtins, limits};
-use super::{Run, Stop, Thread, ThreadId};
+use super::thread::{EMPTY, Thread};
+use super::{Run, Stop, ThreadId};
 use std::sync::Arc;
-
-/// The compiler makes no program that takes more than it gave; this is the answer if it does.
-const EMPTY: &str = "the interpreter lost count of its values";
-
-impl Thread {
-    fn give(&mut self, value: Value) -> Result<(), String> {
-        if self.stack.len() >= limits::STACK {
-            return Err(format!("more than {} values in open expressions", limits::STACK));
-        }
-        self.stack.push(value);
-        Ok(())
-    }
-
-    fn take(&mut self) -> Result<Value, String> {
-        self.stack.pop().ok_or_else(|| EMPTY.to_owned())
-    }
-
-    /// The last `count` values, in the order they were given.
-    fn take_many(&mut self, count: usize) -> Result<Vec<Value>, String> {
-        let from = self.stack.len().checked_sub(count).ok_or(EMPTY)?;
-        Ok(self.stack.split_off(from))
-    }
-}
 
 fn weight(values: &[Value]) -> usize {
     values.iter().map(Value::weight).fold(0, usize::saturating_add)
