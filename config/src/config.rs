@@ -50,7 +50,7 @@ impl Config {
         Draft::file(path).finish()
     }
 
-    /// The settings of an embedded preset, `ur5` or `ur5e`.
+    /// The settings of an embedded preset, for example `ur5`.
     ///
     /// *Errors*: there is no preset of that name.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {

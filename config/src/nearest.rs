@@ -51,11 +51,12 @@ pub(crate) fn distance(a: &str, b: &str) -> usize {
 
 /// Unit suffixes of key names with the unit as people write it; longest first, so that `_mps3` is not read as
 /// `_s`.
-const UNITS: [(&str, &str); 14] = [
+const UNITS: [(&str, &str); 15] = [
     ("_radps3", "rad/s^3"),
     ("_radps2", "rad/s^2"),
     ("_radps", "rad/s"),
     ("_rad", "rad"),
+    ("_kg", "kg"),
     ("_mps3", "m/s^3"),
     ("_mps2", "m/s^2"),
     ("_mps", "m/s"),

@@ -1,8 +1,11 @@
 //! Presets and robots that are part of the program.
 
 /// Name and text of every preset.
-const PRESETS: &[(&str, &str)] =
-    &[("ur5", include_str!("../presets/ur5.toml")), ("ur5e", include_str!("../presets/ur5e.toml"))];
+const PRESETS: &[(&str, &str)] = &[
+    ("ur5", include_str!("../presets/ur5.toml")),
+    ("ur5e", include_str!("../presets/ur5e.toml")),
+    ("ur5-first-run", include_str!("../presets/ur5-first-run.toml")),
+];
 
 /// Name and text of every robot.
 const ROBOTS: &[(&str, &str)] =

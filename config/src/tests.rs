@@ -17,9 +17,9 @@ pub(crate) fn over_ur5(text: &str) -> Result<Config, ConfigError> {
 }
 
 /// Presets by name, and where their text lives in the repository.
-fn preset_files() -> [(&'static str, PathBuf); 2] {
+fn preset_files() -> [(&'static str, PathBuf); 3] {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("presets");
-    ["ur5", "ur5e"].map(|name| (name, folder.join(format!("{name}.toml"))))
+    ["ur5", "ur5e", "ur5-first-run"].map(|name| (name, folder.join(format!("{name}.toml"))))
 }
 
 /// True when the run is meant to rewrite files that are made from the table of keys.

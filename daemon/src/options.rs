@@ -156,7 +156,7 @@ pub struct DaemonArgs {
     /// Settings file
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub config: Option<PathBuf>,
-    /// Embedded settings: ur5 or ur5e
+    /// Embedded settings: ur5, ur5e or ur5-first-run
     #[arg(long, value_name = "NAME", default_value = "ur5", value_parser = preset)]
     pub preset: String,
     /// Instance number, 0 to 99; programs that attach use the same

@@ -22,7 +22,7 @@ pub(crate) enum ConfigCommand {
     ///
     /// The output reads back as the same settings: redirect it to begin a file of your own.
     Show {
-        /// A preset, as with --preset: ur5 or ur5e
+        /// A preset, as with --preset: ur5, ur5e or ur5-first-run
         #[arg(value_name = "PRESET", conflicts_with_all = ["config", "preset"], value_parser = crate::values::preset)]
         name: Option<String>,
 

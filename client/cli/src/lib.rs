@@ -1,8 +1,9 @@
 //! `foretrace`: the one program people type, as a library so that tests can run it as a process of their own.
 //!
-//! Contract: one file per command; a command prints its result on stdout, or as JSON where `--json` says, and fails
-//! with one line on stderr and a documented exit code. Nothing here panics on input, on a closed pipe or on Ctrl-C.
-//! Without the feature `lab` (on by default) there is no `foretrace lab`, and nothing of `foretrace-lab` is built.
+//! Contract: one file per command; a command prints its result on stdout, or as JSON where `--json` says, and
+//! fails with one line on stderr and a documented exit code. Nothing here panics on input, on a closed pipe
+//! or on Ctrl-C. Without the feature `lab` (on by default) there is no `foretrace lab`, and nothing of
+//! `foretrace-lab` is built.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -13,6 +14,7 @@ mod interrupt;
 mod values;
 mod settings;
 mod attach;
+mod robot;
 mod spread;
 mod ghost;
 mod shapes;
@@ -52,8 +54,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// Make a robot arm follow a hand that writes, ahead of time.
 ///
-/// A real-time daemon reads pen samples from shared memory, predicts where the pen will be when the arm gets there,
-/// plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
+/// A real-time daemon reads pen samples from shared memory, predicts where the pen will be when the arm gets
+/// there, plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
 #[derive(Debug, Parser)]
 #[command(name = "foretrace", version, after_help = EXIT_CODES, max_term_width = 100)]
 struct Arguments {

@@ -27,7 +27,7 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub(crate) config: Option<PathBuf>,
 
-    /// Built-in settings: ur5 or ur5e
+    /// Built-in settings: ur5, ur5e or ur5-first-run
     #[arg(long, value_name = "NAME", default_value = "ur5", value_parser = values::preset)]
     pub(crate) preset: String,
 

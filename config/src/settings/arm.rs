@@ -1,6 +1,6 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
-use super::QpBackend;
+use super::{QpBackend, UrSection};
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 section! {
@@ -73,6 +73,10 @@ section! {
         position_max_rad: Option<Vec<f64>> = Between(-6.3, 6.3), Optional, AtStart, "nothing: leave it out";
         /// Cycles per second of the robot's controller: 125 for a UR with CB3, 500 for an e-Series.
         controller_rate_hz: u32 = Between(50.0, 8000.0), Required, AtStart, "125 for a UR5, 500 for a UR5e";
+    }
+    sections {
+        /// What only arms of Universal Robots have.
+        ur @ "ur": UrSection;
     }
 }
 

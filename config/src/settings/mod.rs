@@ -11,6 +11,7 @@ mod foresight;
 mod plan;
 mod arm;
 mod clearance;
+mod ur;
 
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
@@ -22,6 +23,7 @@ pub use hand::Pen;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};
 pub use plane::PlaneSection;
 pub use process::{Instance, Loop, Telemetry};
+pub use ur::UrSection;
 
 use crate::schema::section;
 

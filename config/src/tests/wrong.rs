@@ -137,7 +137,7 @@ fn unknown_preset_lists_the_presets_and_nothing_else() {
     let error = Config::parse("preset = \"ur7\"\n", "table.toml", ".").unwrap_err();
     assert_eq!(
         error.to_string(),
-        "table.toml:1: preset = \"ur7\" is unknown: the presets are \"ur5\", \"ur5e\""
+        "table.toml:1: preset = \"ur7\" is unknown: the presets are \"ur5\", \"ur5e\", \"ur5-first-run\""
     );
     assert!(Config::preset("ur7").is_err());
     assert!(Config::parse("preset = 5\n", "table.toml", ".").is_err());

@@ -4,7 +4,10 @@ pub(crate) mod options;
 pub(crate) mod intake;
 mod refused;
 mod report;
+mod record;
+mod judge;
 mod sim;
+mod ur;
 
 use crate::failure::Failure;
 
@@ -12,10 +15,12 @@ use crate::failure::Failure;
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum ArmCommand {
     Sim(sim::SimArgs),
+    Ur(ur::UrArgs),
 }
 
 pub(crate) fn run(command: &ArmCommand) -> Result<(), Failure> {
     match command {
         ArmCommand::Sim(args) => sim::run(args),
+        ArmCommand::Ur(args) => ur::run(args),
     }
 }

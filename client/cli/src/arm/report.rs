@@ -1,5 +1,6 @@
 //! What the simulated arm says about its run.
 
+use foretrace_control::guard::CommandStatistics;
 use serde::Serialize;
 
 use super::refused::Refused;
@@ -26,6 +27,32 @@ pub(super) struct CommandReport {
     pub(super) refused: Refused,
     pub(super) lost: u64,
     pub(super) violations: ViolationReport,
+}
+
+impl CommandReport {
+    /// What `seen` counted, and what became of the commands.
+    pub(super) const fn of(seen: &CommandStatistics, accepted: u64, lost: u64, refused: Refused) -> Self {
+        let broken = seen.violations;
+        Self {
+            count: seen.count,
+            limit_violations: seen.limit_violations,
+            max_step_rad: seen.max_step_rad,
+            max_velocity_radps: seen.max_velocity_radps,
+            max_acceleration_radps2: seen.max_acceleration_radps2,
+            accepted,
+            refused,
+            lost,
+            violations: ViolationReport {
+                not_finite: broken.not_finite,
+                stamp: broken.stamp,
+                position: broken.position,
+                velocity: broken.velocity,
+                acceleration: broken.acceleration,
+                continuity: broken.continuity,
+                viability: broken.viability,
+            },
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]

@@ -4,8 +4,6 @@
 //! the command that was due then, because a real controller would not have slept. Outlives the daemon: without commands
 //! it brakes and stays, and follows again when a daemon comes back.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -15,12 +13,13 @@ use foretrace_client::{
 use foretrace_control::arm::JointLimits;
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::units::Stamp;
-use foretrace_sim::arm::{ArmModel, JOINTS, Joints};
+use foretrace_sim::arm::{ArmModel, JOINTS};
 
 use super::intake::Intake;
 use super::options::LagArgs;
+use super::record::Record;
 use super::refused::{Refused, Teller};
-use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, ViolationReport, summary};
+use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, summary};
 use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
 use crate::extent::ExtentFigures;
 use crate::failure::{Cause, Failure};
@@ -82,7 +81,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         .ok_or_else(|| Failure::bad_input("robot.home_rad is not finite", "correct the settings"))?;
     let arm = args.lag.settings(cycle_s);
     let model = ArmModel::at_rest(arm, from);
-    let record = args.record.as_ref().map(Record::create).transpose()?;
+    let record = args.record.as_deref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let ports = Ports::open(&foretrace)?;
@@ -240,7 +239,7 @@ impl Simulation {
             let _ = ports.states.publish(due, state);
         }
         if let Some(record) = &mut self.record {
-            record.add(due, &joints);
+            record.add(due, &joints.q);
         }
         let target = self.intake.target(Stamp(due));
         self.model.cycle(target);
@@ -255,31 +254,15 @@ impl Simulation {
     }
 
     fn report(&self, rate_hz: f64) -> SimReport {
-        let seen = self.intake.statistics();
-        let broken = seen.violations;
-        let refused = self.refused();
         let lag_ms_at =
             |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
         SimReport {
-            commands: CommandReport {
-                count: seen.count,
-                limit_violations: seen.limit_violations,
-                max_step_rad: seen.max_step_rad,
-                max_velocity_radps: seen.max_velocity_radps,
-                max_acceleration_radps2: seen.max_acceleration_radps2,
-                accepted: self.intake.accepted(),
-                refused,
-                lost: self.intake.lost(),
-                violations: ViolationReport {
-                    not_finite: broken.not_finite,
-                    stamp: broken.stamp,
-                    position: broken.position,
-                    velocity: broken.velocity,
-                    acceleration: broken.acceleration,
-                    continuity: broken.continuity,
-                    viability: broken.viability,
-                },
-            },
+            commands: CommandReport::of(
+                self.intake.statistics(),
+                self.intake.accepted(),
+                self.intake.lost(),
+                self.refused(),
+            ),
             arm: ArmReport {
                 rate_hz,
                 cycles: self.cycles,
@@ -290,44 +273,6 @@ impl Simulation {
                 delay_ms: self.delay.report(),
             },
             envelope: self.extent.extent().map(ExtentFigures::from),
-        }
-    }
-}
-
-/// The joint states as a CSV file.
-struct Record {
-    path: PathBuf,
-    file: BufWriter<File>,
-    failed: Option<std::io::Error>,
-}
-
-impl Record {
-    fn create(path: &PathBuf) -> Result<Self, Failure> {
-        let wrong = |error| {
-            Failure::bad_input(format_args!("{}: {error}", path.display()), "give a writable --record FILE")
-        };
-        let mut file = BufWriter::with_capacity(1 << 16, File::create(path).map_err(wrong)?);
-        writeln!(file, "t_s,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad").map_err(wrong)?;
-        Ok(Self { path: path.clone(), file, failed: None })
-    }
-
-    fn add(&mut self, stamp_ns: u64, joints: &Joints) {
-        let [a, b, c, d, e, f] = joints.q;
-        let (s, ns) = (stamp_ns / 1_000_000_000, stamp_ns % 1_000_000_000);
-        let written = writeln!(self.file, "{s}.{ns:09},{a:.9},{b:.9},{c:.9},{d:.9},{e:.9},{f:.9}");
-        if let Err(error) = written {
-            self.failed.get_or_insert(error);
-        }
-    }
-
-    fn finish(mut self) -> Result<(), Failure> {
-        let flushed = self.file.flush();
-        match self.failed.take().map_or(flushed, Err) {
-            Ok(()) => Ok(()),
-            Err(error) => Err(Failure::failed(
-                format_args!("{}: {error}", self.path.display()),
-                "make room for the record",
-            )),
         }
     }
 }

@@ -5,6 +5,7 @@ mod motion;
 mod listen;
 mod picture;
 mod report;
+mod kinematics;
 
 use crate::failure::Failure;
 
@@ -12,10 +13,12 @@ use crate::failure::Failure;
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum CalibrateCommand {
     Lag(lag::LagArgs),
+    Kinematics(kinematics::KinematicsArgs),
 }
 
 pub(crate) fn run(command: &CalibrateCommand) -> Result<(), Failure> {
     match command {
         CalibrateCommand::Lag(args) => lag::run(args),
+        CalibrateCommand::Kinematics(args) => kinematics::run(args),
     }
 }

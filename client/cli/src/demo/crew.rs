@@ -3,6 +3,7 @@
 //! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew ends them all,
 //! the newest first.
 
+use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, StatusReader, Telemetry};
@@ -130,6 +131,21 @@ impl Crew {
                 Ok(foretrace) => return Ok(foretrace),
                 Err(ServiceError::NoDaemon { .. }) if Instant::now() < deadline => {}
                 Err(error) => return Err(unattached(error)),
+            }
+        }
+    }
+
+    /// Waits until somebody listens at `address`.
+    pub(crate) fn listening(&mut self, address: SocketAddr) -> Result<(), Failure> {
+        let deadline = Instant::now() + STARTING;
+        loop {
+            self.check()?;
+            match TcpStream::connect_timeout(&address, STRIDE) {
+                Ok(_) => return Ok(()),
+                Err(_) if Instant::now() < deadline => std::thread::sleep(STRIDE),
+                Err(error) => {
+                    return Err(Failure::failed(format_args!("nobody listens at {address}: {error}"), ""));
+                }
             }
         }
     }

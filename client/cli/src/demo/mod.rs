@@ -13,6 +13,7 @@ mod verdict;
 mod drawings;
 mod page;
 mod folder;
+mod ur;
 
 use std::path::{Path, PathBuf};
 
@@ -70,6 +71,14 @@ pub(crate) struct DemoArgs {
     /// Ticks per second: 125, 250, 500 or 1000 [default: as in the settings]
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
+
+    /// The arm: "sim", the simulated one, or "ur", the bridge to a simulated Universal Robots controller
+    #[arg(long = "arm", value_name = "KIND", default_value = "sim", value_parser = ["sim", "ur"])]
+    kind: String,
+
+    /// With --arm ur: CB3 (a UR5, 125 Hz) or e (a UR5e, 500 Hz) [default: as in the settings]
+    #[arg(long, value_name = "SERIES", value_parser = ["cb3", "e"])]
+    series: Option<String>,
 
     /// Cycles per second of the simulated arm's controller [default: as in the settings]
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=2000))]
@@ -182,6 +191,12 @@ fn whole(out: &Path, write: impl FnOnce(&Path) -> Result<(), Failure>) -> Result
 /// The settings of all processes: as asked for, on a private instance.
 fn settings(args: &DemoArgs, scratch: &Scratch) -> Result<(Source, Config), Failure> {
     let mut source = args.settings.source()?;
+    if args.kind == "ur" {
+        ur::check(args)?;
+        source = ur::fitting(source, args.series.as_deref());
+    } else if args.series.is_some() {
+        return Err(Failure::usage("--series is about Universal Robots controllers", "add --arm ur"));
+    }
     source.rate_hz = args.rate.or(source.rate_hz);
     if let Some(predictor) = args.predictor {
         source = source.with("predictor.kind", predictor.name());
@@ -222,7 +237,14 @@ fn evidence_of(
     let foretrace = crew.attached(&instance)?;
     let mut watch = Watch::open(&foretrace)?;
 
-    let mut arm = words(&["arm", "sim", "--record", &file("arm.csv"), "--json", &file("arm.json")]);
+    let mut arm = match args.kind.as_str() {
+        "ur" => {
+            let robot = ur::controller(&mut crew, config)?;
+            words(&["arm", "ur", "--robot", &robot])
+        }
+        _ => words(&["arm", "sim"]),
+    };
+    arm.extend(words(&["--record", &file("arm.csv"), "--json", &file("arm.json")]));
     arm.extend(option("--rate", args.arm_rate));
     arm.extend(args.arm.arguments());
     arm.extend(common.iter().cloned());
@@ -244,6 +266,7 @@ fn evidence_of(
     crew.end("player")?;
     let_go(&mut crew, &mut watch)?;
     crew.end("arm")?;
+    crew.end(ur::CONTROLLER)?;
     let mut gathered = watch.last_words();
     drop(foretrace);
     crew.end("daemon")?;

@@ -1,7 +1,7 @@
 //! `foretrace doctor`: whether this machine is fit for the loop at its rate, and what to do where it is not.
 //!
-//! Contract: read-only but for `--clean`, which removes what dead instances left. Every finding that is not ok says what to
-//! do. The verdict is unfit when one finding is bad; warnings do not decide.
+//! Contract: read-only but for `--clean`, which removes what dead instances left. Every finding that is not
+//! ok says what to do. The verdict is unfit when one finding is bad; warnings do not decide.
 
 mod machine;
 mod finding;
@@ -12,6 +12,7 @@ mod load;
 mod memory;
 mod leftovers;
 mod rehearsal;
+mod robot;
 
 use foretrace_config::Settings;
 use serde::Serialize;
@@ -27,26 +28,37 @@ use load::Snapshot;
 use machine::Machine;
 use rehearsal::{Lateness, Restraint, Shown};
 
-/// Tell whether this machine is fit for the loop at its rate, and what to do where it is not
+/// Tell whether this machine is fit for the loop at its rate, or a robot's controller for the bridge, and
+/// what to do where not
 ///
-/// Looks at the kernel, the rights of this user, processors, shared memory and leftovers of dead instances, then runs the
-/// loop's own clock on a real-time thread for a few seconds and measures how late it wakes up. Run it as the user of the
-/// daemon, with the other programs of the machine running and no daemon. Exit code 6: unfit.
+/// Looks at the kernel, the rights of this user, processors, shared memory and leftovers of dead instances,
+/// then runs the loop's own clock on a real-time thread for a few seconds and measures how late it wakes up.
+/// Run it as the user of the daemon, with the other programs of the machine running and no daemon. Exit code
+/// 6: unfit.
+///
+/// With --robot it looks at a Universal Robots controller instead: its ports one by one, version, remote
+/// control, safety, program, payload and tool, registers, calibration, and how promptly it answers. It moves
+/// nothing.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  foretrace doctor\n  foretrace doctor --rate 1000 --seconds 60 --json doctor.json\n  foretrace doctor --clean"
-)]
+#[command(after_help = "Examples:\n  foretrace doctor\n  \
+                  foretrace doctor --rate 1000 --seconds 60 --json doctor.json\n  \
+                  foretrace doctor --clean\n  \
+                  foretrace doctor --robot 192.168.0.9")]
 pub(crate) struct DoctorArgs {
-    /// How long to measure wake-ups
-    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
-    seconds: f64,
+    /// How long to measure wake-ups, or to listen to a robot [default: 5, with --robot 10]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<f64>,
+
+    /// Look at the Universal Robots controller of this name or IP address instead of this machine
+    #[arg(long, value_name = "HOST", conflicts_with_all = ["clean", "no_rights", "rate"])]
+    robot: Option<String>,
 
     /// Ticks per second instead of the settings': 125, 250, 500 or 1000
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
 
-    /// First remove what dead instances of this user left behind (with --root: that instance only); never touches
-    /// living ones
+    /// First remove what dead instances of this user left behind (with --root: that instance only); never
+    /// touches living ones
     #[arg(long)]
     clean: bool,
 
@@ -89,6 +101,10 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate;
     let config = judged(&source)?;
+    if let Some(host) = &args.robot {
+        return robot::run(host, &config, args.seconds.unwrap_or(10.0), &args.json);
+    }
+    let seconds = args.seconds.unwrap_or(5.0);
     let settings = config.settings();
     let own = instance_of(settings)?;
     let interrupt = Interrupt::listen()?;
@@ -109,11 +125,11 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         need.rate_hz,
         need.period_us,
         config.name(),
-        args.seconds
+        seconds
     );
     let machine = Machine::here();
     let before = Snapshot::take(&machine);
-    let shown = rehearsal::run(settings, restraint.as_ref(), args.seconds, &interrupt)?;
+    let shown = rehearsal::run(settings, restraint.as_ref(), seconds, &interrupt)?;
     let after = Snapshot::take(&machine);
 
     let Shown { lateness, missing } = shown;
@@ -126,7 +142,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         cpu::governor(&machine, &need),
         cpu::idle(&machine, &need),
         cpu::isolation(&machine, &need),
-        load::irqs(&machine, &need, &before, &after, args.seconds),
+        load::irqs(&machine, &need, &before, &after, seconds),
         load::steal(&machine, &need, &before, &after),
         memory::shared(&machine, &own),
         leftovers::judge(&machine, &scope),
@@ -138,7 +154,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         verdict: verdict(&checks),
         rate_hz: need.rate_hz,
         period_us: need.period_us,
-        seconds: args.seconds,
+        seconds,
         settings: config.name().to_owned(),
         checks,
         lateness_us: lateness,
@@ -180,11 +196,11 @@ fn names(checks: &[Finding], level: Level) -> String {
     names.join(", ")
 }
 
-/// One line per check, its fix beneath where there is one, then the verdict.
-fn table(report: &DoctorReport) -> Vec<String> {
-    let width = report.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
+/// One line per check, its fix beneath where there is one.
+fn lines(checks: &[Finding]) -> Vec<String> {
+    let width = checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
-    for check in &report.checks {
+    for check in checks {
         let level = match check.level {
             Level::Ok => "ok",
             Level::Warning => "warning",
@@ -195,6 +211,12 @@ fn table(report: &DoctorReport) -> Vec<String> {
             lines.push(format!("{:7}  {:width$}  -> {}", "", "", check.fix));
         }
     }
+    lines
+}
+
+/// Every check, then the verdict.
+fn table(report: &DoctorReport) -> Vec<String> {
+    let mut lines = lines(&report.checks);
     lines.push(String::new());
     lines.push(match report.verdict {
         Verdict::Fit => match names(&report.checks, Level::Warning).as_str() {

@@ -1,0 +1,380 @@
+//! `foretrace arm ur`: the bridge to a Universal Robots controller, as a process of its own.
+//!
+//! Contract: what has to be right before motion is checked first, and nothing moves before somebody arms the
+//! daemon. Outlives daemon and controller: without either it waits, says why, and goes on when they are back.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Commands, Foretrace, JointStates, monotonic_now_ns};
+use foretrace_config::Config;
+use foretrace_ur::bridge::check::{self, Series};
+use foretrace_ur::bridge::kinematics::Deviation;
+use foretrace_ur::bridge::link::{Link, LinkReport, Measured};
+use foretrace_ur::bridge::pilot::{Floor, Pilot};
+use foretrace_ur::bridge::probe::{Found, probe};
+use foretrace_ur::bridge::program::Program;
+use foretrace_ur::bridge::reaction::Phase;
+use foretrace_ur::bridge::registers::Registers;
+use serde::Serialize;
+
+use super::judge::Judge;
+use super::record::Record;
+use super::refused::Refused;
+use super::report::CommandReport;
+use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::failure::{Cause, Failure};
+use crate::interrupt::Interrupt;
+use crate::output::{JsonArgs, note, say};
+use crate::robot::{self, HostArgs};
+use crate::settings::SettingsArgs;
+
+/// A model that is off by more than this at the paper counts as not calibrated [mm].
+const CALIBRATED_MM: f64 = 0.5;
+/// A model that is off by more than this is one of another arm [mm].
+const ANOTHER_ARM_MM: f64 = 30.0;
+
+/// Drive a Universal Robots arm: joint commands to its controller, its joints back
+///
+/// For CB3 from PolyScope 3.9 and e-Series from 5.3, or `foretrace ur-sim`. Uses RTDE registers 24 to 41 and
+/// a program of its own that stops the arm by itself when commands stay away. Checks version, model, payload
+/// and tool first; nothing moves before somebody arms the daemon. Never ends a protective stop: that is done
+/// on the pendant.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  foretrace arm ur --robot 127.0.0.1    beside foretrace ur-sim\n  \
+                  foretrace arm ur --robot 192.168.0.9 --preset ur5-first-run")]
+pub(crate) struct UrArgs {
+    #[command(flatten)]
+    host: HostArgs,
+
+    /// Move an arm on another machine although safety.enable_required is false: without a dead-man nobody but
+    /// the emergency stop can stop it at once
+    #[arg(long)]
+    without_dead_man: bool,
+
+    /// Lower the pen as far as the settings say although the model is not the arm's factory calibration
+    #[arg(long)]
+    uncalibrated: bool,
+
+    /// End after this many seconds; otherwise on Ctrl-C
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
+    seconds: Option<f64>,
+
+    /// Write every joint state as CSV: t_s (monotonic clock), q1..q6 [rad]
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+
+    /// Seconds to wait for the daemon to come up
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
+    wait: f64,
+
+    #[command(flatten)]
+    settings: SettingsArgs,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+struct UrReport {
+    commands: CommandReport,
+    arm: ArmReport,
+}
+
+#[derive(Debug, Serialize)]
+struct ArmReport {
+    robot: RobotReport,
+    /// Daemons attached to.
+    daemons: u64,
+    /// Joint states that no daemon could take.
+    states_not_sent: u64,
+    link: LinkReport,
+}
+
+#[derive(Debug, Serialize)]
+struct RobotReport {
+    host: String,
+    version: String,
+    series: Series,
+    arm: Option<&'static str>,
+    /// How far the tip is from where the settings' model believes it; none where the controller does not
+    /// tell.
+    deviation: Option<Deviation>,
+    dead_man: bool,
+}
+
+pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
+    args.json.claim()?;
+    let interrupt = Interrupt::listen()?;
+    let config = args.settings.load()?;
+    let addresses = args.host.addresses()?;
+    let settings = config.settings();
+    let dead_man = settings.safety.enable_required;
+    check::dead_man(addresses.ip(), dead_man, args.without_dead_man).map_err(refused)?;
+    let found = probe(&addresses).map_err(|error| Failure::failed(error, robot::DOCTOR))?;
+    let deviation = judged(&config, &found)?;
+    tell(args, &config, &found, deviation);
+
+    let registers = Registers::at(settings.robot.ur.register_base)
+        .ok_or_else(|| Failure::bad_input("robot.ur.register_base leaves registers 24 to 41", "use 24"))?;
+    let cycle_s = 1.0 / f64::from(found.series.rate_hz());
+    let seed = monotonic_now_ns() ^ (u64::from(std::process::id()) << 32);
+    // Never 0: that is what a register says that nobody wrote.
+    let token = i32::try_from(seed % 0x7fff_fffe).unwrap_or(0) + 1;
+    let program = Program::new(&settings.robot.ur, &config.robot().limits, registers, cycle_s, token);
+    let floor = floor(&config, deviation).filter(|_| !args.uncalibrated);
+    let pilot =
+        Pilot::new(config.robot().limits, cycle_s, 1.0 / program.watchdog_hz, floor, token, seed >> 3);
+    let watch_remote = found.series.tells_remote_control(found.version);
+    let link = Link::new(addresses, program, pilot, watch_remote)
+        .map_err(|error| Failure::failed(format_args!("no thread for the dashboard: {error}"), ""))?;
+
+    let foretrace = attach_within(&instance_of(settings)?, Duration::from_secs_f64(args.wait))?;
+    let ports = Ports::open(&foretrace)?;
+    let mut bridge = Bridge {
+        link,
+        foretrace,
+        ports: Some(ports),
+        judge: Judge::new(config.robot().limits),
+        record: args.record.as_deref().map(Record::create).transpose()?,
+        ready: false,
+        daemons: 1,
+        not_sent: 0,
+    };
+    bridge.run(args.seconds, &interrupt);
+    if let Some(record) = bridge.record.take() {
+        record.finish()?;
+    }
+    let robot = RobotReport {
+        host: args.host.robot.clone(),
+        version: found.version.to_string(),
+        series: found.series,
+        arm: found.arm(),
+        deviation,
+        dead_man,
+    };
+    let report = bridge.report(robot);
+    summary(&report);
+    args.json.write(&report)
+}
+
+fn refused(refusal: check::Refusal) -> Failure {
+    Failure::new(Cause::BadInput, refusal, "")
+}
+
+/// Everything that does not fit is told in one go.
+fn judged(config: &Config, found: &Found) -> Result<Option<Deviation>, Failure> {
+    let settings = config.settings();
+    let mut wrong: Vec<check::Refusal> =
+        check::installation(&found.installation, settings, config.robot().limits.position());
+    wrong.extend(check::rate(found.series, settings.robot.controller_rate_hz).err());
+    let deviation = found.deviation(config);
+    if let Some(deviation) = deviation.filter(|deviation| !(deviation.most_mm <= ANOTHER_ARM_MM)) {
+        let name = found.arm().unwrap_or("one that foretrace does not know").to_owned();
+        wrong.push(check::Refusal::Model { apart_mm: deviation.most_mm, name });
+    }
+    match wrong.as_slice() {
+        [] => Ok(deviation),
+        [only] => Err(refused(only.clone())),
+        many => {
+            let lines: Vec<String> = many.iter().map(ToString::to_string).collect();
+            let count = many.len();
+            Err(Failure::bad_input(format_args!("{count} things do not fit:\n  {}", lines.join("\n  ")), ""))
+        }
+    }
+}
+
+/// Where the pen has to stay above while the model is not the arm's own.
+fn floor(config: &Config, deviation: Option<Deviation>) -> Option<Floor> {
+    if deviation.is_some_and(|deviation| deviation.most_mm <= CALIBRATED_MM) {
+        return None;
+    }
+    let (settings, robot) = (config.settings(), config.robot());
+    Some(Floor {
+        chain: robot.chain.clone(),
+        origin: settings.plane.origin_m.into(),
+        normal: settings.plane.rotation().matrix().column(2).into(),
+        height_m: settings.robot.ur.uncalibrated_height_m,
+    })
+}
+
+fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviation>) {
+    let settings = config.settings();
+    let arm = found.arm().unwrap_or("unknown arm");
+    note!("arm: {} {}, {arm}, {}", found.series, found.version, args.host.robot);
+    if let Some(payload) = found.installation.payload_kg {
+        let tcp = found
+            .installation
+            .tcp_m
+            .map_or(String::new(), |[x, y, z]| format!(", tool centre point [{x:.4}, {y:.4}, {z:.4}] m"));
+        note!("arm: the installation says a payload of {payload:.2} kg{tcp}");
+    }
+    match deviation {
+        Some(off) if off.most_mm <= CALIBRATED_MM => {}
+        Some(off) => note!(
+            "arm: the tip is up to {:.1} mm from where the model believes it (uneven over the paper by \
+             {:.1} mm)",
+            off.most_mm,
+            off.uneven_mm
+        ),
+        None => note!("arm: the controller does not tell its calibration: the tip may be off by centimetres"),
+    }
+    if deviation.is_none_or(|off| off.most_mm > CALIBRATED_MM) {
+        let height_mm = settings.robot.ur.uncalibrated_height_m * 1e3;
+        if args.uncalibrated {
+            note!("arm: --uncalibrated: the pen is lowered all the same");
+        } else {
+            note!("arm: the pen stays {height_mm:.0} mm above the paper until the model is calibrated");
+        }
+    }
+    if args.without_dead_man && !settings.safety.enable_required {
+        note!("arm: WITHOUT A DEAD-MAN: only the emergency stop and Ctrl-C stop this arm at once");
+    }
+    let period_ms = 1e3 / f64::from(settings.control_loop.rate_hz);
+    let valid_ms = period_ms * f64::from(settings.control_loop.valid_periods);
+    let needed_ms = 1.5e3 / f64::from(found.series.rate_hz()) + 2.0 * period_ms;
+    if valid_ms < needed_ms {
+        let periods = (needed_ms / period_ms).ceil();
+        note!(
+            "arm: commands are valid for {valid_ms:.0} ms, the way to this controller takes up to \
+             {needed_ms:.0}: \
+             set loop.valid_periods = {periods:.0}, or the arm brakes where nothing is wrong"
+        );
+    }
+}
+
+/// The two handles of an arm.
+struct Ports {
+    commands: Commands,
+    states: JointStates,
+}
+
+impl Ports {
+    fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
+        Ok(Self {
+            commands: foretrace.commands(Commands::MAX_BUFFER).map_err(unattached)?,
+            states: foretrace.joint_states().map_err(unattached)?,
+        })
+    }
+}
+
+struct Bridge {
+    link: Link,
+    foretrace: Foretrace,
+    ports: Option<Ports>,
+    judge: Judge,
+    record: Option<Record>,
+    /// That the arm may be armed has been said.
+    ready: bool,
+    daemons: u64,
+    not_sent: u64,
+}
+
+impl Bridge {
+    fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
+        let end = seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+        let mut lookout = Lookout::new();
+        while !interrupt.is_set() && end.is_none_or(|end| Instant::now() < end) {
+            self.turn();
+            self.tell();
+            match lookout.look(&mut self.foretrace) {
+                News::None => {}
+                News::Gone => note!("arm: the daemon is gone; braking, and waiting for it"),
+                News::Back => {
+                    self.daemons += 1;
+                    note!("arm: a daemon took over");
+                }
+                News::Renewed => {
+                    self.daemons += 1;
+                    // The old handles hold places that the new ones need.
+                    self.ports = None;
+                    match Ports::open(&self.foretrace) {
+                        Ok(ports) => self.ports = Some(ports),
+                        Err(failure) => {
+                            note!("{failure}");
+                            lookout.again();
+                        }
+                    }
+                    note!("arm: a new daemon is there");
+                }
+            }
+        }
+        self.link.end();
+    }
+
+    fn turn(&mut self) {
+        let (ports, judge) = (&mut self.ports, &mut self.judge);
+        let measured = self.link.turn(&mut |pilot: &mut Pilot| {
+            if let Some(ports) = ports {
+                let now_ns = monotonic_now_ns();
+                judge.gaps(ports.commands.dropped(), ports.commands.restarts());
+                ports.commands.drain(|command| {
+                    judge.see(command);
+                    pilot.take(command, now_ns);
+                });
+            }
+        });
+        if let (Some(Measured { stamp_ns, state }), Some(record)) = (measured, &mut self.record) {
+            record.add(stamp_ns, &state.q);
+        }
+        if let (Some(Measured { stamp_ns, mut state }), Some(ports)) = (measured, &mut self.ports) {
+            state.commands_refused =
+                state.commands_refused.saturating_add(ports.commands.rejections().total());
+            if !ports.states.publish(stamp_ns, state).unwrap_or(false) {
+                self.not_sent += 1;
+            }
+        }
+    }
+
+    fn report(&self, robot: RobotReport) -> UrReport {
+        let link = self.link.report();
+        let commands = self.ports.as_ref().map(|ports| &ports.commands);
+        let (count, newest) =
+            commands.map_or((0, None), |commands| (commands.rejections().total(), commands.newest_refused()));
+        let mut refused = Refused::default().with(count, newest);
+        refused.jump = link.jumps;
+        let lost = commands.map_or(0, Commands::dropped);
+        let seen = self.judge.statistics();
+        UrReport {
+            commands: CommandReport::of(seen, link.commands, lost, refused),
+            arm: ArmReport { robot, daemons: self.daemons, states_not_sent: self.not_sent, link },
+        }
+    }
+
+    fn tell(&mut self) {
+        if let Some((reason, detail)) = self.link.news() {
+            match detail {
+                Some(detail) => note!("arm: {reason} ({detail})"),
+                None => note!("arm: {reason}"),
+            }
+        }
+        let ready = matches!(self.link.phase(), Phase::Ready);
+        if ready && !self.ready {
+            note!("arm: ready; arm the daemon to begin (foretrace request arm)");
+        }
+        self.ready = ready || (self.ready && matches!(self.link.phase(), Phase::Following { .. }));
+    }
+}
+
+fn summary(report: &UrReport) {
+    let UrReport { commands, arm: ArmReport { link, .. } } = report;
+    say!("states      {} at {:.0} Hz, {} skipped", link.states, link.rate_hz, link.states_skipped);
+    say!(
+        "commands    {} taken, {} too far away, {} lost on the way, {} violations",
+        link.commands,
+        link.jumps,
+        commands.lost,
+        commands.limit_violations
+    );
+    say!(
+        "cycles      {} following, {} without a fresh counter, {} counters lost",
+        link.following_cycles,
+        link.late_cycles,
+        link.lost_counters
+    );
+    say!("round trip  {:.0} ms, {} connections", link.round_trip_ms, link.connections);
+    for (reason, count) in &link.stops {
+        say!("stopped     {count} times: {reason}");
+    }
+}

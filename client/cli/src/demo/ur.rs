@@ -1,0 +1,62 @@
+//! The demo with `--arm ur`: a simulated Universal Robots controller, and the settings that go with it.
+
+use std::net::Ipv4Addr;
+
+use foretrace_config::Config;
+use foretrace_ur::bridge::address::Addresses;
+use foretraced::{Base, Source};
+
+use super::crew::Crew;
+use super::{DemoArgs, words};
+use crate::failure::Failure;
+
+/// What its process is called.
+pub(super) const CONTROLLER: &str = "controller";
+/// Rate of an e-Series \[Hz\].
+const E_SERIES_HZ: u32 = 500;
+
+/// Starts a controller of the series that the settings are for, on a loopback address of its own, and waits
+/// for it. Returns the address.
+pub(super) fn controller(crew: &mut Crew, config: &Config) -> Result<String, Failure> {
+    // Ports are fixed, as a real one's: two demos side by side need two addresses.
+    let [_, a, b, c] = std::process::id().to_be_bytes();
+    let address = Ipv4Addr::new(127, 100 + a % 100, b, 1 + c % 250);
+    let series = if config.settings().robot.controller_rate_hz == E_SERIES_HZ { "e" } else { "cb3" };
+    crew.start(CONTROLLER, &words(&["ur-sim", "--series", series, "--bind", &address.to_string()]))?;
+    crew.listening(Addresses::at(address.into()).rtde)?;
+    Ok(address.to_string())
+}
+
+/// Options of the other arm do not go together with this one.
+pub(super) fn check(args: &DemoArgs) -> Result<(), Failure> {
+    if args.arm_rate.is_some() || !args.arm.arguments().is_empty() {
+        let remedy = "leave the --arm-... options out; `foretrace ur-sim --do LINE` lets its controller fail";
+        return Err(Failure::usage("the --arm-... options are about the simulated arm", remedy));
+    }
+    Ok(())
+}
+
+/// The settings that go with a series, and commands that are valid for as long as the way to the controller
+/// takes.
+pub(super) fn fitting(mut source: Source, series: Option<&str>) -> Source {
+    if let (Base::Preset(name), Some(series)) = (&mut source.base, series) {
+        *name = if series == "e" { "ur5e" } else { "ur5" }.to_owned();
+    }
+    let key = "loop.valid_periods";
+    let told = source.overrides.iter().any(|(known, _)| known == key);
+    if told || matches!(source.base, Base::File(_)) { source } else { source.with(key, "12") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_chooses_the_preset_and_what_was_told_stays() {
+        let fitted = fitting(Source::preset("ur5"), Some("e"));
+        assert!(matches!(&fitted.base, Base::Preset(name) if name == "ur5e"));
+        assert_eq!(fitted.overrides, [("loop.valid_periods".to_owned(), "12".to_owned())]);
+        let told = fitting(Source::preset("ur5").with("loop.valid_periods", "20"), None);
+        assert_eq!(told.overrides, [("loop.valid_periods".to_owned(), "20".to_owned())]);
+    }
+}

@@ -1,0 +1,28 @@
+//! `--robot HOST`: which Universal Robots controller, for every command that talks to one.
+
+use foretrace_ur::bridge::address::Addresses;
+
+use crate::failure::{Cause, Failure};
+
+/// What to do where a controller does not answer as it should.
+pub(crate) const DOCTOR: &str = "`foretrace doctor --robot HOST` looks at every port and says what to do";
+
+/// The controller.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct HostArgs {
+    /// Name or IP address of the controller, as the pendant shows it under Network
+    #[arg(long, value_name = "HOST")]
+    pub(crate) robot: String,
+}
+
+impl HostArgs {
+    /// Where its ports are.
+    pub(crate) fn addresses(&self) -> Result<Addresses, Failure> {
+        addresses(&self.robot)
+    }
+}
+
+/// Where the ports of `host` are.
+pub(crate) fn addresses(host: &str) -> Result<Addresses, Failure> {
+    Addresses::of(host).map_err(|error| Failure::new(Cause::Usage, error, ""))
+}

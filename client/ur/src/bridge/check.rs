@@ -1,0 +1,288 @@
+//! What has to be right before the bridge moves anything: version, joints, model, tool, dead-man.
+//!
+//! Contract: pure; each check names what was found, what was expected and what to do.
+
+use std::net::IpAddr;
+
+use foretrace_client::JOINTS;
+use foretrace_config::Settings;
+use serde::Serialize;
+
+pub use crate::rtde::ControllerVersion as Version;
+
+/// A kind of controller that the bridge can drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Series {
+    /// PolyScope 3.9 or later, 125 Hz.
+    Cb3,
+    /// PolyScope 5.3 or later, 500 Hz.
+    E,
+}
+
+/// Why the bridge does not begin.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// PolyScope X.
+    #[error(
+        "the controller runs PolyScope X ({0}), which foretrace cannot drive yet; \
+         CB3 from 3.9 and e-Series from 5.3 are supported"
+    )]
+    PolyScopeX(Version),
+    /// Registers 24 to 47 and what else is needed are not there.
+    #[error("the controller runs {0}, too old; update it to 3.9 or later (CB3), 5.3 or later (e-Series)")]
+    TooOld(Version),
+    /// A major version that nobody knows.
+    #[error(
+        "the controller runs {0}, which foretrace does not know; \
+         CB3 from 3.9 and e-Series from 5.3 are supported"
+    )]
+    Unknown(Version),
+    /// The settings are for another series.
+    #[error(
+        "the controller cycles at {found} Hz, the settings say robot.controller_rate_hz = {settings}; \
+         use the preset of this arm, or set it to {found}"
+    )]
+    Rate {
+        /// Of the controller \[Hz\].
+        found: u32,
+        /// Of the settings \[Hz\].
+        settings: u32,
+    },
+    /// The hardware may turn farther than the model.
+    #[error(
+        "joint {joint} stands at {q:.3} rad, beyond what the settings allow ({low:.3} to {high:.3}); \
+         turn it back on the pendant, by whole turns if need be"
+    )]
+    Joint {
+        /// The joint, from 0 at the base.
+        joint: usize,
+        /// Where it stands \[rad\].
+        q: f64,
+        /// Lowest legal position \[rad\].
+        low: f64,
+        /// Highest legal position \[rad\].
+        high: f64,
+    },
+    /// Another mass is configured.
+    #[error(
+        "the installation says a payload of {found:.2} kg, robot.ur.payload_kg = {settings:.2}; \
+         weigh the tool and correct whichever is wrong: a wrong payload lets the arm sag and stop"
+    )]
+    Payload {
+        /// Of the controller \[kg\].
+        found: f64,
+        /// Of the settings \[kg\].
+        settings: f64,
+    },
+    /// Another tool centre point is configured.
+    #[error(
+        "the installation's tool centre point is at {found:?} m, robot.ur.tcp_m = {settings:?}, \
+         {apart_mm:.1} mm away; \
+         correct whichever is wrong: safety limits of the tool's speed are judged there"
+    )]
+    Tcp {
+        /// Of the controller \[m\].
+        found: [f64; 3],
+        /// Of the settings \[m\].
+        settings: [f64; 3],
+        /// Distance \[mm\].
+        apart_mm: f64,
+    },
+    /// A real arm without a dead-man.
+    #[error(
+        "{0} is not this machine, so there may be a real arm: set safety.enable_required = true and keep a \
+         dead-man at hand, or say --without-dead-man"
+    )]
+    NoDeadMan(IpAddr),
+    /// The model is of another arm.
+    #[error(
+        "the arm's kinematics differ from the settings' model by {apart_mm:.0} mm at the tool: \
+         another model of arm? Name the right one as robot.urdf (the arm is {name})"
+    )]
+    Model {
+        /// Distance of the tool between both \[mm\].
+        apart_mm: f64,
+        /// What the controller says about itself, or nothing.
+        name: String,
+    },
+}
+
+impl Series {
+    /// The series that `version` belongs to.
+    ///
+    /// # Errors
+    ///
+    /// PolyScope X, versions too old, and unknown ones.
+    pub const fn of(version: Version) -> Result<Self, Refusal> {
+        match (version.major, version.minor) {
+            (3, 9..) => Ok(Self::Cb3),
+            (5, 3..) => Ok(Self::E),
+            (0..=3 | 5, _) => Err(Refusal::TooOld(version)),
+            (10.., _) => Err(Refusal::PolyScopeX(version)),
+            _ => Err(Refusal::Unknown(version)),
+        }
+    }
+
+    /// Cycles per second.
+    #[must_use]
+    pub const fn rate_hz(self) -> u32 {
+        match self {
+            Self::Cb3 => 125,
+            Self::E => 500,
+        }
+    }
+
+    /// Whether the dashboard of this version tells remote from local control (e-Series from 5.6).
+    #[must_use]
+    pub const fn tells_remote_control(self, version: Version) -> bool {
+        matches!(self, Self::E) && version.minor >= 6
+    }
+}
+
+impl std::fmt::Display for Series {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cb3 => "CB3",
+            Self::E => "e-Series",
+        })
+    }
+}
+
+/// What the arm and its installation say before anything moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Installation {
+    /// Joint positions \[rad\].
+    pub q: [f64; JOINTS],
+    /// Mass of the tool \[kg\]; `None` where the version does not tell (before 3.11 and 5.5.1).
+    pub payload_kg: Option<f64>,
+    /// Tool centre point, seen from the flange \[m\]; `None` where the version does not tell.
+    pub tcp_m: Option<[f64; 3]>,
+}
+
+/// Largest difference of payloads \[kg\].
+const PAYLOAD_KG: f64 = 0.1;
+/// Largest distance of tool centre points \[m\].
+const TCP_M: f64 = 1e-3;
+
+/// Everything about `found` that does not fit the settings; `position` are the joints' limits \[rad\].
+#[must_use]
+pub fn installation(
+    found: &Installation,
+    settings: &Settings,
+    position: &[[f64; 2]; JOINTS],
+) -> Vec<Refusal> {
+    let mut refused = Vec::new();
+    for (joint, (q, [low, high])) in found.q.iter().zip(position).enumerate() {
+        if !(*q >= *low && *q <= *high) {
+            refused.push(Refusal::Joint { joint, q: *q, low: *low, high: *high });
+        }
+    }
+    let ur = &settings.robot.ur;
+    if let (Some(found), Some(settings)) = (found.payload_kg, ur.payload_kg)
+        && !((found - settings).abs() <= PAYLOAD_KG)
+    {
+        refused.push(Refusal::Payload { found, settings });
+    }
+    if let (Some(found), Some(settings)) = (found.tcp_m, ur.tcp_m) {
+        let apart = distance(&found, &settings);
+        if !(apart <= TCP_M) {
+            refused.push(Refusal::Tcp { found, settings, apart_mm: apart * 1e3 });
+        }
+    }
+    refused
+}
+
+/// The rate of the settings is the controller's.
+///
+/// # Errors
+///
+/// [`Refusal::Rate`].
+pub const fn rate(series: Series, settings_hz: u32) -> Result<(), Refusal> {
+    if series.rate_hz() == settings_hz {
+        Ok(())
+    } else {
+        Err(Refusal::Rate { found: series.rate_hz(), settings: settings_hz })
+    }
+}
+
+/// Against another machine than this one a dead-man is needed, or an explicit word.
+///
+/// # Errors
+///
+/// [`Refusal::NoDeadMan`].
+pub const fn dead_man(host: IpAddr, enable_required: bool, without: bool) -> Result<(), Refusal> {
+    if host.is_loopback() || enable_required || without { Ok(()) } else { Err(Refusal::NoDeadMan(host)) }
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_config::Config;
+
+    const fn version(major: u32, minor: u32) -> Version {
+        Version { major, minor, bugfix: 1, build: 7 }
+    }
+
+    #[test]
+    fn supported_versions_are_told_from_the_others() {
+        assert_eq!(Series::of(version(3, 15)), Ok(Series::Cb3));
+        assert_eq!(Series::of(version(3, 9)), Ok(Series::Cb3));
+        assert_eq!(Series::of(version(5, 3)), Ok(Series::E));
+        for old in [version(3, 8), version(5, 2), version(1, 8)] {
+            assert_eq!(Series::of(old), Err(Refusal::TooOld(old)));
+        }
+        let text = Series::of(version(10, 10)).unwrap_err().to_string();
+        assert!(text.contains("PolyScope X (10.10.1.7)") && text.contains("CB3 from 3.9"), "{text}");
+        assert!(matches!(Series::of(version(4, 0)), Err(Refusal::Unknown(_))));
+        assert_eq!(rate(Series::E, 125), Err(Refusal::Rate { found: 500, settings: 125 }));
+    }
+
+    #[test]
+    fn only_newer_e_series_tell_remote_control() {
+        assert!(Series::E.tells_remote_control(version(5, 6)));
+        assert!(!Series::E.tells_remote_control(version(5, 5)));
+        assert!(!Series::Cb3.tells_remote_control(version(3, 15)));
+    }
+
+    fn judged(text: &str, change: impl FnOnce(&mut Installation)) -> Vec<Refusal> {
+        let config = Config::parse(&format!("preset = \"ur5\"\n{text}"), "t.toml", ".").unwrap();
+        let mut found =
+            Installation { q: config.robot().home, payload_kg: Some(0.5), tcp_m: Some([0.0, 0.0, 0.15]) };
+        change(&mut found);
+        installation(&found, config.settings(), config.robot().limits.position())
+    }
+
+    #[test]
+    fn an_installation_is_not_judged_by_what_the_settings_do_not_say() {
+        assert_eq!(judged("", |_| {}), []);
+        let told = "[robot.ur]\npayload_kg = 0.55\ntcp_m = [0.0, 0.0005, 0.15]\n";
+        assert_eq!(judged(told, |_| {}), []);
+        // A version that does not tell cannot be wrong.
+        assert_eq!(judged(told, |found| (found.payload_kg, found.tcp_m) = (None, None)), []);
+    }
+
+    #[test]
+    fn each_difference_is_told_with_both_values() {
+        let told = "[robot.ur]\npayload_kg = 1.5\ntcp_m = [0.0, 0.0, 0.1]\n";
+        let refused = judged(told, |found| found.q[5] = 7.0);
+        let text = refused.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+        assert_eq!(refused.len(), 3, "{text}");
+        assert!(text.contains("joint 5 stands at 7.000 rad") && text.contains("0.50 kg"), "{text}");
+        assert!(text.contains("50.0 mm"), "{text}");
+        assert_eq!(judged(told, |found| found.payload_kg = Some(f64::NAN)).len(), 2);
+    }
+
+    #[test]
+    fn another_machine_needs_a_dead_man_or_a_word() {
+        let (here, there) = ("127.0.0.7".parse().unwrap(), "192.168.0.9".parse().unwrap());
+        assert_eq!(dead_man(here, false, false), Ok(()));
+        assert_eq!(dead_man(there, true, false), Ok(()));
+        assert_eq!(dead_man(there, false, true), Ok(()));
+        let text = dead_man(there, false, false).unwrap_err().to_string();
+        assert!(text.contains("--without-dead-man") && text.contains("safety.enable_required"), "{text}");
+    }
+}

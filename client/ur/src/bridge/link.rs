@@ -1,0 +1,293 @@
+//! The bridge on its one thread: connect, receive, answer, again and again.
+//!
+//! Contract: every wait is bounded; whatever goes wrong ends in a [`Reason`], never in an end of the bridge.
+//! It connects again by itself, because nothing moves before somebody arms.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{JointState, monotonic_now_ns};
+use serde::Serialize;
+
+use super::address::Addresses;
+use super::line::{self, Line};
+use super::pilot::{Counts, Pilot};
+use super::program::Program;
+use super::reaction::Phase;
+use super::reason::Reason;
+use super::registers::END;
+use super::remote::RemoteWatch;
+use super::upload::Upload;
+
+/// Longest wait for one state, so that Ctrl-C and the daemon are looked at.
+const WAIT: Duration = Duration::from_millis(50);
+/// Without a state for so long the connection counts as lost.
+const SILENCE: Duration = Duration::from_secs(1);
+/// Between two attempts to connect.
+const AGAIN: Duration = Duration::from_secs(1);
+/// Between two looks at the controller's messages: they come ten times a second.
+const LISTEN_EVERY: Duration = Duration::from_millis(100);
+/// Longest time for a connection, or for the program to be sent.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// A controller and everything that is known about it.
+#[derive(Debug)]
+pub struct Link {
+    addresses: Addresses,
+    program: Program,
+    pilot: Pilot,
+    line: Option<Line>,
+    remote: Option<RemoteWatch>,
+    upload: Option<Upload>,
+    /// When the controller's messages were last looked at.
+    heard_messages: Instant,
+    heard: Instant,
+    next_attempt: Instant,
+    connections: u64,
+    reasons: BTreeMap<&'static str, u64>,
+    counted: Option<Reason>,
+    /// Why the arm did not follow when the end began; ending is no reason.
+    at_end: Option<Option<Reason>>,
+    told: Option<Reason>,
+    detail: Option<String>,
+}
+
+/// Joints that were measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// When, on this host's clock \[ns\].
+    pub stamp_ns: u64,
+    /// For the daemon.
+    pub state: JointState,
+}
+
+/// A run in figures; keys are stable.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LinkReport {
+    /// Of the controller \[Hz\].
+    pub rate_hz: f64,
+    /// States received.
+    pub states: u64,
+    /// States that the controller skipped or the line lost.
+    pub states_skipped: u64,
+    /// Connections made.
+    pub connections: u64,
+    /// Commands taken.
+    pub commands: u64,
+    /// Commands refused: too far from the one before.
+    pub jumps: u64,
+    /// Cycles in which the arm was told to follow.
+    pub following_cycles: u64,
+    /// Cycles in which the program found no fresh counter.
+    pub late_cycles: u64,
+    /// Counters that the program never saw.
+    pub lost_counters: u64,
+    /// The usual round trip of a counter, from a state to the cycle that uses the answer \[ms\].
+    pub round_trip_ms: f64,
+    /// Number of round trips of 0, 1, 2, … cycles; the last holds all longer ones.
+    pub round_trips: Vec<u64>,
+    /// How often the arm stopped following, by reason.
+    pub stops: BTreeMap<&'static str, u64>,
+    /// Why it does not follow in the end; none where it would.
+    pub reason: Option<Reason>,
+}
+
+impl Link {
+    /// A link to the controller at `addresses` that runs `program`; `watch_remote` where the version tells
+    /// remote control.
+    ///
+    /// # Errors
+    ///
+    /// Where the system gives no thread.
+    pub fn new(
+        addresses: Addresses,
+        program: Program,
+        pilot: Pilot,
+        watch_remote: bool,
+    ) -> std::io::Result<Self> {
+        let remote = if watch_remote { Some(RemoteWatch::begin(addresses.dashboard)?) } else { None };
+        let now = Instant::now();
+        Ok(Self {
+            addresses,
+            program,
+            pilot,
+            line: None,
+            remote,
+            upload: None,
+            heard_messages: now,
+            heard: now,
+            next_attempt: now,
+            connections: 0,
+            reasons: BTreeMap::new(),
+            counted: None,
+            at_end: None,
+            told: None,
+            detail: None,
+        })
+    }
+
+    /// Waits for the next state, for 50 ms at most (a second while connecting), and answers it at once.
+    /// `commands` is called just before, to hand over the newest ones with [`Pilot::take`].
+    pub fn turn(&mut self, commands: &mut dyn FnMut(&mut Pilot)) -> Option<Measured> {
+        let Some(line) = &mut self.line else {
+            commands(&mut self.pilot);
+            self.connect();
+            return None;
+        };
+        let package = match line.receive(WAIT) {
+            Ok(Some(package)) => package,
+            Ok(None) => {
+                if self.heard.elapsed() > SILENCE {
+                    self.lose(Reason::ConnectionLost, Some("no state for a second".to_owned()));
+                }
+                return None;
+            }
+            Err(error) => {
+                self.lose(Reason::ConnectionLost, Some(error.to_string()));
+                return None;
+            }
+        };
+        let arrival_ns = monotonic_now_ns();
+        self.heard = Instant::now();
+        commands(&mut self.pilot);
+        if let Some(remote) = &self.remote {
+            self.pilot.remote_control(remote.remote());
+        }
+        let outcome = self.pilot.cycle(&package, arrival_ns)?;
+        if let Err(error) = line.send(&outcome.inputs) {
+            self.lose(Reason::ConnectionLost, Some(error.to_string()));
+            return None;
+        }
+        if outcome.upload {
+            self.send_program();
+        }
+        self.hear();
+        self.note();
+        Some(Measured { stamp_ns: outcome.stamp_ns, state: outcome.state })
+    }
+
+    /// The program on the controller is told to stop the arm and to end.
+    pub fn end(&mut self) {
+        self.at_end = Some(self.hindrance());
+        let Some(line) = &mut self.line else { return };
+        let end = Instant::now() + Duration::from_millis(200);
+        while Instant::now() < end {
+            let Ok(Some(package)) = line.receive(WAIT) else { break };
+            let Some(mut outcome) = self.pilot.cycle(&package, monotonic_now_ns()) else { continue };
+            outcome.inputs.leave = END;
+            let ours = package.answer.session == self.program.token && package.runtime_state == 2;
+            if !ours || line.send(&outcome.inputs).is_err() {
+                break;
+            }
+        }
+        self.line = None;
+    }
+
+    /// Where the bridge stands.
+    #[must_use]
+    pub const fn phase(&self) -> Phase {
+        self.pilot.machine().phase()
+    }
+
+    /// Why the arm does not follow, or stopped last.
+    #[must_use]
+    pub const fn reason(&self) -> Option<Reason> {
+        self.pilot.machine().reason()
+    }
+
+    /// A reason that was not told yet, with what the system said about it.
+    pub fn news(&mut self) -> Option<(Reason, Option<String>)> {
+        let reason = self.reason().filter(|reason| Some(*reason) != self.told);
+        self.told = self.reason();
+        reason.map(|reason| (reason, self.detail.take()))
+    }
+
+    /// The run so far.
+    #[must_use]
+    pub fn report(&self) -> LinkReport {
+        let Counts { states, skipped, commands, jumps, following } = self.pilot.counts();
+        let trips = self.pilot.trips();
+        LinkReport {
+            rate_hz: 1.0 / self.program.cycle_s,
+            states,
+            states_skipped: skipped,
+            connections: self.connections,
+            commands,
+            jumps,
+            following_cycles: following,
+            late_cycles: trips.late(),
+            lost_counters: trips.lost(),
+            round_trip_ms: trips.usual() as f64 * self.program.cycle_s * 1e3,
+            round_trips: trips.counts().to_vec(),
+            stops: self.reasons.clone(),
+            reason: self.at_end.unwrap_or_else(|| self.hindrance()),
+        }
+    }
+
+    /// Why the arm does not follow now.
+    fn hindrance(&self) -> Option<Reason> {
+        self.reason().filter(|_| !self.pilot.machine().may_move())
+    }
+
+    fn connect(&mut self) {
+        let now = Instant::now();
+        if now < self.next_attempt {
+            std::thread::sleep(self.next_attempt.duration_since(now).min(WAIT));
+            return;
+        }
+        self.next_attempt = now + AGAIN;
+        let rate_hz = 1.0 / self.program.cycle_s;
+        match Line::connect(self.addresses.rtde, &self.program.registers, rate_hz, PATIENCE) {
+            Ok(line) => {
+                self.line = Some(line);
+                self.connections += 1;
+                self.heard = Instant::now();
+                self.pilot.connected();
+            }
+            Err(error) => self.lose(line::reason(&error), Some(error.to_string())),
+        }
+    }
+
+    fn lose(&mut self, reason: Reason, detail: Option<String>) {
+        self.line = None;
+        self.upload = None;
+        self.next_attempt = Instant::now() + AGAIN;
+        self.pilot.disconnected(reason);
+        self.detail = detail;
+        self.note();
+    }
+
+    fn send_program(&mut self) {
+        match Upload::begin(self.addresses.primary, &self.program.text(), PATIENCE) {
+            Ok(upload) => self.upload = Some(upload),
+            // The machine notices that nothing runs; this tells why.
+            Err(error) => {
+                self.detail = Some(format!("the program could not be sent to port 30001: {error}"));
+            }
+        }
+    }
+
+    /// What the controller says against the program: at once while it begins or has ended, now and then while
+    /// it runs.
+    fn hear(&mut self) {
+        let phase = self.pilot.machine().phase();
+        let soon = matches!(phase, Phase::Starting { .. } | Phase::Ended { .. });
+        if !soon && self.heard_messages.elapsed() < LISTEN_EVERY {
+            return;
+        }
+        self.heard_messages = Instant::now();
+        if let Some(objection) = self.upload.as_mut().and_then(Upload::objection) {
+            self.detail = Some(objection);
+            self.pilot.program_failed();
+        }
+    }
+
+    /// Counts a stop once, when its reason appears.
+    fn note(&mut self) {
+        let reason = self.reason();
+        if let Some(reason) = reason.filter(|reason| self.counted != Some(*reason)) {
+            *self.reasons.entry(reason.text()).or_insert(0) += 1;
+        }
+        self.counted = reason;
+    }
+}

@@ -1,0 +1,307 @@
+//! One cycle of the bridge: a state of the controller and the newest commands in, a joint state and registers
+//! out.
+//!
+//! Contract: neither sockets nor shared memory nor a clock; arrival times are arguments. Every state gives
+//! one joint state for the daemon and one set of inputs for the controller, so that the counter goes on
+//! whatever happens.
+
+use foretrace_client::{JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags};
+use foretrace_control::arm::{Chain, JointLimits};
+use nalgebra::Vector3;
+
+use super::clock::{ClockMap, Mapped};
+use super::reaction::{Act, Machine, Seen, Wanted};
+use super::reason::Reason;
+use super::registers::{Answer, Inputs, Numbers};
+use super::target::{Target, Targets};
+use super::trip::Trips;
+
+/// One state of the controller, as RTDE brings it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Package {
+    /// Of the controller's clock \[s\].
+    pub timestamp: f64,
+    /// `actual_q` \[rad\].
+    pub q: [f64; JOINTS],
+    /// `actual_qd` \[rad/s\].
+    pub qd: [f64; JOINTS],
+    /// `actual_current` \[A\].
+    pub current: [f64; JOINTS],
+    /// `robot_mode`.
+    pub robot_mode: i32,
+    /// `safety_mode`.
+    pub safety_mode: i32,
+    /// `runtime_state`.
+    pub runtime_state: u32,
+    /// `speed_scaling`.
+    pub speed_scaling: f64,
+    /// `target_speed_fraction`.
+    pub target_speed_fraction: f64,
+    /// What our program writes.
+    pub answer: Answer,
+}
+
+/// Below which height the pen is not lowered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Floor {
+    /// The arm as the settings believe it, to the tip of the pen.
+    pub chain: Chain<JOINTS>,
+    /// A point of the paper in the base frame \[m\].
+    pub origin: Vector3<f64>,
+    /// The paper's normal, of length 1.
+    pub normal: Vector3<f64>,
+    /// Least height of the tip above the paper \[m\].
+    pub height_m: f64,
+}
+
+/// What a cycle gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// When the state was measured, on this host's clock \[ns\].
+    pub stamp_ns: u64,
+    /// For the daemon.
+    pub state: JointState,
+    /// For the controller.
+    pub inputs: Inputs,
+    /// The program has to be sent.
+    pub upload: bool,
+    /// The controller's clock began anew.
+    pub restarted: bool,
+}
+
+/// Counts of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// States of the controller.
+    pub states: u64,
+    /// States that the controller skipped or the line lost, by its timestamps.
+    pub skipped: u64,
+    /// Commands taken.
+    pub commands: u64,
+    /// Commands refused because they were too far away.
+    pub jumps: u64,
+    /// Cycles in which the arm was told to follow.
+    pub following: u64,
+}
+
+/// Everything that lasts from cycle to cycle.
+#[derive(Debug)]
+pub struct Pilot {
+    cycle_s: f64,
+    clock: ClockMap,
+    trips: Trips,
+    machine: Machine,
+    targets: Targets,
+    counters: Numbers,
+    floor: Option<Floor>,
+    watchdog_s: f64,
+    last_timestamp: Option<f64>,
+    taken_ns: u64,
+    begins: bool,
+    counts: Counts,
+}
+
+/// Share of the watchdog's time without a fresh counter after which it may be why a program ended.
+const STARVED: f64 = 0.5;
+
+impl Pilot {
+    /// For a controller that cycles every `cycle_s` and ends the program when inputs stay away for
+    /// `watchdog_s`.
+    #[must_use]
+    pub fn new(
+        limits: JointLimits<JOINTS>,
+        cycle_s: f64,
+        watchdog_s: f64,
+        floor: Option<Floor>,
+        token: i32,
+        seed: u64,
+    ) -> Self {
+        Self {
+            cycle_s,
+            clock: ClockMap::default(),
+            trips: Trips::new(cycle_s, 1),
+            machine: Machine::new(token, Numbers::from_seed(seed)),
+            targets: Targets::new(limits, cycle_s),
+            counters: Numbers::from_seed(seed >> 7),
+            floor,
+            watchdog_s,
+            last_timestamp: None,
+            taken_ns: 0,
+            begins: false,
+            counts: Counts::default(),
+        }
+    }
+
+    /// Where the bridge stands.
+    #[must_use]
+    pub const fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// Round trips.
+    #[must_use]
+    pub const fn trips(&self) -> &Trips {
+        &self.trips
+    }
+
+    /// What was counted.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// A connection stands.
+    pub fn connected(&mut self) {
+        self.clock.reconnected();
+        self.trips.restart();
+        self.machine.connected(false);
+    }
+
+    /// There is no connection.
+    pub fn disconnected(&mut self, reason: Reason) {
+        self.machine.disconnected(reason);
+    }
+
+    /// The controller told an error of the program.
+    pub fn program_failed(&mut self) {
+        self.machine.program_failed();
+    }
+
+    /// What the dashboard says about remote control.
+    pub fn remote_control(&mut self, remote: Option<bool>) {
+        self.machine.remote_control(remote);
+    }
+
+    /// A command that was received at `now_ns`.
+    pub fn take(&mut self, command: &JointCommand, now_ns: u64) {
+        self.counts.commands += 1;
+        self.taken_ns = now_ns;
+        self.begins |= command.flags & command_flags::BEGINS != 0;
+        self.targets.take(command);
+    }
+
+    /// A state that arrived at `arrival_ns`; `None` where its timestamp says nothing new.
+    pub fn cycle(&mut self, package: &Package, arrival_ns: u64) -> Option<Outcome> {
+        let (stamp_ns, restarted) = match self.clock.observe(package.timestamp, arrival_ns) {
+            Mapped::At(stamp) => (stamp, false),
+            Mapped::Restarted(stamp) => (stamp, true),
+            Mapped::Unusable => return None,
+        };
+        if restarted {
+            self.trips.restart();
+            self.machine.connected(true);
+            self.last_timestamp = None;
+        }
+        self.count(package.timestamp);
+        self.trips.answered(&package.answer, package.timestamp);
+        let use_ns = stamp_ns.saturating_add((self.trips.usual() as f64 * self.cycle_s * 1e9) as u64);
+
+        let following = matches!(self.machine.phase(), super::reaction::Phase::Following { .. });
+        let begins = std::mem::take(&mut self.begins);
+        if begins && !following {
+            self.targets.begin(use_ns, package.q);
+        }
+        let target = if following || begins { self.targets.at(use_ns) } else { Target::None };
+        let wanted = Wanted {
+            // Alive now is what counts; a command that ends before it is used only brakes from there on.
+            commanding: self.targets.commanding(arrival_ns),
+            begins,
+            refused: self.refused(&target, following),
+        };
+        let act = self.machine.step(package.timestamp, &self.seen(package), wanted);
+        if following && wanted.refused == Some(Reason::TargetJump) {
+            self.counts.jumps += 1;
+        }
+        let inputs = self.inputs(act, &target, package);
+        Some(Outcome { stamp_ns, state: self.state(package), inputs, upload: act == Act::Upload, restarted })
+    }
+
+    fn count(&mut self, timestamp: f64) {
+        self.counts.states += 1;
+        if let Some(last) = self.last_timestamp.replace(timestamp) {
+            let cycles = ((timestamp - last) / self.cycle_s).round();
+            if cycles > 1.0 {
+                self.counts.skipped = self.counts.skipped.saturating_add(cycles as u64 - 1);
+            }
+        }
+    }
+
+    fn refused(&self, target: &Target, following: bool) -> Option<Reason> {
+        let motion = match target {
+            // A command that is no number is as bad as one far away.
+            Target::None => return following.then_some(Reason::TargetJump),
+            Target::Jump { .. } => return Some(Reason::TargetJump),
+            Target::Follow(motion) | Target::Brake(motion) => motion,
+        };
+        let floor = self.floor.as_ref().filter(|_| following)?;
+        let tip = floor.chain.forward(&motion.q).position;
+        let height = floor.normal.dot(&(tip - floor.origin));
+        // Down only: an arm that stands too low may leave.
+        let sinks = {
+            let twist = floor.chain.forward(&motion.q).twist(&motion.qd);
+            floor.normal.dot(&twist.fixed_rows::<3>(0).into_owned()) < 0.0
+        };
+        (!(height >= floor.height_m) && sinks).then_some(Reason::Uncalibrated)
+    }
+
+    fn seen(&self, package: &Package) -> Seen {
+        let silence_s = self.trips.silence_s(package.timestamp);
+        Seen {
+            robot_mode: package.robot_mode,
+            safety_mode: package.safety_mode,
+            runtime_state: package.runtime_state,
+            speed: package.speed_scaling * package.target_speed_fraction,
+            answer: package.answer,
+            echo_is_ours: self.trips.is_ours(package.answer.echo),
+            silence_s,
+            starved: silence_s > STARVED * self.watchdog_s,
+        }
+    }
+
+    fn inputs(&mut self, act: Act, target: &Target, package: &Package) -> Inputs {
+        let counter = self.counters.next_number();
+        self.trips.sent(counter, package.timestamp);
+        let (q, qd) = match (act, target) {
+            (Act::Follow(_), Target::Follow(motion) | Target::Brake(motion)) => {
+                self.counts.following += 1;
+                (motion.q, motion.qd)
+            }
+            _ => (package.q, [0.0; JOINTS]),
+        };
+        Inputs { counter, leave: act.leave(), q, qd }
+    }
+
+    /// What the daemon hears. Running means that the arm follows: while it does not, the arm counts as idle,
+    /// and the daemon stops and has to be armed again.
+    fn state(&self, package: &Package) -> JointState {
+        let running = package.robot_mode == 7;
+        let robot_mode = match u32::try_from(package.robot_mode.saturating_add(1)) {
+            Ok(_) if running && !self.machine.may_move() => RobotMode::Idle,
+            Ok(mode) => RobotMode::try_from(mode).unwrap_or(RobotMode::Disconnected),
+            Err(_) => RobotMode::Disconnected,
+        };
+        let safety_mode = u32::try_from(package.safety_mode)
+            .ok()
+            .and_then(|mode| SafetyMode::try_from(mode).ok())
+            .filter(|mode| *mode != SafetyMode::Unknown)
+            .unwrap_or(SafetyMode::Undefined);
+        let mut state = JointState {
+            robot_stamp_ns: (package.timestamp * 1e9) as u64,
+            commands_received: self.counts.commands,
+            commands_refused: self.counts.jumps,
+            q: package.q,
+            qd: package.qd,
+            effort: package.current,
+            safety_mode: safety_mode.into(),
+            robot_mode: robot_mode.into(),
+            ..JointState::default()
+        };
+        if let Some(command) = self.targets.newest() {
+            state.echo(command, self.taken_ns);
+        }
+        state
+    }
+}
+
+#[cfg(test)]
+mod tests;

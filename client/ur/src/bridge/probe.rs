@@ -1,0 +1,153 @@
+//! What a controller says about itself before the bridge begins: version, installation, kinematics.
+//!
+//! Contract: reads only; a few seconds at most.
+
+use std::time::{Duration, Instant};
+
+use foretrace_client::JOINTS;
+use foretrace_config::Config;
+use nalgebra::Vector3;
+
+use super::address::Addresses;
+use super::check::{Installation, Refusal, Series, Version};
+use super::kinematics::{Deviation, DhParameters, deviation};
+use super::line;
+use super::measures;
+use crate::rtde::{Client, RtdeError, Value};
+
+/// Longest wait for a step.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Software of the controller.
+    pub version: Version,
+    /// What kind it is.
+    pub series: Series,
+    /// Joints, payload and tool.
+    pub installation: Installation,
+    /// The arm's own kinematics; `None` where the primary interface does not tell.
+    pub dh: Option<DhParameters>,
+}
+
+/// Why nothing was found.
+#[derive(Debug, thiserror::Error)]
+pub enum ProbeError {
+    /// RTDE does not answer.
+    #[error("{reason}: {0}", reason = line::reason(.0).text())]
+    Rtde(#[from] RtdeError),
+    /// The bridge cannot drive this controller.
+    #[error("{0}")]
+    Refused(#[from] Refusal),
+    /// No state came.
+    #[error("the controller sends no states over RTDE")]
+    NoState,
+}
+
+/// Asks the controller at `addresses`.
+///
+/// # Errors
+///
+/// See [`ProbeError`].
+pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
+    let mut client = Client::connect(addresses.rtde, PATIENCE)?;
+    let version = client.controller_version()?;
+    let series = Series::of(version)?;
+    let mut installation = installation(&mut client, PATIENCE)?;
+    let measures = measures::listen(addresses.primary, PATIENCE).ok();
+    let dh = measures.and_then(|measures| measures.dh);
+    // Older versions tell the tool only there.
+    installation.tcp_m = installation.tcp_m.or_else(|| measures?.tcp_m);
+    Ok(Found { version, series, installation, dh })
+}
+
+/// Joints, payload and tool over a connection that has not started yet.
+///
+/// # Errors
+///
+/// See [`ProbeError`].
+pub fn installation(client: &mut Client, patience: Duration) -> Result<Installation, ProbeError> {
+    // What the version does not know is asked for no more: the last of these is known to all.
+    let asked: [&[&str]; 4] = [
+        &["actual_q", "payload", "tcp_offset"],
+        &["actual_q", "payload"],
+        &["actual_q", "tcp_offset"],
+        &["actual_q"],
+    ];
+    let mut refused = None;
+    for names in asked {
+        match client.set_up_outputs(names, 10.0) {
+            Ok(()) => return read(client, names, patience),
+            Err(error @ RtdeError::NotFound(_)) => refused = Some(error),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Err(refused.map_or(ProbeError::NoState, ProbeError::Rtde))
+}
+
+fn read(client: &mut Client, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
+    client.start()?;
+    let end = Instant::now() + patience;
+    while Instant::now() < end {
+        let Some(package) = client.receive(Duration::from_millis(500))? else { continue };
+        let of = |wanted: &str| {
+            let pairs = names.iter().zip(&package.values);
+            pairs.into_iter().find(|(name, _)| **name == wanted).map(|(_, value)| *value)
+        };
+        let Some(q) = of("actual_q").and_then(Value::vector6d) else { continue };
+        let tcp = of("tcp_offset").and_then(Value::vector6d);
+        return Ok(Installation {
+            q,
+            payload_kg: of("payload").and_then(Value::double),
+            tcp_m: tcp.map(|[x, y, z, ..]| [x, y, z]),
+        });
+    }
+    Err(ProbeError::NoState)
+}
+
+impl Found {
+    /// The arm by its measures.
+    #[must_use]
+    pub fn arm(&self) -> Option<&'static str> {
+        self.dh.and_then(|dh| dh.name())
+    }
+
+    /// Name of the embedded description of this arm.
+    #[must_use]
+    pub fn embedded(&self) -> Option<&'static str> {
+        match self.arm()? {
+            "a UR5" => Some("ur5"),
+            "a UR5e or UR7e" => Some("ur5e"),
+            _ => None,
+        }
+    }
+
+    /// How far the tip is from where the model of `config` believes it, over the paper.
+    #[must_use]
+    pub fn deviation(&self, config: &Config) -> Option<Deviation> {
+        self.dh.and_then(|dh| deviation_of(&dh, config))
+    }
+}
+
+/// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
+/// paper.
+#[must_use]
+pub fn deviation_of(dh: &DhParameters, config: &Config) -> Option<Deviation> {
+    let (robot, settings) = (config.robot(), config.settings());
+    let rotation = settings.plane.rotation();
+    let origin = Vector3::from(settings.plane.origin_m);
+    let tool = Vector3::from(settings.robot.tool_m);
+    let [x, y, _] = settings.plane.workspace_m;
+    deviation(
+        &robot.chain,
+        &|q: &[f64; JOINTS]| {
+            let flange = dh.flange(q);
+            flange.translation.vector + flange.rotation * tool
+        },
+        &[x, y],
+        &|[x, y]| origin + rotation * Vector3::new(x, y, 0.0),
+        &(rotation * Vector3::z()),
+        &robot.home,
+    )
+}

@@ -1,0 +1,339 @@
+//! A row per thing that may go wrong: what the bridge does, what it says, and what it takes to go on.
+
+use super::*;
+use proptest::prelude::*;
+
+const TOKEN: i32 = 4711;
+const CYCLE_S: f64 = 0.008;
+
+/// A controller that does what a healthy one does, unless told otherwise.
+struct Scene {
+    machine: Machine,
+    now_s: f64,
+    seen: Seen,
+    wanted: Wanted,
+    uploads: usize,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let seen = Seen {
+            robot_mode: 7,
+            safety_mode: 1,
+            runtime_state: 1,
+            speed: 1.0,
+            answer: Answer::default(),
+            echo_is_ours: false,
+            silence_s: 0.0,
+            starved: false,
+        };
+        let mut machine = Machine::new(TOKEN, Numbers::from_seed(100));
+        machine.connected(false);
+        Self { machine, now_s: 50.0, seen, wanted: Wanted::default(), uploads: 0 }
+    }
+
+    /// One cycle: what the machine does, and what the program makes of it.
+    fn cycle(&mut self) -> Act {
+        self.now_s += CYCLE_S;
+        let act = self.machine.step(self.now_s, &self.seen, self.wanted);
+        self.wanted.begins = false;
+        let answer = &mut self.seen.answer;
+        match act {
+            Act::Upload => {
+                self.uploads += 1;
+                self.seen.runtime_state = 2;
+                *answer = Answer { session: TOKEN, state: 1, ..Answer::default() };
+            }
+            Act::Follow(leave) if answer.used != leave => {
+                (answer.used, answer.state, answer.why) = (leave, 2, 0)
+            }
+            Act::Wait if answer.state == 2 => answer.state = 1,
+            Act::EndEarlier => self.seen.runtime_state = 1,
+            _ => {}
+        }
+        act
+    }
+
+    fn cycles(&mut self, seconds: f64) -> Vec<Act> {
+        (0..(seconds / CYCLE_S).ceil() as usize).map(|_| self.cycle()).collect()
+    }
+
+    fn arm(&mut self) {
+        self.wanted = Wanted { commanding: true, begins: true, refused: None };
+    }
+
+    fn following() -> Self {
+        let mut scene = Self::new();
+        scene.cycles(0.1);
+        assert_eq!(scene.machine.phase(), Phase::Ready);
+        scene.arm();
+        let acts = scene.cycles(0.5);
+        assert!(acts.iter().all(|act| matches!(act, Act::Follow(_))), "{acts:?}");
+        scene
+    }
+}
+
+/// Spoils a healthy scene.
+type Spoil = fn(&mut Scene);
+
+const ROWS: [(&str, Spoil, Reason); 20] = [
+    ("protective stop", |s| s.seen.safety_mode = 3, Reason::ProtectiveStop),
+    ("recovery", |s| s.seen.safety_mode = 4, Reason::Recovery),
+    ("safeguard stop", |s| s.seen.safety_mode = 5, Reason::SafeguardStop),
+    ("system emergency stop", |s| s.seen.safety_mode = 6, Reason::EmergencyStop),
+    ("robot emergency stop", |s| s.seen.safety_mode = 7, Reason::EmergencyStop),
+    ("violation", |s| s.seen.safety_mode = 8, Reason::SafetyFault),
+    ("fault", |s| s.seen.safety_mode = 9, Reason::SafetyFault),
+    ("a safety mode nobody knows", |s| s.seen.safety_mode = 77, Reason::SafetyFault),
+    ("brakes closed", |s| s.seen.robot_mode = 5, Reason::NotRunning),
+    ("switched off", |s| s.seen.robot_mode = 3, Reason::NotRunning),
+    ("booting", |s| s.seen.robot_mode = 2, Reason::Booting),
+    ("freedrive", |s| s.seen.robot_mode = 6, Reason::Backdrive),
+    ("pausing", |s| s.seen.runtime_state = 3, Reason::Paused),
+    ("paused", |s| s.seen.runtime_state = 4, Reason::Paused),
+    ("slider at 98 %", |s| s.seen.speed = 0.98, Reason::Slowed),
+    ("speed is no number", |s| s.seen.speed = f64::NAN, Reason::Slowed),
+    ("counters late", |s| (s.seen.answer.state, s.seen.answer.why) = (3, 1), Reason::CountersLate),
+    ("jump seen by the program", |s| (s.seen.answer.state, s.seen.answer.why) = (3, 2), Reason::TargetJump),
+    ("jump seen by the bridge", |s| s.wanted.refused = Some(Reason::TargetJump), Reason::TargetJump),
+    ("no echo for half a second", |s| s.seen.silence_s = 0.6, Reason::NoAnswer),
+];
+
+#[test]
+fn each_hindrance_takes_the_leave_back_at_once_and_is_told_to_the_daemon() {
+    for (name, spoil, reason) in ROWS {
+        let mut scene = Scene::following();
+        spoil(&mut scene);
+        assert_eq!(scene.cycle(), Act::Wait, "{name}");
+        assert_eq!(scene.machine.reason(), Some(reason), "{name}");
+        assert!(!scene.machine.may_move(), "{name}");
+    }
+}
+
+#[test]
+fn after_each_of_them_nothing_moves_until_the_daemon_stopped_and_somebody_armed() {
+    for (name, spoil, reason) in ROWS {
+        let mut scene = Scene::following();
+        let healthy = scene.seen;
+        spoil(&mut scene);
+        scene.cycles(0.1);
+        scene.seen = Seen { answer: Answer { state: 1, ..healthy.answer }, ..healthy };
+        scene.wanted.refused = None;
+        // The daemon goes on commanding: no leave, however long.
+        assert!(scene.cycles(2.0).iter().all(|act| *act == Act::Wait), "{name}");
+        assert!(!scene.machine.may_move(), "{name}: the daemon has not stopped yet");
+        // It stopped: ready, and still no motion.
+        scene.wanted.commanding = false;
+        assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait), "{name}");
+        assert_eq!(scene.machine.phase(), Phase::Ready, "{name}");
+        assert_eq!(scene.machine.reason(), Some(reason), "{name} is still told");
+        // Commands that do not begin at rest are not obeyed.
+        scene.wanted.commanding = true;
+        assert!(scene.cycles(0.5).iter().all(|act| *act == Act::Wait), "{name}");
+        scene.arm();
+        assert!(matches!(scene.cycle(), Act::Follow(_)), "{name}");
+        assert_eq!(scene.machine.reason(), None, "{name}");
+        assert_eq!(scene.uploads, 1, "{name}: the program never went away");
+    }
+}
+
+#[test]
+fn a_program_that_a_safety_stop_ended_is_started_again_and_waits() {
+    for safety_mode in [3, 5, 6, 7] {
+        let mut scene = Scene::following();
+        // The program may be seen to end before the stop is.
+        scene.seen.runtime_state = 1;
+        scene.cycles(0.1);
+        scene.seen.safety_mode = safety_mode;
+        scene.cycles(0.5);
+        scene.wanted.commanding = false;
+        scene.cycles(0.5);
+        assert_eq!(scene.uploads, 1, "not while the stop stands");
+        scene.seen.safety_mode = 1;
+        scene.cycles(1.0);
+        assert_eq!((scene.uploads, scene.machine.phase()), (2, Phase::Ready));
+    }
+}
+
+#[test]
+fn a_program_that_the_operator_stopped_is_not_started_again() {
+    let mut scene = Scene::following();
+    scene.seen.runtime_state = 1;
+    assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait));
+    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+    scene.wanted.commanding = false;
+    scene.cycles(60.0);
+    scene.arm();
+    scene.cycles(1.0);
+    assert_eq!((scene.uploads, scene.machine.may_move()), (1, false));
+    // A cable that is pulled in between changes nothing about it.
+    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.connected(false);
+    scene.wanted = Wanted::default();
+    scene.cycles(10.0);
+    assert_eq!((scene.uploads, scene.machine.reason()), (1, Some(Reason::StoppedByOperator)));
+}
+
+#[test]
+fn a_program_that_failed_is_not_started_again() {
+    let mut scene = Scene::following();
+    scene.machine.program_failed();
+    (scene.seen.runtime_state, scene.wanted.commanding) = (1, false);
+    scene.cycles(5.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ProgramFailed), 1));
+}
+
+#[test]
+fn a_program_that_the_watchdog_ended_is_started_again() {
+    let mut scene = Scene::following();
+    (scene.seen.runtime_state, scene.seen.starved) = (1, true);
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByWatchdog));
+    scene.seen.starved = false;
+    scene.wanted.commanding = false;
+    scene.cycles(1.0);
+    assert_eq!((scene.uploads, scene.machine.phase()), (2, Phase::Ready));
+}
+
+#[test]
+fn a_lost_connection_blocks_until_it_is_back_and_somebody_arms() {
+    for reason in [Reason::ConnectionLost, Reason::Unreachable, Reason::ServiceOff, Reason::InUse] {
+        let mut scene = Scene::following();
+        scene.machine.disconnected(reason);
+        assert!(!scene.machine.may_move());
+        assert_eq!(scene.cycle(), Act::Wait);
+        scene.machine.connected(false);
+        scene.wanted.commanding = false;
+        scene.cycles(0.5);
+        assert_eq!((scene.machine.phase(), scene.machine.reason()), (Phase::Ready, Some(reason)));
+    }
+}
+
+#[test]
+fn a_restarted_controller_waits_for_its_brakes_and_gets_the_program_again() {
+    let mut scene = Scene::following();
+    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.connected(true);
+    scene.wanted.commanding = false;
+    scene.seen = Seen { robot_mode: 3, runtime_state: 1, answer: Answer::default(), ..scene.seen };
+    scene.now_s = 3.0;
+    scene.cycles(1.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::NotRunning), 1));
+    scene.seen.robot_mode = 7;
+    scene.cycles(1.0);
+    assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 2));
+}
+
+#[test]
+fn a_program_of_somebody_else_is_left_alone() {
+    let mut scene = Scene::new();
+    scene.seen.runtime_state = 2;
+    scene.seen.answer.session = 1;
+    assert!(scene.cycles(20.0).iter().all(|act| *act == Act::Wait));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ForeignProgram), 0));
+    scene.seen.runtime_state = 1;
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+}
+
+#[test]
+fn the_program_of_a_bridge_that_died_is_told_to_end() {
+    let mut scene = Scene::new();
+    (scene.seen.runtime_state, scene.seen.echo_is_ours) = (2, true);
+    scene.seen.answer.session = TOKEN - 1;
+    assert!(scene.cycles(0.1).contains(&Act::EndEarlier));
+    scene.seen.echo_is_ours = false;
+    scene.cycles(1.0);
+    assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
+}
+
+#[test]
+fn in_local_control_nothing_is_sent_and_what_runs_goes_on() {
+    let mut scene = Scene::new();
+    scene.machine.remote_control(Some(false));
+    scene.cycles(5.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::LocalControl), 0));
+    scene.machine.remote_control(Some(true));
+    scene.cycles(1.0);
+    assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
+    scene.machine.remote_control(Some(false));
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+}
+
+#[test]
+fn a_program_that_does_not_start_is_sent_again_after_a_while() {
+    let mut scene = Scene::new();
+    let deaf = scene.seen;
+    let mut uploads = 0;
+    for _ in 0..(40.0 / CYCLE_S) as usize {
+        uploads += usize::from(scene.cycle() == Act::Upload);
+        scene.seen = deaf;
+    }
+    assert_eq!(scene.machine.reason(), Some(Reason::DidNotStart));
+    assert!((2..=4).contains(&uploads), "{uploads}");
+}
+
+#[test]
+fn a_speed_that_comes_up_with_the_program_is_no_slow_arm() {
+    let mut scene = Scene::new();
+    scene.seen.speed = 0.0;
+    for step in 0..100 {
+        scene.cycle();
+        scene.seen.speed = f64::from(step) / 80.0;
+        assert_eq!(scene.machine.reason(), None);
+    }
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+    // One that stays low is.
+    let mut scene = Scene::new();
+    scene.seen.speed = 0.5;
+    scene.cycles(3.0);
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::Slowed), false));
+}
+
+#[test]
+fn the_leave_ends_a_second_after_the_commands() {
+    let mut scene = Scene::following();
+    scene.wanted.commanding = false;
+    assert!(scene.cycles(0.9).iter().all(|act| matches!(act, Act::Follow(_))));
+    scene.cycles(0.3);
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+    assert!(scene.machine.may_move());
+}
+
+#[test]
+fn a_pen_too_low_needs_a_new_bridge() {
+    let mut scene = Scene::following();
+    scene.wanted.refused = Some(Reason::Uncalibrated);
+    assert_eq!(scene.cycle(), Act::Wait);
+    scene.wanted = Wanted::default();
+    scene.cycles(5.0);
+    scene.arm();
+    assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait));
+    assert_eq!(scene.machine.reason(), Some(Reason::Uncalibrated));
+}
+
+proptest! {
+    #[test]
+    fn whatever_is_seen_a_leave_is_given_only_after_a_beginning(
+        rows in proptest::collection::vec((0usize..=ROWS.len(), any::<bool>(), 1usize..60), 1..40)
+    ) {
+        let mut scene = Scene::new();
+        let healthy = scene.seen;
+        let mut following = false;
+        for (row, begins, cycles) in rows {
+            let (runtime_state, answer) = (scene.seen.runtime_state, scene.seen.answer);
+            scene.seen = Seen { runtime_state, answer, ..healthy };
+            if let Some((_, spoil, _)) = ROWS.get(row) {
+                spoil(&mut scene);
+            }
+            scene.wanted = Wanted { commanding: begins || row % 2 == 0, begins, refused: None };
+            for _ in 0..cycles {
+                let begun = scene.wanted.begins;
+                let follows = matches!(scene.cycle(), Act::Follow(_));
+                prop_assert!(!follows || following || begun);
+                following = follows;
+            }
+        }
+    }
+}
