@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit and
-# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder);
-# where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here). Ports of a robot
-# are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
+# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch
+# folder); where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here).
+# Ports of a robot are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=$PWD/tests/ur

@@ -1,5 +1,6 @@
 //! Programs that others wrote. They are not part of this repository: where the folder named by
-//! `FORETRACE_UR_SCRIPTS` has them (`others.py` fills it), they are run, else the test says that it was skipped.
+//! `FORETRACE_UR_SCRIPTS` has them (`others.py` fills it), they are run, else the test says that it was
+//! skipped.
 
 use foretrace_ur::script::{Call, Called, List, Machine, Program, Progress, Run, ThreadId, Uploads, Value};
 use std::collections::HashMap;
