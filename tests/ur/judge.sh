@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit and
-# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder);
-# where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here). Ports of a robot
-# are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
+# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch
+# folder); where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here).
+# Ports of a robot are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+here=$PWD/tests/ur
 
 scratch=$(mktemp -d)
 simulators=()
@@ -14,7 +15,7 @@ finish() {
 }
 trap finish EXIT
 
-venv=${FORETRACE_UR_VENV:-$scratch/venv}
+venv=$(realpath -m "${FORETRACE_UR_VENV:-$scratch/venv}")
 if [[ ! -x $venv/bin/python ]]; then
   if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
     ! timeout 600 "$venv/bin/pip" install -q --only-binary ur_rtde \
@@ -40,7 +41,9 @@ for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
     sleep 0.1
   done
   for judge in sdu others; do
-    timeout 300 "$venv/bin/python" "tests/ur/$judge.py" "$address" "$rate" || broken=$((broken + $?))
+    # urkit leaves a log where it is started.
+    (cd "$scratch" && timeout 300 "$venv/bin/python" "$here/$judge.py" "$address" "$rate") ||
+      broken=$((broken + $?))
   done
 done
 echo "ur: $broken claims broken"

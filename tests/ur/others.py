@@ -45,8 +45,8 @@ def wait(condition, seconds=10.0):
 
 
 def urx_claims():
-    # urx is older than Python 3.10, math3d 4 and software 3.5: notifyAll and PoseVector.tolist went since, and
-    # it reads modes and outputs in the layout of 3.4.
+    # urx is older than Python 3.10, math3d 4 and software 3.5: notifyAll and PoseVector.tolist went since,
+    # and it reads modes and outputs in the layout of 3.4.
     threading.Condition.notifyAll = threading.Condition.notify_all
     import urx
 

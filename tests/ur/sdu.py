@@ -59,7 +59,14 @@ control.stopJ(2.0)
 claim("stopJ stops it", wait(lambda: off(receive.getActualQd(), [0.0] * 6) < 1e-3))
 claim("the way back", control.moveJ(home, 1.0, 2.0) and off(receive.getActualQ(), home) < 1e-3)
 
-got, lateness = [], []
+pose = receive.getActualTCPPose()
+up = pose[:2] + [pose[2] + 0.05] + pose[3:]
+there = control.moveL(up, 0.25, 1.2)
+claim("moveL is there", there and off(receive.getActualTCPPose()[:3], up[:3]) < 1e-3)
+claim("inverse kinematics leads back", off(control.getInverseKinematics(pose, home), home) < 1e-4)
+claim("and moveJ there", control.moveJ(home, 1.0, 2.0) and off(receive.getActualQ(), home) < 1e-3)
+
+got = []
 q = list(home)
 for cycle in range(int(1.5 * RATE_HZ)):
     began = control.initPeriod()

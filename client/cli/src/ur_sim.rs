@@ -8,6 +8,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
 use foretrace_ur::controller::{Controller, Options, Series, Service};
+use foretrace_ur::rtde::ControllerVersion;
 use serde::Serialize;
 
 use crate::failure::{Cause, Failure};
@@ -34,6 +35,11 @@ pub(crate) struct UrSimArgs {
     /// CB3 (UR5, software 3.15, 125 Hz) or e-Series (UR5e, software 5.11, 500 Hz)
     #[arg(long, value_enum, default_value_t = SeriesArg::Cb3)]
     series: SeriesArg,
+
+    /// Software that it says it has, to see what a client makes of older or newer ones [default: that of the
+    /// series]
+    #[arg(long, value_name = "MAJOR.MINOR.BUGFIX.BUILD", value_parser = software)]
+    software: Option<ControllerVersion>,
 
     /// Address to listen at; one that is no loopback address lets everybody in the network move the simulated
     /// arm
@@ -86,6 +92,14 @@ struct Report {
     state: serde_json::Value,
 }
 
+fn software(text: &str) -> Result<ControllerVersion, String> {
+    let numbers: Option<Vec<u32>> = text.split('.').map(|number| number.parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[major, minor, bugfix, build]) => Ok(ControllerVersion { major, minor, bugfix, build }),
+        _ => Err("four numbers with dots between, as 5.11.1.108318".to_owned()),
+    }
+}
+
 fn millimetres(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|mm| (0.0..=50.0).contains(mm));
     number.ok_or_else(|| "from 0 to 50 mm".to_owned())
@@ -99,6 +113,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         SeriesArg::E => Series::E,
     };
     let mut options = Options {
+        version: args.software.unwrap_or(series.version()),
         bind: args.bind,
         ephemeral_ports: args.ephemeral_ports,
         calibration_error_m: args.calibration_error_mm * 1e-3,
@@ -116,7 +131,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
             return Err(Failure::usage(format_args!("--do {order:?}: {why}"), ""));
         }
     }
-    let version = series.version();
+    let version = options.version;
     note!("ur-sim: {} {version}, {} Hz, at {}", series.model(), series.rate_hz(), args.bind);
     if args.ephemeral_ports {
         for service in Service::ALL {

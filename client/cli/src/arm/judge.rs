@@ -9,28 +9,24 @@ use foretrace_control::units::Stamp;
 #[derive(Debug)]
 pub(super) struct Judge {
     checker: CommandChecker<JOINTS>,
-    dropped: u64,
-    restarts: u64,
+    /// Of the newest command, in its sender's sequence.
+    sequence: u64,
 }
 
 impl Judge {
     pub(super) fn new(limits: JointLimits<JOINTS>) -> Self {
-        Self { checker: CommandChecker::new(limits), dropped: 0, restarts: 0 }
-    }
-
-    /// Two commands can only be compared when nothing lies between them.
-    pub(super) fn gaps(&mut self, dropped: u64, restarts: u64) {
-        if (dropped, restarts) != (self.dropped, self.restarts) {
-            (self.dropped, self.restarts) = (dropped, restarts);
-            self.checker.restart();
-        }
+        Self { checker: CommandChecker::new(limits), sequence: 0 }
     }
 
     pub(super) fn see(&mut self, command: &JointCommand) {
-        if command.flags & command_flags::BEGINS != 0 {
+        let header = &command.header;
+        // Two commands can only be compared when nothing lies between them.
+        let follows = header.sequence == self.sequence.wrapping_add(1);
+        if !follows || command.flags & command_flags::BEGINS != 0 {
             self.checker.restart();
         }
-        let (stamp, valid_until) = (Stamp(command.header.stamp_ns), Stamp(command.valid_until_ns));
+        self.sequence = header.sequence;
+        let (stamp, valid_until) = (Stamp(header.stamp_ns), Stamp(command.valid_until_ns));
         self.checker.observe(stamp, valid_until, &command.q, &command.qd);
     }
 
@@ -44,14 +40,15 @@ impl Judge {
 mod tests {
     use super::*;
 
-    fn command(stamp_ns: u64, q: f64, flags: u32) -> JointCommand {
+    fn command(sequence: u64, q: f64, flags: u32) -> JointCommand {
+        let stamp_ns = 2_000_000 * sequence;
         let mut command = JointCommand {
             valid_until_ns: stamp_ns + 10_000_000,
             q: [q; JOINTS],
             flags,
             ..JointCommand::default()
         };
-        command.header.stamp_ns = stamp_ns;
+        (command.header.stamp_ns, command.header.sequence) = (stamp_ns, sequence);
         command
     }
 
@@ -59,12 +56,11 @@ mod tests {
     fn a_jump_is_a_violation_unless_something_lies_between() {
         let limits = JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [20.0; JOINTS]).unwrap();
         let mut judge = Judge::new(limits);
-        judge.see(&command(2_000_000, 0.0, 0));
-        judge.see(&command(4_000_000, 0.5, 0));
+        judge.see(&command(1, 0.0, 0));
+        judge.see(&command(2, 0.5, 0));
         assert_eq!(judge.statistics().limit_violations, 1);
-        judge.see(&command(6_000_000, 1.0, command_flags::BEGINS));
-        judge.gaps(3, 0);
-        judge.see(&command(14_000_000, 1.5, 0));
+        judge.see(&command(3, 1.0, command_flags::BEGINS));
+        judge.see(&command(7, 1.5, 0));
         assert_eq!((judge.statistics().limit_violations, judge.statistics().count), (1, 4));
     }
 }

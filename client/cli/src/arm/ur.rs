@@ -308,7 +308,6 @@ impl Bridge {
         let measured = self.link.turn(&mut |pilot: &mut Pilot| {
             if let Some(ports) = ports {
                 let now_ns = monotonic_now_ns();
-                judge.gaps(ports.commands.dropped(), ports.commands.restarts());
                 ports.commands.drain(|command| {
                     judge.see(command);
                     pilot.take(command, now_ns);

@@ -42,6 +42,8 @@ pub struct Link {
     /// When the controller's messages were last looked at.
     heard_messages: Instant,
     heard: Instant,
+    /// Waits in a row in which nothing came.
+    silent_turns: u32,
     next_attempt: Instant,
     connections: u64,
     reasons: BTreeMap<&'static str, u64>,
@@ -116,6 +118,7 @@ impl Link {
             upload: None,
             heard_messages: now,
             heard: now,
+            silent_turns: 0,
             next_attempt: now,
             connections: 0,
             reasons: BTreeMap::new(),
@@ -137,7 +140,9 @@ impl Link {
         let package = match line.receive(WAIT) {
             Ok(Some(package)) => package,
             Ok(None) => {
-                if self.heard.elapsed() > SILENCE {
+                // Once is not enough: this process itself may have stood still, with states waiting.
+                self.silent_turns = self.silent_turns.saturating_add(1);
+                if self.silent_turns > 2 && self.heard.elapsed() > SILENCE {
                     self.lose(Reason::ConnectionLost, Some("no state for a second".to_owned()));
                 }
                 return None;
@@ -148,7 +153,7 @@ impl Link {
             }
         };
         let arrival_ns = monotonic_now_ns();
-        self.heard = Instant::now();
+        (self.heard, self.silent_turns) = (Instant::now(), 0);
         commands(&mut self.pilot);
         if let Some(remote) = &self.remote {
             self.pilot.remote_control(remote.remote());
@@ -241,7 +246,7 @@ impl Link {
             Ok(line) => {
                 self.line = Some(line);
                 self.connections += 1;
-                self.heard = Instant::now();
+                (self.heard, self.silent_turns, self.detail) = (Instant::now(), 0, None);
                 self.pilot.connected();
             }
             Err(error) => self.lose(line::reason(&error), Some(error.to_string())),

@@ -94,18 +94,15 @@ pub struct Pilot {
     targets: Targets,
     counters: Numbers,
     floor: Option<Floor>,
-    watchdog_ns: u64,
-    /// When inputs were last handed out, and when they last came too late for the watchdog \[ns\].
-    handed_ns: Option<u64>,
-    late_ns: Option<u64>,
+    watchdog_s: f64,
     last_timestamp: Option<f64>,
     taken_ns: u64,
     begins: bool,
     counts: Counts,
 }
 
-/// A watchdog that struck within so long explains why a program ended \[ns\].
-const EXPLAINS_NS: u64 = 3_000_000_000;
+/// Share of the watchdog's time without a fresh counter after which it may be why a program ended.
+const STARVED: f64 = 0.5;
 
 impl Pilot {
     /// For a controller that cycles every `cycle_s` and ends the program when inputs stay away for
@@ -127,9 +124,7 @@ impl Pilot {
             targets: Targets::new(limits, cycle_s),
             counters: Numbers::from_seed(seed >> 7),
             floor,
-            watchdog_ns: (watchdog_s * 1e9) as u64,
-            handed_ns: None,
-            late_ns: None,
+            watchdog_s,
             last_timestamp: None,
             taken_ns: 0,
             begins: false,
@@ -159,7 +154,6 @@ impl Pilot {
     pub fn connected(&mut self) {
         self.clock.reconnected();
         self.trips.restart();
-        self.handed_ns = None;
         self.machine.connected(false);
     }
 
@@ -214,12 +208,11 @@ impl Pilot {
             begins,
             refused: self.refused(&target, following),
         };
-        let act = self.machine.step(package.timestamp, &self.seen(package, arrival_ns), wanted);
+        let act = self.machine.step(package.timestamp, &self.seen(package), wanted);
         if following && wanted.refused == Some(Reason::TargetJump) {
             self.counts.jumps += 1;
         }
         let inputs = self.inputs(act, &target, package);
-        self.hand_out(arrival_ns);
         Some(Outcome { stamp_ns, state: self.state(package), inputs, upload: act == Act::Upload, restarted })
     }
 
@@ -251,8 +244,8 @@ impl Pilot {
         (!(height >= floor.height_m) && sinks).then_some(Reason::Uncalibrated)
     }
 
-    fn seen(&self, package: &Package, arrival_ns: u64) -> Seen {
-        let struck = self.late_ns.is_some_and(|late| arrival_ns.saturating_sub(late) < EXPLAINS_NS);
+    fn seen(&self, package: &Package) -> Seen {
+        let silence_s = self.trips.silence_s(package.timestamp);
         Seen {
             robot_mode: package.robot_mode,
             safety_mode: package.safety_mode,
@@ -260,8 +253,8 @@ impl Pilot {
             speed: package.speed_scaling * package.target_speed_fraction,
             answer: package.answer,
             echo_is_ours: self.trips.is_ours(package.answer.echo),
-            silence_s: self.trips.silence_s(package.timestamp),
-            bridge_was_late: struck,
+            silence_s,
+            starved: silence_s > STARVED * self.watchdog_s,
         }
     }
 
@@ -276,14 +269,6 @@ impl Pilot {
             _ => (package.q, [0.0; JOINTS]),
         };
         Inputs { counter, leave: act.leave(), q, qd }
-    }
-
-    fn hand_out(&mut self, now_ns: u64) {
-        if let Some(before) = self.handed_ns.replace(now_ns)
-            && now_ns.saturating_sub(before) > self.watchdog_ns
-        {
-            self.late_ns = Some(now_ns);
-        }
     }
 
     /// What the daemon hears. Running means that the arm follows: while it does not, the arm counts as idle,

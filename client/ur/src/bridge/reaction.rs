@@ -25,8 +25,8 @@ pub struct Seen {
     pub echo_is_ours: bool,
     /// Since the program last read something new, or since it was started \[s\].
     pub silence_s: f64,
-    /// The bridge itself paused for longer than the watchdog allows.
-    pub bridge_was_late: bool,
+    /// The program has gone without a fresh counter for so long that the watchdog may have struck.
+    pub starved: bool,
 }
 
 /// What foretrace wants.
@@ -67,6 +67,8 @@ pub enum Phase {
     Ended {
         /// When \[s\].
         at_s: f64,
+        /// Counters had stayed away before.
+        starved: bool,
     },
     /// The program is on its way.
     Starting {
@@ -193,11 +195,11 @@ impl Machine {
                 }
                 self.get_ready(now_s, seen, playing, ours)
             }
-            Phase::Ended { at_s } => {
+            Phase::Ended { at_s, starved } => {
                 if now_s - at_s < EXPLAINED_S {
                     return Act::Wait;
                 }
-                let why = match (self.failed, seen.bridge_was_late) {
+                let why = match (self.failed, starved) {
                     (true, _) => Reason::ProgramFailed,
                     (false, true) => Reason::StoppedByWatchdog,
                     (false, false) => Reason::StoppedByOperator,
@@ -216,7 +218,7 @@ impl Machine {
                 Act::Wait
             }
             Phase::Ready | Phase::Following { .. } if !ours => {
-                self.phase = Phase::Ended { at_s: now_s };
+                self.phase = Phase::Ended { at_s: now_s, starved: seen.starved };
                 Act::Wait
             }
             Phase::Ready => {

@@ -75,7 +75,7 @@ impl Trips {
         self.lost += grown(answer.lost, self.base.1);
         self.base = (answer.late, answer.lost);
         let Some((_, sent_s)) =
-            self.sent.iter().find(|(counter, _)| *counter == answer.echo && answer.echo > 0)
+            self.sent.iter().copied().find(|(counter, _)| *counter == answer.echo && answer.echo > 0)
         else {
             return false;
         };
@@ -83,7 +83,8 @@ impl Trips {
             return false;
         }
         self.echoed = answer.echo;
-        self.echoed_at_s = timestamp_s;
+        // Where states are missing, the echo was there before this one showed it.
+        self.echoed_at_s = timestamp_s.min(sent_s + self.usual as f64 * self.cycle_s);
         let cycles = ((timestamp_s - sent_s) / self.cycle_s).round();
         let length = if cycles >= 0.0 { (cycles as usize).min(LONGEST) } else { return false };
         if let Some(count) = self.counts.get_mut(length) {
@@ -204,7 +205,8 @@ mod tests {
         }
         assert!(trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.004));
         assert!(!trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.006));
-        assert!((trips.silence_s(1.104) - 0.1).abs() < 1e-12);
+        // Sent at 1.0, read a cycle later as usual.
+        assert!((trips.silence_s(1.102) - 0.1).abs() < 1e-12);
         assert_eq!(trips.counts()[2], 1);
     }
 }

@@ -14,6 +14,9 @@ use super::world::World;
 /// Farther behind than this the loop does not catch up: the process was stopped, not busy.
 const LATEST: Duration = Duration::from_millis(200);
 
+/// Cycles in a row after which nothing is sent, however late it is.
+const MOST_SKIPPED: u32 = 10;
+
 /// A simulated controller; it ends when this is dropped.
 #[derive(Debug)]
 pub struct Controller {
@@ -128,6 +131,7 @@ fn control(shared: &Shared) {
     let rate = shared.world().robot.options.series.rate_hz();
     let period = Duration::from_secs(1) / rate;
     let mut deadline = Instant::now();
+    let mut skipped = 0;
     while !shared.stop.load(Ordering::Relaxed) {
         deadline += period;
         let now = Instant::now();
@@ -138,8 +142,11 @@ fn control(shared: &Shared) {
         }
         let mut world = shared.world();
         world.cycle();
-        if deadline + period > Instant::now() {
+        // Late: only the newest state is sent, but never nothing at all.
+        skipped += 1;
+        if deadline + period > Instant::now() || skipped >= MOST_SKIPPED {
             shared.publish(&mut world);
+            skipped = 0;
         }
     }
 }

@@ -165,7 +165,8 @@ fn timestamps_are_whole_cycles_and_a_client_that_does_not_read_stalls_nobody() {
             last = now;
         }
         let ratio = (last - first) / began.elapsed().as_secs_f64();
-        assert!((ratio - 1.0).abs() < 0.25, "{ratio}");
+        // A busy machine may let the clock stand; it never goes faster.
+        assert!((0.2..1.2).contains(&ratio), "{ratio}");
     }
 }
 
@@ -226,8 +227,8 @@ fn a_script_that_asks_for_the_unknown_is_told_line_and_column() {
     let (line, column, text) = told("def a():\n  sync()\n  dance(1)\nend\n");
     assert_eq!((line, column), (3, 3));
     assert!(text.contains("dance"), "{text}");
-    let (line, _, text) = told("def b():\n  movel(p[0,0,0,0,0,0])\nend\n");
-    assert!(line == 2 && text.contains("movel is not simulated"), "{text}");
+    let (line, _, text) = told("def b():\n  force_mode(1)\nend\n");
+    assert!(line == 2 && text.contains("force_mode is not simulated"), "{text}");
     let (line, ..) = told("def c():\n  servoj([1,2,3])\nend\n");
     assert_eq!(line, 2);
 }

@@ -34,7 +34,8 @@ const REMOTE_ONLY: [&str; 8] = [
 /// Answers `command`.
 pub fn answer(world: &mut World, command: &str) -> Answer {
     let series = world.robot.options.series;
-    let version = series.version();
+    let version = world.robot.options.version;
+    let since = |major, minor| (version.major, version.minor) >= (major, minor);
     let failed = || format!("Failed to execute: {command}");
     let (first, argument) = command.split_once(' ').unwrap_or((command, ""));
     if series == Series::E && !world.remote && (REMOTE_ONLY.contains(&command) || first == "load") {
@@ -66,9 +67,9 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
         "PolyscopeVersion" => format!("URSoftware {version} (simulated)"),
         "version" => version.to_string(),
         "get robot model" => series.model().to_owned(),
-        "get serial number" if series == Series::E => "20201234567".to_owned(),
-        "is in remote control" if series == Series::E => world.remote.to_string(),
-        "get operational mode" if series == Series::E => "NONE".to_owned(),
+        "get serial number" if since(5, 6) => "20201234567".to_owned(),
+        "is in remote control" if since(5, 6) => world.remote.to_string(),
+        "get operational mode" if since(5, 6) => "NONE".to_owned(),
         "close popup" => "closing popup".to_owned(),
         "close safety popup" => "closing safety popup".to_owned(),
         "power on" => {
@@ -162,6 +163,15 @@ mod tests {
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
         world.take_script("def p():\n  sync()\nend\n");
         assert_eq!(world.runtime(), Runtime::Stopped);
+    }
+
+    #[test]
+    fn older_software_does_not_know_what_came_later() {
+        let mut options = Options::new(Series::E);
+        options.version.minor = 4;
+        let mut world = World::new(options);
+        assert_eq!(line(&mut world, "version"), "5.4.1.108318");
+        assert!(line(&mut world, "is in remote control").starts_with("could not understand"));
     }
 
     #[test]

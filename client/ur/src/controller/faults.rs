@@ -5,7 +5,7 @@ use std::time::Duration;
 use foretrace_sim::arm::Fault;
 use serde_json::json;
 
-use super::options::Service;
+use super::options::{Series, Service};
 use super::safety::{RobotMode, Stopped};
 use super::trouble::Trouble;
 use super::world::World;
@@ -70,7 +70,10 @@ fn act(
         "pause" => refuse(world.pause(), "no program runs")?,
         "play" => refuse(world.play(), "there is no program, or the robot is not ready")?,
         "stop-program" => world.stop(),
-        "remote" => world.remote = on_off(arguments, 0)?,
+        "remote" => {
+            refuse(world.robot.options.series == Series::E, "CB3 knows no remote control")?;
+            world.remote = on_off(arguments, 0)?;
+        }
         "payload" => world.robot.payload.0 = number(arguments, 0, 0.0..=100.0)?,
         "tcp" => {
             let mut pose = [0.0; 6];
@@ -141,7 +144,7 @@ pub fn status(world: &World) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controller::options::{Options, Series};
+    use crate::controller::options::Options;
 
     #[test]
     fn every_line_is_answered_by_one() {
@@ -170,6 +173,9 @@ mod tests {
         ] {
             assert_eq!(ask(good), "ok", "{good}");
         }
+        let mut cb3 = World::new(Options::new(Series::Cb3));
+        assert!(obey(&mut cb3, &trouble, "remote off").starts_with("error: CB3"));
+        let mut ask = |line: &str| obey(&mut world, &trouble, line);
         for bad in [
             "",
             "slider",

@@ -38,7 +38,7 @@ proptest! {
     #[test]
     fn any_conversation_is_answered_in_whole_packages(packages in prop::collection::vec(package(), 0..40)) {
         let mut world = World::new(Options::new(Series::E));
-        let mut session = Session::new(1, Series::E);
+        let mut session = Session::new(1, &Options::new(Series::E));
         let mut version = ProtocolVersion::V1;
         for (kind, payload) in packages {
             let replies = session.answer(kind, &payload, &mut world);
@@ -60,7 +60,10 @@ proptest! {
     }
 
     #[test]
-    fn any_line_is_answered_by_one_line(line in "\\PC{0,60}", word in "(load|popup|slider|tcp|arm|cut|service|reboot)") {
+    fn any_line_is_answered_by_one_line(
+        line in "\\PC{0,60}",
+        word in "(load|popup|slider|tcp|arm|cut|service|reboot)",
+    ) {
         let mut world = World::new(Options::new(Series::Cb3));
         for line in [line.clone(), format!("{word} {line}")] {
             let answer = match dashboard_server::answer(&mut world, &line) {
@@ -75,13 +78,12 @@ proptest! {
     #[test]
     fn any_script_leaves_a_controller_that_goes_on(
         pieces in prop::collection::vec(prop::sample::select(vec![
-            "def p():\n", "end\n", "  while True:\n", "  sync()\n", "servoj([", "1e308,", "0,0,0,0,0", "])\n", "movej(",
-            "get_actual_joint_positions()", ")\n", "speedj([9,9,9,9,9,9], 1e9, \
-                                        0.1)\n", "stopj(0.0001)\n", "# ", "\"",
-            "write_output_integer_register(0, \
-             1e300)\n", "set_tcp(p[0,0,0,9,9,9])\n", "thread t():\n", "run t()\n",
-            "sleep(1e300)\n", "read_input_float_register(-1)\n", "rtde_set_watchdog(\"x\", \
-                                        0)\n", "\u{0}", "é",
+            "def p():\n", "end\n", "  while True:\n", "  sync()\n", "servoj([", "1e308,", "0,0,0,0,0", "])\n",
+            "movej(", "get_actual_joint_positions()", ")\n", "speedj([9,9,9,9,9,9], 1e9, 0.1)\n",
+            "stopj(0.0001)\n", "# ", "\"", "write_output_integer_register(0, 1e300)\n",
+            "set_tcp(p[0,0,0,9,9,9])\n",
+            "thread t():\n", "run t()\n", "sleep(1e300)\n", "read_input_float_register(-1)\n",
+            "rtde_set_watchdog(\"x\", 0)\n", "\u{0}", "é",
         ]), 0..30),
     ) {
         let mut world = World::new(Options::new(Series::Cb3));

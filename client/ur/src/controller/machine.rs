@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::inputs::{Inputs, REGISTERS};
+use super::inverse::joints_for;
 use super::motion::Motion;
 use super::names::{NOT_SIMULATED, SIMULATED};
 use super::robot::Robot;
@@ -92,7 +93,7 @@ pub(super) fn number_or(value: Option<&Value>, name: &str, usual: f64) -> Result
 
 pub(super) fn joints(value: Option<&Value>, name: &str) -> Result<[f64; 6]> {
     if matches!(value, Some(Value::Pose(_))) {
-        return Err(format!("a pose for {name} is not simulated, joint positions are"));
+        return Err(format!("a pose for {name} is not simulated here, joint positions are"));
     }
     value.and_then(Value::as_numbers::<6>).ok_or_else(|| format!("wants six numbers for {name}"))
 }
@@ -275,6 +276,20 @@ impl Hands<'_> {
             "get_target_payload_cog" => Value::floats(&self.robot.payload.1),
             "get_steptime" => Value::Float(self.robot.dt()),
             "is_steady" => Value::Bool(self.robot.steady()),
+            "get_inverse_kin" | "get_inverse_kin_has_solution" => {
+                let names = ["x", "qnear", "maxPositionError", "maxOrientationError", "tcp"];
+                let [x, near, _, _, tcp] = arguments.bind(names)?;
+                let x = x.and_then(Value::as_numbers::<6>).ok_or("wants a pose for x")?;
+                let near = if near.is_some() { joints(near, "qnear")? } else { actual.q };
+                let tcp = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
+                let tcp = tcp.unwrap_or(self.robot.tcp_offset);
+                let found = joints_for(&self.robot.dh, &tcp, &x, &near);
+                if name == "get_inverse_kin" {
+                    Value::floats(&found.ok_or("finds no joints for this pose")?)
+                } else {
+                    Value::Bool(found.is_some())
+                }
+            }
             _ => {
                 let [q, tcp] = arguments.bind(["q", "tcp"])?;
                 let q = if q.is_some() { joints(q, "q")? } else { actual.q };
@@ -290,7 +305,7 @@ impl Hands<'_> {
     fn answer(&mut self, call: &Call<'_>) -> Result<Called> {
         let arguments = call.arguments;
         let value = match call.name {
-            "servoj" | "movej" | "speedj" | "stopj" | "stopl" => return self.motion(call),
+            "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.motion(call),
             "sync" => return Ok(Called::Cycle(Value::None)),
             "sleep" => {
                 let [t] = arguments.bind(["t"])?;
@@ -348,7 +363,7 @@ impl Machine for Hands<'_> {
         if *self.mover == Some(thread) {
             *self.mover = None;
             // A streamed target is held; a planned motion does not go on without its thread.
-            if matches!(self.robot.motion, Motion::Line(_) | Motion::Speed { .. }) {
+            if matches!(self.robot.motion, Motion::Line(_) | Motion::Straight { .. } | Motion::Speed { .. }) {
                 self.robot.brake(4.0);
             }
         }

@@ -8,6 +8,7 @@
 
 pub mod options;
 pub mod kinematics;
+pub mod inverse;
 pub mod motion;
 pub mod safety;
 pub mod inputs;
@@ -34,3 +35,5 @@ pub use options::{Options, Series, Service};
 mod conversation_tests;
 #[cfg(test)]
 mod hostile_tests;
+#[cfg(test)]
+mod trouble_tests;

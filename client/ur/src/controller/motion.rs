@@ -4,6 +4,11 @@
 //! the robot checks. Joints brake and accelerate together: the leading one as asked, the others in
 //! proportion.
 
+use super::inverse::Straight;
+
+/// Deceleration where a straight way leads out of reach \[rad/s²\].
+const UNREACHED_RADPS2: f64 = 10.0;
+
 /// Positions \[rad\] and speeds \[rad/s\] of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
@@ -15,6 +20,7 @@ pub struct Point {
 
 /// What is going on.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a robot has one motion at a time")]
 pub enum Motion {
     /// The joints stand.
     Rest,
@@ -25,6 +31,13 @@ pub enum Motion {
     },
     /// `movej`: a trapezoid along the straight line between two postures.
     Line(Line),
+    /// `movel`: a trapezoid along a straight line of the tool.
+    Straight {
+        /// The way.
+        way: Straight,
+        /// The share of it, as a line of length 1 in its first number.
+        share: Line,
+    },
     /// `speedj`.
     Speed {
         /// \[rad/s\]
@@ -121,6 +134,20 @@ impl Motion {
                     *q = from + share(by, way);
                     *qd = share(by, speed) * scaling;
                 }
+                over
+            }
+            Self::Straight { way, share } => {
+                share.t_s += dt * scaling;
+                let gone = share.at().map_or(1.0, |(gone, _)| gone);
+                let Some(q) = way.joints(gone, &point.q) else {
+                    // Out of reach on the way: it goes no farther.
+                    *self = Self::Brake { deceleration: UNREACHED_RADPS2 };
+                    return false;
+                };
+                let mut qd = q;
+                qd.iter_mut().zip(point.q).for_each(|(qd, before)| *qd = (*qd - before) / dt);
+                let over = gone >= 1.0;
+                *point = Point { q, qd: if over { [0.0; 6] } else { qd } };
                 over
             }
             Self::Speed { qd, acceleration, left } => {

@@ -1,5 +1,6 @@
-//! The calls that move the robot: `servoj`, `movej`, `speedj`, `stopj`, `stopl`.
+//! The calls that move the robot: `servoj`, `movej`, `movel`, `speedj`, `stopj`, `stopl`.
 
+use super::inverse::{Straight, joints_for};
 use super::machine::{Hands, Result, joints, number_or};
 use super::motion::{Line, Motion};
 use super::robot::SPEED_LIMIT_RADPS;
@@ -35,7 +36,14 @@ impl Hands<'_> {
             }
             "movej" => {
                 let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
-                let q = joints(q, "q")?;
+                let q = match q {
+                    Some(Value::Pose(pose)) => {
+                        let (robot, near) = (&*self.robot, self.robot.target.q);
+                        let found = joints_for(&robot.dh, &robot.tcp_offset, pose, &near);
+                        found.ok_or("finds no joints for this pose")?
+                    }
+                    q => joints(q, "q")?,
+                };
                 let (a, v) = (number_or(a, "a", 1.4)?, number_or(v, "v", 1.05)?);
                 let t = number_or(t, "t", 0.0)?;
                 if q.iter().any(|q| !q.is_finite()) || !(a > 0.0 && v > 0.0 && t >= 0.0) {
@@ -48,6 +56,35 @@ impl Hands<'_> {
                 }
                 let over = !matches!(self.robot.motion, Motion::Line(_));
                 Ok(if over { Called::Value(Value::None) } else { Called::Wait })
+            }
+            "movel" => {
+                let [to, a, v, t, _] = arguments.bind(["pose", "a", "v", "t", "r"])?;
+                let (a, v, t) = (number_or(a, "a", 1.2)?, number_or(v, "v", 0.25)?, number_or(t, "t", 0.0)?);
+                if !(a > 0.0 && v > 0.0 && t >= 0.0) {
+                    return Err("wants a > 0, v > 0, t >= 0".to_owned());
+                }
+                if !call.first {
+                    let over = !matches!(self.robot.motion, Motion::Straight { .. });
+                    return Ok(if over { Called::Value(Value::None) } else { Called::Wait });
+                }
+                let (dh, tcp) = (self.robot.dh, self.robot.tcp_offset);
+                let pose = match to {
+                    Some(Value::Pose(pose)) => *pose,
+                    q => self.robot.tcp_pose(&joints(q, "pose")?),
+                };
+                let target = self.robot.target.q;
+                if joints_for(&dh, &tcp, &pose, &target).is_none() {
+                    return Err("finds no joints for this pose".to_owned());
+                }
+                self.robot.plan(|point| {
+                    let way = Straight::new(dh, tcp, &point.q, &pose);
+                    // As shares of the way; a way of no length ends at once.
+                    let length = way.length().max(1e-9);
+                    let one = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+                    let share = Line::new([0.0; 6], one, v.min(3.0) / length, a.min(150.0) / length, t);
+                    Motion::Straight { way, share }
+                });
+                Ok(Called::Wait)
             }
             "speedj" => {
                 let [qd, a, t] = arguments.bind(["qd", "a", "t"])?;

@@ -273,7 +273,7 @@ fn stream_to(shared: &Arc<Shared>, service: Service, number: u64, stream: &TcpSt
     let Ok(writing) = stream.try_clone() else { return };
     let outbox = Arc::new(Outbox::default());
     let rtde = (service == Service::Rtde)
-        .then(|| Arc::new(Mutex::new(Session::new(number, shared.world().robot.options.series))));
+        .then(|| Arc::new(Mutex::new(Session::new(number, &shared.world().robot.options))));
     if !matches!(service, Service::Rtde | Service::RealTime | Service::RealTimeReadOnly) {
         let greeting = streams::greeting(&shared.world());
         outbox.reply(greeting);

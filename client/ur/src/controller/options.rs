@@ -33,7 +33,7 @@ impl Series {
         }
     }
 
-    /// Its software.
+    /// Its usual software.
     #[must_use]
     pub const fn version(self) -> ControllerVersion {
         match self {
@@ -124,6 +124,8 @@ impl Service {
 pub struct Options {
     /// The series.
     pub series: Series,
+    /// Its software: what RTDE, dashboard and port 30001 say, and which fields there are.
+    pub version: ControllerVersion,
     /// Where it listens.
     pub bind: IpAddr,
     /// Ports that the system gives instead of those of a real controller.
@@ -144,6 +146,7 @@ impl Options {
     pub const fn new(series: Series) -> Self {
         Self {
             series,
+            version: series.version(),
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
             ephemeral_ports: false,
             q: [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0],

@@ -4,14 +4,14 @@
 //! own.
 
 use super::inputs::{Denied, Inputs, Owner};
-use super::options::Series;
+use super::options::Options;
 use super::outputs::Source;
 use super::world::World;
 use crate::primary::Said;
 use crate::rtde::frames::WireError;
 use crate::rtde::recipe::Recipe;
 use crate::rtde::value::FieldType;
-use crate::rtde::wire::{Answer, Message, ProtocolVersion, Reply, Request};
+use crate::rtde::wire::{Answer, ControllerVersion, Message, ProtocolVersion, Reply, Request};
 
 /// Longest list of names \[bytes\].
 const LONGEST_NAMES: usize = 2048;
@@ -34,7 +34,7 @@ pub struct Feed {
 #[derive(Debug)]
 pub struct Session {
     owner: Owner,
-    series: Series,
+    software: ControllerVersion,
     version: ProtocolVersion,
     recipes: Vec<InputRecipe>,
     /// What it wants to be sent.
@@ -60,10 +60,10 @@ impl Feed {
 impl Session {
     /// A new connection, in version 1 of the protocol.
     #[must_use]
-    pub fn new(owner: Owner, series: Series) -> Self {
-        let rate_hz = f64::from(series.rate_hz());
+    pub fn new(owner: Owner, options: &Options) -> Self {
+        let rate_hz = f64::from(options.series.rate_hz());
         let feed = Feed { rate_hz, ..Feed::default() };
-        Self { owner, series, version: ProtocolVersion::V1, recipes: Vec::new(), feed }
+        Self { owner, software: options.version, version: ProtocolVersion::V1, recipes: Vec::new(), feed }
     }
 
     /// The package for this cycle, if one is due.
@@ -100,7 +100,7 @@ impl Session {
                 self.version = version.unwrap_or(self.version);
                 vec![Reply::Protocol(version.is_some())]
             }
-            Request::ControllerVersion => vec![Reply::ControllerVersion(self.series.version())],
+            Request::ControllerVersion => vec![Reply::ControllerVersion(self.software)],
             Request::Message(message) => {
                 let text: String = message.text.chars().take(LONGEST_MESSAGE).collect();
                 world.say(Said::Text(text));
@@ -124,8 +124,7 @@ impl Session {
     }
 
     fn version(&self) -> (u32, u32) {
-        let version = self.series.version();
-        (version.major, version.minor)
+        (self.software.major, self.software.minor)
     }
 
     fn outputs(&mut self, frequency: Option<f64>, names: &[String]) -> Vec<Reply> {

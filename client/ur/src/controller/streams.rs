@@ -22,7 +22,7 @@ fn timestamp_us(world: &World) -> u64 {
 /// The message with which a connection begins.
 #[must_use]
 pub fn greeting(world: &World) -> Vec<u8> {
-    let version = world.robot.options.series.version();
+    let version = world.robot.options.version;
     let small = |number: u32| u8::try_from(number).unwrap_or(u8::MAX);
     let large = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
     let said = Said::Version {

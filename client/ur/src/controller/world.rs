@@ -75,7 +75,7 @@ impl World {
     /// A controller that has booted.
     #[must_use]
     pub fn new(options: Options) -> Self {
-        let version = options.series.version();
+        let version = options.version;
         Self {
             robot: Robot::new(options),
             inputs: Inputs::new((version.major, version.minor)),

@@ -49,6 +49,27 @@ fn servoj_takes_its_time_and_other_statements_none() {
 }
 
 #[test]
+fn movel_leads_the_tool_straight_and_what_is_out_of_reach_stops_the_program() {
+    let mut world = world();
+    let from = world.robot.tcp_pose(&world.robot.actual().q);
+    world.take_script(
+        "def l():\n  a = get_actual_tcp_pose()\n  a[2] = a[2] + 0.1\n  movel(a, a=1.2, v=0.25)\n  \
+         movej(get_inverse_kin(a), a=1, v=1)\nend\n",
+    );
+    for _ in 0..500 {
+        world.cycle();
+        let at = world.robot.tcp_pose(&world.robot.target.q);
+        assert!((at[0] - from[0]).abs() < 1e-6 && (at[1] - from[1]).abs() < 1e-6, "{at:?}");
+        assert!(world.robot.tcp_speed()[2] < 0.26);
+    }
+    assert_eq!(world.runtime(), Runtime::Stopped);
+    assert!((world.robot.tcp_pose(&world.robot.actual().q)[2] - from[2] - 0.1).abs() < 1e-5);
+    world.take_script("def l():\n  movel(p[2, 0, 0, 0, 3, 0])\nend\n");
+    run(&mut world, 2);
+    assert!(texts(&mut world).contains("finds no joints"));
+}
+
+#[test]
 fn killing_the_thread_of_a_motion_brakes_the_arm() {
     let mut world = world();
     world.take_script(

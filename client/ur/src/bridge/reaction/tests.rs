@@ -25,7 +25,7 @@ impl Scene {
             answer: Answer::default(),
             echo_is_ours: false,
             silence_s: 0.0,
-            bridge_was_late: false,
+            starved: false,
         };
         let mut machine = Machine::new(TOKEN, Numbers::from_seed(100));
         machine.connected(false);
@@ -186,10 +186,10 @@ fn a_program_that_failed_is_not_started_again() {
 #[test]
 fn a_program_that_the_watchdog_ended_is_started_again() {
     let mut scene = Scene::following();
-    (scene.seen.runtime_state, scene.seen.bridge_was_late) = (1, true);
+    (scene.seen.runtime_state, scene.seen.starved) = (1, true);
     scene.cycles(1.0);
     assert_eq!(scene.machine.reason(), Some(Reason::StoppedByWatchdog));
-    scene.seen.bridge_was_late = false;
+    scene.seen.starved = false;
     scene.wanted.commanding = false;
     scene.cycles(1.0);
     assert_eq!((scene.uploads, scene.machine.phase()), (2, Phase::Ready));

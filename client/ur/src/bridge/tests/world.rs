@@ -173,6 +173,18 @@ fn a_program_that_the_operator_stops_stays_stopped() {
 }
 
 #[test]
+fn a_program_that_starves_while_it_waits_is_no_operators_stop() {
+    for series in [Series::Cb3, Series::E] {
+        let mut scene = Scene::new(series);
+        scene.run(1.0);
+        // A little more than the watchdog's tenth of a second.
+        cut(&mut scene, (0.15 / series.cycle_s()) as usize);
+        scene.run(3.0);
+        assert_eq!((scene.phase(), scene.reason()), (Phase::Ready, Some(Reason::StoppedByWatchdog)));
+    }
+}
+
+#[test]
 fn a_daemon_that_dies_leaves_an_arm_at_rest_and_the_program_ready() {
     let mut scene = Scene::following(Series::E);
     scene.commanding = false;
