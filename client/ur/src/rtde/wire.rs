@@ -203,7 +203,7 @@ impl Request {
         }
     }
 
-    /// From the type and payload that [`Frames`] gave.
+    /// From the type and payload that `Frames` gave.
     ///
     /// # Errors
     ///
@@ -276,7 +276,7 @@ impl Reply {
         }
     }
 
-    /// From the type and payload that [`Frames`] gave.
+    /// From the type and payload that `Frames` gave.
     ///
     /// # Errors
     ///
