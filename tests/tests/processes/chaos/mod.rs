@@ -19,3 +19,4 @@ mod signals;
 mod stale;
 mod stops;
 mod threads;
+mod ur;
