@@ -113,7 +113,7 @@ fn a_demo_that_is_stopped_reports_up_to_there_and_says_what_fired_and_what_to_do
     assert_refused(
         &output,
         1,
-        &["stopped the arm by itself after", "\n  tracking error: ", "\n  the arm did not go"],
+        &["stopped the arm by itself after", "\n  tracking error: ", "\n  the arm did not follow"],
     );
     let report = json(&world.file("report").join("report.json"));
     assert_eq!(report["loop"]["stops"][0]["reason"], "tracking error", "{report}");

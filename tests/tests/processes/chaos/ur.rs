@@ -1,8 +1,8 @@
 //! A Universal Robots arm whose bridge, daemon or player dies or stands still, or whose network is cut, at
 //! random moments: watched by an RTDE client that belongs to none of them.
 //!
-//! Contract: what is asserted is that the arm comes to rest, how it does (no joint faster or harder than the
-//! arm may, no position skipped), and that it goes on only when somebody arms again. How long it took is told.
+//! Contract: what is asserted is that the arm comes to rest, how it does (no joint faster or harder than it
+//! may be), and that it goes on only when somebody arms again. How long it took is told.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
