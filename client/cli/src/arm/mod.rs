@@ -6,6 +6,7 @@ mod refused;
 mod report;
 mod record;
 mod judge;
+mod ports;
 mod sim;
 mod ur;
 

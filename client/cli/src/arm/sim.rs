@@ -7,9 +7,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use foretrace_client::{
-    Commands, Foretrace, JointState, JointStates, Mode, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns,
-};
+use foretrace_client::{JointState, Mode, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns};
 use foretrace_control::arm::JointLimits;
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::units::Stamp;
@@ -17,10 +15,11 @@ use foretrace_sim::arm::{ArmModel, JOINTS};
 
 use super::intake::Intake;
 use super::options::LagArgs;
+use super::ports::Daemons;
 use super::record::Record;
 use super::refused::{Refused, Teller};
 use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, summary};
-use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::attach::{attach_within, instance_of};
 use crate::extent::ExtentFigures;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
@@ -88,7 +87,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let record = args.record.as_deref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
-    let ports = Ports::open(&foretrace)?;
+    let daemon = Daemons::attached(foretrace)?;
     note!(
         "arm: {rate_hz} Hz, look-ahead {} ms, in all {:.1} ms late, instance {}",
         args.lag.look_ahead_ms,
@@ -100,15 +99,13 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         cycle_ns: 1_000_000_000 / u64::from(rate_hz),
         model,
         intake,
-        foretrace,
-        ports: Some(ports),
+        daemon,
         record,
         delay: DelaySeen::default(),
         extent: ExtentWatch::new(&config.follower_settings()),
         teller: Teller::default(),
         cycles: 0,
         late_cycles: 0,
-        daemons: 1,
     };
     sim.run(args.seconds, &interrupt);
     if let Some(record) = sim.record.take() {
@@ -134,27 +131,11 @@ fn standing(from: &[f64], limits: &JointLimits<JOINTS>) -> Result<[f64; JOINTS],
     Ok(q)
 }
 
-/// The two handles of an arm.
-struct Ports {
-    commands: Commands,
-    states: JointStates,
-}
-
-impl Ports {
-    fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
-        Ok(Self {
-            commands: foretrace.commands(Commands::MAX_BUFFER).map_err(unattached)?,
-            states: foretrace.joint_states().map_err(unattached)?,
-        })
-    }
-}
-
 struct Simulation {
     cycle_ns: u64,
     model: ArmModel,
     intake: Intake,
-    foretrace: Foretrace,
-    ports: Option<Ports>,
+    daemon: Daemons,
     record: Option<Record>,
     delay: DelaySeen,
     /// Where the tool has been since the first command was taken.
@@ -162,14 +143,12 @@ struct Simulation {
     teller: Teller,
     cycles: u64,
     late_cycles: u64,
-    daemons: u64,
 }
 
 impl Simulation {
     fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
         let begin = monotonic_now_ns();
         let end = seconds.map_or(u64::MAX, |s| begin.saturating_add((s.max(0.0) * 1e9) as u64));
-        let mut lookout = Lookout::new();
         let mut due = begin + self.cycle_ns;
         while due < end && !interrupt.is_set() {
             os::sleep_until(due);
@@ -182,33 +161,13 @@ impl Simulation {
                 made += 1;
             }
             self.late_cycles += u64::saturating_sub(made, 1);
-            match lookout.look(&mut self.foretrace) {
-                News::None => {}
-                News::Gone => note!("arm: the daemon is gone; braking, and waiting for it"),
-                News::Back => {
-                    self.daemons += 1;
-                    note!("arm: a daemon took over");
-                }
-                News::Renewed => {
-                    self.daemons += 1;
-                    // The old handles hold places that the new ones need.
-                    self.ports = None;
-                    match Ports::open(&self.foretrace) {
-                        Ok(ports) => self.ports = Some(ports),
-                        Err(failure) => {
-                            note!("{failure}");
-                            lookout.again();
-                        }
-                    }
-                    note!("arm: a new daemon is there");
-                }
-            }
+            self.daemon.look();
         }
     }
 
     fn receive(&mut self, now: Stamp, due: Stamp) {
         let intake = &mut self.intake;
-        if let Some(ports) = &mut self.ports {
+        if let Some(ports) = &mut self.daemon.ports {
             ports.commands.drain(|command| {
                 intake.receive(command, now, due);
             });
@@ -238,7 +197,7 @@ impl Simulation {
                 self.extent.see(&joints.q);
             }
         }
-        if let Some(ports) = &mut self.ports {
+        if let Some(ports) = &mut self.daemon.ports {
             // Without a daemon there is no receiver; the lookout handles that.
             let _ = ports.states.publish(due, state);
         }
@@ -252,7 +211,7 @@ impl Simulation {
 
     /// The client library refuses first; those commands never reach the intake.
     fn refused(&self) -> Refused {
-        let commands = self.ports.as_ref().map(|ports| &ports.commands);
+        let commands = self.daemon.ports.as_ref().map(|ports| &ports.commands);
         let (count, newest) = commands.map_or((0, None), |c| (c.rejections().total(), c.newest_refused()));
         self.intake.refused().with(count, newest)
     }
@@ -271,7 +230,7 @@ impl Simulation {
                 rate_hz,
                 cycles: self.cycles,
                 late_cycles: self.late_cycles,
-                daemons: self.daemons,
+                daemons: self.daemon.count,
                 lag_ms: lag_ms_at(0.0),
                 lag_at_end_ms: lag_ms_at(self.cycles as f64 * self.cycle_ns as f64 * 1e-9),
                 delay_ms: self.delay.report(),

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Commands, Foretrace, JointStates, monotonic_now_ns};
+use foretrace_client::{Commands, monotonic_now_ns};
 use foretrace_config::Config;
 use foretrace_ur::bridge::check::{self, Series};
 use foretrace_ur::bridge::kinematics::Deviation;
@@ -19,10 +19,11 @@ use foretrace_ur::bridge::registers::Registers;
 use serde::Serialize;
 
 use super::judge::Judge;
+use super::ports::Daemons;
 use super::record::Record;
 use super::refused::Refused;
 use super::report::CommandReport;
-use crate::attach::{Lookout, News, attach_within, instance_of, unattached};
+use crate::attach::{attach_within, instance_of};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
@@ -131,15 +132,13 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         .map_err(|error| Failure::failed(format_args!("no thread for the dashboard: {error}"), ""))?;
 
     let foretrace = attach_within(&instance_of(settings)?, Duration::from_secs_f64(args.wait))?;
-    let ports = Ports::open(&foretrace)?;
+    let daemon = Daemons::attached(foretrace)?;
     let mut bridge = Bridge {
         link,
-        foretrace,
-        ports: Some(ports),
+        daemon,
         judge: Judge::new(config.robot().limits),
         record: args.record.as_deref().map(Record::create).transpose()?,
         ready: false,
-        daemons: 1,
         not_sent: 0,
     };
     bridge.run(args.seconds, &interrupt);
@@ -244,67 +243,29 @@ fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviati
     }
 }
 
-/// The two handles of an arm.
-struct Ports {
-    commands: Commands,
-    states: JointStates,
-}
-
-impl Ports {
-    fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
-        Ok(Self {
-            commands: foretrace.commands(Commands::MAX_BUFFER).map_err(unattached)?,
-            states: foretrace.joint_states().map_err(unattached)?,
-        })
-    }
-}
-
 struct Bridge {
     link: Link,
-    foretrace: Foretrace,
-    ports: Option<Ports>,
+    daemon: Daemons,
     judge: Judge,
     record: Option<Record>,
     /// That the arm may be armed has been said.
     ready: bool,
-    daemons: u64,
     not_sent: u64,
 }
 
 impl Bridge {
     fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
         let end = seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
-        let mut lookout = Lookout::new();
         while !interrupt.is_set() && end.is_none_or(|end| Instant::now() < end) {
             self.turn();
             self.tell();
-            match lookout.look(&mut self.foretrace) {
-                News::None => {}
-                News::Gone => note!("arm: the daemon is gone; braking, and waiting for it"),
-                News::Back => {
-                    self.daemons += 1;
-                    note!("arm: a daemon took over");
-                }
-                News::Renewed => {
-                    self.daemons += 1;
-                    // The old handles hold places that the new ones need.
-                    self.ports = None;
-                    match Ports::open(&self.foretrace) {
-                        Ok(ports) => self.ports = Some(ports),
-                        Err(failure) => {
-                            note!("{failure}");
-                            lookout.again();
-                        }
-                    }
-                    note!("arm: a new daemon is there");
-                }
-            }
+            self.daemon.look();
         }
         self.link.end();
     }
 
     fn turn(&mut self) {
-        let (ports, judge) = (&mut self.ports, &mut self.judge);
+        let (ports, judge) = (&mut self.daemon.ports, &mut self.judge);
         let measured = self.link.turn(&mut |pilot: &mut Pilot| {
             if let Some(ports) = ports {
                 let now_ns = monotonic_now_ns();
@@ -317,7 +278,7 @@ impl Bridge {
         if let (Some(Measured { stamp_ns, state }), Some(record)) = (measured, &mut self.record) {
             record.add(stamp_ns, &state.q);
         }
-        if let (Some(Measured { stamp_ns, mut state }), Some(ports)) = (measured, &mut self.ports) {
+        if let (Some(Measured { stamp_ns, mut state }), Some(ports)) = (measured, &mut self.daemon.ports) {
             state.commands_refused =
                 state.commands_refused.saturating_add(ports.commands.rejections().total());
             if !ports.states.publish(stamp_ns, state).unwrap_or(false) {
@@ -328,7 +289,7 @@ impl Bridge {
 
     fn report(&self, robot: RobotReport) -> UrReport {
         let link = self.link.report();
-        let commands = self.ports.as_ref().map(|ports| &ports.commands);
+        let commands = self.daemon.ports.as_ref().map(|ports| &ports.commands);
         let (count, newest) =
             commands.map_or((0, None), |commands| (commands.rejections().total(), commands.newest_refused()));
         let mut refused = Refused::default().with(count, newest);
@@ -337,7 +298,7 @@ impl Bridge {
         let seen = self.judge.statistics();
         UrReport {
             commands: CommandReport::of(seen, link.commands, lost, refused),
-            arm: ArmReport { robot, daemons: self.daemons, states_not_sent: self.not_sent, link },
+            arm: ArmReport { robot, daemons: self.daemon.count, states_not_sent: self.not_sent, link },
         }
     }
 

@@ -6,11 +6,11 @@ use super::dashboard_server;
 use super::faults;
 use super::options::{Options, Series};
 use super::rtde_server::Session;
-use super::script_text::ScriptText;
 use super::trouble::Trouble;
 use super::world::World;
 use crate::rtde::frames::Frames;
 use crate::rtde::wire::{ProtocolVersion, Reply};
+use crate::script::Uploads;
 
 /// A package type with a payload that means something, or does not.
 fn package() -> impl Strategy<Value = (u8, Vec<u8>)> {
@@ -87,8 +87,10 @@ proptest! {
         ]), 0..30),
     ) {
         let mut world = World::new(Options::new(Series::Cb3));
-        let mut text = ScriptText::default();
-        for program in text.feed(pieces.concat().as_bytes()).unwrap() {
+        let mut text = Uploads::default();
+        let mut programs = text.take(pieces.concat().as_bytes()).unwrap();
+        programs.extend(text.finish());
+        for program in programs {
             world.take_script(&program);
             (0..5).for_each(|_| world.cycle());
         }

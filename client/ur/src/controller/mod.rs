@@ -19,7 +19,6 @@ mod motion_calls;
 pub mod world;
 pub mod outputs;
 pub mod outbox;
-pub mod script_text;
 pub mod rtde_server;
 pub mod streams;
 pub mod dashboard_server;

@@ -14,11 +14,11 @@ use super::faults;
 use super::options::Service;
 use super::outbox::Outbox;
 use super::rtde_server::Session;
-use super::script_text::ScriptText;
 use super::streams;
 use super::trouble::Trouble;
 use super::world::World;
 use crate::rtde::frames::Frames;
+use crate::script::Uploads;
 
 /// Connections of one service at a time.
 pub const MOST_CONNECTIONS: usize = 16;
@@ -324,12 +324,12 @@ fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, stream:
 
 fn read_scripts(shared: &Shared, service: Service, stream: &TcpStream) {
     let takes = matches!(service, Service::Primary | Service::Secondary | Service::RealTime);
-    let (mut text, mut buffer) = (ScriptText::default(), [0; 4096]);
+    let (mut text, mut buffer) = (Uploads::default(), [0; 4096]);
     while let Some(bytes) = read(shared, stream, &mut buffer) {
         if !takes {
             continue;
         }
-        let Ok(programs) = text.feed(bytes) else { return };
+        let Ok(programs) = text.take(bytes) else { return };
         for program in programs {
             take_program(&mut shared.world(), &program);
         }
