@@ -17,6 +17,9 @@ use crate::robot::{Robot, robot};
 use crate::settings::{Optimiser, Settings};
 use crate::written::Place;
 
+/// Longest `instance.root_dir` \[bytes\]: what the sockets of the middleware leave of their 108 bytes.
+pub const LONGEST_ROOT_BYTES: usize = 38;
+
 /// Pushes every contradiction in `settings`; `found` tells where each value was written. Returns the robot,
 /// the models and the start of refinement that the settings describe, unless a contradiction is about them.
 pub(crate) fn check(
@@ -261,14 +264,12 @@ fn predictor(s: &Settings, report: &mut Findings<'_>) {
 }
 
 fn process(s: &Settings, report: &mut Findings<'_>) {
-    /// What the middleware's sockets leave of their 108 bytes.
-    const LONGEST: usize = 60;
     if let Some(root) = &s.instance.root_dir
-        && (!Path::new(root).is_absolute() || root.len() > LONGEST)
+        && (!Path::new(root).is_absolute() || root.len() > LONGEST_ROOT_BYTES)
     {
         report.conflict(
             "instance.root_dir",
-            format!("is not an absolute path of at most {LONGEST} bytes ({} bytes)", root.len()),
+            format!("is not an absolute path of at most {LONGEST_ROOT_BYTES} bytes ({} bytes)", root.len()),
             "use a short path such as /run/foretrace-1, or leave the key out",
         );
     }

@@ -28,6 +28,7 @@ mod remarks;
 mod live;
 mod render;
 
+pub use check::LONGEST_ROOT_BYTES;
 pub use config::{Config, Draft};
 pub use live::{KeyChange, LiveChange, StartOnlyKey};
 pub use plain::{plain, plain_lines, plain_log};

@@ -104,6 +104,8 @@ pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
 }
 
 fn instance(config: &Config) -> Result<Instance, InstanceError> {
+    // The settings' check names the bound before the middleware does.
+    const { assert!(foretrace_config::LONGEST_ROOT_BYTES == foretrace_shm::LONGEST_ROOT_BYTES) };
     let section = &config.settings().instance;
     match &section.root_dir {
         Some(root) => Instance::at(section.number, root),

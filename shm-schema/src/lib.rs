@@ -50,7 +50,7 @@ pub use instance::{
     SHARED_MEMORY,
     leftovers::{Cleaned, Leftovers, Prefixed, prefixed},
     occupancy::{DaemonMark, InstanceLock, Purge, SharedMemory},
-    root::{Instance, InstanceError},
+    root::{Instance, InstanceError, LONGEST_ROOT_BYTES},
     stop_path::{STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, StopAnswer, StopFrame, StopFrameError},
 };
 

@@ -15,7 +15,7 @@ pub(crate) struct InstanceArgs {
     #[arg(long, value_name = "N", global = true, value_parser = clap::value_parser!(u32).range(0..=99))]
     pub(crate) instance: Option<u32>,
 
-    /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 60 bytes)
+    /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 38 bytes)
     #[arg(long, value_name = "DIR", global = true, hide_short_help = true, value_parser = values::root)]
     pub(crate) root: Option<PathBuf>,
 }

@@ -4,11 +4,8 @@
 //! exclude each other) is 2. An error in an input is 5: settings, also from `--set`, recordings, texts, data
 //! sets, files.
 
-use foretrace_config::presets;
+use foretrace_config::{LONGEST_ROOT_BYTES, presets};
 use foretrace_control::predict::PredictorKind;
-
-/// Longest path of `--root`: what the sockets of the middleware leave of their 108 bytes.
-const LONGEST_ROOT: usize = 60;
 
 /// A preset that there is.
 pub(crate) fn preset(text: &str) -> Result<String, String> {
@@ -29,9 +26,9 @@ pub(crate) fn pair(text: &str) -> Result<String, String> {
 /// A folder that the middleware can use.
 pub(crate) fn root(text: &str) -> Result<std::path::PathBuf, String> {
     let path = std::path::PathBuf::from(text);
-    if !path.is_absolute() || text.len() > LONGEST_ROOT {
+    if !path.is_absolute() || text.len() > LONGEST_ROOT_BYTES {
         return Err(format!(
-            "an absolute path of at most {LONGEST_ROOT} bytes (this one has {})",
+            "an absolute path of at most {LONGEST_ROOT_BYTES} bytes (this one has {})",
             text.len()
         ));
     }

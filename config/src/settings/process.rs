@@ -9,7 +9,7 @@ section! {
         /// Number of the instance; names its services and its folder.
         number: u32 = Between(0.0, 99.0), Default("0"), AtStart,
             "0; 1, 2, ... for more daemons on the same machine";
-        /// Folder for the shared-memory bookkeeping, an absolute path of at most 60 bytes (sockets allow 108
+        /// Folder for the shared-memory bookkeeping, an absolute path of at most 38 bytes (sockets allow 108
         /// in all). Not set: foretrace-N in XDG_RUNTIME_DIR, else /tmp/foretrace-UID-N.
         root_dir: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
     }

@@ -19,6 +19,8 @@ const SOCKET_PATH_BYTES: usize = 108;
 const SOCKET_NAME_BYTES: usize = 39 + 6;
 /// Peers of different middleware versions are kept apart: their files are incompatible both ways.
 const MIDDLEWARE_VERSION: &str = "093";
+/// The longest root directory of an instance with a number below 100 \[bytes\].
+pub const LONGEST_ROOT_BYTES: usize = 38;
 /// Below the instance's root; removed by a purge, unlike the lock beside it.
 pub(crate) const MIDDLEWARE_FOLDER: &str = "iox2";
 
@@ -37,7 +39,7 @@ pub enum InstanceError {
     /// The path leaves no room for socket names.
     #[error(
         "the instance directory {} has {length} bytes, at most {limit} leave room for socket names: \
-         set XDG_RUNTIME_DIR to a shorter path", root.display()
+         name a shorter one (`--root DIR`, instance.root_dir, or XDG_RUNTIME_DIR)", root.display()
     )]
     RootTooLong {
         /// The directory.
@@ -146,7 +148,9 @@ impl Instance {
         let root = root.into();
         let bytes = root.as_os_str().as_encoded_bytes();
         let prefix = format!("ft{number}v{MIDDLEWARE_VERSION}_{:08x}_", fnv1a(bytes) as u32);
-        let limit = SOCKET_PATH_BYTES - 1 - SOCKET_NAME_BYTES - prefix.len() - MIDDLEWARE_FOLDER.len() - 2;
+        // Numbers above 99 have longer prefixes.
+        let room = SOCKET_PATH_BYTES - 1 - SOCKET_NAME_BYTES - prefix.len() - MIDDLEWARE_FOLDER.len() - 2;
+        let limit = room.min(LONGEST_ROOT_BYTES);
         if bytes.len() > limit {
             return Err(InstanceError::RootTooLong { length: bytes.len(), limit, root });
         }
@@ -294,12 +298,14 @@ mod tests {
 
     #[test]
     fn the_longest_root_still_fits_a_socket_address() {
-        let longest =
-            (1..100).map(|n| format!("/{}", "x".repeat(n))).rfind(|root| Instance::at(0, root).is_ok());
-        let instance = Instance::at(0, longest.unwrap()).unwrap();
-        let socket =
-            format!("{}{}{}.event", instance.config().global.root_path(), instance.prefix(), u128::MAX);
-        assert!(socket.len() < SOCKET_PATH_BYTES, "{}", socket.len());
+        for number in [0, 99] {
+            let root = |bytes: usize| format!("/{}", "x".repeat(bytes - 1));
+            let instance = Instance::at(number, root(LONGEST_ROOT_BYTES)).unwrap();
+            let socket =
+                format!("{}{}{}.event", instance.config().global.root_path(), instance.prefix(), u128::MAX);
+            assert!(socket.len() < SOCKET_PATH_BYTES, "{}", socket.len());
+            assert!(Instance::at(number, root(LONGEST_ROOT_BYTES + 1)).is_err());
+        }
     }
 
     #[test]

@@ -62,8 +62,8 @@ pub(super) const CASES: &[Case] = &[
     ("status --instance 100", 2, &["0..=99"]),
     ("status --instance -1", 2, &["-1"]),
     ("status --instance two", 2, &["two"]),
-    ("status --root relative", 2, &["absolute path", "60 bytes"]),
-    ("status --root /xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx", 2, &["60 bytes", "63"]),
+    ("status --root relative", 2, &["absolute path", "38 bytes"]),
+    ("status --root /xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx", 2, &["38 bytes", "39"]),
     ("daemon --root relative", 2, &["absolute path"]),
     // No daemon.
     ("status {}", 3, &["no daemon running", "foretrace daemon"]),
