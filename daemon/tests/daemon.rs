@@ -54,7 +54,7 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
     assert!(nobody.text().contains("crystal-ball") && nobody.text().contains("mixture"), "{nobody}");
     assert!(operator.ask(ControlOp::Stop, 0.0).is_success());
     let stopped = operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
-    assert_eq!(stopped.fault, u32::from(FaultReason::None));
+    assert_eq!(stopped.fault, u32::from(FaultReason::Requested));
     until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0).is_success().then_some(()));
     assert!(operator.ask(ControlOp::Disarm, 0.0).is_success());
     operator.status_when("it lets go", |status| status.mode == u32::from(Mode::Idle));

@@ -52,10 +52,7 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
             "the arm came too near something on its way home (bounds: clearance): move it by hand, or take \
              that away"
         }
-        FaultReason::CommandNotSent
-        | FaultReason::NotFinite
-        | FaultReason::ForeignPeer
-        | FaultReason::Internal => {
+        FaultReason::Internal => {
             "see the daemon's messages (its terminal, or `journalctl -u foretraced`), and report them"
         }
     }

@@ -21,11 +21,12 @@ pub const fn mode(mode: Mode) -> shm::Mode {
     }
 }
 
-/// Why the loop stopped by itself; none for a requested stop.
+/// Why the loop stopped.
 #[must_use]
 pub const fn fault(reason: StopReason) -> shm::FaultReason {
     match reason {
-        StopReason::None | StopReason::Requested => shm::FaultReason::None,
+        StopReason::None => shm::FaultReason::None,
+        StopReason::Requested => shm::FaultReason::Requested,
         StopReason::EnableLost => shm::FaultReason::DeadMan,
         StopReason::JointStateLost => shm::FaultReason::JointStateStale,
         StopReason::TimeLost => shm::FaultReason::TimeLost,

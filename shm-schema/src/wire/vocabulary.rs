@@ -81,9 +81,9 @@ wire_enum! {
         Following = 2 => "following",
         /// Enabled, but standing still: no fresh pen.
         Holding = 3 => "holding",
-        /// Stopped on request; needs an explicit arm.
+        /// Stopped on request or by itself, see [`FaultReason`]; needs an explicit arm.
         Stopped = 4 => "stopped",
-        /// Stopped by itself, see [`FaultReason`]; needs an explicit arm.
+        /// Stopped by the robot's own safety system ([`FaultReason::RobotStopped`]); needs an explicit arm.
         Fault = 5 => "fault",
         /// Moving the arm home, or about to; the pen has no effect.
         Homing = 6 => "moving home",
@@ -117,14 +117,10 @@ wire_enum! {
         Evidence = 3 => "evidence",
         /// Between the two thresholds of the record (hysteresis).
         Hysteresis = 4 => "hysteresis",
-        /// On its way to the target at the ramp's rate.
-        Ramp = 5 => "ramp",
         /// The newest pen sample is too old.
         PenStale = 6 => "pen stale",
         /// The pen jumped; an outlier or a gap.
         PenJump = 7 => "pen jump",
-        /// The pen is up.
-        PenUp = 8 => "pen up",
         /// The predictor's output was unusable.
         PredictorUnhealthy = 9 => "predictor unhealthy",
         /// The predictor was switched a moment ago.
@@ -133,8 +129,6 @@ wire_enum! {
         WorseThanHold = 11 => "worse than hold",
         /// Past previews were worse than constant velocity.
         WorseThanConstantVelocity = 12 => "worse than constant velocity",
-        /// The daemon is stopping or in a fault.
-        Stopping = 13 => "stopping",
         /// Frozen by hand.
         Frozen = 14 => "frozen",
         /// Too few previews were judged.
@@ -259,14 +253,8 @@ wire_enum! {
         TrackingError = 4 => "tracking error",
         /// The dead-man stopped beating or asked for a stop.
         DeadMan = 5 => "dead-man",
-        /// The command could not be published.
-        CommandNotSent = 6 => "command not sent",
-        /// A number in the loop became infinite or NaN.
-        NotFinite = 7 => "not finite",
-        /// Too many overruns in a row.
+        /// Too many overruns within the window of the settings.
         Overruns = 8 => "overruns",
-        /// A robot or a peer of another boot or layout.
-        ForeignPeer = 9 => "foreign peer",
         /// A thread of the daemon ended or stopped answering.
         Internal = 10 => "internal",
         /// An operator requested it.

@@ -4,7 +4,7 @@
 //! pen as the loop demands before it lowers it (safety.approach_distance_m): what comes before is the
 //! approach to the paper.
 
-use foretrace_client::{FaultReason, Mode, Stage, Status, health};
+use foretrace_client::{Mode, Stage, Status, health};
 use foretrace_config::{Config, JOINTS, Settings};
 use foretrace_control::arm::limits::JointLimits;
 use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, tracking};
@@ -71,7 +71,7 @@ pub(crate) struct StopFigures {
 
 impl StopFigures {
     fn of(note: &StopNote, armed_s: f64) -> Self {
-        let fault = if note.fault == FaultReason::None { FaultReason::Requested } else { note.fault };
+        let fault = note.fault;
         Self {
             reason: fault.label(),
             at_s: note.detail.at_ns as f64 * 1e-9 - armed_s,

@@ -43,16 +43,13 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
     if let Some(words) = way_home::words(status) {
         line(format_args!("way home    {words}"));
     }
-    if status.stop.at_ns != 0 {
+    if matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault)) {
         let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
-        let stopped = matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault));
+        line(format_args!("stopped     {}", stopped::reason(fault, &status.stop)));
+        line(format_args!("to do       {}", stopped::remedy(fault)));
+    } else if status.stop.cause != 0 {
         // Of a past stop only its evidence is shown.
-        if stopped {
-            line(format_args!("stopped     {}", stopped::reason(fault, &status.stop)));
-            line(format_args!("to do       {}", stopped::remedy(fault)));
-        } else if status.stop.cause != 0 {
-            line(format_args!("last stop   {}", status.stop));
-        }
+        line(format_args!("last stop   {}", status.stop));
     }
     line(format_args!(
         "loop        {:.0} Hz set, {:.1} Hz measured   tick {}   {} overruns   {} periods skipped   {} shed",
@@ -337,7 +334,7 @@ mod tests {
             mode: Mode::Following.into(),
             missing_rights: missing_rights::FIFO,
             trust: 0.5,
-            trust_reason: TrustReason::Ramp.into(),
+            trust_reason: TrustReason::Evidence.into(),
             pen_age_ns: u64::MAX,
             ..Status::default()
         };
