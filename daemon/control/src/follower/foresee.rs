@@ -6,16 +6,8 @@ use super::intake::PenNews;
 use super::io::Health;
 use crate::predict::OnlineWeights;
 use crate::predict::refine::Look;
-use crate::skill::{Foreseen, Happened, Record, SkillReport};
+use crate::skill::{Foreseen, Happened, Record, SKILL_LEADS, SkillReport};
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
-
-/// Number of leads whose record decides, from the nearest one of the plan: later ones weigh little in a plan
-/// that is made anew in every tick.
-const LEADS_JUDGED: usize = 2;
-
-/// How long a refused set of weights counts against the learner, unless a valid one follows: the memory of
-/// the record.
-const LEARNER_DOUBT_NS: u64 = 5_000_000_000;
 
 /// What a tick leaves for the next one to judge.
 #[derive(Debug, Clone, Copy, Default)]
@@ -49,7 +41,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         self.learner_doubt_ns = 0;
         if self.previewer.set_weights(weights).is_err() {
             health.set(Health::WEIGHTS_REFUSED);
-            self.learner_doubt_ns = LEARNER_DOUBT_NS;
+            self.learner_doubt_ns = (self.settings.trust.parameters.learner_doubt_s * 1e9) as u64;
         }
     }
 
@@ -82,7 +74,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// What previews of this predictor are worth, with the record of the leads that the plan looks at first.
     pub(super) fn skill(&self) -> SkillReport {
         let nearest = self.nearest_lead();
-        self.skill.report(nearest, nearest + LEADS_JUDGED - 1)
+        let judged = self.settings.trust.parameters.leads_judged.clamp(1, SKILL_LEADS);
+        self.skill.report(nearest, nearest + judged - 1)
     }
 
     /// Corrects the preview by the newest sample, and shrinks it to the shares that past previews justify.

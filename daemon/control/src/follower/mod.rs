@@ -103,7 +103,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             reference: Reference::leading(step_ns, settings.velocity_lead_ns),
             trust: TrustControl::new(settings.trust)?,
             trust_request: settings.trust_request,
-            plans: Plans::default(),
+            plans: Plans::new(settings.period_ns, &settings.trust.parameters),
             overtaxed: None,
             // The tool is the command's; a plan that models the servo puts that ahead of the arm.
             outcome: Box::new(Outcome::new(

@@ -3,27 +3,53 @@
 //! Contract: total; the only memory are two shares.
 
 use super::{Health, Rung};
-
-/// Memory of the share of ticks that had to stop \[ticks\].
-const STOPPED_TICKS: f64 = 50.0;
-/// Memory of the share of ticks whose plan failed \[ticks\]: longer than from one lift of the pen to the
-/// next, which costs solver steps.
-const FAILED_TICKS: f64 = 500.0;
+use crate::trust::TrustParameters;
 
 /// Shares of the recent ticks, in \[0, 1\].
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Plans {
     /// Share that had to stop: no plan, or no joints for it.
     pub(super) stopped: f64,
     /// Share whose plan failed. Ticks that were told to shed the solve do not count.
     pub(super) failed: f64,
+    /// Memories of the two, one tick or more \[ticks\].
+    memories: [f64; 2],
 }
 
 impl Plans {
+    /// At `period_ns` per tick.
+    pub(super) fn new(period_ns: u64, parameters: &TrustParameters) -> Self {
+        let ticks = |seconds: f64| (seconds / (period_ns as f64 * 1e-9)).max(1.0);
+        let memories = [ticks(parameters.unplanned_s), ticks(parameters.failed_s)];
+        Self { stopped: 0.0, failed: 0.0, memories }
+    }
+
     /// Counts a tick that was to follow the pen and ended on `rung` with `health`.
     pub(super) fn see(&mut self, rung: Rung, health: Health) {
         let one_if = |is: bool| f64::from(u8::from(is));
-        self.stopped += (one_if(matches!(rung, Rung::Stop | Rung::Hold)) - self.stopped) / STOPPED_TICKS;
-        self.failed += (one_if(health.has(Health::MPC_FAILED)) - self.failed) / FAILED_TICKS;
+        let [stopped, failed] = self.memories;
+        self.stopped += (one_if(matches!(rung, Rung::Stop | Rung::Hold)) - self.stopped) / stopped;
+        self.failed += (one_if(health.has(Health::MPC_FAILED)) - self.failed) / failed;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Half a second without plans weighs the same at every rate of the loop.
+    #[test]
+    fn the_memory_is_time_and_not_ticks() {
+        let after = |period_ns: u64| {
+            let mut plans = Plans::new(period_ns, &TrustParameters::SHIPPED);
+            let mut health = Health::default();
+            health.set(Health::MPC_FAILED);
+            (0..500_000_000 / period_ns).for_each(|_| plans.see(Rung::Stop, health));
+            [plans.stopped, plans.failed]
+        };
+        let (slow, fast) = (after(8_000_000), after(1_000_000));
+        for (slow, fast) in slow.into_iter().zip(fast) {
+            assert!((slow - fast).abs() < 0.01 && (0.3..1.0).contains(&slow), "{slow} {fast}");
+        }
     }
 }

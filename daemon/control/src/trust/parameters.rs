@@ -39,12 +39,23 @@ pub struct TrustParameters {
     pub surprise: Hysteresis,
     /// Share of the recent ticks that wanted to follow and had no plan or no joints for it \[1\].
     pub unplanned: Hysteresis,
+    /// Memory of that share \[s\].
+    pub unplanned_s: f64,
     /// A preview with at most this share of Hold's error \[1\] is right: following it within the limits is
     /// the best there is,
     pub right: f64,
     /// unless the plans of more than this share of recent ticks failed \[1\]: saturated plans take more
     /// solver steps than the cap.
     pub failed: f64,
+    /// Memory of that share \[s\]: longer than from one lift of the pen to the next, which costs
+    /// solver steps.
+    pub failed_s: f64,
+    /// Number of leads whose record decides, from the nearest one of the plan: later ones weigh little in a
+    /// plan that is made anew in every tick.
+    pub leads_judged: usize,
+    /// How long refused weights count against the learner, unless valid ones follow \[s\]: the memory of the
+    /// record.
+    pub learner_doubt_s: f64,
     /// Time over which squared errors of following and of feedback are averaged \[s\]: a stroke.
     pub outcome_s: f64,
     /// Share of feedback's mean squared error above which following has little value \[1\]: 0 is at the pen,
@@ -71,8 +82,12 @@ impl TrustParameters {
         clearly: 0.2,
         surprise: Hysteresis { ends: 0.5, begins: 0.25 },
         unplanned: Hysteresis { ends: 0.25, begins: 0.05 },
+        unplanned_s: 0.1,
         right: 0.1,
         failed: 0.05,
+        failed_s: 1.0,
+        leads_judged: 2,
+        learner_doubt_s: 5.0,
         outcome_s: 0.15,
         outcome_poor: 0.5,
         headroom_fall: 7.0,

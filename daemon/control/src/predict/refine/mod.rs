@@ -68,6 +68,11 @@ impl Refiner {
         }
     }
 
+    /// Samples later than this after the newest grid point do not refine \[steps\].
+    pub(crate) fn latest_phase(&self) -> f64 {
+        self.parameters.latest_phase
+    }
+
     /// Another predictor is active from now on: forgets what was learned about the last one.
     pub fn forget(&mut self) {
         self.corrections = fresh(self.clarity, &self.parameters);

@@ -15,6 +15,9 @@ pub struct RefineParameters {
     /// Larger innovations, velocities and accelerations are jumps and carry no information about the future
     /// \[per axis, and per step and step²\]. 15 ordinary steps.
     pub leap: f64,
+    /// Samples later than this after the newest grid point \[steps\] do not refine the preview, as after a
+    /// pause.
+    pub latest_phase: f64,
     /// Regression of the preview's error.
     pub blend: BlendParameters,
     /// The pen's present motion.
@@ -79,6 +82,7 @@ impl RefineParameters {
     /// Those of the presets.
     pub const SHIPPED: Self = Self {
         leap: 150.0,
+        latest_phase: 1.5,
         blend: BlendParameters {
             forgetting: 0.998,
             ordinary: [100.0, 10.0, 100.0, 4.0],

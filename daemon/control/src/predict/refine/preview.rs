@@ -8,9 +8,6 @@ use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
 use crate::units::Stamp;
 
-/// Samples later than this after the base \[steps\] do not refine the preview, as after a pause.
-const LATEST_PHASE: f64 = 1.5;
-
 /// The newest preview, kept between grid steps, because most ticks close none.
 #[derive(Debug, Clone)]
 pub(crate) struct Preview {
@@ -84,7 +81,7 @@ impl Preview {
         }
         self.refined = seen;
         let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
-        if phase >= LATEST_PHASE {
+        if phase >= refiner.latest_phase() {
             self.used = [newest.position; MAX_PREVIEW + 1];
             self.origin = 0.0;
             return None;
