@@ -49,7 +49,9 @@ pub(crate) const NAMES: &[&str] = names![
     "predictor",
     "weights_version",
     "pen_stamp",
-    "pen_sequence",
+    "pen_origin.sequence",
+    "pen_origin.sent",
+    "pen_origin.received",
     "pen_x",
     "pen_y",
     "pen_contact",
@@ -58,6 +60,7 @@ pub(crate) const NAMES: &[&str] = names![
     "pen_refused.axis",
     "pen_refused.value",
     "pen_refused.bound",
+    "pen_refused.at",
     "predictor_error",
     "predictor_band",
     "dead_time_ns",
@@ -179,7 +182,9 @@ pub(crate) fn append(output: &StepOutput<6>, values: &mut Vec<u64>) {
     let trust = output.trust;
     values.extend([bits(trust.alpha.alpha()), bits(trust.target.alpha()), trust.reason as u64]);
     values.extend([output.predictor.index() as u64, output.weights_version]);
-    values.extend([output.pen_stamp.map_or(u64::MAX, |stamp| stamp.0), output.pen_origin.sequence]);
+    let origin = output.pen_origin;
+    values.push(output.pen_stamp.map_or(u64::MAX, |stamp| stamp.0));
+    values.extend([origin.sequence, origin.sent.0, origin.received.0]);
     values.extend([output.pen_position.map(bits)[0], output.pen_position.map(bits)[1]]);
     values.push(u64::from(output.pen_contact));
     let pen = output.pen_counters;
@@ -203,6 +208,7 @@ pub(crate) fn append(output: &StepOutput<6>, values: &mut Vec<u64>) {
     values.push(output.pen_refused.and_then(|refused| refused.axis).map_or(u64::MAX, u64::from));
     values.push(maybe(output.pen_refused.map(|refused| refused.value)));
     values.push(maybe(output.pen_refused.map(|refused| refused.bound)));
+    values.push(output.pen_refused.map_or(u64::MAX, |refused| refused.at.0));
     values.extend([maybe(output.predictor_error), maybe(output.predictor_band), output.dead_time_ns]);
     let lag = output.lag.map(|lag| [lag.lag_s, lag.std_s, lag.shift_s]);
     values.extend(lag.map_or([u64::MAX; 3], |lag| lag.map(bits)));

@@ -21,10 +21,9 @@ pub(crate) fn sets(shared: &Path) -> Vec<(PathBuf, &'static [&'static str])> {
     all.filter(|(path, _)| path.is_dir()).collect()
 }
 
-/// The figures of one set by the program of the same build.
+/// The figures of one set by this program.
 pub(crate) fn of((set, experiments): &(PathBuf, &[&str])) -> Result<Vec<Figure>, String> {
-    let own = std::env::current_exe().map_err(|error| error.to_string())?;
-    let program = own.with_file_name("foretrace-under-test");
+    let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let scratch = std::env::temp_dir().join(format!("golden-{}", std::process::id()));
     let mut figures = Vec::new();
     for experiment in *experiments {

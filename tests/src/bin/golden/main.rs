@@ -19,6 +19,10 @@ use file::Golden;
 const USAGE: &str = "usage: golden record OUT [--shared DIR]\n       golden compare A B";
 
 fn main() -> ExitCode {
+    // The lab's figures come from the program `foretrace`, which is this one.
+    if std::env::args().nth(1).as_deref() == Some("lab") {
+        return foretrace::main();
+    }
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let done = match *words {
