@@ -94,6 +94,11 @@ impl DelayLine {
         Some(Self { settings, cycle_s, rng, targets, age: 0.0, cycles: 0 })
     }
 
+    /// Only `target` is on its way, as after a standstill.
+    pub(super) fn fill(&mut self, target: [f64; JOINTS]) {
+        self.targets.iter_mut().for_each(|sent| *sent = target);
+    }
+
     /// Sends `target`; returns what the servo reads in this cycle.
     pub(super) fn pass(&mut self, target: [f64; JOINTS]) -> [f64; JOINTS] {
         let t_s = self.cycles as f64 * self.cycle_s;

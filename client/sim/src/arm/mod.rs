@@ -120,7 +120,6 @@ pub struct Joints {
 #[derive(Debug, Clone)]
 pub struct ArmModel {
     settings: ArmSettings,
-    scaling: f64,
     delay: Option<DelayLine>,
     /// The last one that was given.
     newest_target: [f64; JOINTS],
@@ -140,7 +139,6 @@ impl ArmModel {
         let still = q.map(|q| JointMotion { q, qd: 0.0 });
         Self {
             settings,
-            scaling: settings.scaling(),
             delay: DelayLine::new(settings.delay, settings.cycle_s, q),
             newest_target: q,
             previous_target: q,
@@ -167,14 +165,15 @@ impl ArmModel {
             Some(line) => line.pass(self.newest_target),
         };
         self.clamped = false;
+        let scaling = self.scaling();
         for axis in 0..JOINTS {
             let from = self.previous_target[axis];
             let mut to = target[axis];
             let mut v = self.settings.velocity_radps[axis];
-            if self.scaling < 1.0 {
-                to = from + self.scaling * (to - from);
+            if scaling < 1.0 {
+                to = from + scaling * (to - from);
                 // A paused arm never moves; and 0 times an infinite limit is NaN.
-                v = if self.scaling > 0.0 { v * self.scaling } else { v };
+                v = if scaling > 0.0 { v * scaling } else { v };
             }
             let clamp = Clamp { v, a: self.settings.acceleration_radps2[axis], dt };
             let before = self.servo[axis];
@@ -201,9 +200,13 @@ impl ArmModel {
         else {
             return;
         };
-        let broken = Broken::new(fault.kind, &self.obeying());
-        self.scaling = broken.scaling().unwrap_or(self.scaling);
-        self.broken = Some(broken);
+        self.broken = Some(Broken::new(fault.kind, &self.obeying()));
+    }
+
+    /// Speed scaling in force: a slider takes nothing back from a fault.
+    fn scaling(&self) -> f64 {
+        let asked = self.settings.scaling();
+        self.broken.and_then(|broken| broken.scaling()).map_or(asked, |share| share.min(asked))
     }
 
     /// The joints as the controller would report them now.
@@ -255,13 +258,42 @@ impl ArmModel {
     /// Another speed scaling from the next cycle on, as by the slider; see [`ArmSettings::speed_scaling`].
     pub fn set_speed_scaling(&mut self, speed_scaling: f64) {
         self.settings.speed_scaling = speed_scaling;
-        self.scaling = self.settings.scaling();
     }
 
-    /// Breaks the arm from the next cycle on, unless it is broken already.
+    /// Breaks the arm from the next cycle on; a fault that it has already is mended first.
     pub fn break_now(&mut self, kind: FaultKind) {
+        self.mend();
         let at_s = self.cycles as f64 * self.settings.cycle_s;
         self.settings.fault = Some(Fault { kind, at_s });
+    }
+
+    /// Without a fault from the next cycle on, at the speed and from the place that its joints really have.
+    pub fn mend(&mut self) {
+        self.settings.fault = None;
+        if self.broken.is_none() {
+            return;
+        }
+        let Joints { q, mut qd } = self.really();
+        for (qd, most) in qd.iter_mut().zip(self.settings.velocity_radps) {
+            *qd = qd.clamp(-most, most);
+        }
+        self.broken = None;
+        self.begin_at(Joints { q, qd });
+    }
+
+    /// At rest where its joints stand, as when the brakes close; a fault stays.
+    pub fn stand(&mut self) {
+        self.begin_at(Joints { qd: [0.0; JOINTS], ..self.obeying() });
+    }
+
+    fn begin_at(&mut self, joints: Joints) {
+        self.joint = std::array::from_fn(|axis| JointMotion { q: joints.q[axis], qd: joints.qd[axis] });
+        self.servo = self.joint;
+        self.newest_target = joints.q;
+        self.previous_target = joints.q;
+        if let Some(line) = &mut self.delay {
+            line.fill(joints.q);
+        }
     }
 
     /// The settings in force.

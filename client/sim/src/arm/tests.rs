@@ -260,3 +260,60 @@ fn arm_without_the_new_options_moves_as_it_always_did() {
     assert!((last.q[0] - 1.082_197_312_540_724_3).abs() < 1e-13, "{:?}", last.q[0]);
     assert!((last.qd[0] + 1.722_462_886_106_289_4).abs() < 1e-12, "{:?}", last.qd[0]);
 }
+
+/// Joint 0 is led at 1 rad/s for `cycles` from where `target` is, the scaling asked for anew in each, as a
+/// controller does.
+fn lead(arm: &mut ArmModel, target: &mut f64, cycles: u32) -> f64 {
+    for _ in 0..cycles {
+        *target += 0.002;
+        arm.set_speed_scaling(1.0);
+        arm.cycle([*target; JOINTS]);
+    }
+    arm.joints().qd[0]
+}
+
+#[test]
+fn a_slider_at_full_speed_takes_nothing_back_from_an_arm_that_is_slow_or_paused() {
+    for (kind, most) in [(FaultKind::Slow(0.1), 0.3342), (FaultKind::Paused, 0.0)] {
+        let (mut arm, mut target) = (arm(500.0), 0.0);
+        assert!((lead(&mut arm, &mut target, 300) - 1.0).abs() < 1e-3);
+        arm.break_now(kind);
+        let speed = lead(&mut arm, &mut target, 100);
+        assert!(speed <= most + 1e-3, "{kind:?}: {speed}");
+        let behind = target - arm.joints().q[0];
+        assert!(behind > 0.1, "{kind:?}: {behind}");
+        arm.mend();
+        assert!(lead(&mut arm, &mut target, 500) > 0.9, "{kind:?}");
+    }
+}
+
+#[test]
+fn a_mended_arm_goes_on_from_where_it_really_is_inside_its_limits() {
+    for kind in [FaultKind::Stuck, FaultKind::Locked(0), FaultKind::Flipped(0), FaultKind::Runaway(-1.0)] {
+        let (mut arm, mut target) = (arm(500.0), 0.0);
+        lead(&mut arm, &mut target, 300);
+        arm.break_now(kind);
+        lead(&mut arm, &mut target, 100);
+        let before = arm.really();
+        arm.mend();
+        assert_eq!(arm.joints(), before, "{kind:?}");
+        for _ in 0..2000 {
+            let (before, after) = (arm.joints(), arm.cycle([target; JOINTS]));
+            assert!((after.qd[0] - before.qd[0]).abs() <= 40.0 * 0.002 + 1e-9, "{kind:?}");
+        }
+        assert!((arm.joints().q[0] - target).abs() < 1e-6, "{kind:?}: {:?}", arm.joints());
+    }
+}
+
+#[test]
+fn a_fault_replaces_the_one_before_and_outlasts_a_standstill() {
+    let (mut arm, mut target) = (arm(500.0), 0.0);
+    arm.break_now(FaultKind::Slow(0.5));
+    lead(&mut arm, &mut target, 300);
+    arm.break_now(FaultKind::Stuck);
+    lead(&mut arm, &mut target, 10);
+    let stuck = arm.joints().q;
+    arm.stand();
+    lead(&mut arm, &mut target, 3000);
+    assert_eq!(arm.joints(), Joints { q: stuck, qd: [0.0; JOINTS] });
+}
