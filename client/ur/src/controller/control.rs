@@ -7,7 +7,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::faults;
-use super::network::{Shared, serve};
+use super::listen::serve;
+use super::network::Shared;
 use super::options::{Options, Service};
 use super::world::World;
 
@@ -148,5 +149,9 @@ fn control(shared: &Shared) {
             shared.publish(&mut world);
             skipped = 0;
         }
+        // A long program takes a while to be given back: without the lock.
+        let retired = world.retired();
+        drop(world);
+        drop(retired);
     }
 }

@@ -308,7 +308,7 @@ fn hostile_bytes_hurt_nobody_else() {
 fn more_connections_than_a_service_has_are_left_and_others_come_when_they_go() {
     let controller = start(Series::Cb3);
     let many: Vec<TcpStream> =
-        (0..network::MOST_CONNECTIONS).map(|_| open(&controller, Service::Dashboard)).collect();
+        (0..listen::MOST_CONNECTIONS).map(|_| open(&controller, Service::Dashboard)).collect();
     let mut greeted = many;
     for stream in &mut greeted {
         assert!(line(stream).starts_with("Connected"));

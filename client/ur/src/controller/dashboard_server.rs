@@ -102,7 +102,7 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
             }
         }
         "restart safety" => {
-            world.power_off();
+            world.restart_safety();
             "Restarting safety".to_owned()
         }
         _ => match first {

@@ -6,15 +6,16 @@ use foretrace_sim::arm::Fault;
 use serde_json::json;
 
 use super::options::{Series, Service};
-use super::safety::{RobotMode, Stopped};
+use super::safety::{Breach, RobotMode, Stopped};
 use super::trouble::Trouble;
 use super::world::World;
 
 /// All that is understood.
 pub const HELP: &str = "protective-stop, unlock, emergency-stop, emergency-reset, safeguard-stop, \
-     safeguard-reset, power-off, power-up, slider 0..1, pause, play, stop-program, remote on|off, \
-     payload KG, tcp X Y Z RX RY RZ, arm KIND[:VALUE], reboot [SECONDS], service NAME on|off, cut SECONDS, \
-     delay MS, jitter MS, digital-in N on|off, status, help";
+     safeguard-reset, violation, fault, restart-safety, recovery on|off, backdrive on|off, power-off, \
+     power-up, slider 0..1, pause, play, stop-program, remote on|off, payload KG, tcp X Y Z RX RY RZ, \
+     arm KIND[:VALUE]|mended, reboot [SECONDS], service NAME on|off, cut SECONDS [ADDRESS], delay MS, \
+     jitter MS, digital-in N on|off, status, help";
 
 /// Does what `line` says; the answer begins with `ok` or `error`, but that of `status`, which is JSON.
 pub fn obey(world: &mut World, trouble: &Trouble, line: &str) -> String {
@@ -60,9 +61,23 @@ fn act(
         "emergency-reset" => world.robot.safety.emergency = false,
         "safeguard-stop" => world.robot.safeguard_stop(),
         "safeguard-reset" => world.robot.safety.safeguard = false,
+        "violation" => world.robot.breach(Breach::Violation),
+        "fault" => world.robot.breach(Breach::Fault),
+        "restart-safety" => world.restart_safety(),
+        "recovery" if on_off(arguments, 0)? => world.robot.breach(Breach::Recovery),
+        "recovery" => {
+            let there = world.robot.safety.breach == Some(Breach::Recovery);
+            refuse(there, "the robot is not in recovery mode")?;
+            world.robot.safety.breach = None;
+        }
+        "backdrive" => {
+            let done = world.backdrive(on_off(arguments, 0)?);
+            refuse(done, "the power is off, or it is so already")?;
+        }
         "power-off" => world.power_off(),
         "power-up" => {
-            if world.robot.mode == RobotMode::PowerOff && !world.robot.safety.emergency {
+            refuse(world.robot.safety.lets_power_on(), "a safety stop keeps the power off")?;
+            if matches!(world.robot.mode, RobotMode::PowerOff | RobotMode::Idle) {
                 world.robot.mode = RobotMode::Releasing { until: None };
             }
         }
@@ -82,6 +97,7 @@ fn act(
             }
             world.robot.tcp_offset = pose;
         }
+        "arm" if arguments == ["mended"] => world.mend(),
         "arm" => {
             let text = arguments.first().copied().unwrap_or("");
             let (kind, value) =
@@ -107,7 +123,12 @@ fn act(
             let service = known.filter(|service| *service != Service::Faults);
             trouble.switch(service.ok_or("knows no such service")?, on_off(arguments, 1)?);
         }
-        "cut" => trouble.cut(seconds(number(arguments, 0, 0.0..=600.0)?)),
+        "cut" => {
+            let whose = arguments.get(1).map(|word| word.parse());
+            let whose = whose.transpose().map_err(|_| "wants an address, as 127.0.0.7, or none")?;
+            let done = trouble.cut(seconds(number(arguments, 0, 0.0..=600.0)?), whose);
+            refuse(done, "too many clients are cut off already; cut 0 ends all cuts")?;
+        }
         "delay" => trouble.delay(seconds(number(arguments, 0, 0.0..=1000.0)? * 1e-3)),
         "jitter" => trouble.jitter(seconds(number(arguments, 0, 0.0..=1000.0)? * 1e-3)),
         "status" => return Ok(Some(status(world))),
@@ -156,12 +177,23 @@ mod tests {
             "delay 20",
             "jitter 5",
             "cut 0",
+            "cut 0.1 127.0.0.7",
             "remote off",
             "payload 1.5",
             "tcp 0 0 0.1 0 0 0",
             "service dashboard off",
             "service dashboard on",
             "arm slow:0.5",
+            "arm mended",
+            "backdrive on",
+            "backdrive off",
+            "power-up",
+            "recovery on",
+            "recovery off",
+            "violation",
+            "restart-safety",
+            "fault",
+            "restart-safety",
             "digital-in 3 on",
             "safeguard-stop",
             "safeguard-reset",
@@ -187,6 +219,10 @@ mod tests {
             "arm bent",
             "pause",
             "cut -1",
+            "cut 1 everybody",
+            "recovery off",
+            "recovery",
+            "backdrive on",
             "digital-in 99 on",
         ] {
             assert!(ask(bad).starts_with("error: "), "{bad}");

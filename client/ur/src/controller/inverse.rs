@@ -20,8 +20,21 @@ type Matrix6 = [[f64; 6]; 6];
 /// Joints \[rad\] near `near` for which the tool, `tcp` from the flange, is at `wanted`.
 #[must_use]
 pub fn joints_for(dh: &Dh, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
+    search(dh, tcp, wanted, near, &mut 0)
+}
+
+/// The same; counts the steps that it takes.
+#[must_use]
+pub fn search(
+    dh: &Dh,
+    tcp: &[f64; 6],
+    wanted: &[f64; 6],
+    near: &[f64; 6],
+    steps: &mut u32,
+) -> Option<[f64; 6]> {
     let mut q = *near;
     for _ in 0..MOST_STEPS {
+        *steps += 1;
         let error = off(dh, tcp, wanted, &q);
         if error.iter().all(|error| error.abs() < REACHED) {
             return Some(q);

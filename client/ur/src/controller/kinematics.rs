@@ -120,6 +120,16 @@ pub fn chain(first: &Frame, second: &Frame) -> Frame {
     (transpose(&columns), sum)
 }
 
+/// From `before` to `after`, near to each other: way \[m\] and turn about an axis \[rad\], both in the frame
+/// that the two are given in. The difference of two rotation vectors is no turn.
+#[must_use]
+pub fn twist(before: &Frame, after: &Frame) -> [f64; 6] {
+    let turn = chain(&(after.0, [0.0; 3]), &(transpose(&before.0), [0.0; 3])).0;
+    let [[_, ab, ac], [ba, _, bc], [ca, cb, _]] = turn;
+    let ([x, y, z], [bx, by, bz]) = (after.1, before.1);
+    [x - bx, y - by, z - bz, 0.5 * (cb - bc), 0.5 * (ac - ca), 0.5 * (ba - ab)]
+}
+
 fn transpose(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let [[a, b, c], [d, e, f], [g, h, i]] = *m;
     [[a, d, g], [b, e, h], [c, f, i]]

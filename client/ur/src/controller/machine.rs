@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::inputs::{Inputs, REGISTERS};
-use super::inverse::joints_for;
+use super::inverse::search;
 use super::motion::Motion;
 use super::names::{NOT_SIMULATED, SIMULATED};
 use super::robot::Robot;
@@ -20,6 +20,10 @@ use crate::script::{Arguments, Call, Called, Machine, ThreadId, Value};
 const MOST_WATCHDOGS: usize = 64;
 /// Messages that wait to be sent.
 pub const MOST_SAID: usize = 256;
+/// What a step of the search for joints takes, in instructions of a program.
+const INSTRUCTIONS_PER_STEP: u32 = 150;
+/// What the search for an input by its name takes, or the place of the tool.
+const INSTRUCTIONS_PER_SEARCH: u32 = 20;
 
 /// Output registers.
 #[derive(Debug, Clone)]
@@ -79,6 +83,8 @@ pub struct Hands<'a> {
     pub mover: &'a mut Option<ThreadId>,
     /// Messages for ports 30001 and 30002.
     pub said: &'a mut VecDeque<Said>,
+    /// Instructions that calls took since they were counted.
+    pub spent: u32,
 }
 
 pub(super) type Result<T> = std::result::Result<T, String>;
@@ -128,6 +134,19 @@ impl Hands<'_> {
         (seconds / self.robot.dt() - 1e-6).ceil().max(0.0) as u64
     }
 
+    /// Joints for the tool, `tcp` from the flange, at `wanted`.
+    pub(super) fn joints_for(
+        &mut self,
+        tcp: &[f64; 6],
+        wanted: &[f64; 6],
+        near: &[f64; 6],
+    ) -> Option<[f64; 6]> {
+        let mut steps = 0;
+        let found = search(&self.robot.dh, tcp, wanted, near, &mut steps);
+        self.spent = self.spent.saturating_add(steps.saturating_mul(INSTRUCTIONS_PER_STEP));
+        found
+    }
+
     pub(super) fn say(&mut self, said: Said) {
         if self.said.len() < MOST_SAID {
             self.said.push_back(said);
@@ -142,7 +161,10 @@ impl Hands<'_> {
         Ok(match name {
             "read_input_integer_register" => Value::Integer(self.inputs.integer(n).ok_or_else(none)?),
             "read_input_float_register" => Value::Float(self.inputs.double(n).ok_or_else(none)?),
-            "read_input_boolean_register" => Value::Bool(self.inputs.bit(n).ok_or_else(none)?),
+            "read_input_boolean_register" => {
+                self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
+                Value::Bool(self.inputs.bit(n).ok_or_else(none)?)
+            }
             "read_output_integer_register" => {
                 Value::Integer(*self.registers.integers.get(n).ok_or_else(none)?)
             }
@@ -238,6 +260,7 @@ impl Hands<'_> {
     fn watchdog(&mut self, arguments: &Arguments) -> Result<Value> {
         let [name, hz, action] = arguments.bind(["variable_name", "min_frequency", "action"])?;
         let name = name.and_then(Value::as_text).ok_or("wants the name of an input")?.to_owned();
+        self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
         let hz = number(hz, "min_frequency")?;
         let away = match action.map(|action| action.as_text().unwrap_or("")) {
             None | Some("pause") => Away::Pause,
@@ -262,6 +285,7 @@ impl Hands<'_> {
 
     fn state(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
         let (actual, target) = (self.robot.actual(), self.robot.target);
+        self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
         Ok(match name {
             "get_actual_joint_positions" => Value::floats(&actual.q),
             "get_actual_joint_speeds" => Value::floats(&actual.qd),
@@ -269,7 +293,7 @@ impl Hands<'_> {
             "get_target_joint_speeds" => Value::floats(&target.qd),
             "get_actual_tcp_pose" => Value::Pose(self.robot.tcp_pose(&actual.q)),
             "get_target_tcp_pose" => Value::Pose(self.robot.tcp_pose(&target.q)),
-            "get_actual_tcp_speed" => Value::floats(&self.robot.tcp_speed()),
+            "get_actual_tcp_speed" => Value::floats(&self.robot.tcp_speed(&actual)),
             "get_tcp_offset" => Value::Pose(self.robot.tcp_offset),
             "get_target_payload" => Value::Float(self.robot.payload.0),
             "get_target_payload_inertia" => Value::floats(&[0.0; 6]),
@@ -283,7 +307,7 @@ impl Hands<'_> {
                 let near = if near.is_some() { joints(near, "qnear")? } else { actual.q };
                 let tcp = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
                 let tcp = tcp.unwrap_or(self.robot.tcp_offset);
-                let found = joints_for(&self.robot.dh, &tcp, &x, &near);
+                let found = self.joints_for(&tcp, &x, &near);
                 if name == "get_inverse_kin" {
                     Value::floats(&found.ok_or("finds no joints for this pose")?)
                 } else {
@@ -356,6 +380,10 @@ impl Machine for Hands<'_> {
             return Called::Unknown;
         }
         self.answer(call).unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
+    }
+
+    fn spent(&mut self) -> u32 {
+        std::mem::take(&mut self.spent)
     }
 
     fn ended(&mut self, thread: ThreadId) {

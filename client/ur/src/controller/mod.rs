@@ -16,6 +16,7 @@ pub mod robot;
 mod names;
 pub mod machine;
 mod motion_calls;
+pub mod arrival;
 pub mod world;
 pub mod outputs;
 pub mod outbox;
@@ -25,6 +26,7 @@ pub mod dashboard_server;
 pub mod trouble;
 pub mod faults;
 pub mod network;
+pub mod listen;
 pub mod control;
 
 pub use control::{Controller, StartError};

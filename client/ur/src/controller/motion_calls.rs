@@ -1,6 +1,6 @@
 //! The calls that move the robot: `servoj`, `movej`, `movel`, `speedj`, `stopj`, `stopl`.
 
-use super::inverse::{Straight, joints_for};
+use super::inverse::Straight;
 use super::machine::{Hands, Result, joints, number_or};
 use super::motion::{Line, Motion};
 use super::robot::SPEED_LIMIT_RADPS;
@@ -35,12 +35,15 @@ impl Hands<'_> {
                 Ok(self.wait(call, cycles))
             }
             "movej" => {
+                if !call.first {
+                    let over = !matches!(self.robot.motion, Motion::Line(_));
+                    return Ok(if over { Called::Value(Value::None) } else { Called::Wait });
+                }
                 let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
                 let q = match q {
                     Some(Value::Pose(pose)) => {
-                        let (robot, near) = (&*self.robot, self.robot.target.q);
-                        let found = joints_for(&robot.dh, &robot.tcp_offset, pose, &near);
-                        found.ok_or("finds no joints for this pose")?
+                        let (tcp, near) = (self.robot.tcp_offset, self.robot.target.q);
+                        self.joints_for(&tcp, pose, &near).ok_or("finds no joints for this pose")?
                     }
                     q => joints(q, "q")?,
                 };
@@ -49,13 +52,9 @@ impl Hands<'_> {
                 if q.iter().any(|q| !q.is_finite()) || !(a > 0.0 && v > 0.0 && t >= 0.0) {
                     return Err("wants finite targets, a > 0, v > 0, t >= 0".to_owned());
                 }
-                if call.first {
-                    let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(40.0));
-                    self.robot.plan(|point| Motion::Line(Line::new(point.q, q, v, a, t)));
-                    return Ok(Called::Wait);
-                }
-                let over = !matches!(self.robot.motion, Motion::Line(_));
-                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
+                let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(40.0));
+                self.robot.plan(|point| Motion::Line(Line::new(point.q, q, v, a, t)));
+                Ok(Called::Wait)
             }
             "movel" => {
                 let [to, a, v, t, _] = arguments.bind(["pose", "a", "v", "t", "r"])?;
@@ -73,7 +72,7 @@ impl Hands<'_> {
                     q => self.robot.tcp_pose(&joints(q, "pose")?),
                 };
                 let target = self.robot.target.q;
-                if joints_for(&dh, &tcp, &pose, &target).is_none() {
+                if self.joints_for(&tcp, &pose, &target).is_none() {
                     return Err("finds no joints for this pose".to_owned());
                 }
                 self.robot.plan(|point| {

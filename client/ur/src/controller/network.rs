@@ -1,14 +1,16 @@
-//! Ports, connections, and the threads that read and write them.
+//! Connections, and the threads that read and write them.
 //!
-//! Contract: at most [`MOST_CONNECTIONS`] connections a service; each read and each line is bounded.
+//! Contract: each read and each line is bounded; nothing that takes long to read is read under the lock of
+//! the controller.
 
 use std::collections::HashMap;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Shutdown, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use super::arrival::Arrival;
 use super::dashboard_server::{self, Answer};
 use super::faults;
 use super::options::Service;
@@ -20,14 +22,10 @@ use super::world::World;
 use crate::rtde::frames::Frames;
 use crate::script::Uploads;
 
-/// Connections of one service at a time.
-pub const MOST_CONNECTIONS: usize = 16;
 /// Longest line of a command.
 const LONGEST_LINE: usize = 1024;
-/// Between two looks at whether all is over.
-const LOOK: Duration = Duration::from_millis(100);
-/// Between two looks for a new connection.
-const ACCEPT: Duration = Duration::from_millis(5);
+/// Between two looks at whether a line is whole again, or a place free.
+const SOON: Duration = Duration::from_millis(5);
 
 /// Who is sent something by the control loop.
 #[derive(Debug)]
@@ -49,8 +47,17 @@ pub struct Shared {
     pub stop: AtomicBool,
     subscribers: Mutex<Vec<Subscriber>>,
     connections: Mutex<HashMap<u64, (Service, TcpStream)>>,
-    next: AtomicU64,
-    taken: AtomicUsize,
+    pub(super) next: AtomicU64,
+    pub(super) taken: AtomicUsize,
+}
+
+/// One connection.
+#[derive(Debug)]
+pub(super) struct Connection {
+    pub(super) number: u64,
+    pub(super) service: Service,
+    pub(super) peer: IpAddr,
+    pub(super) stream: TcpStream,
 }
 
 impl Shared {
@@ -77,7 +84,7 @@ impl Shared {
         self.subscribers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn connections(&self) -> MutexGuard<'_, HashMap<u64, (Service, TcpStream)>> {
+    pub(super) fn connections(&self) -> MutexGuard<'_, HashMap<u64, (Service, TcpStream)>> {
         self.connections.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -93,7 +100,7 @@ impl Shared {
         self.connections().len()
     }
 
-    fn over(&self) -> bool {
+    pub(super) fn over(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
@@ -107,9 +114,12 @@ impl Shared {
         }
     }
 
-    fn wait_out_cut(&self) {
-        while self.trouble.is_cut() && !self.over() {
-            std::thread::sleep(ACCEPT);
+    /// Waits until the client's line is whole, or there is nothing more to wait for. Faults have no line: who
+    /// cut everybody off can still mend that.
+    fn wait_out_cut(&self, service: Service, peer: IpAddr) {
+        let cut = || service != Service::Faults && self.trouble.is_cut(peer);
+        while cut() && !self.over() && self.trouble.is_on(service) {
+            std::thread::sleep(SOON);
         }
     }
 
@@ -118,6 +128,7 @@ impl Shared {
         let tenth = u64::from(world.robot.options.series.rate_hz()) / 10;
         let state_due = world.robot.cycle.is_multiple_of(tenth.max(1));
         let said: Vec<_> = world.said.drain(..).collect();
+        let said: Vec<Vec<u8>> = said.into_iter().map(|said| streams::message(world, said)).collect();
         let (mut state, mut real_time) = (None, None);
         for subscriber in self.subscribers().iter() {
             let outbox = &subscriber.outbox;
@@ -136,7 +147,7 @@ impl Shared {
                 Service::Primary | Service::PrimaryReadOnly => {
                     for said in &said {
                         // A client that does not read loses messages.
-                        let _ = outbox.reply(streams::message(world, said.clone()));
+                        let _ = outbox.reply(said.clone());
                     }
                     if state_due {
                         let bytes: &Vec<u8> = state.get_or_insert_with(|| streams::state(world));
@@ -153,73 +164,28 @@ impl Shared {
     }
 }
 
-/// Listens for `service` at `address` until all is over; the port is closed while the service is off.
-pub fn serve(shared: &Arc<Shared>, service: Service, listener: TcpListener, address: SocketAddr) {
-    let mut listener = Some(listener);
-    while !shared.over() {
-        if !shared.trouble.is_on(service) {
-            listener = None;
-            shared.end_connections(false);
-            std::thread::sleep(ACCEPT);
-            continue;
-        }
-        let Some(open) = &listener else {
-            // The port may be taken for a moment still.
-            listener =
-                TcpListener::bind(address).and_then(|open| open.set_nonblocking(true).map(|()| open)).ok();
-            std::thread::sleep(ACCEPT);
-            continue;
-        };
-        match open.accept() {
-            Ok((stream, _)) => welcome(shared, service, stream),
-            Err(_) => std::thread::sleep(ACCEPT),
-        }
+/// Reads and writes until the connection ends.
+pub(super) fn talk(shared: &Arc<Shared>, connection: &Connection) {
+    match connection.service {
+        Service::Dashboard | Service::Faults => lines(shared, connection),
+        _ => stream_to(shared, connection),
     }
-}
-
-/// Gives a connection its threads, unless there are too many.
-fn welcome(shared: &Arc<Shared>, service: Service, stream: TcpStream) {
-    let number = shared.next.fetch_add(1, Ordering::Relaxed);
-    shared.taken.fetch_add(1, Ordering::Relaxed);
-    let known = {
-        let mut connections = shared.connections();
-        let many = connections.values().filter(|(other, _)| *other == service).count() >= MOST_CONNECTIONS;
-        let ready = stream.set_nonblocking(false).and_then(|()| stream.set_nodelay(true));
-        let ready = ready.and_then(|()| stream.set_read_timeout(Some(LOOK)));
-        match (many, ready, stream.try_clone()) {
-            (false, Ok(()), Ok(clone)) => connections.insert(number, (service, clone)).is_none(),
-            _ => false,
-        }
-    };
-    if !known {
-        return;
-    }
-    let own = Arc::clone(shared);
-    let name = format!("ur {}", service.name());
-    let started = std::thread::Builder::new().name(name).spawn(move || {
-        match service {
-            Service::Dashboard | Service::Faults => lines(&own, service, &stream),
-            _ => stream_to(&own, service, number, &stream),
-        }
-        let _ = stream.shutdown(Shutdown::Both);
-        own.connections().remove(&number);
-    });
-    if started.is_err() {
-        shared.connections().remove(&number);
-    }
+    // It may be shut down already.
+    let _ = connection.stream.shutdown(Shutdown::Both);
 }
 
 /// Reads once; `None` at the end, an empty slice where nothing came yet.
-fn read<'a>(shared: &Shared, mut stream: &TcpStream, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
-    shared.wait_out_cut();
+fn read<'a>(shared: &Shared, connection: &Connection, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
+    let &Connection { service, peer, .. } = connection;
+    shared.wait_out_cut(service, peer);
     if shared.over() {
         return None;
     }
-    match stream.read(buffer) {
+    match (&connection.stream).read(buffer) {
         Ok(0) => None,
         Ok(length) => {
             // A cut that came while it waited: what arrived stays where it is until the network is back.
-            shared.wait_out_cut();
+            shared.wait_out_cut(service, peer);
             buffer.get(..length)
         }
         Err(error) => match error.kind() {
@@ -230,18 +196,22 @@ fn read<'a>(shared: &Shared, mut stream: &TcpStream, buffer: &'a mut [u8]) -> Op
 }
 
 /// Dashboard and faults: lines in, lines out.
-fn lines(shared: &Shared, service: Service, stream: &TcpStream) {
+fn lines(shared: &Shared, connection: &Connection) {
+    let &Connection { service, peer, .. } = connection;
     // Who does not read the answers is left.
-    if stream.set_write_timeout(Some(Duration::from_secs(2))).is_err() {
+    if connection.stream.set_write_timeout(Some(Duration::from_secs(2))).is_err() {
         return;
     }
-    let mut out = stream;
-    let mut say = |line: &str| out.write_all(format!("{line}\n").as_bytes()).is_ok();
+    let mut out = &connection.stream;
+    let mut say = |line: &str| {
+        shared.wait_out_cut(service, peer);
+        out.write_all(format!("{line}\n").as_bytes()).is_ok()
+    };
     if service == Service::Dashboard && !say(dashboard_server::GREETING) {
         return;
     }
     let (mut buffer, mut line) = ([0; 1024], Vec::new());
-    while let Some(bytes) = read(shared, stream, &mut buffer) {
+    while let Some(bytes) = read(shared, connection, &mut buffer) {
         for byte in bytes {
             if *byte != b'\n' {
                 line.push(*byte);
@@ -269,7 +239,8 @@ fn lines(shared: &Shared, service: Service, stream: &TcpStream) {
 }
 
 /// The other ports: this thread reads, another writes what the control loop has for it.
-fn stream_to(shared: &Arc<Shared>, service: Service, number: u64, stream: &TcpStream) {
+fn stream_to(shared: &Arc<Shared>, connection: &Connection) {
+    let &Connection { number, service, peer, ref stream } = connection;
     let Ok(writing) = stream.try_clone() else { return };
     let outbox = Arc::new(Outbox::default());
     let rtde = (service == Service::Rtde)
@@ -283,11 +254,11 @@ fn stream_to(shared: &Arc<Shared>, service: Service, number: u64, stream: &TcpSt
     let (own, own_outbox) = (Arc::clone(shared), Arc::clone(&outbox));
     let writer = std::thread::Builder::new()
         .name(format!("ur {} out", service.name()))
-        .spawn(move || own_outbox.write_to(&writing, || own.wait_out_cut()));
+        .spawn(move || own_outbox.write_to(&writing, || own.wait_out_cut(service, peer)));
     if writer.is_ok() {
         match &rtde {
-            Some(session) => read_rtde(shared, session, &outbox, stream),
-            None => read_scripts(shared, service, stream),
+            Some(session) => read_rtde(shared, session, &outbox, connection),
+            None => read_scripts(shared, connection),
         }
     }
     outbox.close();
@@ -295,9 +266,9 @@ fn stream_to(shared: &Arc<Shared>, service: Service, number: u64, stream: &TcpSt
     shared.world().inputs.release(number);
 }
 
-fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, stream: &TcpStream) {
+fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, connection: &Connection) {
     let (mut frames, mut buffer) = (Frames::default(), [0; 4096]);
-    while let Some(bytes) = read(shared, stream, &mut buffer) {
+    while let Some(bytes) = read(shared, connection, &mut buffer) {
         frames.feed(bytes);
         loop {
             let (kind, payload) = match frames.next_package() {
@@ -322,31 +293,33 @@ fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, stream:
     }
 }
 
-fn read_scripts(shared: &Shared, service: Service, stream: &TcpStream) {
-    let takes = matches!(service, Service::Primary | Service::Secondary | Service::RealTime);
+fn read_scripts(shared: &Shared, connection: &Connection) {
+    let takes = matches!(connection.service, Service::Primary | Service::Secondary | Service::RealTime);
     let (mut text, mut buffer) = (Uploads::default(), [0; 4096]);
-    while let Some(bytes) = read(shared, stream, &mut buffer) {
+    while let Some(bytes) = read(shared, connection, &mut buffer) {
         if !takes {
             continue;
         }
         let Ok(programs) = text.take(bytes) else { return };
         for program in programs {
-            take_program(&mut shared.world(), &program);
+            // A long program takes longer to read than a cycle lasts.
+            if !hand_over(shared, Arrival::read(&program)) {
+                return;
+            }
         }
     }
 }
 
-/// Plain lines that are no script, as drivers send them; else a script.
-fn take_program(world: &mut World, text: &str) {
-    match text.trim() {
-        "stop program" => world.stop(),
-        "pause program" => {
-            world.pause();
+/// Waits until the control loop has room for it, never with the lock that this takes; false at the end.
+fn hand_over(shared: &Shared, arrival: Arrival) -> bool {
+    let mut arrival = arrival;
+    loop {
+        let taken = shared.world().arrive(arrival);
+        let Err(back) = taken else { return true };
+        if shared.over() {
+            return false;
         }
-        "resume program" => {
-            world.play();
-        }
-        "set robotmode run" | "power on" if world.remote => world.power_on(),
-        _ => world.take_script(text),
+        arrival = back;
+        std::thread::sleep(SOON);
     }
 }

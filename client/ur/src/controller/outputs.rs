@@ -81,9 +81,9 @@ fn reader(name: &str) -> Option<fn(&World) -> Value> {
         }
         "actual_current_window" => |_| Vector6d([0.5; 6]),
         "actual_TCP_pose" => |w| Vector6d(w.robot.tcp_pose(&w.robot.actual().q)),
-        "actual_TCP_speed" => |w| Vector6d(w.robot.tcp_speed()),
+        "actual_TCP_speed" => |w| Vector6d(w.robot.tcp_speed(&w.robot.actual())),
         "target_TCP_pose" => |w| Vector6d(w.robot.tcp_pose(&w.robot.target.q)),
-        "target_TCP_speed" => |w| Vector6d(w.robot.tcp_speed()),
+        "target_TCP_speed" => |w| Vector6d(w.robot.tcp_speed(&w.robot.target)),
         "actual_digital_input_bits" => |w| Uint64(w.robot.digital_inputs),
         "actual_digital_output_bits" => |w| Uint64(w.robot.digital_outputs),
         "joint_temperatures" => |_| Vector6d([30.0; 6]),

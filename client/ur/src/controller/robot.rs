@@ -1,15 +1,16 @@
 //! The robot: modes, safety, motion and the arm, one control cycle at a time.
 //!
-//! Contract: total; whatever a program or a client asks for, the arm obeys its speed and acceleration limits.
-//! The arm is `foretrace_sim`'s: a cycle of delay, `servoj`'s look-ahead, 2 ms of joint loop. A safety stop
-//! brakes as a stop of category 2 does and ends the program.
+//! Contract: total; whatever a program or a client asks for, the arm obeys its speed and acceleration limits,
+//! until its power goes: then the brakes hold it at once. The arm is `foretrace_sim`'s: a cycle of delay,
+//! `servoj`'s look-ahead, 2 ms of joint loop. A protective stop brakes as one of category 2 does and ends the
+//! program; an emergency stop brakes and takes the power, at last after [`MOST_STOP_S`].
 
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
 
-use super::kinematics::{Dh, chain, frame, pose};
+use super::kinematics::{Dh, chain, frame, pose, twist};
 use super::motion::{Motion, Point};
 use super::options::Options;
-use super::safety::{RobotMode, Safety, Stopped};
+use super::safety::{Breach, RobotMode, Safety, Stopped};
 
 /// Farther than this \[rad/s\] a target may not jump in a cycle: C204.
 const MOST_STEP_RADPS: f64 = 20.0;
@@ -21,6 +22,8 @@ pub const POSITION_LIMIT_RAD: f64 = 6.336;
 pub const SPEED_LIMIT_RADPS: f64 = 3.342;
 /// Deceleration of stops \[rad/s²\].
 const STOP_RADPS2: f64 = 20.0;
+/// An emergency stop waits no longer than this for the arm to stand \[s\]: three times what full speed takes.
+const MOST_STOP_S: f64 = 0.5;
 /// From full speed to a pause, and back \[1/s\].
 const SCALE_RATE: f64 = 5.0;
 
@@ -60,8 +63,8 @@ pub struct Robot {
     /// Analog outputs \[A\] or \[V\].
     pub analog_outputs: [f64; 2],
     arm: ArmModel,
-    tcp_before: [f64; 6],
-    tcp_speed: [f64; 6],
+    /// The same arm without its fault.
+    sound: ArmModel,
 }
 
 impl Robot {
@@ -71,7 +74,7 @@ impl Robot {
         let q = options.q;
         let dh = Dh::calibrated(options.series, options.calibration_error_m, options.seed, &q);
         let arm = ArmModel::at_rest(ArmSettings::ur5(options.series.cycle_s(), 0.0), q);
-        let mut robot = Self {
+        Self {
             options,
             cycle: 0,
             mode: if options.running { RobotMode::Running } else { RobotMode::PowerOff },
@@ -88,12 +91,9 @@ impl Robot {
             digital_outputs: 0,
             digital_inputs: 0,
             analog_outputs: [0.0; 2],
+            sound: arm.clone(),
             arm,
-            tcp_before: [0.0; 6],
-            tcp_speed: [0.0; 6],
-        };
-        robot.tcp_before = robot.tcp_pose(&q);
-        robot
+        }
     }
 
     /// Control cycle \[s\].
@@ -112,7 +112,9 @@ impl Robot {
     #[must_use]
     pub fn actual(&self) -> Point {
         let joints = self.arm.joints();
-        Point { q: joints.q, qd: joints.qd }
+        // Closed brakes hold an arm that runs away, too.
+        let qd = if self.mode.brakes_released() { joints.qd } else { [0.0; 6] };
+        Point { q: joints.q, qd }
     }
 
     /// The tool centre point at `q`.
@@ -121,10 +123,15 @@ impl Robot {
         pose(&chain(&self.dh.flange(q), &frame(&self.tcp_offset)))
     }
 
-    /// Its speed \[m/s\], \[rad/s\].
+    /// Its speed in the base frame while the joints move as `point` says \[m/s\], and its angular velocity
+    /// \[rad/s\].
     #[must_use]
-    pub const fn tcp_speed(&self) -> [f64; 6] {
-        self.tcp_speed
+    pub fn tcp_speed(&self, point: &Point) -> [f64; 6] {
+        let step = 1e-6;
+        let at = |q: &[f64; 6]| chain(&self.dh.flange(q), &frame(&self.tcp_offset));
+        let mut moved = point.q;
+        moved.iter_mut().zip(point.qd).for_each(|(q, qd)| *q += qd * step);
+        twist(&at(&point.q), &at(&moved)).map(|by| by / step)
     }
 
     /// Velocity \[m/s\] and place \[m\] of the elbow.
@@ -163,7 +170,7 @@ impl Robot {
             self.protective_stop(Stopped::SuddenChange);
             return;
         }
-        self.arm.set_look_ahead_s(look_ahead_s);
+        self.look_ahead(look_ahead_s);
         self.motion = Motion::Servo { target };
     }
 
@@ -173,17 +180,23 @@ impl Robot {
         if servo {
             self.take_over();
         }
-        self.arm.set_look_ahead_s(0.0);
+        self.look_ahead(0.0);
         self.motion = motion(&self.target);
     }
 
-    /// Brakes; the leading joint with `deceleration` \[rad/s²\].
+    fn look_ahead(&mut self, look_ahead_s: f64) {
+        self.arm.set_look_ahead_s(look_ahead_s);
+        self.sound.set_look_ahead_s(look_ahead_s);
+    }
+
+    /// Brakes; the leading joint with `deceleration` \[rad/s²\], or harder where it brakes harder already.
     pub fn brake(&mut self, deceleration: f64) {
-        if matches!(self.motion, Motion::Rest | Motion::Brake { .. }) {
-            return;
-        }
         let deceleration = deceleration.clamp(0.01, 40.0);
-        self.plan(|_| Motion::Brake { deceleration });
+        match &mut self.motion {
+            Motion::Rest => {}
+            Motion::Brake { deceleration: running } => *running = running.max(deceleration),
+            _ => self.plan(|_| Motion::Brake { deceleration }),
+        }
     }
 
     /// What the joints are sent to begins where the servo is: what it had not come to is forgotten.
@@ -198,39 +211,73 @@ impl Robot {
         self.brake(STOP_RADPS2);
     }
 
-    /// An emergency stop: brakes, then power off.
+    /// An emergency stop: brakes, then power off, also where the button is let go of at once.
     pub fn emergency_stop(&mut self) {
-        self.safety.emergency = true;
+        self.safety.emergency_stop(self.cycle);
         self.brake(STOP_RADPS2);
     }
 
-    /// A safeguard stop: brakes; the program is paused.
+    /// A safeguard stop: the program is paused, if one runs.
     pub fn safeguard_stop(&mut self) {
         self.safety.safeguard = true;
-        self.paused = true;
+    }
+
+    /// The safety system finds that it cannot vouch for the arm: the power goes at once.
+    pub fn breach(&mut self, breach: Breach) {
+        self.safety.breach = Some(breach);
+        if breach == Breach::Recovery {
+            self.brake(STOP_RADPS2);
+        } else {
+            self.power_off();
+        }
     }
 
     /// Power off; the brakes engage at once.
     pub fn power_off(&mut self) {
         self.mode = RobotMode::PowerOff;
+        self.safety.power_is_off();
         self.halt();
     }
 
-    fn halt(&mut self) {
-        self.place(self.arm.joints().q);
-    }
-
-    /// At rest at `q` \[rad\], whatever was before.
-    pub fn place(&mut self, q: [f64; 6]) {
-        self.arm = ArmModel::at_rest(*self.arm.settings(), q);
-        self.tcp_before = self.tcp_pose(&q);
+    /// Closed brakes, or none but a hand: nothing of what was going on is left.
+    pub fn halt(&mut self) {
+        self.arm.stand();
         self.motion = Motion::Rest;
-        self.target = Point { q, qd: [0.0; 6] };
+        self.target = Point { q: self.arm.servo().q, qd: [0.0; 6] };
+        self.sound = self.arm.clone();
+        self.sound.mend();
     }
 
-    /// Breaks the arm.
+    /// As after a reboot: power off, time 0. The arm with its fault, buttons, wires and the settings of the
+    /// pendant stay.
+    pub fn reboot(&mut self) {
+        let mut again = Self::new(Options { running: false, ..self.options });
+        again.arm = self.arm.clone();
+        again.safety.emergency = self.safety.emergency;
+        again.safety.safeguard = self.safety.safeguard;
+        again.digital_inputs = self.digital_inputs;
+        again.tcp_offset = self.tcp_offset;
+        again.payload = self.payload;
+        again.halt();
+        *self = again;
+    }
+
+    /// Breaks the arm; a fault that it has already is mended first.
     pub fn break_now(&mut self, kind: FaultKind) {
         self.arm.break_now(kind);
+    }
+
+    /// Mends the arm; it brakes from where it really is.
+    pub fn mend(&mut self) {
+        self.arm.mend();
+        if !self.mode.brakes_released() {
+            self.halt();
+            return;
+        }
+        self.take_over();
+        self.arm.set_look_ahead_s(0.0);
+        self.sound = self.arm.clone();
+        self.motion = Motion::Brake { deceleration: STOP_RADPS2 };
     }
 
     /// One cycle: the motion, the arm, the checks.
@@ -241,9 +288,9 @@ impl Robot {
         let wanted = if self.paused { 0.0 } else { self.slider };
         let change = (wanted - self.speed_scaling).clamp(-SCALE_RATE * dt, SCALE_RATE * dt);
         self.speed_scaling = (self.speed_scaling + change).clamp(0.0, 1.0);
-        let servo = matches!(self.motion, Motion::Servo { .. });
         // Planned motions go slower in their own time; streamed targets are followed slower.
-        self.arm.set_speed_scaling(if servo { self.speed_scaling } else { 1.0 });
+        let servo = matches!(self.motion, Motion::Servo { .. });
+        let scaling = if servo { self.speed_scaling } else { 1.0 };
         let before = self.target;
         if self.motion.step(&mut self.target, dt, self.speed_scaling) {
             self.motion = Motion::Rest;
@@ -251,29 +298,32 @@ impl Robot {
         let accelerations = self.target.qd.iter().zip(before.qd).map(|(after, before)| (after - before) / dt);
         self.target_qdd.iter_mut().zip(accelerations).for_each(|(qdd, a)| *qdd = a);
         if self.mode.brakes_released() {
-            self.arm.cycle(self.target.q);
+            for arm in [&mut self.arm, &mut self.sound] {
+                arm.set_speed_scaling(scaling);
+                arm.cycle(self.target.q);
+            }
         }
-        self.check();
-        let tcp = self.tcp_pose(&self.arm.joints().q);
-        let speeds = tcp.iter().zip(self.tcp_before).map(|(now, before)| (now - before) / dt);
-        self.tcp_speed.iter_mut().zip(speeds).for_each(|(speed, is)| *speed = is);
-        self.tcp_before = tcp;
+        self.check(scaling);
     }
 
-    fn check(&mut self) {
-        let actual = self.actual();
-        if self.safety.emergency && self.steady() && self.mode.brakes_released() {
+    fn check(&mut self, scaling: f64) {
+        let overdue = self.safety.braking_for(self.cycle).map(|cycles| cycles as f64 * self.dt());
+        let stands = !self.mode.brakes_released() || self.steady();
+        if overdue.is_some_and(|since_s| stands || since_s >= MOST_STOP_S) {
             self.power_off();
         }
         if !self.ready() {
             return;
         }
-        let limit = MOST_DEVIATION_RAD + SPEED_LIMIT_RADPS * self.arm.settings().look_ahead_s;
-        let slowed = self.speed_scaling < 1.0;
-        let deviates = actual.q.iter().zip(self.target.q).any(|(is, to)| !((is - to).abs() <= limit));
-        if deviates && !slowed {
+        let q = self.actual().q;
+        let off = |to: &[f64; 6], most: f64| q.iter().zip(to).any(|(is, to)| !((is - to).abs() <= most));
+        // Targets that are followed slower leave every arm behind: what it is measured by is a sound one.
+        let behind = MOST_DEVIATION_RAD + SPEED_LIMIT_RADPS * self.arm.settings().look_ahead_s;
+        let deviates =
+            off(&self.sound.joints().q, MOST_DEVIATION_RAD) || scaling >= 1.0 && off(&self.target.q, behind);
+        if deviates {
             self.protective_stop(Stopped::Deviation);
-        } else if actual.q.iter().any(|q| !(q.abs() <= POSITION_LIMIT_RAD)) {
+        } else if q.iter().any(|q| !(q.abs() <= POSITION_LIMIT_RAD)) {
             self.protective_stop(Stopped::PositionLimit);
         }
     }

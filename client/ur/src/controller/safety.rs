@@ -22,6 +22,8 @@ pub enum RobotMode {
         /// As above.
         until: Option<u64>,
     },
+    /// 6: moved by hand, drives without torque.
+    Backdrive,
     /// 7
     Running,
 }
@@ -34,6 +36,7 @@ impl RobotMode {
             Self::PowerOff => 3,
             Self::PowerOn { .. } => 4,
             Self::Idle | Self::Releasing { .. } => 5,
+            Self::Backdrive => 6,
             Self::Running => 7,
         }
     }
@@ -45,6 +48,7 @@ impl RobotMode {
             Self::PowerOff => "POWER_OFF",
             Self::PowerOn { .. } => "POWER_ON",
             Self::Idle | Self::Releasing { .. } => "IDLE",
+            Self::Backdrive => "BACKDRIVE",
             Self::Running => "RUNNING",
         }
     }
@@ -105,12 +109,27 @@ impl Stopped {
     }
 }
 
+/// What only an operator at the pendant ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Breach {
+    /// A limit of the safety settings was exceeded.
+    Violation,
+    /// The safety system itself is at fault.
+    Fault,
+    /// Joints beyond their safety limits: to be brought back by hand.
+    Recovery,
+}
+
 /// What stops the robot.
 #[derive(Debug, Clone, Copy)]
 pub struct Safety {
     rate_hz: u32,
     /// Since which cycle, and why.
     protective: Option<(u64, Stopped)>,
+    /// In which cycle an emergency stop began that has not taken the power yet.
+    braking: Option<u64>,
+    /// What only an operator ends.
+    pub breach: Option<Breach>,
     /// An emergency stop button is pressed.
     pub emergency: bool,
     /// The safeguard input is open.
@@ -121,7 +140,36 @@ impl Safety {
     /// Nothing stops it.
     #[must_use]
     pub const fn new(rate_hz: u32) -> Self {
-        Self { rate_hz, protective: None, emergency: false, safeguard: false }
+        Self { rate_hz, protective: None, braking: None, breach: None, emergency: false, safeguard: false }
+    }
+
+    /// The button is pressed in `cycle`; the stop goes on until the power is off.
+    pub fn emergency_stop(&mut self, cycle: u64) {
+        self.emergency = true;
+        self.braking.get_or_insert(cycle);
+    }
+
+    /// For how many cycles an emergency stop has had the power on.
+    #[must_use]
+    pub fn braking_for(&self, cycle: u64) -> Option<u64> {
+        self.braking.map(|since| cycle.saturating_sub(since))
+    }
+
+    /// The power is off: what an emergency stop was to bring about.
+    pub const fn power_is_off(&mut self) {
+        self.braking = None;
+    }
+
+    /// An emergency stop button is pressed, or was and the power is still on.
+    #[must_use]
+    pub const fn emergency_stopped(&self) -> bool {
+        self.emergency || self.braking.is_some()
+    }
+
+    /// Whether the power may be switched on.
+    #[must_use]
+    pub fn lets_power_on(&self) -> bool {
+        !self.emergency_stopped() && matches!(self.breach, None | Some(Breach::Recovery))
     }
 
     /// A protective stop in `cycle`; the first reason stays.
@@ -153,20 +201,26 @@ impl Safety {
     /// Nothing stops it.
     #[must_use]
     pub const fn clear(&self) -> bool {
-        self.protective.is_none() && !self.emergency && !self.safeguard
+        self.number() == 1
+    }
+
+    /// Whether a program may go on, if only after a pause.
+    #[must_use]
+    pub const fn lets_programs_be(&self) -> bool {
+        matches!(self.number(), 1 | 5)
     }
 
     /// RTDE's `safety_mode`.
     #[must_use]
     pub const fn number(&self) -> i32 {
-        if self.emergency {
-            7
-        } else if self.protective.is_some() {
-            3
-        } else if self.safeguard {
-            5
-        } else {
-            1
+        match self.breach {
+            Some(Breach::Violation) => 8,
+            Some(Breach::Fault) => 9,
+            _ if self.emergency_stopped() => 7,
+            _ if self.protective.is_some() => 3,
+            Some(Breach::Recovery) => 4,
+            None if self.safeguard => 5,
+            None => 1,
         }
     }
 
@@ -174,7 +228,10 @@ impl Safety {
     #[must_use]
     pub const fn word(&self) -> &'static str {
         match self.number() {
+            8 => "VIOLATION",
+            9 => "FAULT",
             7 => "ROBOT_EMERGENCY_STOP",
+            4 => "RECOVERY",
             3 => "PROTECTIVE_STOP",
             5 => "SAFEGUARD_STOP",
             _ => "NORMAL",
@@ -185,7 +242,10 @@ impl Safety {
     #[must_use]
     pub const fn bits(&self) -> u32 {
         match self.number() {
+            8 => 1 << 8 | 1 << 10,
+            9 => 1 << 9 | 1 << 10,
             7 => 1 << 6 | 1 << 7 | 1 << 10,
+            4 => 1 << 3 | 1 << 10,
             3 => 1 << 2 | 1 << 10,
             5 => 1 << 4 | 1 << 10,
             _ => 1,

@@ -54,7 +54,7 @@ pub fn state(world: &World) -> Vec<u8> {
         connected: true,
         enabled: true,
         power_on: robot.mode.number() >= 4,
-        emergency_stopped: safety.emergency,
+        emergency_stopped: safety.emergency_stopped(),
         protective_stopped: safety.protective().is_some(),
         program_running: runtime != Runtime::Stopped,
         program_paused: matches!(runtime, Runtime::Pausing | Runtime::Paused),
@@ -148,7 +148,7 @@ pub fn real_time(world: &World) -> Vec<u8> {
     let vectors = [target.q, target.qd, robot.target_qdd, still, still, actual.q, actual.qd, still, still];
     vectors.iter().for_each(|vector| v.extend(vector));
     // Pose and speed of the tool, its force, and where it is sent to.
-    [pose, robot.tcp_speed(), still, target_pose, robot.tcp_speed()]
+    [pose, robot.tcp_speed(&actual), still, target_pose, robot.tcp_speed(&target)]
         .iter()
         .for_each(|vector| v.extend(vector));
     v.push(bits(robot.digital_inputs));

@@ -1,9 +1,13 @@
 //! Troubles of the network, on request: services that are off, a cut, delays.
 
+use std::net::IpAddr;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::options::Service;
+
+/// Clients whose lines are cut at a time.
+const MOST_CUTS: usize = 16;
 
 /// Troubles of the network, on request.
 #[derive(Debug, Default)]
@@ -13,7 +17,8 @@ pub struct Trouble {
 
 #[derive(Debug, Default)]
 struct TroubleState {
-    cut_until: Option<Instant>,
+    /// Whose line is cut, everybody's where nobody is named, and until when.
+    cuts: Vec<(Option<IpAddr>, Instant)>,
     away_until: Option<Instant>,
     off: Vec<Service>,
     delay: Duration,
@@ -27,9 +32,20 @@ impl Trouble {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Nothing goes in or out for this long; connections stay.
-    pub fn cut(&self, duration: Duration) {
-        self.lock().cut_until = Instant::now().checked_add(duration);
+    /// Nothing goes in or out for this long, to and from the client at `address` or everybody; connections
+    /// stay. A cut of no length ends the one before. False where too many clients are cut off already.
+    #[must_use]
+    pub fn cut(&self, duration: Duration, address: Option<IpAddr>) -> bool {
+        let (now, address) = (Instant::now(), address.map(|address| address.to_canonical()));
+        let mut state = self.lock();
+        let everybody = address.is_none();
+        state.cuts.retain(|(whose, until)| *until > now && !everybody && *whose != address);
+        let Some(until) = now.checked_add(duration) else { return false };
+        if state.cuts.len() >= MOST_CUTS {
+            return false;
+        }
+        state.cuts.push((address, until));
+        true
     }
 
     /// All connections end; all ports are closed for this long.
@@ -63,9 +79,11 @@ impl Trouble {
         service == Service::Faults || !(away || state.off.contains(&service))
     }
 
-    /// Nothing may go in or out.
-    pub fn is_cut(&self) -> bool {
-        self.lock().cut_until.is_some_and(|until| Instant::now() < until)
+    /// Nothing may go to or come from the client at `address`.
+    pub fn is_cut(&self, address: IpAddr) -> bool {
+        let (now, address) = (Instant::now(), address.to_canonical());
+        let meant = |whose: &Option<IpAddr>| whose.is_none_or(|whose| whose == address);
+        self.lock().cuts.iter().any(|(whose, until)| meant(whose) && now < *until)
     }
 
     /// Of the next package.

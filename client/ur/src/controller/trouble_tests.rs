@@ -1,5 +1,7 @@
 //! Claims about troubles of the network, as a client feels them.
 
+use std::io::{BufRead, BufReader, ErrorKind, Write};
+use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use super::*;
@@ -84,4 +86,131 @@ fn an_arm_that_breaks_is_told_by_its_controller_when_targets_go_on() {
         assert!(began.elapsed() < 2 * PATIENCE, "never stopped");
     }
     assert!(controller.status().contains("C153A0"));
+}
+
+fn open(controller: &Controller, service: Service) -> BufReader<TcpStream> {
+    let stream = TcpStream::connect(controller.address(service).unwrap()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    BufReader::new(stream)
+}
+
+/// The next line, if one comes soon.
+fn line(stream: &mut BufReader<TcpStream>) -> Option<String> {
+    let mut line = String::new();
+    match stream.read_line(&mut line) {
+        Ok(_) => Some(line.trim().to_owned()),
+        Err(error) => {
+            assert!(matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut), "{error}");
+            None
+        }
+    }
+}
+
+#[test]
+fn who_connects_over_a_cut_line_hears_nothing_until_it_is_whole() {
+    let (controller, _client) = start();
+    assert_eq!(controller.obey("cut 600"), "ok");
+    let mut calls = [Service::Dashboard, Service::Primary].map(|service| open(&controller, service));
+    for call in &mut calls {
+        assert!(call.fill_buf().is_err(), "a greeting came over a cut line");
+    }
+    let [mut dashboard, _primary] = calls;
+    assert_eq!(controller.obey("cut 0"), "ok");
+    let cut = Instant::now();
+    let greeting = loop {
+        if let Some(greeting) = line(&mut dashboard) {
+            break greeting;
+        }
+        assert!(cut.elapsed() < PATIENCE, "never greeted");
+    };
+    assert!(greeting.starts_with("Connected"), "{greeting}");
+}
+
+#[test]
+fn calls_that_are_given_up_during_a_cut_take_nobodys_place() {
+    let (controller, _client) = start();
+    assert_eq!(controller.obey("cut 600"), "ok");
+    let before = controller.connections();
+    for _ in 0..3 * listen::MOST_CONNECTIONS {
+        drop(open(&controller, Service::Dashboard));
+        // The port looks for calls in the meantime.
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(controller.connections(), before);
+    assert_eq!(controller.obey("cut 0"), "ok");
+    let began = Instant::now();
+    let mut dashboard = open(&controller, Service::Dashboard);
+    while !line(&mut dashboard).is_some_and(|greeting| greeting.starts_with("Connected")) {
+        assert!(began.elapsed() < PATIENCE, "no place");
+    }
+}
+
+#[test]
+fn the_fault_port_mends_the_cut_that_it_made() {
+    let (controller, _client) = start();
+    let mut faults = open(&controller, Service::Faults);
+    let mut ask = |order: &str| {
+        faults.get_mut().write_all(format!("{order}\n").as_bytes()).unwrap();
+        let asked = Instant::now();
+        loop {
+            if let Some(answer) = line(&mut faults) {
+                return answer;
+            }
+            assert!(asked.elapsed() < PATIENCE, "{order}: no answer");
+        }
+    };
+    assert_eq!(ask("cut 600"), "ok");
+    assert_eq!(ask("slider 0.5"), "ok");
+    assert_eq!(ask("cut 0"), "ok");
+}
+
+#[test]
+fn one_client_is_cut_off_while_another_still_sees() {
+    let trouble = trouble::Trouble::default();
+    let address = |text: &str| text.parse::<std::net::IpAddr>().unwrap();
+    let [bridge, mapped, watcher] = ["127.0.0.1", "::ffff:127.0.0.1", "127.0.0.7"].map(address);
+    let (long, none) = (Duration::from_secs(600), Duration::ZERO);
+    assert!(trouble.cut(long, Some(bridge)));
+    assert!(trouble.is_cut(bridge) && trouble.is_cut(mapped) && !trouble.is_cut(watcher));
+    assert!(trouble.cut(none, Some(bridge)));
+    assert!(!trouble.is_cut(bridge));
+    for last in 1..=20 {
+        let whose = address(&format!("127.0.0.{last}"));
+        assert_eq!(trouble.cut(long, Some(whose)), last <= 16);
+    }
+    assert!(trouble.cut(none, None));
+    assert!(!trouble.is_cut(bridge) && !trouble.is_cut(watcher));
+
+    let (controller, mut client) = start();
+    assert_eq!(controller.obey("cut 600 127.0.0.7"), "ok");
+    let (first, began) = (receive(&mut client)[0].double().unwrap(), Instant::now());
+    while receive(&mut client)[0].double().unwrap() < first + 0.2 {
+        assert!(began.elapsed() < PATIENCE, "cut off as well");
+    }
+    assert_eq!(controller.obey("cut 600 127.0.0.1"), "ok");
+    while client.receive(Duration::from_millis(100)).unwrap().is_some() {
+        assert!(began.elapsed() < PATIENCE, "not cut off");
+    }
+}
+
+#[test]
+fn the_clock_goes_on_while_a_long_program_is_read() {
+    let (controller, mut client) = start();
+    let body = "  a = [1, 2, 3] + [4, 5, 6] * sin(cos(1.5) + 2)\n".repeat(20_000);
+    let text = format!("def long():\n{body}end\n");
+    let began = Instant::now();
+    assert!(crate::script::Program::parse(&text).is_ok());
+    let takes = began.elapsed();
+    let mut script = TcpStream::connect(controller.address(Service::Primary).unwrap()).unwrap();
+    let writer = std::thread::spawn(move || script.write_all(text.as_bytes()).map(|()| script));
+    let (began, mut last, mut longest) = (Instant::now(), Instant::now(), Duration::ZERO);
+    let named = || controller.status().contains("\"program\":\"long\"");
+    while !named() {
+        receive(&mut client);
+        longest = longest.max(last.elapsed());
+        last = Instant::now();
+        assert!(began.elapsed() < 6 * PATIENCE, "never there");
+    }
+    drop(writer.join());
+    assert!(longest < takes / 2, "no package for {longest:?} while a program was read for {takes:?}");
 }

@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use super::arrival::{Arrival, MOST_ARRIVALS};
 use super::inputs::Inputs;
 use super::machine::{Away, Hands, MOST_SAID, Registers, Watchdog};
 use super::motion::Motion;
@@ -12,6 +13,9 @@ use super::safety::{RobotMode, Stopped};
 use crate::primary::Said;
 use crate::rtde::Value;
 use crate::script::{Program, Progress, Run, ScriptError, ThreadId};
+
+/// Longest name of a program that is kept \[characters\].
+const LONGEST_NAME: usize = 100;
 
 /// RTDE's `runtime_state`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +69,10 @@ pub struct World {
     program: Option<Running>,
     /// The program that was sent last, for `play`.
     loaded: Option<(Program, String)>,
+    /// Whose place another program took.
+    retired: Option<Program>,
+    /// What has come and was not looked at yet.
+    arrivals: VecDeque<Arrival>,
     watchdogs: Vec<Watchdog>,
     waits: BTreeMap<ThreadId, u64>,
     mover: Option<ThreadId>,
@@ -84,6 +92,8 @@ impl World {
             said: VecDeque::new(),
             program: None,
             loaded: None,
+            retired: None,
+            arrivals: VecDeque::new(),
             watchdogs: Vec::new(),
             waits: BTreeMap::new(),
             mover: None,
@@ -142,25 +152,62 @@ impl World {
             waits: &mut self.waits,
             mover: &mut self.mover,
             said: &mut self.said,
+            spent: 0,
         };
         program(&mut hands)
     }
 
-    /// Takes the text of a program from a port: it takes the place of the one that runs.
+    /// Something has come: it is obeyed in one of the next cycles, at most one program a cycle. Gives it back
+    /// where too much waits already.
+    ///
+    /// # Errors
+    ///
+    /// The arrival.
+    pub fn arrive(&mut self, arrival: Arrival) -> Result<(), Arrival> {
+        if self.arrivals.len() >= MOST_ARRIVALS {
+            return Err(arrival);
+        }
+        self.arrivals.push_back(arrival);
+        Ok(())
+    }
+
+    /// Takes a text from a port at once: a program takes the place of the one that runs.
     pub fn take_script(&mut self, text: &str) {
+        self.obey(Arrival::read(text));
+    }
+
+    /// In local control a controller obeys its pendant only, in plain lines as in programs.
+    fn obey(&mut self, arrival: Arrival) {
         if !self.remote {
-            self.say(Said::Text("Script refused: the robot is not in remote control".to_owned()));
+            self.say(Said::Text("Refused: the robot is not in remote control".to_owned()));
             return;
         }
-        match Program::parse(text) {
-            Err(error) => self.fail(error),
-            Ok(program) if program.is_secondary() => self.run_beside(&program),
-            Ok(program) => {
-                let name = if program.name().is_empty() { "script" } else { program.name() }.to_owned();
-                self.loaded = Some((program, name));
+        match arrival {
+            Arrival::Stop => self.stop(),
+            Arrival::Pause => {
+                self.pause();
+            }
+            Arrival::Resume => {
+                self.play();
+            }
+            Arrival::PowerOn => self.power_on(),
+            Arrival::Script(Err(error)) => self.fail(error),
+            Arrival::Script(Ok(program)) if program.is_secondary() => {
+                self.run_beside(&program);
+                self.retired = Some(program);
+            }
+            Arrival::Script(Ok(program)) => {
+                let name = if program.name().is_empty() { "script" } else { program.name() };
+                let name = name.chars().take(LONGEST_NAME).collect();
+                self.retired = self.loaded.replace((program, name)).map(|(program, _)| program);
                 self.start();
             }
         }
+    }
+
+    /// A program that is of no use any more.
+    pub fn retired(&mut self) -> Option<Program> {
+        self.retired.take()
     }
 
     /// A secondary program: done within this cycle, beside the program that runs.
@@ -236,22 +283,18 @@ impl World {
         self.say(Said::Key { code: 0, argument: 0, title, text: name.to_owned() });
     }
 
-    /// As after a reboot: power off, no program, time 0. Settings of the pendant stay.
+    /// As after a reboot: no program, and what [`Robot::reboot`] says.
     pub fn reboot(&mut self) {
-        let mut options = self.robot.options;
-        options.running = false;
-        let q = self.robot.actual().q;
-        let mut again = Self::new(options);
-        again.robot.place(q);
-        again.robot.tcp_offset = self.robot.tcp_offset;
-        again.robot.payload = self.robot.payload;
+        let mut again = Self::new(self.robot.options);
+        self.robot.reboot();
+        std::mem::swap(&mut again.robot, &mut self.robot);
         again.remote = self.remote;
         *self = again;
     }
 
     /// Power on, in steps of its own time.
     pub fn power_on(&mut self) {
-        if self.robot.mode == RobotMode::PowerOff && !self.robot.safety.emergency {
+        if self.robot.mode == RobotMode::PowerOff && self.robot.safety.lets_power_on() {
             self.robot.mode = RobotMode::PowerOn { until: None };
         }
     }
@@ -267,6 +310,30 @@ impl World {
     pub fn power_off(&mut self) {
         self.stop();
         self.robot.power_off();
+    }
+
+    /// An operator has looked and restarts the safety system: power off, violations and faults are over.
+    pub fn restart_safety(&mut self) {
+        self.power_off();
+        self.robot.safety.breach = None;
+    }
+
+    /// The drives give way to a hand, or hold the arm again with closed brakes.
+    pub fn backdrive(&mut self, on: bool) -> bool {
+        let was = self.robot.mode;
+        if was == RobotMode::PowerOff || on == (was == RobotMode::Backdrive) {
+            return false;
+        }
+        self.stop();
+        self.robot.mode = if on { RobotMode::Backdrive } else { RobotMode::Idle };
+        self.robot.halt();
+        true
+    }
+
+    /// Mends the arm; the program that led it ends.
+    pub fn mend(&mut self) {
+        self.stop();
+        self.robot.mend();
     }
 
     /// Does what the input `name` asks for, if it is no register: the slider, digital and analog outputs,
@@ -305,6 +372,14 @@ impl World {
 
     /// One control cycle.
     pub fn cycle(&mut self) {
+        // A program takes its time to begin, or to run beside; lines and errors take none.
+        while let Some(arrival) = self.arrivals.pop_front() {
+            let program = matches!(arrival, Arrival::Script(Ok(_)));
+            self.obey(arrival);
+            if program {
+                break;
+            }
+        }
         self.watch();
         if !self.robot.paused
             && let Some(mut running) = self.program.take()
@@ -347,11 +422,11 @@ impl World {
     /// What safety does to the program and says.
     fn react(&mut self) {
         let safety = self.robot.safety;
-        if (safety.protective().is_some() || safety.emergency) && self.program.is_some() {
+        if !safety.lets_programs_be() || self.robot.mode != RobotMode::Running {
             self.stop();
         }
-        if self.robot.mode != RobotMode::Running && self.program.is_some() {
-            self.stop();
+        if safety.safeguard {
+            self.pause();
         }
         if safety.protective() != self.told {
             self.told = safety.protective();
@@ -361,6 +436,31 @@ impl World {
             }
         }
         debug_assert!(!matches!(self.robot.motion, Motion::Servo { .. }) || safety.protective().is_none());
+    }
+}
+
+/// What a program holds of its controller.
+#[cfg(test)]
+#[derive(Debug)]
+pub(super) struct Held {
+    pub(super) instructions: u32,
+    pub(super) threads: usize,
+    pub(super) waits: usize,
+    pub(super) watchdogs: usize,
+    pub(super) messages: usize,
+}
+
+#[cfg(test)]
+impl World {
+    pub(super) fn held(&self) -> Held {
+        let run = self.program.as_ref().map(|running| &running.run);
+        Held {
+            instructions: run.map_or(0, Run::used),
+            threads: run.map_or(0, Run::threads),
+            waits: self.waits.len(),
+            watchdogs: self.watchdogs.len(),
+            messages: self.said.len(),
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::controller::options::Series;
+use crate::controller::safety::Breach;
 
 const LOOP: &str = "def p():\n  while True:\n    sync()\n  end\nend\n";
 
@@ -60,7 +61,7 @@ fn movel_leads_the_tool_straight_and_what_is_out_of_reach_stops_the_program() {
         world.cycle();
         let at = world.robot.tcp_pose(&world.robot.target.q);
         assert!((at[0] - from[0]).abs() < 1e-6 && (at[1] - from[1]).abs() < 1e-6, "{at:?}");
-        assert!(world.robot.tcp_speed()[2] < 0.26);
+        assert!(world.robot.tcp_speed(&world.robot.actual())[2] < 0.26);
     }
     assert_eq!(world.runtime(), Runtime::Stopped);
     assert!((world.robot.tcp_pose(&world.robot.actual().q)[2] - from[2] - 0.1).abs() < 1e-5);
@@ -161,4 +162,121 @@ fn messages_that_nobody_takes_are_bounded() {
     world.take_script("def t():\n  while True:\n    textmsg(\"x\")\n    sync()\n  end\nend\n");
     run(&mut world, 10 * MOST_SAID);
     assert_eq!(world.said.len(), MOST_SAID);
+}
+
+#[test]
+fn a_safeguard_stop_without_a_program_leaves_the_next_program_running() {
+    let mut world = world();
+    world.robot.safeguard_stop();
+    run(&mut world, 10);
+    world.take_script(LOOP);
+    assert_eq!(world.runtime(), Runtime::Stopped);
+    world.robot.safety.safeguard = false;
+    world.take_script(LOOP);
+    run(&mut world, 10);
+    assert_eq!(world.runtime(), Runtime::Playing);
+}
+
+#[test]
+fn a_button_that_is_pressed_stays_pressed_through_a_reboot() {
+    let mut world = world();
+    world.robot.emergency_stop();
+    world.robot.safeguard_stop();
+    run(&mut world, 100);
+    world.reboot();
+    world.power_on();
+    run(&mut world, 600);
+    assert_eq!((world.robot.mode, world.robot.safety.number()), (RobotMode::PowerOff, 7));
+    world.robot.safety.emergency = false;
+    world.power_on();
+    run(&mut world, 600);
+    assert_eq!((world.robot.mode, world.robot.safety.number()), (RobotMode::Idle, 5));
+}
+
+#[test]
+fn violation_fault_recovery_and_backdrive_stop_the_program_until_an_operator_has_acted() {
+    type Act = fn(&mut World);
+    let stops: [(Act, i32, i32, Act); 4] = [
+        (|w| w.robot.breach(Breach::Violation), 8, 3, World::restart_safety),
+        (|w| w.robot.breach(Breach::Fault), 9, 3, World::restart_safety),
+        (|w| w.robot.breach(Breach::Recovery), 4, 7, |w| w.robot.safety.breach = None),
+        (|w| assert!(w.backdrive(true)), 1, 6, |w| assert!(w.backdrive(false))),
+    ];
+    for (stop, safety, mode, mend) in stops {
+        let mut world = world();
+        world.take_script("def s():\n  speedj([0.5,0,0,0,0,0], 2, 100)\nend\n");
+        run(&mut world, 300);
+        stop(&mut world);
+        run(&mut world, 200);
+        assert_eq!((world.robot.safety.number(), world.robot.mode.number()), (safety, mode));
+        assert_eq!(world.runtime(), Runtime::Stopped, "{safety} {mode}");
+        let stands = world.robot.actual();
+        assert_eq!(stands.qd, [0.0; 6], "{safety} {mode}");
+        world.take_script(LOOP);
+        world.power_on();
+        run(&mut world, 600);
+        assert_eq!((world.runtime(), world.robot.actual()), (Runtime::Stopped, stands), "{safety} {mode}");
+        assert_eq!(world.robot.mode.number(), mode);
+        mend(&mut world);
+        world.power_on();
+        run(&mut world, 600);
+        world.brake_release();
+        run(&mut world, 600);
+        assert!(world.robot.ready(), "{safety} {mode}");
+        world.take_script(LOOP);
+        assert_eq!(world.runtime(), Runtime::Playing);
+    }
+}
+
+#[test]
+fn in_local_control_no_line_of_a_client_is_obeyed() {
+    for line in ["stop program", "pause program", "def other():\n  sync()\nend", "sec s():\n  stopj(2)\nend"]
+    {
+        let mut world = world();
+        world.take_script(LOOP);
+        world.remote = false;
+        world.arrive(Arrival::read(line)).unwrap();
+        run(&mut world, 100);
+        assert_eq!((world.runtime(), world.program_name()), (Runtime::Playing, "p"), "{line}");
+        assert!(texts(&mut world).contains("not in remote control"), "{line}");
+    }
+    let mut world = World::new(Options { running: false, ..Options::new(Series::E) });
+    world.remote = false;
+    world.take_script("set robotmode run");
+    run(&mut world, 600);
+    assert_eq!(world.robot.mode, RobotMode::PowerOff);
+}
+
+#[test]
+fn one_program_is_looked_at_in_a_cycle_and_what_waits_is_bounded() {
+    let mut world = world();
+    let one = "sec s():\n  write_output_integer_register(0, read_output_integer_register(0) + 1)\nend\n";
+    for _ in 0..MOST_ARRIVALS {
+        world.arrive(Arrival::read(one)).unwrap();
+    }
+    assert!(world.arrive(Arrival::read(one)).is_err());
+    for cycle in 1..=3 {
+        run(&mut world, 1);
+        assert_eq!(world.registers.integers[0], cycle);
+    }
+}
+
+#[test]
+fn calls_that_calculate_count_as_what_they_take() {
+    // A pose out of reach is searched for as long as any.
+    let far = "def f():\n  i = 0\n  while i < 40:\n    \
+               if get_inverse_kin_has_solution(p[3,0,0,0,3,0]):\n      halt\n    end\n    i = i + 1\n    \
+               write_output_integer_register(0, i)\n  end\nend\n";
+    let mut world = world();
+    world.take_script(far);
+    let mut before = 0;
+    for _ in 0..100 {
+        run(&mut world, 1);
+        let calls = world.registers.integers[0] - before;
+        assert!((0..=3).contains(&calls), "{calls} searches in a cycle");
+        before += calls;
+    }
+    // Bounded, not refused.
+    assert_eq!((before, world.runtime()), (40, Runtime::Stopped));
+    assert_eq!(texts(&mut world).matches("RuntimeException").count(), 0);
 }

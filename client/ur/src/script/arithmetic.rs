@@ -126,6 +126,9 @@ fn product(left: &[Value], right: &[Value]) -> Result<Value, String> {
     if first.items().len().saturating_mul(left.len()) > limits::LIST_ELEMENTS {
         return Err(format!("a matrix has at most {} elements", limits::LIST_ELEMENTS));
     }
+    if first.items().len().saturating_mul(left.len()).saturating_mul(right.len()) > limits::PRODUCT {
+        return Err(format!("a product of matrices takes at most {} multiplications", limits::PRODUCT));
+    }
     let columns = (0..first.items().len()).map(columns).collect::<Result<Vec<_>, _>>()?;
     let row = |row: &Value| {
         let elements = columns.iter().map(|column| times(row, column)).collect::<Result<_, _>>()?;

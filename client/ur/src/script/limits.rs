@@ -35,7 +35,9 @@ pub(super) const STEPS_PER_THREAD: u32 = 10_000;
 /// What starting a thread counts as.
 pub(super) const STEPS_OF_RUN: u32 = 100;
 /// Instructions of all threads in a cycle.
-pub(super) const STEPS_PER_CYCLE: u32 = 40_000;
+pub(super) const STEPS_PER_CYCLE: u32 = 20_000;
+/// Multiplications in one product of matrices, which no cycle interrupts.
+pub(super) const PRODUCT: usize = 32_768;
 /// Cycles in a row that a thread may use up without waiting; then it is an infinite loop.
 pub(super) const CYCLES_USED_UP: u32 = 100;
 /// Values that one thread's unfinished expressions hold.

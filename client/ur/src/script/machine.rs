@@ -94,6 +94,12 @@ pub trait Machine {
     /// Answers one call.
     fn call(&mut self, call: &Call<'_>) -> Called;
 
+    /// What the calls since it was last asked took, in instructions, beside one for each and what their
+    /// arguments hold. A machine that calculates tells it here: a program then has so many less in its cycle.
+    fn spent(&mut self) -> u32 {
+        0
+    }
+
     /// A thread is over: it returned, was killed, or the program ended. What it waited for is no longer asked
     /// for.
     fn ended(&mut self, thread: ThreadId) {

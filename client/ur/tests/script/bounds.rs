@@ -157,3 +157,12 @@ end"
     let (small, large) = (rounds(1), rounds(4096));
     assert!(large * 50 < small, "{large} rounds of 4096 elements, {small} of one");
 }
+
+#[test]
+fn a_product_of_matrices_is_bounded_as_it_cannot_be_interrupted() {
+    let square = |n: u32| format!("a = make_list({n}, make_list({n}, 1.5))\nb = a * a\ntextmsg(b[0, 0])");
+    let mut machine = Recorder::default();
+    assert_eq!(machine.run(&square(32), 20), Progress::Finished);
+    assert_eq!(machine.said(), ["72.0"]);
+    fails(&square(33), "a product of matrices takes at most 32768 multiplications");
+}

@@ -48,6 +48,8 @@ pub struct Run {
     made: usize,
     /// What the present instruction costs.
     cost: u32,
+    /// What the cycle has cost.
+    used: u32,
     over: Option<Progress>,
 }
 
@@ -84,6 +86,7 @@ impl Run {
             holder: None,
             made: 0,
             cost: 0,
+            used: 0,
             over: None,
         };
         run.start(0, None).map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
@@ -95,6 +98,7 @@ impl Run {
         if let Some(over) = &self.over {
             return over.clone();
         }
+        self.used = 0;
         for thread in self.threads.iter_mut().flatten() {
             thread.rests = false;
         }
@@ -125,6 +129,12 @@ impl Run {
     #[must_use]
     pub fn line(&self) -> u32 {
         self.place(self.own).line
+    }
+
+    /// Instructions that the last cycle used up, calls at what they cost.
+    #[must_use]
+    pub fn used(&self) -> u32 {
+        self.used
     }
 
     /// How many threads are alive, the program's own included.
@@ -243,6 +253,7 @@ impl Run {
             let place = self.code.places.get(thread.at).copied().unwrap_or_default();
             self.cost = 1;
             let stop = self.step(thread, machine).map_err(|message| ScriptError::new(place, message))?;
+            self.used = self.used.saturating_add(self.cost);
             steps = steps.saturating_sub(self.cost);
             *left = left.saturating_sub(self.cost);
             if let Some(stop) = stop {

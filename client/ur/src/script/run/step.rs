@@ -8,8 +8,8 @@ use super::thread::{EMPTY, Thread};
 use super::{Run, Stop, ThreadId};
 use std::sync::Arc;
 
-fn weight(values: &[Value]) -> usize {
-    values.iter().map(Value::weight).fold(0, usize::saturating_add)
+fn weight<'a>(values: impl IntoIterator<Item = &'a Value>) -> usize {
+    values.into_iter().map(Value::weight).fold(0, usize::saturating_add)
 }
 
 impl Run {
@@ -113,7 +113,12 @@ impl Run {
                 };
                 let place = code.places.get(thread.at).copied().unwrap_or_default();
                 let id = thread.id;
-                match machine.call(&Call { thread: id, name, arguments: &arguments, first, place }) {
+                let called = machine.call(&Call { thread: id, name, arguments: &arguments, first, place });
+                let named = arguments.named.iter().map(|(_, value)| value);
+                let held = weight(arguments.positional.iter().chain(named));
+                self.cost = self.cost.saturating_add(machine.spent());
+                self.cost = self.cost.saturating_add(u32::try_from(held).unwrap_or(u32::MAX));
+                match called {
                     Called::Value(value) => self.give_made(thread, value)?,
                     Called::Cycle(value) => {
                         self.give_made(thread, value)?;
