@@ -127,7 +127,8 @@ impl Dashboard {
     fn line(&mut self) -> Result<String, DashboardError> {
         let end = Instant::now() + self.patience;
         loop {
-            if let Some(at) = self.read.iter().position(|byte| *byte == b'\n') {
+            let end_of_line = self.read.iter().position(|byte| *byte == b'\n');
+            if let Some(at) = end_of_line.filter(|at| *at <= LONGEST_LINE) {
                 let line: Vec<u8> = self.read.drain(..=at).collect();
                 let text = String::from_utf8_lossy(&line);
                 return Ok(text.chars().filter(|c| !c.is_control()).collect());
@@ -158,6 +159,8 @@ mod tests {
     use std::io::{BufRead, BufReader};
     use std::net::TcpListener;
     use std::thread::{self, JoinHandle};
+
+    use proptest::prelude::*;
 
     const SOON: Duration = Duration::from_millis(300);
 
@@ -245,6 +248,60 @@ mod tests {
         for command in ["", "play\nstop", "päuse", "a\0b"] {
             assert!(matches!(dashboard.ask(command), Err(DashboardError::Command(_))), "{command:?}");
         }
+    }
+
+    /// A case is a connection, and a port is not used again for a minute.
+    const MOST_CONNECTIONS: u32 = 5000;
+
+    fn cases() -> ProptestConfig {
+        let cases = crate::fuzz::cases(200);
+        ProptestConfig { cases: cases.cases.min(MOST_CONNECTIONS), ..cases }
+    }
+
+    proptest! {
+        #![proptest_config(cases())]
+
+        #[test]
+        fn hostile_servers_are_answered_by_plain_lines_or_left(
+            pieces in prop::collection::vec(prop_oneof![
+                Just(b"Connected: Universal Robots Dashboard Server\n".to_vec()),
+                Just(b"true\n".to_vec()),
+                Just(b"\n".to_vec()),
+                prop::collection::vec(any::<u8>(), 0..100),
+                (any::<u8>(), 0usize..3000).prop_map(|(byte, length)| vec![byte; length]),
+            ], 0..8),
+            pauses in any::<bool>(),
+        ) {
+            let (address, server) = server(move |mut stream| {
+                for piece in pieces {
+                    // It may be left amid the bytes.
+                    if stream.write_all(&piece).is_err() {
+                        return;
+                    }
+                    if pauses {
+                        thread::yield_now();
+                    }
+                }
+            });
+            // The server leaves: nobody waits for it until patience ends.
+            if let Ok(mut dashboard) = Dashboard::connect(address, 100 * SOON) {
+                prop_assert!(plain(dashboard.greeting()));
+                let answers = ["robotmode", "programState"].map(|command| dashboard.ask(command));
+                for answer in answers {
+                    match answer {
+                        Ok(line) => prop_assert!(plain(&line), "{line:?}"),
+                        Err(DashboardError::Silent(_)) => prop_assert!(false, "it waited for nobody"),
+                        Err(_) => {}
+                    }
+                }
+                prop_assert!(!matches!(dashboard.remote_control(), Err(DashboardError::Silent(_))));
+            }
+            server.join().unwrap();
+        }
+    }
+
+    fn plain(line: &str) -> bool {
+        line.len() <= 3 * LONGEST_LINE && line.chars().all(|c| !c.is_control())
     }
 
     #[test]

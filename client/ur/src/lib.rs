@@ -12,3 +12,6 @@ pub mod dashboard;
 pub mod script;
 pub mod bridge;
 pub mod controller;
+
+#[cfg(test)]
+mod fuzz;

@@ -1,9 +1,12 @@
 //! Claims about bytes and texts of nobody, given straight to what answers them.
 
+use std::fs;
+
 use proptest::prelude::*;
 
 use super::dashboard_server;
 use super::faults;
+use super::machine::MOST_SAID;
 use super::options::{Options, Series};
 use super::rtde_server::Session;
 use super::trouble::Trouble;
@@ -11,6 +14,18 @@ use super::world::World;
 use crate::rtde::frames::Frames;
 use crate::rtde::wire::{ProtocolVersion, Reply};
 use crate::script::Uploads;
+
+/// What a program may use up in a cycle, and what its last call may be beyond that.
+const MOST_INSTRUCTIONS: u32 = 20_000 + 20_000;
+/// Of this process: far above what the tests need, far below what something unbounded would take.
+const MOST_KIB: u64 = 1 << 20;
+
+/// The most memory that this process had.
+fn peak_kib() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmHWM")).unwrap();
+    line.split_ascii_whitespace().nth(1).unwrap().parse().unwrap()
+}
 
 /// A package type with a payload that means something, or does not.
 fn package() -> impl Strategy<Value = (u8, Vec<u8>)> {
@@ -33,7 +48,7 @@ fn package() -> impl Strategy<Value = (u8, Vec<u8>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(crate::fuzz::cases(300))]
 
     #[test]
     fn any_conversation_is_answered_in_whole_packages(packages in prop::collection::vec(package(), 0..40)) {
@@ -84,19 +99,28 @@ proptest! {
             "set_tcp(p[0,0,0,9,9,9])\n",
             "thread t():\n", "run t()\n", "sleep(1e300)\n", "read_input_float_register(-1)\n",
             "rtde_set_watchdog(\"x\", 0)\n", "\u{0}", "é",
+            "rtde_set_watchdog(\"input_int_register_24\", 0.1)\n", "textmsg(a)\n", "a = make_list(4096, 1)\n",
+            "a = a + a\n", "a = \"\"\n", "a = str_cat(a, a)\n", "get_inverse_kin(p[9,0,0,0,0,0])\n",
         ]), 0..30),
     ) {
         let mut world = World::new(Options::new(Series::Cb3));
         let mut text = Uploads::default();
         let mut programs = text.take(pieces.concat().as_bytes()).unwrap();
         programs.extend(text.finish());
+        programs.push(String::new());
         for program in programs {
             world.take_script(&program);
-            (0..5).for_each(|_| world.cycle());
+            for _ in 0..5 {
+                world.cycle();
+                // A cycle that took more would be late, and a controller that kept more would grow.
+                let held = world.held();
+                prop_assert!(held.instructions <= MOST_INSTRUCTIONS, "{held:?}");
+                prop_assert!(held.threads <= 32 && held.waits <= held.threads, "{held:?}");
+                prop_assert!(held.messages <= MOST_SAID && held.watchdogs <= 64, "{held:?}");
+            }
         }
-        (0..20).for_each(|_| world.cycle());
         let joints = world.robot.actual();
         prop_assert!(joints.q.iter().chain(&joints.qd).all(|number| number.is_finite()));
-        prop_assert_eq!(world.robot.cycle % 5, 0);
+        prop_assert!(peak_kib() < MOST_KIB, "{} KiB", peak_kib());
     }
 }

@@ -146,7 +146,7 @@ fn sizes_that_cannot_be_are_refused_and_beginnings_waited_for() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(crate::fuzz::cases(2000))]
 
     #[test]
     fn any_bytes_are_read_or_refused(

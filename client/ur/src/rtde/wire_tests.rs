@@ -122,7 +122,7 @@ fn what_does_not_fit_the_size_field_is_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(crate::fuzz::cases(2000))]
 
     #[test]
     fn any_payload_is_read_or_refused(

@@ -103,7 +103,7 @@ fn program(bytes: &[u8]) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::fuzz::cases(256))]
 
     #[test]
     fn grammatical_programs_are_read_and_run(bytes in prop::collection::vec(any::<u8>(), 0..300)) {

@@ -143,8 +143,7 @@ fn change() -> impl Strategy<Value = (usize, usize, &'static str)> {
 }
 
 proptest! {
-    // 256 cases each; PROPTEST_CASES asks for more.
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::fuzz::cases(256))]
 
     #[test]
     fn random_texts_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..400)) {

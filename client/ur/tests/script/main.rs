@@ -1,5 +1,7 @@
 //! The interpreter of URScript from outside: what scripts do, on a machine that is itself a script.
 
+#[path = "../../src/fuzz.rs"]
+mod fuzz;
 mod machine;
 mod language;
 mod builtins;

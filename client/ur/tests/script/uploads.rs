@@ -69,7 +69,7 @@ fn a_program_without_end_does_not_fill_the_memory() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::fuzz::cases(200))]
 
     #[test]
     fn how_the_bytes_are_cut_does_not_matter(cuts in prop::collection::vec(0..SENT.len(), 0..8)) {
