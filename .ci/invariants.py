@@ -16,7 +16,7 @@ UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/
 ROOMS = {
     "shm-schema/src": ["os", "wire", "instance", "transport"],
     "daemon/control/src": [
-        "units", "plane", "geometry", "stop", "pen", "predict", "learn", "skill", "trust", "reference", "arm", "qp", "mpc",
+        "state", "units", "plane", "geometry", "stop", "pen", "predict", "learn", "skill", "trust", "reference", "arm", "qp", "mpc",
         "envelope", "clearance", "ik", "guard", "monitor", "follower", "ghost", "extent",
     ],
     "daemon/src": [

@@ -13,6 +13,7 @@ use std::time::Duration;
 use crossbeam::channel::{Receiver, Sender, TrySendError};
 
 use foretrace_control::learn::{LearnCounters, LearnError, Learner, LearnerSettings, Promotion};
+use foretrace_control::predict::OnlineWeights;
 
 use crate::rt::tick::LearnerRings;
 
@@ -105,6 +106,8 @@ pub struct LearnerLinks {
     pub board: Arc<LearnerBoard>,
     /// Events for the log.
     pub events: Sender<LearnerEvent>,
+    /// Copies of the sets handed over, for recordings.
+    pub copies: Sender<Box<OnlineWeights>>,
     /// Orders of the supervisor.
     pub orders: Receiver<LearnerOrder>,
     /// Set when the thread should end.
@@ -115,6 +118,13 @@ impl LearnerLinks {
     /// Sends an event, or counts it as lost. Not counted once the receiver is gone.
     fn tell(&self, event: LearnerEvent) {
         if let Err(TrySendError::Full(_)) = self.events.try_send(event) {
+            self.board.events_lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Sends a copy of a set that the loop will find, or counts it as lost.
+    fn copy(&self, weights: &OnlineWeights) {
+        if let Err(TrySendError::Full(_)) = self.copies.try_send(Box::new(*weights)) {
             self.board.events_lost.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -176,7 +186,9 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
         }
         links.board.show(learner.counters());
         // The newest set is always the learner's own.
-        rings.weights.put(|| *learner.weights());
+        if rings.weights.put(|| *learner.weights()) {
+            links.copy(learner.weights());
+        }
         if learned < BATCH {
             std::thread::sleep(PAUSE);
         }
@@ -189,7 +201,7 @@ mod tests {
 
     use foretrace_control::pen::Motion;
     use foretrace_control::predict::LearnStep;
-    use foretrace_control::predict::{ModelSettings, Models, Networks, OnlineWeights};
+    use foretrace_control::predict::{ModelSettings, Models, Networks};
 
     use super::*;
     use crate::rt::handover::{Mailbox, handover};
@@ -211,8 +223,15 @@ mod tests {
         let (events_in, events) = channel::bounded(64);
         let (orders, orders_out) = channel::bounded(4);
         let (board, quit) = (Arc::new(LearnerBoard::default()), Arc::new(AtomicBool::new(false)));
-        let links =
-            LearnerLinks { board: board.clone(), events: events_in, orders: orders_out, quit: quit.clone() };
+        // Nobody records.
+        let (copies, _) = channel::bounded(1);
+        let links = LearnerLinks {
+            board: board.clone(),
+            events: events_in,
+            copies,
+            orders: orders_out,
+            quit: quit.clone(),
+        };
         (links, Bench { board, events, orders, quit })
     }
 

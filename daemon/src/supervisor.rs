@@ -216,7 +216,7 @@ impl Daemon {
                 TrustRequest::Manual(trust) | TrustRequest::Frozen(trust) => Request::SetTrust(trust.alpha()),
             }));
         }
-        orders.push(IpcOrder::Settings { hash: settings_hash(&new) });
+        orders.push(IpcOrder::Settings { hash: settings_hash(&new), text: new.render() });
         for order in orders {
             let _ = self.ipc_orders.try_send(order);
         }

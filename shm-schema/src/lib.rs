@@ -26,7 +26,7 @@ pub use wire::{
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES},
     counters::Counters,
-    flags::{command_flags, guard_mask, health, missing_rights, pen_flags},
+    flags::{command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
     header::{Header, HeaderBounds, HeaderCheck},
     joints::{
         EFFORT_LIMIT, Enable, JOINT_POSITION_LIMIT_RAD, JOINT_VELOCITY_LIMIT_RADPS, JointCommand, JointState,
@@ -34,11 +34,13 @@ pub use wire::{
     latency::{LATENCY_BINS, Latency},
     layout::{self, Wire},
     pen::{PEN_POSITION_LIMIT_M, PenSample},
+    piece::{Assembly, LARGEST_THING_BYTES, PIECE_BYTES, Piece, PieceKind, Thing},
     predictor_name::{PREDICTOR_NAME_BYTES, PredictorName},
     refused::{Refused, RejectField},
     robot_mode::{RobotMode, SafetyMode},
     status::{GhostState, Percentiles, Status, Tracking, WayHome},
     stop_detail::{StopCause, StopDetail, ToolExtent},
+    tick_input::{PEN_PER_PART, PenInput, TickInput},
     tick_record::{Chain, TickRecord},
     vocabulary::{
         ControlOp, ControlStatus, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES, SolverPath,

@@ -70,6 +70,7 @@
     )
 )]
 
+pub mod state;
 pub mod units;
 pub mod plane;
 pub mod geometry;

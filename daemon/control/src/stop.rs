@@ -1,5 +1,6 @@
 //! Why the arm was stopped, and the evidence.
 
+use crate::state::{choices, state};
 use crate::units::Stamp;
 
 /// Why the loop stopped by itself or was stopped.
@@ -26,6 +27,13 @@ pub enum StopReason {
     Overruns,
     /// Something holds the arm up on its way home.
     WayBlocked,
+}
+
+choices! {
+    StopReason {
+        None, Requested, EnableLost, JointStateLost, TimeLost, ArmSafety, TrackingError, Envelope,
+        Overruns, WayBlocked,
+    }
 }
 
 /// The observation that latched a stop.
@@ -62,6 +70,13 @@ pub enum StopCause {
     Clearance,
 }
 
+choices! {
+    StopCause {
+        None, JointDeviation, ToolDeviation, WrongDirection, NoMotion, Runaway, Oscillation, SlowArm,
+        Height, Workspace, Tilt, ToolSpeed, LateTicks, Clearance,
+    }
+}
+
 /// The evidence behind a latched stop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StopDetail {
@@ -76,3 +91,5 @@ pub struct StopDetail {
     /// Release of the tick in which the stop latched; `Stamp(0)`: no stop has latched.
     pub at: Stamp,
 }
+
+state! { whole [] StopDetail { cause, joint, amount, limit, at } }

@@ -1,5 +1,6 @@
 //! Types for the few units whose confusion would move the robot wrongly.
 
+use crate::state::{state, wraps};
 use std::ops::Add;
 
 /// A monotonic time \[ns\], read from the host's CLOCK_MONOTONIC by the caller.
@@ -80,6 +81,10 @@ pub struct AxisState {
     /// \[m/s²\]
     pub acceleration: f64,
 }
+
+wraps! { Stamp, Trust }
+
+state! { whole [] AxisState { position, velocity, acceleration } }
 
 impl AxisState {
     /// At rest at `position` \[m\].

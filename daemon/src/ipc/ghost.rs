@@ -73,7 +73,7 @@ impl GhostShell {
         let report = ghost.follow(&GhostTick {
             tick: facts.tick,
             now: facts.wake.release,
-            budget: facts.budget,
+            budget: facts.given.budget,
             output,
             measured: facts.measured,
             lag_ns: measured.unwrap_or_else(|| i64::try_from(output.dead_time_ns).unwrap_or(i64::MAX)),

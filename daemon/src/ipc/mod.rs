@@ -7,6 +7,7 @@ pub mod allocation;
 pub mod chain;
 pub mod ghost;
 pub mod homeward;
+pub mod inputs;
 pub mod latency;
 pub mod narrator;
 pub mod record;
@@ -38,6 +39,7 @@ use allocation::AllocationJudge;
 use chain::ChainWatch;
 use ghost::GhostShell;
 use homeward::Homeward;
+use inputs::Inputs;
 use latency::Latencies;
 use narrator::Narrator;
 use record::IpcTally;
@@ -72,7 +74,7 @@ pub struct IpcSettings {
 }
 
 /// What the supervisor tells the thread.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum IpcOrder {
     /// These rights are missing, as bits of the status.
     Missing(u32),
@@ -82,6 +84,8 @@ pub enum IpcOrder {
     Settings {
         /// Their hash.
         hash: u64,
+        /// All of them, as TOML.
+        text: String,
     },
     /// End by a fault, for tests.
     #[cfg(test)]
@@ -99,6 +103,8 @@ pub struct IpcLinks {
     pub extent: ExtentWatch<JOINTS>,
     /// The way home.
     pub homeward: Homeward,
+    /// Inputs for recordings.
+    pub inputs: Inputs,
     /// The learner's figures.
     pub board: Arc<LearnerBoard>,
     /// The learner's events.
@@ -213,6 +219,7 @@ impl Ipc {
             let Ok(facts) = self.links.rings.facts.pop() else { break };
             changed |= self.learn_of(&facts);
         }
+        self.links.inputs.round(now.0, &mut self.links.rings, &mut self.ports.pieces);
         self.judge.look(now, self.ports.watch.fingerprint());
         while let Ok(event) = self.links.learner.try_recv() {
             self.narrator.learner(&event);
@@ -238,8 +245,9 @@ impl Ipc {
         match order {
             IpcOrder::Missing(mask) => self.missing |= mask,
             IpcOrder::Loop(request) => self.requests.change_setting(request, &mut self.links.rings),
-            IpcOrder::Settings { hash } => {
+            IpcOrder::Settings { hash, text } => {
                 self.settings_revision += 1;
+                self.links.inputs.settings(text);
                 self.settings.settings_hash = hash;
             }
             #[cfg(test)]
@@ -267,6 +275,7 @@ impl Ipc {
         if let (Some(_), Some((_, q))) = (led, &facts.measured) {
             self.links.extent.see(q);
         }
+        self.links.inputs.tick(facts, &mut self.links.rings, &mut self.ports.inputs);
         let ghost = self.links.ghost.follow(facts, self.links.rings.facts.slots());
         if facts.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
             let record = record::tick_record(facts, &parts, &ghost, &self.tally());
@@ -288,7 +297,7 @@ impl Ipc {
         let learner = self.links.board.view();
         let (requests, requests_refused) = self.requests.counts();
         IpcTally {
-            telemetry_failed: self.telemetry_failed,
+            telemetry_failed: self.telemetry_failed + self.links.inputs.failed(),
             requests: requests + self.ports.control.rejections().total(),
             requests_refused: requests_refused + self.ports.control.rejections().total(),
             allocations: judged.unexplained,

@@ -8,7 +8,7 @@ use foretrace_control::units::Stamp;
 use crate::ports::PortTally;
 use crate::rt::cyclic::Wake;
 use crate::rt::facts::{LoopTally, StageTimes, TickFacts};
-use crate::wire::JOINTS;
+use crate::wire::{Given, JOINTS};
 
 /// An uneventful tick that sends a command.
 pub(crate) fn commanding(tick: u64) -> TickFacts {
@@ -36,8 +36,17 @@ pub(crate) fn facts(tick: u64) -> TickFacts {
         finished: now,
         deadline: now.plus_ns(2_000_000),
         times: StageTimes::default(),
-        budget: Budget::default(),
-        pen_samples: 0,
+        given: Given {
+            now,
+            budget: Budget::default(),
+            joints: None,
+            enable: None,
+            request: None,
+            halt: None,
+            weights: None,
+            pen_samples: 0,
+            complete: true,
+        },
         measured: None,
         published: now,
         echo: None,

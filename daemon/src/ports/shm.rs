@@ -112,6 +112,10 @@ pub struct IpcPorts {
     pub telemetry: Publisher<shm::TickRecord>,
     /// Status to everybody.
     pub status: Publisher<shm::Status>,
+    /// Inputs of the ticks for recordings.
+    pub inputs: Publisher<shm::TickInput>,
+    /// Settings, weights and states in pieces.
+    pub pieces: Publisher<shm::Piece>,
     /// Requests from operators.
     pub control: ControlServer,
     /// The connected peers.
@@ -130,6 +134,8 @@ impl IpcPorts {
         Ok(Self {
             telemetry: services.telemetry.publisher()?,
             status: services.status.publisher()?,
+            inputs: services.inputs.publisher()?,
+            pieces: services.pieces.publisher()?,
             control: services.control.server(daemon_id)?,
             watch: PeerWatch::open(&config)?,
             config,

@@ -1,12 +1,13 @@
 //! Output of the real-time thread besides commands: plain data about each tick, and answers to requests.
 
-use foretrace_control::follower::{Budget, Mode, Refusal, Request, Stage, StageClock, StepOutput};
+use foretrace_control::follower::{Mode, Refusal, Request, Stage, StageClock, StepOutput};
+use foretrace_control::pen::PenReading;
 use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
 use crate::ports::PortTally;
-use crate::wire::{Echo, JOINTS};
+use crate::wire::{Echo, Given, JOINTS};
 
 /// Duration of each part of a tick \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -142,10 +143,8 @@ pub struct TickFacts {
     pub deadline: Stamp,
     /// Durations of its parts.
     pub times: StageTimes,
-    /// Its budget.
-    pub budget: Budget,
-    /// Pen samples that arrived.
-    pub pen_samples: u32,
+    /// What it was given.
+    pub given: Given,
     /// Newest measured joints so far, stamp and positions \[rad\].
     pub measured: Option<(Stamp, [f64; JOINTS])>,
     /// When the command, if there is one, was handed to the port.
@@ -166,6 +165,26 @@ pub struct TickFacts {
     pub tally: LoopTally,
     /// Totals of the ports.
     pub ports: PortTally,
+}
+
+/// A pen sample and the tick that got it.
+#[derive(Debug, Clone, Copy)]
+pub struct SeenPen {
+    /// The tick.
+    pub tick: u64,
+    /// The sample.
+    pub reading: PenReading,
+}
+
+/// The state of the law after a tick.
+#[derive(Debug)]
+pub struct StateCopy {
+    /// The tick.
+    pub tick: u64,
+    /// Bytes used; `None` if the state found no room, or cannot be written.
+    pub length: Option<usize>,
+    /// The memory.
+    pub bytes: Box<[u8]>,
 }
 
 /// A request on its way to the loop.

@@ -12,19 +12,20 @@ use foretrace_control::follower::{
 };
 use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::OnlineWeights;
+use foretrace_control::state;
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use super::facts::{Answered, Asked, LapClock, LoopTally, TickFacts};
+use super::facts::{Answered, Asked, LapClock, LoopTally, SeenPen, StateCopy, TickFacts};
 use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
 use super::overruns::{OverrunBudget, OverrunLimit, Solve, Verdict};
 use super::stops::Stops;
 use crate::alloc_count::allocations;
 use crate::ports::{Inbox, Ports};
-use crate::wire::{Echo, JOINTS, Outgoing};
+use crate::wire::{Echo, Given, JOINTS, Outgoing};
 
 /// Ticks between two reads of the page-fault counters, which cost a system call.
 const FAULT_TICKS: u64 = 64;
@@ -36,11 +37,18 @@ const WEIGHTS: usize = 4;
 const LEARN_STEPS: usize = 512;
 /// Records that may wait for the ipc thread: half a second at 1 kHz.
 const FACTS: usize = 512;
+/// Pen samples that may wait for the ipc thread: some per record.
+const SEEN_PEN: usize = 4096;
+/// Room for the state of the law; a test knows how much of it is used.
+pub const STATE_BYTES: usize = 1 << 20;
 
 /// The loop's ends of the rings.
 #[derive(Debug)]
 pub struct TickRings {
     facts: Producer<TickFacts>,
+    pen: Producer<SeenPen>,
+    blanks: Consumer<Box<[u8]>>,
+    states: Producer<StateCopy>,
     asked: Consumer<Asked>,
     answered: Producer<Answered>,
     learn: Producer<LearnStep>,
@@ -52,6 +60,12 @@ pub struct TickRings {
 pub struct IpcRings {
     /// One record per tick.
     pub facts: Consumer<TickFacts>,
+    /// The pen samples of the ticks.
+    pub pen: Consumer<SeenPen>,
+    /// Memory for the state of the law: the next tick fills it.
+    pub blanks: Producer<Box<[u8]>>,
+    /// That memory, filled.
+    pub states: Consumer<StateCopy>,
     /// Requests to the loop.
     pub asked: Producer<Asked>,
     /// Its answers.
@@ -71,13 +85,23 @@ pub struct LearnerRings {
 #[must_use]
 pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
     let (facts, evidence_out) = RingBuffer::new(FACTS);
+    let (pen, pen_out) = RingBuffer::new(SEEN_PEN);
+    let (blanks_in, blanks) = RingBuffer::new(1);
+    let (states, states_out) = RingBuffer::new(1);
     let (asked_in, asked) = RingBuffer::new(REQUESTS);
     let (answered, answered_out) = RingBuffer::new(REQUESTS);
     let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
     let (weights_in, weights) = handover(WEIGHTS);
     (
-        TickRings { facts, asked, answered, learn, weights },
-        IpcRings { facts: evidence_out, asked: asked_in, answered: answered_out },
+        TickRings { facts, pen, blanks, states, asked, answered, learn, weights },
+        IpcRings {
+            facts: evidence_out,
+            pen: pen_out,
+            blanks: blanks_in,
+            states: states_out,
+            asked: asked_in,
+            answered: answered_out,
+        },
         LearnerRings { learn: learn_out, weights: weights_in },
     )
 }
@@ -191,6 +215,17 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             },
             weights,
         };
+        let given = Given {
+            now: input.now,
+            budget,
+            joints: self.inbox.joints,
+            enable: input.enable,
+            request,
+            halt: input.halt,
+            weights: weights.map(|weights| weights.version),
+            pen_samples: input.pen.len() as u32,
+            complete: true,
+        };
         let output = self.follower.step(&input, budget, &mut laps);
         self.stops.tell(stop, output.mode, output.trust.alpha);
         (self.mode, self.trust) = (output.mode, output.trust.alpha);
@@ -230,14 +265,14 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
         self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
         self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
+        let complete = self.keep_pen();
         let facts = TickFacts {
             tick: self.tally.ticks,
+            given: Given { complete, ..given },
             wake: *wake,
             finished,
             deadline: wake.deadline(self.period_ns),
             times: laps.times(),
-            budget,
-            pen_samples: self.inbox.pen().len() as u32,
             measured: self.measured,
             published,
             echo: self.echo,
@@ -252,7 +287,22 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if self.rings.facts.push(facts).is_err() {
             self.tally.evidence_dropped += 1;
         }
+        self.copy_state();
         output.mode
+    }
+
+    /// Hands the pen samples of this tick to the ipc thread; `false` if there was no room for all.
+    fn keep_pen(&mut self) -> bool {
+        let (tick, pen) = (self.tally.ticks, &mut self.rings.pen);
+        self.inbox.pen().iter().all(|reading| pen.push(SeenPen { tick, reading: *reading }).is_ok())
+    }
+
+    /// Copies the state of the law into memory that waits for it: after everything else.
+    fn copy_state(&mut self) {
+        let Ok(mut bytes) = self.rings.blanks.pop() else { return };
+        let length = state::write(&self.follower, &mut bytes);
+        // One copy is under way at a time, so that there is room.
+        let _ = self.rings.states.push(StateCopy { tick: self.tally.ticks, length, bytes });
     }
 
     /// Answers whether the way home is clear, once that is known, or that a stop came before.

@@ -19,6 +19,7 @@ use super::{Daemon, OPENING, STOPPING, settings_hash};
 use crate::error::DaemonError;
 use crate::ipc::ghost::GhostShell;
 use crate::ipc::homeward::Homeward;
+use crate::ipc::inputs::Inputs;
 use crate::ipc::{self, IpcLinks, IpcOrder, IpcSettings};
 use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
@@ -82,10 +83,12 @@ impl Daemon {
         let board = Arc::new(LearnerBoard::default());
 
         let (learner_told, learner_tells) = channel::bounded(64);
+        let (copies, copied) = channel::bounded(16);
         let (learner_orders, learner_ordered) = channel::bounded(4);
         let links = LearnerLinks {
             board: board.clone(),
             events: learner_told,
+            copies,
             orders: learner_ordered,
             quit: quit.clone(),
         };
@@ -105,6 +108,7 @@ impl Daemon {
             ghost,
             extent: ExtentWatch::new(&config.follower_settings()),
             homeward: Homeward::new(config.follower_settings()),
+            inputs: Inputs::new(settings.daemon_id, config.render(), copied),
             board,
             learner: learner_tells,
             orders: ipc_ordered,

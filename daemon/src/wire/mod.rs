@@ -4,12 +4,14 @@
 //! command). Messages arrive validated; numbers without a place on the wire are omitted here and nowhere
 //! else. Whole records and the status are assembled by the ipc thread (`ipc/record.rs`).
 
+mod input;
 mod messages;
 mod requests;
 mod words;
 mod outcome;
 mod refused;
 
+pub use input::{Given, given, pen_of, pen_part, tick_input};
 pub use messages::{Echo, Outgoing, echo, enable_reading, joint_command, joint_reading, pen_reading};
 pub use outcome::{UNKNOWN, arm_lag, extent, ghost_figures, guard_mask, health, ik_report, known, mpc_path};
 pub use refused::{Refused, pen_rejection, refused};

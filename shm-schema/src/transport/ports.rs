@@ -8,7 +8,7 @@ use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{LoanError, SendError};
-use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, PortFactory, ipc};
 
 use super::session::ServiceError;
 use super::topic::{Message, Topic};
@@ -127,6 +127,16 @@ impl<T: Message> Publisher<T> {
     /// Present number of subscribers. A change between two calls explains allocations in between.
     pub fn subscribers(&self) -> usize {
         self.topic.connections().1
+    }
+
+    /// A number that changes whenever a subscriber comes or goes. Lists them: not for the real-time thread.
+    pub fn audience(&self) -> u128 {
+        let mut sum = 0_u128;
+        self.topic.factory.dynamic_config().list_subscribers(|peer| {
+            sum = sum.wrapping_add(peer.subscriber_id.value().wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            CallbackProgression::Continue
+        });
+        sum
     }
 
     /// Sequence number of the last message; 0: none.

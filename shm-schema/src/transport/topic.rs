@@ -18,7 +18,9 @@ use crate::wire::check::Validate;
 use crate::wire::header::Header;
 use crate::wire::joints::{Enable, JointCommand, JointState};
 use crate::wire::pen::PenSample;
+use crate::wire::piece::Piece;
 use crate::wire::status::Status;
+use crate::wire::tick_input::TickInput;
 use crate::wire::tick_record::TickRecord;
 
 /// Quality of service of a topic. Overflow is always on: the oldest message is overwritten.
@@ -73,6 +75,8 @@ message! {
     TickRecord:   "foretrace/telemetry",   1, 3, 256, 0;
     Status:       "foretrace/status",      1, 8,   4, 1;
     Enable:       "foretrace/enable",      1, 2,   4, 0;
+    TickInput:    "foretrace/inputs",      1, 2, 256, 0;
+    Piece:        "foretrace/pieces",      1, 2,  64, 0;
 }
 
 /// Processes that may use one service at the same time.
@@ -165,6 +169,10 @@ pub struct Services {
     pub status: Topic<Status>,
     /// Dead-man, to the daemon.
     pub enable: Topic<Enable>,
+    /// Inputs of every tick, from the daemon.
+    pub inputs: Topic<TickInput>,
+    /// Settings, weights and states in pieces, from the daemon.
+    pub pieces: Topic<Piece>,
     /// Requests.
     pub control: ControlTopic,
 }
@@ -183,6 +191,8 @@ impl Services {
             telemetry: Topic::create(session)?,
             status: Topic::create(session)?,
             enable: Topic::create(session)?,
+            inputs: Topic::create(session)?,
+            pieces: Topic::create(session)?,
             control: ControlTopic::create(session)?,
         })
     }
@@ -200,6 +210,8 @@ impl Services {
             telemetry: Topic::open(session)?,
             status: Topic::open(session)?,
             enable: Topic::open(session)?,
+            inputs: Topic::open(session)?,
+            pieces: Topic::open(session)?,
             control: ControlTopic::open(session)?,
         })
     }

@@ -56,6 +56,32 @@ wire_flags! {
 }
 
 wire_flags! {
+    /// Bits of `TickInput::flags`: what the tick was given.
+    pub mod input_flags {
+        /// A joint state arrived.
+        JOINTS = 0 => "joints",
+        /// The arm's safety system allows motion, as that joint state says.
+        MOTION_ALLOWED = 1 => "motion allowed",
+        /// A dead-man message arrived.
+        ENABLE = 2 => "enable",
+        /// It says stop.
+        ENABLE_STOP = 3 => "enable stop",
+        /// There was a request.
+        REQUEST = 4 => "request",
+        /// The shell demanded a stop.
+        HALT = 5 => "halt",
+        /// Weights were offered.
+        WEIGHTS = 6 => "weights",
+        /// The solve was to be shed.
+        SHED = 7 => "shed",
+        /// The command lets the arm move.
+        ENABLED = 8 => "enabled",
+        /// Pen samples of this tick are missing here: it cannot be run again.
+        INCOMPLETE = 9 => "incomplete",
+    }
+}
+
+wire_flags! {
     /// Bits of `TickRecord::health`: what degraded this tick.
     pub mod health {
         /// No fresh pen sample.

@@ -19,6 +19,8 @@ pub(crate) mod predictor_name;
 pub(crate) mod tick_record;
 pub(crate) mod refused;
 pub(crate) mod stop_detail;
+pub(crate) mod tick_input;
+pub(crate) mod piece;
 pub(crate) mod latency;
 pub(crate) mod status;
 pub(crate) mod control;

@@ -357,3 +357,75 @@ fn what_ticks_wait_for_fits_a_quarter_of_a_page_and_the_rest_half_of_one() {
         assert!(size <= 1024, "{size}");
     }
 }
+
+#[test]
+fn layouts_of_recorded_inputs_are_pinned() {
+    pinned::<PenInput>(
+        56,
+        8,
+        &[
+            ("stamp_ns", 0, 8),
+            ("x_m", 8, 8),
+            ("y_m", 16, 8),
+            ("sequence", 24, 8),
+            ("sent_ns", 32, 8),
+            ("received_ns", 40, 8),
+            ("contact", 48, 4),
+            ("reserved", 52, 4),
+        ],
+        0x8d484428f616a6a6,
+    );
+    pinned::<TickInput>(
+        856,
+        8,
+        &[
+            ("header", 0, 24),
+            ("daemon_id", 24, 8),
+            ("tick", 32, 8),
+            ("now_ns", 40, 8),
+            ("part", 48, 4),
+            ("parts", 52, 4),
+            ("pen_samples", 56, 4),
+            ("flags", 60, 4),
+            ("budget_iterations", 64, 4),
+            ("request", 68, 4),
+            ("request_value", 72, 8),
+            ("request_predictor", 80, 28),
+            ("halt", 108, 4),
+            ("halt_detail", 112, 32),
+            ("joints_ns", 144, 8),
+            ("joints_q", 152, 48),
+            ("joints_qd", 200, 48),
+            ("enable_ns", 248, 8),
+            ("weights_version", 256, 8),
+            ("command_ns", 264, 8),
+            ("valid_until_ns", 272, 8),
+            ("q", 280, 48),
+            ("qd", 328, 48),
+            ("trust", 376, 8),
+            ("weights_used", 384, 8),
+            ("mode", 392, 4),
+            ("rung", 396, 4),
+            ("fault", 400, 4),
+            ("health", 404, 4),
+            ("pen", 408, 448),
+        ],
+        0xdcd45cdcd03df669,
+    );
+    pinned::<Piece>(
+        4168,
+        8,
+        &[
+            ("header", 0, 24),
+            ("daemon_id", 24, 8),
+            ("number", 32, 8),
+            ("total", 40, 8),
+            ("offset", 48, 8),
+            ("hash", 56, 8),
+            ("kind", 64, 4),
+            ("length", 68, 4),
+            ("bytes", 72, 4096),
+        ],
+        0x6545d516a122c22d,
+    );
+}

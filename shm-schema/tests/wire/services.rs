@@ -91,6 +91,8 @@ fn every_topic_carries_its_message_unchanged() {
     round(&ours.telemetry, &theirs.telemetry, TickRecord { trust: 0.5, ..Default::default() });
     round(&ours.status, &theirs.status, Status { pid: 7, ..Default::default() });
     round(&theirs.enable, &ours.enable, Enable { stop: 1, ..Default::default() });
+    round(&ours.inputs, &theirs.inputs, TickInput { tick: 5, parts: 1, ..Default::default() });
+    round(&ours.pieces, &theirs.pieces, Piece::of(PieceKind::Weights, 3, 9, b"abc", 1, 0));
 }
 
 #[test]
@@ -271,6 +273,8 @@ fn the_whole_instance_fits_its_memory_limit() {
         full(&s.telemetry),
         full(&s.status),
         full(&s.enable),
+        full(&s.inputs),
+        full(&s.pieces),
     );
     let _server = s.control.server(1).unwrap();
     let mut clients: Vec<_> = (0..CONTROL_CLIENTS).map(|_| s.control.client().unwrap()).collect();

@@ -4,6 +4,7 @@
 //! frame, in metres and radians. Every joint frame is rotated at construction so that its axis is z: a joint
 //! then costs one plane rotation.
 
+use crate::state::state;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
 use crate::arm::Capsule;
@@ -60,6 +61,8 @@ pub struct Kinematics<const J: usize> {
     /// The frames' origins in the base frame \[m\], 3 x J: a point on each joint's axis.
     pub origins: SMatrix<f64, 3, J>,
 }
+
+state! { whole [const J: usize] Kinematics<J> { rotation, position, jacobian, frames, origins } }
 
 /// Motion of the tool's origin in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,6 +12,7 @@
 //! q̇²/(2a_b) holds for every h: for q̇ ≥ a·h the difference is q̇h(1 − a/a_b) − a·h(h + hold) + a²h²/(2a_b)
 //! ≤ −a²h²/(2a_b) − a·h·hold < 0, otherwise q̇' = 0.
 
+use crate::state::state;
 use thiserror::Error;
 
 /// Why limits were refused.
@@ -197,6 +198,8 @@ pub struct JointMotion<const J: usize> {
     /// \[rad/s²\], difference of the last two commanded velocities over their distance in time.
     pub qdd: [f64; J],
 }
+
+state! { whole [const J: usize] JointMotion<J> { q, qd, qdd } }
 
 impl<const J: usize> JointMotion<J> {
     /// At rest at `q` \[rad\].

@@ -32,6 +32,7 @@ mod obstacle;
 mod watch;
 pub mod way;
 
+use crate::state::state;
 use thiserror::Error;
 
 pub use crate::arm::Capsule;
@@ -108,6 +109,8 @@ pub struct ClearanceReport {
     pub yielded: u32,
 }
 
+state! { [] ClearanceReport { rows, held, yielded } }
+
 /// What a row demands once its gap is used up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inside {
@@ -128,6 +131,8 @@ pub struct Clearance<const J: usize> {
     watch: Watch<J>,
     found: Offered<J>,
 }
+
+state! { [const J: usize] Clearance<J> { watch, found } fixed { chain, limits, pairs, margin, rate } }
 
 impl<const J: usize> Clearance<J> {
     /// For the arm `chain` inside `limits`, commanded every `period_s` seconds.

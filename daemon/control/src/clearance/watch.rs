@@ -15,6 +15,7 @@
 
 use crate::arm::limits::{JointMotion, VelocityBox};
 use crate::clearance::pairs::Pair;
+use crate::state::state;
 
 /// Rounding of a distance \[m\].
 const ROUNDING_M: f64 = 1e-9;
@@ -47,6 +48,8 @@ struct Seen<const J: usize> {
     distance: f64,
 }
 
+state! { whole [const J: usize] Seen<J> { q, distance } }
+
 /// What is remembered of all pairs.
 #[derive(Debug, Clone)]
 pub(super) struct Watch<const J: usize> {
@@ -60,6 +63,8 @@ pub(super) struct Watch<const J: usize> {
     since: [f64; J],
     swept: bool,
 }
+
+state! { [const J: usize] Watch<J> { seen, near, levers, span, since, swept } }
 
 impl<const J: usize> Watch<J> {
     /// A pair stays among the far ones while the tick's motion uses no more than this fraction of its gap:

@@ -13,6 +13,7 @@
 use crate::arm::chain::Chain;
 use crate::clearance::watch::Watch;
 use crate::clearance::{Clearance, Kinematics};
+use crate::state::state;
 
 /// Shortest motion of any body between two checks \[m\], bounded by the levers.
 const STEP_M: f64 = 1e-3;
@@ -56,6 +57,8 @@ pub struct Way<const J: usize> {
     /// Whether the end was checked, which sets the smallest distance allowed there.
     end_seen: bool,
 }
+
+state! { [const J: usize] Way<J> { from, to, share, least, end_seen } }
 
 impl<const J: usize> Way<J> {
     /// A path from zero to zero with room for the pairs of `clearance`.

@@ -2,6 +2,7 @@
 
 use super::{Envelope, SPEED_MARGIN, TILT_MARGIN_RAD};
 use crate::arm::Kinematics;
+use crate::state::state;
 use crate::stop::{StopCause, StopDetail};
 
 /// Rounding: a tool outside may move out by this much without being judged \[m, rad\].
@@ -13,6 +14,8 @@ pub(super) struct Allowed {
     place: [f64; 3],
     tilt: f64,
 }
+
+state! { [] Allowed { place, tilt } }
 
 /// Tool position, tilt and speed of one command.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -18,6 +18,7 @@ mod judge;
 mod rows;
 mod settings;
 
+use crate::state::state;
 pub use judge::EnvelopeFigures;
 pub use settings::{EnvelopeError, EnvelopeSettings};
 
@@ -45,6 +46,8 @@ pub struct Envelope<const J: usize> {
     speed: f64,
     allowed: Allowed,
 }
+
+state! { [const J: usize] Envelope<J> { allowed } fixed { plane, limits, inner, outer, tilt, speed } }
 
 impl<const J: usize> Envelope<J> {
     /// Around `workspace` \[m\], \[lowest, highest\] along the axes of `plane`. `fastest`: the speed that the

@@ -7,6 +7,7 @@ use super::io::Health;
 use crate::predict::OnlineWeights;
 use crate::predict::refine::Look;
 use crate::skill::{Foreseen, Happened, Record, SKILL_LEADS, SkillReport};
+use crate::state::state;
 use crate::trust::{TrustInputs, TrustReport, TrustRequest};
 
 /// What a tick leaves for the next one to judge.
@@ -19,6 +20,8 @@ pub(super) struct Left {
     look: Option<Look>,
     pub(super) at_limit: Option<bool>,
 }
+
+state! { [] Left { made, claim, look, at_limit } }
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Judges past previews, before a new one replaces the last.

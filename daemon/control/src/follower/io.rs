@@ -7,6 +7,7 @@ use crate::mpc::AxisReport;
 use crate::pen::{PenCounters, PenOrigin, PenReading, PenRefusal};
 use crate::predict::LearnStep;
 use crate::predict::{OnlineWeights, PredictorKind};
+use crate::state::{choices, state};
 use crate::stop::{StopDetail, StopReason};
 use crate::trust::TrustReport;
 use crate::units::{AxisState, Stamp};
@@ -27,6 +28,8 @@ pub struct JointReading<const J: usize> {
     pub motion_allowed: bool,
 }
 
+state! { whole [const J: usize] JointReading<J> { stamp, q, qd, motion_allowed } }
+
 /// One message of the dead-man switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EnableReading {
@@ -35,6 +38,8 @@ pub struct EnableReading {
     /// The operator let go.
     pub stop: bool,
 }
+
+state! { whole [] EnableReading { stamp, stop } }
 
 /// What the control law does at present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -55,6 +60,8 @@ pub enum Mode {
     /// Moving the arm home, or about to.
     Homing,
 }
+
+choices! { Mode { Idle, Armed, Following, Holding, Stopped, Fault, Homing } }
 
 /// Which fallback made the command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

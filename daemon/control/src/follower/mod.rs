@@ -24,6 +24,7 @@ mod stock;
 mod tracking;
 mod watch;
 
+use crate::state::state;
 pub use io::{
     Budget, EnableReading, Health, HomeProgress, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode,
     NoClock, Refusal, Request, Rung, Stage, StageClock, StepInput, StepOutput,
@@ -75,6 +76,14 @@ pub struct Follower<const N: usize, const J: usize> {
     dead_time: DeadTime,
     monitor: Box<Monitor<J>>,
     mover: Mover<N, J>,
+}
+
+state! {
+    [const N: usize, const J: usize] Follower<N, J> {
+        watch, pen, silence, previewer, preview, refiner, pending_predictor, skill, left, trust,
+        trust_request, plans, overtaxed, outcome, learner_doubt_ns, lag, dead_time, monitor, mover,
+    }
+    fixed { settings, reference }
 }
 
 impl<const N: usize, const J: usize> Follower<N, J> {

@@ -3,6 +3,7 @@
 //! Contract: total; the only memory are two shares.
 
 use super::{Health, Rung};
+use crate::state::state;
 use crate::trust::TrustParameters;
 
 /// Shares of the recent ticks, in \[0, 1\].
@@ -15,6 +16,8 @@ pub(super) struct Plans {
     /// Memories of the two, one tick or more \[ticks\].
     memories: [f64; 2],
 }
+
+state! { [] Plans { stopped, failed } fixed { memories } }
 
 impl Plans {
     /// At `period_ns` per tick.

@@ -5,6 +5,7 @@
 
 use super::io::{EnableReading, Health, JointReading, Mode, Refusal};
 use super::settings::SafetySettings;
+use crate::state::state;
 use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
 
@@ -34,6 +35,13 @@ pub(super) struct Watch<const J: usize> {
     enable: Option<EnableReading>,
     /// The dead-man switch was held at some time since arming, so its loss counts.
     enable_honoured: bool,
+}
+
+state! {
+    [const J: usize] Watch<J> {
+        mode, reason, detail, letting_go, joints, interval_ns, enable, enable_honoured,
+    }
+    fixed { settings }
 }
 
 impl<const J: usize> Watch<J> {

@@ -43,6 +43,7 @@ pub mod check;
 pub mod consumer;
 pub mod stop;
 
+use crate::state::state;
 pub use check::{CommandChecker, CommandStatistics, Violations};
 pub use consumer::consumer_state;
 pub use stop::StopProfile;
@@ -61,6 +62,8 @@ pub struct Commanded<const J: usize> {
     stamp: Stamp,
     motion: JointMotion<J>,
 }
+
+state! { whole [const J: usize] Commanded<J> { stamp, motion } }
 
 impl<const J: usize> Commanded<J> {
     /// The joint `motion` to hold at `stamp`; `None` unless every number is finite.

@@ -13,6 +13,7 @@
 pub mod task;
 pub mod pose;
 
+use crate::state::{choices, state};
 use nalgebra::{SMatrix, SVector, Vector3};
 use thiserror::Error;
 
@@ -66,6 +67,13 @@ pub struct IkReport {
     pub envelope: [u32; 2],
 }
 
+state! {
+    [] IkReport {
+        source, status, iterations, active, kkt_residual, velocity_error, tilt_error, damping,
+        singularity, clearance, envelope,
+    }
+}
+
 /// What produced the joint velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum IkSource {
@@ -77,6 +85,8 @@ pub enum IkSource {
     /// Braking, because the input was not finite or no usable answer keeps the arm clear.
     Brake,
 }
+
+choices! { IkSource { Optimum, Clamped, Brake } }
 
 /// Which solver finds the joint velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -107,6 +117,12 @@ pub struct Ik<const J: usize> {
     /// Whether the tool's envelope is kept; not on the way home, where the pen does not lead the tool.
     envelope_in_force: bool,
     offered: Offered<J>,
+}
+
+state! {
+    [const J: usize] Ik<J> { envelope_in_force, offered }
+    present { clarabel, clearance, envelope }
+    fixed { limits, settings }
 }
 
 impl<const J: usize> Ik<J> {

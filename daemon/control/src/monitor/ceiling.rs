@@ -5,6 +5,8 @@
 //! filter rounds speeds, and a ceiling cuts them off: a joint that is cut off spends most of its moving time
 //! at its fastest, whereas the speed of a sine is within 5 % of its peak for a fifth of the time.
 
+use crate::state::state;
+
 /// Memory of the fastest speed of a joint, of what commands asked for, and of the shares of time \[s\].
 const TOP_S: f64 = 6.0;
 const ASKED_S: f64 = 0.4;
@@ -38,11 +40,15 @@ struct Joint {
     asked_then: f64,
 }
 
+state! { [] Joint { top, asked, moving_s, at_top_s, visits, below, asked_then } }
+
 /// All joints.
 #[derive(Debug, Clone)]
 pub(super) struct Ceiling<const J: usize> {
     joints: [Joint; J],
 }
+
+state! { [const J: usize] Ceiling<J> { joints } }
 
 impl<const J: usize> Ceiling<J> {
     pub(super) const fn new() -> Self {

@@ -6,6 +6,7 @@
 //! passes through them before a fault is reported.
 
 use super::path::Path;
+use crate::state::state;
 
 /// Candidate lags: 0, 10, ... 200 ms.
 const LAGS: usize = 21;
@@ -30,6 +31,8 @@ pub(super) struct Directions<const J: usize> {
     travel: [f64; J],
     in_a_row: [u32; J],
 }
+
+state! { [const J: usize] Directions<J> { products, asked, done, travel, in_a_row } }
 
 impl<const J: usize> Directions<J> {
     pub(super) const fn new() -> Self {

@@ -21,6 +21,7 @@ mod recent;
 mod settings;
 mod swing;
 
+use crate::state::state;
 pub use settings::{SlowArm, TrackingSettings};
 
 use direction::Directions;
@@ -94,6 +95,14 @@ pub struct Monitor<const J: usize> {
     looked: u64,
     /// A stop was latched here and has not been acknowledged.
     suspect: bool,
+}
+
+state! {
+    [const J: usize] Monitor<J> {
+        commands, tools, measured, recent, swings, directions, pace, behind, lag_s, begun, moved,
+        since, looked, suspect,
+    }
+    fixed { settings, longest_ns }
 }
 
 /// How a joint differs from its commands.

@@ -8,6 +8,7 @@
 //! the arm has shown, and for a little more with every window in which the arm keeps up.
 
 use super::ceiling::Ceiling;
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Length of a window \[ns\].
@@ -55,6 +56,8 @@ struct Peaks<const J: usize> {
     tool_mps: f64,
 }
 
+state! { [const J: usize] Peaks<J> { model, arm, tool_mps } }
+
 impl<const J: usize> Peaks<J> {
     const NONE: Self = Self { model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
 }
@@ -87,6 +90,13 @@ pub(super) struct Pace<const J: usize> {
     judged: bool,
     /// Tool speed asked for when the arm was found slow, and the present limit \[m/s\].
     slowed: Option<[f64; 2]>,
+}
+
+state! {
+    [const J: usize] Pace<J> {
+        model, lag_s, tool_mps, tool, before, now, arms, ceiling, seen, sent, window, windows,
+        judged_windows, slow_in_a_row, behind, patient_until, judged, slowed,
+    }
 }
 
 impl<const J: usize> Pace<J> {

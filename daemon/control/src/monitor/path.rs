@@ -3,6 +3,7 @@
 //! Contract: samples are joined by straight lines, also over gaps in time, for more than half a second.
 //! Nothing is known from before the first sample. Bounded work per sample, no allocation.
 
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Length of a block \[ns\].
@@ -18,6 +19,8 @@ pub(super) struct Span<const K: usize> {
     pub(super) low: [f64; K],
     pub(super) high: [f64; K],
 }
+
+state! { [const K: usize] Span<K> { low, high } }
 
 impl<const K: usize> Span<K> {
     const NOTHING: Self = Self { low: [f64::INFINITY; K], high: [f64::NEG_INFINITY; K] };
@@ -68,6 +71,8 @@ pub(super) struct Path<const K: usize> {
     /// Cache of the last query: first and last block, and their range.
     known: (u64, u64, Span<K>),
 }
+
+state! { [const K: usize] Path<K> { blocks, ends, last, begin, end, known } }
 
 impl<const K: usize> Path<K> {
     pub(super) const fn new() -> Self {

@@ -1,5 +1,6 @@
 //! The newest joint states, for the measured speed of the joints: the speed that an arm reports may be wrong.
 
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Joint states kept: 80 ms at 1 kHz.
@@ -11,6 +12,8 @@ pub(super) struct Recent<const J: usize> {
     ring: [(Stamp, [f64; J]); KEPT],
     count: usize,
 }
+
+state! { [const J: usize] Recent<J> { ring, count } }
 
 impl<const J: usize> Recent<J> {
     pub(super) const fn new() -> Self {

@@ -1,5 +1,6 @@
 //! Joints that oscillate about their commands with growing amplitude: a loop somewhere that becomes unstable.
 
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Each amplitude is larger than the one before by this factor,
@@ -16,11 +17,15 @@ struct Swing {
     at: Stamp,
 }
 
+state! { [] Swing { peaks, at } }
+
 /// All joints.
 #[derive(Debug, Clone)]
 pub(super) struct Swings<const J: usize> {
     joints: [Swing; J],
 }
+
+state! { [const J: usize] Swings<J> { joints } }
 
 impl<const J: usize> Swings<J> {
     pub(super) const fn new() -> Self {

@@ -8,6 +8,7 @@ use super::behind::{Arm, Behind};
 use super::condense::Condensed;
 use super::model::{MotionRows, State, adjoint};
 use crate::qp::cholesky::{Cholesky, Square};
+use crate::state::state;
 use crate::units::Trust;
 
 /// Diagonal of G_c or G_f: what an error costs. The step i = 1..N weighs gain · decay^(i−1).
@@ -66,6 +67,13 @@ pub struct Cost<const N: usize> {
     weights: [Weights<N>; 3],
     hessian: Square<N>,
     inverse: Square<N>,
+}
+
+state! {
+    [const N: usize] Cost<N> { alpha, weights, hessian, inverse }
+    fixed {
+        gains, behind, feedback, feedforward, hessian_feedback, hessian_feedforward, effort, constant,
+    }
 }
 
 /// Squared gains in the order of [`MotionRows`] without its jerk block.

@@ -5,6 +5,7 @@
 //! it keeps its limits and carries its certificate; a lane that does not is left to [`super::axis`]. Same
 //! equations and units as there.
 
+use crate::state::{self, Reader, StateError, Writer, state};
 use std::array::from_fn;
 
 use super::behind::Behind;
@@ -22,6 +23,22 @@ pub(super) enum Free<const N: usize> {
     Shared(Box<Blended<f64, N>>),
     /// The axes have different gains.
     Own(Box<Blended<Lanes, N>>),
+}
+
+impl<const N: usize> state::State for Free<N> {
+    fn save(&self, to: &mut Writer<'_>) {
+        match self {
+            Self::Shared(blended) => state::State::save(blended, to),
+            Self::Own(blended) => state::State::save(blended, to),
+        }
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        match self {
+            Self::Shared(blended) => state::State::load(blended, from),
+            Self::Own(blended) => state::State::load(blended, from),
+        }
+    }
 }
 
 impl<const N: usize> Free<N> {
@@ -74,6 +91,13 @@ pub(super) struct Blended<C, const N: usize> {
     reads_preview: bool,
     /// The servo behind which errors are counted; the same for all axes.
     behind: Option<Behind>,
+}
+
+state! {
+    [C: crate::state::State, const N: usize] Blended<C, N> {
+        feedback, feedforward, weights, inverse, effort, reads_preview,
+    }
+    fixed { largest, workspace, behind }
 }
 
 /// Results of the three lanes.

@@ -3,11 +3,14 @@
 //! Plain arrays, which the compiler vectorises on any x86-64. NaN propagates through sums and products as
 //! usual; comparisons state what they do with it.
 
+use crate::state::wraps;
 use std::ops::{Add, AddAssign, Mul, Sub};
 
 /// One number per axis, and a zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lanes([f64; 4]);
+
+wraps! { Lanes }
 
 impl Lanes {
     pub(super) const ZERO: Self = Self([0.0; 4]);

@@ -25,6 +25,7 @@ mod free;
 mod axis;
 mod settle;
 
+use crate::state::state;
 pub use cost::Gains;
 pub use limits::{AxisLimits, SoftPenalty};
 pub use plan::{ActiveLimits, AxisReport, Plan, PlanReport, SolvePath};
@@ -64,6 +65,11 @@ pub struct Mpc<const N: usize> {
     set: Box<DualActiveSet<4, N, N>>,
 }
 
+state! {
+    [const N: usize] Mpc<N> { alpha, axes, free, set }
+    fixed { step_s, servo_s, scale, max_iterations }
+}
+
 impl<const N: usize> std::fmt::Debug for Mpc<N> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Mpc").field("steps", &N).field("step_s", &self.step_s).finish_non_exhaustive()
@@ -77,6 +83,8 @@ struct Axis<const N: usize> {
     shifted: Bounds<4, N>,
     clarabel: Option<SoftRowQp>,
 }
+
+state! { [const N: usize] Axis<N> { cost, rows, shifted } present { clarabel } }
 
 impl<const N: usize> Mpc<N> {
     /// Check the settings and compute everything constant.

@@ -1,6 +1,7 @@
 //! Output of the MPC: the plan, and how it was found.
 
 use crate::qp::QpStatus;
+use crate::state::{choices, state};
 use crate::units::AxisState;
 
 /// N jerks per axis and the states they lead to.
@@ -13,6 +14,8 @@ pub struct Plan<const N: usize> {
     /// Jerk over step j = 0..N−1 \[m/s³\], per axis (3 x N).
     pub jerks: [[f64; N]; 3],
 }
+
+state! { [const N: usize] Plan<N> { step_s, start, jerks } }
 
 impl<const N: usize> Plan<N> {
     /// No motion: at rest at the origin for N steps.
@@ -63,6 +66,8 @@ pub enum SolvePath {
     Failed,
 }
 
+choices! { SolvePath { Gain, ActiveSet, Clarabel, Failed } }
+
 /// Rows that shape an axis' plan, by kind, over the whole horizon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ActiveLimits {
@@ -77,6 +82,8 @@ pub struct ActiveLimits {
     /// Soft rows beyond their limit, of any kind.
     pub saturated: u8,
 }
+
+state! { [] ActiveLimits { jerk, acceleration, velocity, position, saturated } }
 
 impl ActiveLimits {
     /// All rows with a multiplier.
@@ -104,6 +111,8 @@ pub struct AxisReport {
     /// Largest violation of the optimality conditions; see [`crate::mpc`] for its units.
     pub kkt_residual: f64,
 }
+
+state! { [] AxisReport { path, status, iterations, active, kkt_residual } }
 
 impl AxisReport {
     /// No usable solution, after `iterations` steps.

@@ -10,6 +10,7 @@ mod silence;
 mod tracker;
 mod scale;
 
+use crate::state::{choices, state};
 pub use queue::STEP_QUEUE_CAPACITY;
 pub use scale::{REST, SpeedScale, SpeedScaleSettings, TARGET_RMS, rests};
 pub(crate) use silence::Silence;
@@ -31,6 +32,8 @@ pub struct PenOrigin {
     pub received: Stamp,
 }
 
+state! { whole [] PenOrigin { sequence, sent, received } }
+
 /// One reading of the pen in the writing plane's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PenReading {
@@ -43,6 +46,8 @@ pub struct PenReading {
     /// Where it comes from.
     pub origin: PenOrigin,
 }
+
+state! { whole [] PenReading { stamp, position, contact, origin } }
 
 impl PenReading {
     /// A reading of unknown origin.
@@ -65,6 +70,8 @@ pub enum Motion {
     Jump,
 }
 
+choices! { Motion { Start, Continues, Jump } }
+
 /// One closed step of the pen grid.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GridStep {
@@ -79,6 +86,8 @@ pub struct GridStep {
     /// The samples on both sides of k·Δ touch the paper.
     pub contact: bool,
 }
+
+state! { whole [] GridStep { index, position, displacement, motion, contact } }
 
 /// Why a reading was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,6 +106,8 @@ pub enum PenRejection {
     Outlier,
 }
 
+choices! { PenRejection { NonFinite, OutOfRange, FromFuture, Repeat, TimeBackwards, Outlier } }
+
 /// The evidence behind a refusal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PenRefusal {
@@ -111,6 +122,8 @@ pub struct PenRefusal {
     /// The tick that refused it.
     pub at: Stamp,
 }
+
+state! { whole [] PenRefusal { why, axis, value, bound, at } }
 
 /// The verdict on one reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

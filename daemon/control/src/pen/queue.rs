@@ -1,6 +1,7 @@
 //! A ring of closed grid steps with a fixed capacity: when full, the oldest step is dropped and counted.
 
 use super::{GridStep, Motion};
+use crate::state::state;
 
 /// Most closed steps that wait for the follower.
 pub const STEP_QUEUE_CAPACITY: usize = 64;
@@ -11,6 +12,8 @@ pub(super) struct StepQueue {
     head: usize,
     len: usize,
 }
+
+state! { [] StepQueue { slots, head, len } }
 
 impl StepQueue {
     pub(super) fn new() -> Self {

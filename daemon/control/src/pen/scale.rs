@@ -5,6 +5,7 @@
 //! changes it little.
 
 use super::{GridStep, Motion, PenError};
+use crate::state::state;
 
 /// RMS per component of a normalised displacement while the pen moves: the order of the reference recordings.
 pub const TARGET_RMS: f64 = 10.0;
@@ -73,6 +74,8 @@ pub struct SpeedScale {
     slow_run: u32,
     scale_m: f64,
 }
+
+state! { [] SpeedScale { mean_square, weight, slow_run, scale_m } fixed { settings } }
 
 impl SpeedScale {
     /// A scale at its initial value.

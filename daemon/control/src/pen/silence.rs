@@ -1,6 +1,7 @@
 //! Where a pen rests whose samples have stopped: many devices send nothing while the pen stands.
 
 use super::PenReading;
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Longest sampling interval of a device \[ns\]; longer ones are pauses.
@@ -14,6 +15,8 @@ pub(crate) struct Silence {
     heard: Option<(Stamp, [f64; 2])>,
     interval_ns: u64,
 }
+
+state! { [] Silence { heard, interval_ns } }
 
 impl Silence {
     /// No samples yet; a device that is assumed to sample once in `interval_ns` \[ns\].

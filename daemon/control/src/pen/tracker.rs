@@ -7,6 +7,7 @@
 
 use super::queue::StepQueue;
 use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt};
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Counts over all readings: `received` = `accepted` + sum of the rejections.
@@ -34,6 +35,13 @@ pub struct PenCounters {
     pub restarts: u64,
     /// Closed grid steps lost because they were not pulled.
     pub overwritten: u64,
+}
+
+state! {
+    whole [] PenCounters {
+        received, accepted, non_finite, out_of_range, from_future, repeats, time_backwards, outliers,
+        jumps, restarts, overwritten,
+    }
 }
 
 impl PenCounters {
@@ -77,6 +85,8 @@ pub struct PenTracker {
     counters: PenCounters,
     refused: Option<PenRefusal>,
 }
+
+state! { [] PenTracker { newest, suspect, closed, jumped, queue, counters, refused } fixed { settings } }
 
 impl PenTracker {
     /// A tracker without readings.

@@ -8,6 +8,7 @@
 use super::PredictorKind;
 use super::online::WeightsError;
 use crate::pen::REST;
+use crate::state::state;
 
 /// Leads with a band \[steps\]; none farther ahead.
 pub const BAND_LEADS: usize = 24;
@@ -27,6 +28,8 @@ pub struct BandTable {
     /// ALL.len() x BAND_LEADS.
     pub factors: [BandFactors; PredictorKind::ALL.len()],
 }
+
+state! { whole [] BandTable { factors } }
 
 impl BandTable {
     /// Checks every factor.
@@ -61,6 +64,8 @@ pub struct PreviewBands {
     factors: BandFactors,
     unit_m: f64,
 }
+
+state! { whole [] PreviewBands { factors, unit_m } }
 
 impl PreviewBands {
     /// `unit_m`: the recent step \[m\], see [`level`].

@@ -6,6 +6,7 @@ use std::fmt::Debug;
 use super::online::WeightsError;
 use super::taught::Handed;
 use super::{OnlineWeights, Predictor};
+use crate::state::{Reader, State, StateError, Writer};
 
 /// A predictor of any type, for any thread.
 pub trait AnyPredictor: Predictor + Debug + Send + Sync {}
@@ -13,7 +14,7 @@ pub trait AnyPredictor: Predictor + Debug + Send + Sync {}
 impl<P: Predictor + Debug + Send + Sync> AnyPredictor for P {}
 
 /// A predictor in a panel.
-pub(super) trait Member: AnyPredictor {
+pub(super) trait Member: AnyPredictor + State {
     /// A copy with its memory.
     fn copied(&self) -> Box<dyn Member>;
 
@@ -55,6 +56,16 @@ pub(super) struct Pupil<P>(pub(super) P);
 
 macro_rules! predicts_as_its_own {
     ($wrapper:ident) => {
+        impl<P: State> State for $wrapper<P> {
+            fn save(&self, to: &mut Writer<'_>) {
+                self.0.save(to);
+            }
+
+            fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+                self.0.load(from)
+            }
+        }
+
         impl<P: Predictor> Predictor for $wrapper<P> {
             fn observe(&mut self, x: [f64; 2]) {
                 self.0.observe(x);
@@ -78,7 +89,7 @@ macro_rules! predicts_as_its_own {
 predicts_as_its_own!(Plain);
 predicts_as_its_own!(Pupil);
 
-impl<P: Predictor + Clone + Debug + Send + Sync + 'static> Member for Plain<P> {
+impl<P: Predictor + State + Clone + Debug + Send + Sync + 'static> Member for Plain<P> {
     fn copied(&self) -> Box<dyn Member> {
         Box::new(self.clone())
     }

@@ -8,6 +8,7 @@ use super::bands::BandTable;
 use super::models::{self, Models, for_each_taught};
 use super::online::{ModelParameters, WeightsError};
 use super::taught::{Handed, Parameters, Taught};
+use crate::state::{Reader, State, StateError, Writer};
 
 macro_rules! online_weights {
     ($($(#[doc = $doc:literal])+ $(#[cfg($when:meta)])? $part:ident: $room:ident::{$model:ident,
@@ -20,6 +21,20 @@ macro_rules! online_weights {
             $($(#[doc = $doc])+ $(#[cfg($when)])? pub $part: models::$room::$weights,)+
             /// Bands of all predictors.
             pub bands: BandTable,
+        }
+
+        impl State for OnlineWeights {
+            fn save(&self, to: &mut Writer<'_>) {
+                self.version.save(to);
+                $($(#[cfg($when)])? self.$part.save(to);)+
+                self.bands.save(to);
+            }
+
+            fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+                self.version.load(from)?;
+                $($(#[cfg($when)])? self.$part.load(from)?;)+
+                self.bands.load(from)
+            }
         }
 
         impl OnlineWeights {

@@ -8,6 +8,7 @@ use super::member::{Member, Plain};
 use super::models::REGISTRY;
 use super::online::WeightsError;
 use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind};
+use crate::state::{Reader, State, StateError, Writer, load_part, save_part};
 
 /// Answers for a predictor that is absent or has no history.
 const NOBODY: &Plain<Hold> = &Plain(Hold);
@@ -28,6 +29,22 @@ pub struct Panel {
     members: [Option<Box<dyn Member>>; REGISTRY.len()],
     /// Something was observed since the memories were last emptied.
     knows: bool,
+}
+
+impl State for Panel {
+    fn save(&self, to: &mut Writer<'_>) {
+        for member in &self.members {
+            save_part(member.as_ref(), to);
+        }
+        self.knows.save(to);
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        for member in &mut self.members {
+            load_part(member.as_mut(), from)?;
+        }
+        self.knows.load(from)
+    }
 }
 
 impl Panel {

@@ -8,6 +8,7 @@
 //! than it recently did, so no predicted displacement may exceed `limit_factor` times the recent peak; the
 //! bounded value is fed back. The models themselves are unbounded.
 
+use crate::state::state;
 use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
@@ -110,6 +111,11 @@ pub struct Previewer {
     peak: f64,
     /// Recent mean of |x|² \[in the plane, squared\].
     level_square: f64,
+}
+
+state! {
+    [] Previewer { active, scale, panel, version, bands, newest, history, peak, level_square }
+    fixed { settings }
 }
 
 impl Previewer {

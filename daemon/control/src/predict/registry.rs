@@ -12,6 +12,7 @@ use super::models::REGISTRY;
 use super::online::WeightsError;
 use super::taught::{Handed, Learning, Taught};
 use super::{Models, OnlineWeights, Predictor};
+use crate::state::{Blank, Reader, State, StateError, Writer};
 
 /// Bytes of the longest name, for which messages have room.
 pub const LONGEST_NAME: usize = 24;
@@ -28,7 +29,7 @@ pub enum Needs {
 }
 
 /// A predictor that consists of a network.
-pub trait Trained: Predictor + Clone + fmt::Debug + Send + Sync + Sized + 'static {
+pub trait Trained: Predictor + State + Clone + fmt::Debug + Send + Sync + Sized + 'static {
     /// The predictor with empty memory, if its network was loaded.
     fn of(models: &Models) -> Option<Self>;
 }
@@ -57,7 +58,7 @@ impl Entry {
     #[must_use]
     pub const fn plain<P>(name: &'static str, about: &'static str) -> Self
     where
-        P: Predictor + Default + Clone + fmt::Debug + Send + Sync + 'static,
+        P: Predictor + State + Default + Clone + fmt::Debug + Send + Sync + 'static,
     {
         let build: Building = |_, _| Ok(Some(Box::new(Plain(P::default()))));
         Self { name, about, needs: Needs::Nothing, build, learner: None, has: |_| true }
@@ -108,6 +109,23 @@ impl Entry {
 /// One of the predictors, by its index in [`REGISTRY`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct PredictorKind(u8);
+
+impl State for PredictorKind {
+    fn save(&self, to: &mut Writer<'_>) {
+        to.put(&[self.0]);
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        self.0 = from.mark((REGISTRY.len() - 1) as u8)?;
+        Ok(())
+    }
+}
+
+impl Blank for PredictorKind {
+    fn blank() -> Self {
+        Self::HOLD
+    }
+}
 
 const LIVE: usize = {
     let mut live = 0;

@@ -9,6 +9,7 @@ use std::fmt::Debug;
 
 use super::online::{ModelParameters, OnlineModel, WeightsError};
 use super::{Models, OnlineWeights, Predictor};
+use crate::state::State;
 
 /// How a model's live weights follow its candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,7 +87,7 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 pub type Parameters<P> = <<P as Taught>::Learner as OnlineModel>::Parameters;
 
 /// A predictor whose parameters are part of the learner's set; implemented by the list of those that learn.
-pub trait Handed: Taught {
+pub trait Handed: Taught + State {
     /// Its part of the set.
     fn part(weights: &OnlineWeights) -> &Parameters<Self>;
 

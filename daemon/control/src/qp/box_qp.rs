@@ -3,6 +3,7 @@
 //! min ½ xᵀH x + gᵀx, lower ≤ x ≤ upper. H may change at every call. Contract: no allocation, no panic; an
 //! `Optimal` answer lies in the box exactly and its KKT residual was computed from H and g themselves.
 
+use crate::state::state;
 use nalgebra::{SMatrix, SVector};
 
 use super::cholesky::{Cholesky, Square};
@@ -20,6 +21,8 @@ pub struct ActiveBounds {
     /// Coordinates held down by their upper bound.
     pub upper: u32,
 }
+
+state! { whole [] ActiveBounds { lower, upper } }
 
 impl ActiveBounds {
     /// Number of coordinates held.

@@ -5,6 +5,7 @@
 //! non-finite numbers, but each solve allocates once or twice inside clarabel (its timers), and an answer
 //! with active rows is accurate to about 1e-2 of a limit although its objective is accurate to 1e-8.
 
+use crate::state::{Reader, State, StateError, Writer};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::NonnegativeConeT;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
@@ -49,6 +50,17 @@ pub struct SoftRowQp {
     linear: Vec<f64>,
     /// Upper bounds, minus lower bounds, zeros for the slacks.
     right: Vec<f64>,
+}
+
+/// The solver keeps its memory to itself.
+impl State for SoftRowQp {
+    fn save(&self, to: &mut Writer<'_>) {
+        to.give_up();
+    }
+
+    fn load(&mut self, _from: &mut Reader<'_>) -> Result<(), StateError> {
+        Err(StateError::Foreign)
+    }
 }
 
 impl std::fmt::Debug for SoftRowQp {
@@ -197,6 +209,17 @@ impl SoftRowQp {
 #[derive(Debug)]
 pub struct ClarabelBox<const J: usize> {
     qp: SoftRowQp,
+}
+
+/// The solver keeps its memory to itself.
+impl<const J: usize> State for ClarabelBox<J> {
+    fn save(&self, to: &mut Writer<'_>) {
+        to.give_up();
+    }
+
+    fn load(&mut self, _from: &mut Reader<'_>) -> Result<(), StateError> {
+        Err(StateError::Foreign)
+    }
 }
 
 impl<const J: usize> ClarabelBox<J> {

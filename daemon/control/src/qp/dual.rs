@@ -16,6 +16,8 @@
     reason = "triangular loops over several arrays read best with indices"
 )]
 
+use crate::state::state;
+
 /// One number per row: `B` blocks of `L` rows. Row `k` is entry `k % L` of block `k / L`. (Blocks, because
 /// four limits on each of N steps are then typed by N alone.)
 pub type Rows<const B: usize, const L: usize> = [[f64; L]; B];
@@ -35,6 +37,8 @@ pub struct Bounds<const B: usize, const L: usize> {
     /// Positive scale by which violations are compared; 1/√G_ii is best, any is correct.
     pub weight: Rows<B, L>,
 }
+
+state! { [const B: usize, const L: usize] Bounds<B, L> { lower, upper, penalty, weight } }
 
 /// Columns of G = C H⁻¹ Cᵀ, asked for one by one.
 pub trait Gram<const B: usize, const L: usize> {
@@ -69,6 +73,12 @@ pub struct DualActiveSet<const B: usize, const L: usize, const W: usize> {
     /// Cholesky factor of G over the active rows: lower triangle, row by row.
     factor: [[f64; W]; W],
     reciprocal: [f64; W],
+}
+
+state! {
+    [const B: usize, const L: usize, const W: usize] DualActiveSet<B, L, W> {
+        multiplier, lower, upper, count, row, side, columns, factor, reciprocal,
+    }
 }
 
 /// What ends a step.

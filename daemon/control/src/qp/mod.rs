@@ -4,6 +4,8 @@
 //! most [`KKT_TOLERANCE`]; anything else says so and the caller falls back. Clarabel is an optional second
 //! opinion ([`clarabel`]) that allocates a little and is accurate to about 1e-6.
 
+use crate::state::choices;
+
 pub mod cholesky;
 pub mod dual;
 pub mod box_qp;
@@ -33,6 +35,8 @@ pub enum QpStatus {
     #[default]
     NotFinite,
 }
+
+choices! { QpStatus { Optimal, Inexact, Uncertified, IterationCap, Infeasible, NotConvex, NotFinite } }
 
 impl QpStatus {
     /// The solution may be used.

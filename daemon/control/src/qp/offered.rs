@@ -2,6 +2,7 @@
 
 use crate::arm::limits::VelocityBox;
 use crate::qp::row_qp::RowSet;
+use crate::state::state;
 
 /// Rows of one tick, and the room that each leaves \[m/s\]: negative, the box can violate it by so much.
 #[derive(Debug, Clone)]
@@ -9,6 +10,8 @@ pub(crate) struct Offered<const J: usize> {
     rows: RowSet<J>,
     room: [f64; 32],
 }
+
+state! { [const J: usize] Offered<J> { rows, room } }
 
 impl<const J: usize> Default for Offered<J> {
     fn default() -> Self {

@@ -6,6 +6,7 @@
 //! multiplier a row holds exactly wherever it can. Contract: no allocation, no panic; an `Optimal` answer
 //! lies in the box exactly and its KKT residual was computed from H, g and the rows themselves.
 
+use crate::state::state;
 use nalgebra::{SMatrix, SVector};
 
 use super::box_qp::{ActiveBounds, clamped, factored, pinned};
@@ -33,6 +34,8 @@ pub struct RowSet<const J: usize> {
     lower: Rows<BLOCKS, J>,
     count: usize,
 }
+
+state! { [const J: usize] RowSet<J> { coefficients, lower, count } }
 
 impl<const J: usize> Default for RowSet<J> {
     fn default() -> Self {

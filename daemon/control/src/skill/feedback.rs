@@ -1,5 +1,7 @@
 //! The tool under feedback alone: at the position that the pen had one lag ago.
 
+use crate::state::state;
+
 /// Longest lag of feedback that is modelled \[steps\].
 const LONGEST_LAG: usize = 8;
 
@@ -12,6 +14,8 @@ pub(super) struct Feedback {
     grid: [[f64; 2]; LONGEST_LAG + 2],
     seen: usize,
 }
+
+state! { [] Feedback { lag, grid, seen } }
 
 impl Feedback {
     /// Lag `steps`, at most [`LONGEST_LAG`]; 0 if NaN.

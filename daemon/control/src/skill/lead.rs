@@ -2,6 +2,7 @@
 
 use super::SkillParameters;
 use crate::pen::TARGET_RMS;
+use crate::state::state;
 
 /// Sums at one lead.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -16,6 +17,8 @@ pub(super) struct Lead {
     pub(super) way: f64,
     pub(super) cases: f64,
 }
+
+state! { [] Lead { preview, hold, steady, real, along, way, cases } }
 
 impl Lead {
     /// Before the first case: a few cases of ordinary motion, `ahead` steps long, in which the preview was

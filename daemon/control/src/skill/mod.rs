@@ -20,6 +20,7 @@ mod onset;
 mod parameters;
 mod shot;
 
+use crate::state::state;
 pub use lead::Record;
 pub use parameters::{OnsetParameters, SkillParameters};
 
@@ -115,6 +116,11 @@ pub struct Skill {
     surprise: f64,
     /// Whether corrections and shares are used; if not, previews are judged as they are.
     per_step: bool,
+}
+
+state! {
+    [] Skill { shots, last, waiting, turn, leads, shares, clarity, feedback, onset, surprise }
+    fixed { parameters, step_s, per_step }
 }
 
 impl Skill {

@@ -7,6 +7,7 @@
 
 use super::OnsetParameters;
 use crate::pen::{REST, rests};
+use crate::state::state;
 
 /// The record of onsets.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +25,8 @@ pub(super) struct Onset {
     /// Share of the arm's recent motion in which it was saturated.
     limited: f64,
 }
+
+state! { [] Onset { at, still, moved, beyond, way, limited } fixed { parameters } }
 
 impl Onset {
     pub(super) const fn new(parameters: OnsetParameters) -> Self {

@@ -2,6 +2,7 @@
 
 use super::SKILL_LEADS;
 use crate::predict::refine::Look;
+use crate::state::state;
 
 /// One refinement of a preview, with the situation at that time.
 #[derive(Debug, Clone, Copy)]
@@ -13,6 +14,8 @@ pub(super) struct Sight {
     /// Steps since the pen began to move.
     pub(super) moved: u32,
 }
+
+state! { whole [] Sight { look, held, moved } }
 
 /// One pending preview.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +33,8 @@ pub(super) struct Shot {
     /// Index of the position for which the predictor named a band, and its radius \[m\].
     pub(super) claim: Option<(usize, f64)>,
 }
+
+state! { [] Shot { age, sight, earlier, velocity, path, claim } }
 
 impl Shot {
     pub(super) const EMPTY: Self = Self {

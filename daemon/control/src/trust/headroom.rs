@@ -5,6 +5,7 @@
 //! saturated no more often than it should be. Where it is much better, saturation does no harm.
 
 use super::TrustParameters;
+use crate::state::state;
 
 /// The factor on trust.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +15,8 @@ pub(super) struct Headroom {
     /// The share last given.
     share: f64,
 }
+
+state! { [] Headroom { log_share, share } }
 
 impl Headroom {
     pub(super) const fn new() -> Self {

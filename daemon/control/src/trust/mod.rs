@@ -11,6 +11,7 @@ mod headroom;
 mod outcome;
 mod parameters;
 
+use crate::state::{Reader, State, StateError, Writer, state};
 pub use outcome::Outcome;
 pub use parameters::{Hysteresis, TrustParameters};
 
@@ -91,6 +92,30 @@ pub enum TrustRequest {
     Manual(Trust),
     /// Frozen at its value when an operator requested that; health still overrules.
     Frozen(Trust),
+}
+
+impl State for TrustRequest {
+    fn save(&self, to: &mut Writer<'_>) {
+        let (mark, trust) = match *self {
+            Self::Auto => (0, Trust::NONE),
+            Self::Manual(trust) => (1, trust),
+            Self::Frozen(trust) => (2, trust),
+        };
+        to.put(&[mark]);
+        trust.save(to);
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        let mark = from.mark(2)?;
+        let mut trust = Trust::NONE;
+        trust.load(from)?;
+        *self = match mark {
+            0 => Self::Auto,
+            1 => Self::Manual(trust),
+            _ => Self::Frozen(trust),
+        };
+        Ok(())
+    }
 }
 
 /// What one tick knows about the preview.
@@ -238,6 +263,11 @@ pub struct TrustControl {
     surprised: bool,
     unplanned: bool,
     headroom: Headroom,
+}
+
+state! {
+    [] TrustControl { alpha, after_jump, believed, surprised, unplanned, headroom }
+    fixed { settings }
 }
 
 impl TrustControl {

@@ -6,6 +6,7 @@
 //! earlier.
 
 use super::TrustParameters;
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Ticks remembered: half a second in periods of 1 ms, more than the longest dead time and lag.
@@ -28,6 +29,8 @@ pub struct Outcome {
     followed: f64,
     held: f64,
 }
+
+state! { [] Outcome { tool, pen, last, known, period_ns, lag_ns, time_s, poor, followed, held } }
 
 impl Outcome {
     /// Without evidence, in ticks of `period_ns` \[ns\]; feedback lags `lag_s` \[s\] behind the samples.

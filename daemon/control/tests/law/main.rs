@@ -14,6 +14,7 @@ mod dybm;
 mod dybm_esn;
 mod envelope;
 mod skill;
+mod state;
 mod skill_onset;
 mod skill_regression;
 mod follower;

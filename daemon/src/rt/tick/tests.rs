@@ -142,7 +142,7 @@ fn a_flood_of_pen_samples_is_taken_in_portions_and_none_is_lost() {
         let stamp = Stamp(bench.release - 1_000_000 + k * 1000);
         bench.peer.pen.push(PenReading::new(stamp, [0.0; 2], true)).unwrap();
     }
-    let portions: Vec<_> = (0..5).map(|_| bench.run(0).pen_samples).collect();
+    let portions: Vec<_> = (0..5).map(|_| bench.run(0).given.pen_samples).collect();
     assert_eq!(portions, [64, 64, 64, 5, 0]);
     let last = bench.run(0);
     assert_eq!((last.ports.pen_received, last.ports.pen_deferred), (flood, 3));
@@ -155,17 +155,17 @@ fn a_tick_too_late_to_solve_sheds_and_says_so() {
     bench.follow(500);
     let period = bench.tick.period_ns;
     let late = bench.run(period - 200);
-    assert!(late.budget.shed);
+    assert!(late.given.budget.shed);
     assert_eq!(late.output.rung, Rung::PreviousPlan);
     assert_eq!((late.tally.shed, late.tally.overruns), (1, 1));
-    assert!(!bench.run(0).budget.shed);
+    assert!(!bench.run(0).given.budget.shed);
 }
 
 #[test]
 fn a_slow_solver_is_not_shed_for_ever() {
     let mut bench = Bench::new();
     bench.tick.usual_cost_ns = 10 * bench.tick.period_ns;
-    assert!(!bench.run(0).budget.shed);
+    assert!(!bench.run(0).given.budget.shed);
 }
 
 #[test]

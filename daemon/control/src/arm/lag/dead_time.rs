@@ -4,6 +4,7 @@
 //! rate, and never leaves \[0, max\], for which the preview was sized. Deterministic.
 
 use crate::arm::lag::LagEstimate;
+use crate::state::state;
 
 /// An estimate with a larger standard deviation is ignored \[s\].
 const GOOD_S: f64 = 3e-3;
@@ -52,6 +53,8 @@ pub struct DeadTime {
     aim: Aim,
     tau_ns: f64,
 }
+
+state! { [] DeadTime { tau_ns } fixed { following, aim } }
 
 impl DeadTime {
     /// τ = `start_ns`, within the bounds.

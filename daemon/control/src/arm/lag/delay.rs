@@ -9,6 +9,7 @@
 //! equation-error method with state-variable filters (Young, "Parameter estimation for continuous-time
 //! models", Automatica 17 (1981), 23-39).
 
+use crate::state::state;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::arm::lag::track::GRID_S;
@@ -54,12 +55,16 @@ pub(super) struct DelayFit<const J: usize> {
     fits: [Fit; DELAYS],
 }
 
+state! { [const J: usize] DelayFit<J> { filters, age, commanded, measured, weight, gram, fits } }
+
 /// One candidate delay: Σ φ y and Σ y², y = c − m.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
     moment: Vector3<f64>,
     square: f64,
 }
+
+state! { [] Fit { moment, square } }
 
 impl<const J: usize> DelayFit<J> {
     pub(super) fn new() -> Self {
@@ -145,6 +150,8 @@ struct Band<const J: usize> {
     sums: [[f64; J]; STAGES - 1],
     at: usize,
 }
+
+state! { whole [const J: usize] Band<J> { entered, sums, at } }
 
 impl<const J: usize> Band<J> {
     fn at_rest(q: &[f64; J]) -> Self {

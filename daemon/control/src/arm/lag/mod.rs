@@ -22,6 +22,7 @@ mod delay;
 mod shift;
 mod track;
 
+use crate::state::state;
 pub use dead_time::{Aim, DeadTime, Following};
 
 use delay::DelayFit;
@@ -62,6 +63,8 @@ pub struct LagEstimate {
     pub shift_s: f64,
 }
 
+state! { whole [] LagEstimate { lag_s, std_s, shift_s } }
+
 /// Estimates the lag of an arm of `J` joints.
 #[derive(Debug, Clone)]
 pub struct LagEstimator<const J: usize> {
@@ -75,6 +78,10 @@ pub struct LagEstimator<const J: usize> {
     /// Share of the recent motion in which the arm followed.
     followed: f64,
     estimate: Option<LagEstimate>,
+}
+
+state! {
+    [const J: usize] LagEstimator<J> { commands, joints, shift, delay, next, speed2, followed, estimate }
 }
 
 impl<const J: usize> LagEstimator<J> {

@@ -5,6 +5,7 @@
 //! refined by a parabola. No allocation, bounded work.
 
 use crate::arm::lag::track::GRID_S;
+use crate::state::state;
 
 /// Candidates, one grid step apart, from [`EARLIEST`] grid steps on.
 pub(super) const CANDIDATES: usize = 22;
@@ -20,11 +21,15 @@ pub(super) struct ShiftBank<const J: usize> {
     errors: [Errors<J>; CANDIDATES],
 }
 
+state! { [const J: usize] ShiftBank<J> { weight, errors } }
+
 #[derive(Debug, Clone, Copy)]
 struct Errors<const J: usize> {
     sum: [f64; J],
     square: f64,
 }
+
+state! { [const J: usize] Errors<J> { sum, square } }
 
 impl<const J: usize> ShiftBank<J> {
     pub(super) const fn new() -> Self {

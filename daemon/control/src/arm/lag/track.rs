@@ -4,6 +4,7 @@
 //! stamp that goes back, or a jump that no arm makes begins a new stretch; nothing is interpolated across it.
 //! Bounded work per sample.
 
+use crate::state::state;
 use crate::units::Stamp;
 
 /// Grid step of the estimator \[ns\]: index k is the instant k·10 ms.
@@ -29,6 +30,8 @@ pub(super) struct Track<const J: usize> {
     begin: u64,
     end: u64,
 }
+
+state! { [const J: usize] Track<J> { ring, last, begin, end } }
 
 impl<const J: usize> Track<J> {
     pub(super) const fn new() -> Self {

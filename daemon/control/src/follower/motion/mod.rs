@@ -13,6 +13,7 @@ mod home;
 mod solve;
 mod publish;
 
+use crate::state::state;
 use arming::Arming;
 pub(super) use home::HomeNews;
 use home::Homing;
@@ -136,6 +137,17 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     height: f64,
 }
 
+state! {
+    [const N: usize, const J: usize] Mover<N, J> {
+        mpc, ik, homing, held, issued, reports, tool, arm, plan, plan_start, bent, reach, pace_mps,
+        approaching, height,
+    }
+    fixed {
+        period_ns, period_s, valid_ns, previous_plan_max_ns, approach_distance, limits, arming, plane,
+        chain, guard, stop, servo,
+    }
+}
+
 /// The last command, and where it puts the arm.
 #[derive(Debug, Clone)]
 struct Held<const J: usize> {
@@ -144,12 +156,16 @@ struct Held<const J: usize> {
     kinematics: Kinematics<J>,
 }
 
+state! { whole [const J: usize] Held<J> { command, valid_until, kinematics } }
+
 /// Evidence of the last solves, repeated where a tick solved nothing.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reports {
     axes: [AxisReport; 3],
     ik: IkReport,
 }
+
+state! { [] Reports { axes, ik } }
 
 impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Result<Self, FollowerError> {

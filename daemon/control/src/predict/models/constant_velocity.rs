@@ -1,6 +1,7 @@
 //! ConstantVelocity: the pen repeats its last displacement (the baseline of the paper's Table 1).
 
 use crate::predict::{Entry, Predictor, shortened};
+use crate::state::state;
 
 pub(super) const ENTRY: Entry =
     Entry::plain::<ConstantVelocity>("constant-velocity", "repeats the last velocity (the paper's baseline)");
@@ -10,6 +11,8 @@ pub(super) const ENTRY: Entry =
 pub struct ConstantVelocity {
     last: [f64; 2],
 }
+
+state! { [] ConstantVelocity { last } }
 
 impl Predictor for ConstantVelocity {
     fn observe(&mut self, x: [f64; 2]) {

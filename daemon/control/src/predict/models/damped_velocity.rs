@@ -2,6 +2,7 @@
 //! of `docs/extend/predictor.md`.
 
 use crate::predict::{Entry, Predictor, shortened};
+use crate::state::state;
 
 pub(super) const ENTRY: Entry =
     Entry::plain::<DampedVelocity>("damped-velocity", "repeats the last velocity, a tenth less every step");
@@ -14,6 +15,8 @@ const DAMPING: f64 = 0.9;
 pub(super) struct DampedVelocity {
     last: [f64; 2],
 }
+
+state! { [] DampedVelocity { last } }
 
 impl Predictor for DampedVelocity {
     fn observe(&mut self, x: [f64; 2]) {

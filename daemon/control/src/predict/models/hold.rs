@@ -1,6 +1,7 @@
 //! Hold: the pen stays where it is (the paper's conservative model x_c).
 
 use crate::predict::{Entry, Predictor};
+use crate::state::state;
 
 pub(crate) const ENTRY: Entry =
     Entry::plain::<Hold>("hold", "the last position, at rest (the paper's conservative model)");
@@ -8,6 +9,8 @@ pub(crate) const ENTRY: Entry =
 /// Predicts no displacement; has no memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Hold;
+
+state! { [] Hold {} }
 
 impl Predictor for Hold {
     fn observe(&mut self, _x: [f64; 2]) {}

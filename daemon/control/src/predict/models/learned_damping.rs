@@ -5,6 +5,7 @@
 use crate::pen::TARGET_RMS;
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
+use crate::state::state;
 
 pub(super) const ENTRY: Entry =
     Entry::taught::<LearnedDamping>("repeats the last velocity, damped as it recently was, learning online");
@@ -24,6 +25,8 @@ pub struct Damping {
     /// ρ, 0 to 1.
     pub rho: f64,
 }
+
+state! { [] Damping { version, step_ns, rho } }
 
 impl ModelParameters for Damping {
     const MODEL: &'static str = "learned damping";
@@ -59,6 +62,8 @@ pub struct LearnedDamping {
     damping: Damping,
     last: [f64; 2],
 }
+
+state! { [] LearnedDamping { damping, last } }
 
 impl Predictor for LearnedDamping {
     fn observe(&mut self, x: [f64; 2]) {

@@ -1,6 +1,7 @@
 //! Oracle: the recorded future, for experiments that need a perfect prediction. Never part of a live loop.
 
 use crate::predict::{Entry, Predictor, shortened};
+use crate::state::state;
 
 pub(super) const ENTRY: Entry = Entry::recorded("oracle", "the recorded future, for experiments");
 
@@ -12,6 +13,8 @@ pub struct Oracle {
     cursor: u64,
     scale_m: f64,
 }
+
+state! { [] Oracle { cursor, scale_m } fixed { first_index, displacements_m } }
 
 impl Oracle {
     /// `displacements_m[i]` is position(first_index + i) − position(first_index + i − 1) \[m\].

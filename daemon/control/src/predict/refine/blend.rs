@@ -6,6 +6,7 @@
 //! are shrunk towards a prior from other hands. Sums forget.
 
 use super::parameters::{BlendParameters, RefineParameters};
+use crate::state::state;
 
 /// Terms: remaining displacement of the preview, innovation, displacements by velocity and acceleration until
 /// the lead.
@@ -28,6 +29,8 @@ pub(super) struct Blend {
     asked: f64,
     cases: f64,
 }
+
+state! { [] Blend { prior, trust, squares, cross, weights, paid, asked, cases } }
 
 impl Blend {
     /// Without cases; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.

@@ -4,6 +4,7 @@
 //! sample.
 
 use super::parameters::FilterParameters;
+use crate::state::state;
 
 /// State and covariance of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +19,8 @@ pub(super) struct Filter {
     /// Covariance in units of a sample's noise.
     covariance: [[f64; 3]; 3],
 }
+
+state! { [] Filter { change, newest_s, axes, covariance } fixed { parameters } }
 
 impl Filter {
     /// Before the first sample; `change`: of the acceleration from sample to sample \[1/s²\], in units of a

@@ -14,6 +14,7 @@ mod parameters;
 mod preview;
 mod prior;
 
+use crate::state::state;
 pub use parameters::{BlendParameters, FilterParameters, OBSERVERS, ObserverParameters, RefineParameters};
 pub use prior::{
     CURVE_PARTS, Curve, CurvePart, Curves, LARGEST_COEFFICIENT, LEGAL_REACH, PriorError, RefinePrior, Shape,
@@ -47,6 +48,8 @@ pub struct Refiner {
     unit_m: f64,
     step_s: f64,
 }
+
+state! { [] Refiner { corrections, observers, clarity, unit_m, step_s } fixed { parameters } }
 
 impl Refiner {
     /// Without samples; grid step `step_s` \[s\].

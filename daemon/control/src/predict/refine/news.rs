@@ -1,6 +1,7 @@
 //! Information in the newest sample beyond its position.
 
 use super::blend::Terms;
+use crate::state::state;
 
 /// Information in the newest sample beyond its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,6 +12,8 @@ pub(crate) struct News {
     pub(crate) velocity: [f64; 2],
     pub(crate) acceleration: [f64; 2],
 }
+
+state! { whole [] News { innovation, velocity, acceleration } }
 
 impl News {
     /// Neither a jump nor a filter's response to one, nor NaN; `leap`: the largest ordinary value \[m,
@@ -38,6 +41,8 @@ pub struct Look {
     /// Its innovation and motion; `None`: the preview is used without a newer sample.
     pub(crate) news: Option<News>,
 }
+
+state! { whole [] Look { newest, phase, news } }
 
 impl Look {
     /// Nothing newer than the base of the preview at `base` \[m\].

@@ -8,6 +8,7 @@
 
 use super::filter::Filter;
 use super::parameters::{OBSERVERS, ObserverParameters};
+use crate::state::state;
 
 /// The filters and their scores.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +24,8 @@ pub(super) struct Observers {
     judged: u32,
 }
 
+state! { [] Observers { filters, chosen, claim, missed, moved, judged } fixed { parameters } }
+
 /// Extrapolations of every filter, made at `time_s` with the pen at `position` \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Claim {
@@ -30,6 +33,8 @@ struct Claim {
     position: [f64; 2],
     motions: [[[f64; 2]; 2]; OBSERVERS],
 }
+
+state! { whole [] Claim { time_s, position, motions } }
 
 impl Observers {
     /// Before the first sample: a coarse tablet.

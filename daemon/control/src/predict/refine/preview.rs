@@ -6,6 +6,7 @@ use super::{Look, REFINED_LEADS, Refiner};
 use crate::pen::PenReading;
 use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
+use crate::state::state;
 use crate::units::Stamp;
 
 /// The newest preview, kept between grid steps, because most ticks close none.
@@ -28,6 +29,11 @@ pub(crate) struct Preview {
     base: Option<Stamp>,
     finite: bool,
     bands: Option<PreviewBands>,
+}
+
+state! {
+    [] Preview { steps, velocity, path, used, origin, refined, base, finite, bands }
+    fixed { step_ns, most }
 }
 
 impl Preview {

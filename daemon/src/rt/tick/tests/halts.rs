@@ -100,7 +100,7 @@ fn a_stop_is_taken_while_the_loop_sheds_and_is_late() {
     let period = bench.tick.period_ns;
     flag.ask();
     let last = bench.run(period - 200);
-    assert!(last.budget.shed);
+    assert!(last.given.budget.shed);
     assert_eq!(last.output.mode, Mode::Stopped);
 }
 
@@ -117,7 +117,7 @@ fn ticks_that_stay_late_shed_solves_first_and_then_latch_with_their_share() {
         let last = if solves { bench.run_long() } else { bench.run(0) };
         assert_eq!(bench.tick.tally.overruns > before, solves);
         // A tick that starts late sheds by itself; here only the others count.
-        shed += u64::from(last.budget.shed && !solves);
+        shed += u64::from(last.given.budget.shed && !solves);
         ticks += 1;
         assert!(ticks < 400, "never latched");
         if last.output.mode == Mode::Stopped {

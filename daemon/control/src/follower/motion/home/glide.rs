@@ -8,6 +8,8 @@
 //!
 //! Contract: pure, total; limits that are not positive give a motion that ends at once.
 
+use crate::state::state;
+
 /// Velocity, acceleration and jerk of the share \[1/s, 1/s², 1/s³\], or those of joints \[rad/s, rad/s²,
 /// rad/s³\].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +18,8 @@ pub(super) struct Pace {
     pub(super) acceleration: f64,
     pub(super) jerk: f64,
 }
+
+state! { [] Pace { velocity, acceleration, jerk } }
 
 /// The motion in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +30,8 @@ pub(super) struct Glide {
     rise_s: f64,
     whole_s: f64,
 }
+
+state! { [] Glide { pace, jerk_s, rise_s, whole_s } }
 
 impl Glide {
     /// The motion that is over before it begins.

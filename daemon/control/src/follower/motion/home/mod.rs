@@ -12,6 +12,7 @@
 mod glide;
 mod paper;
 
+use crate::state::{choices, state};
 use glide::{Glide, Pace};
 use paper::Paper;
 
@@ -50,6 +51,8 @@ enum Phase {
     Settling,
 }
 
+choices! { Phase { Over, Checking, Moving, Halting, Settling } }
+
 /// Event of one tick of the way home.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(in crate::follower) enum HomeNews {
@@ -85,6 +88,14 @@ pub(super) struct Homing<const J: usize> {
     /// The arm has moved since the request.
     underway: bool,
     arrived: Stamp,
+}
+
+state! {
+    [const J: usize] Homing<J> {
+        paper, way, glide, phase, looks, settle_ns, elapsed_s, pace, held_s, underway, arrived,
+    }
+    present { clearance }
+    fixed { home, paces }
 }
 
 /// Limits of the joints on the way home.

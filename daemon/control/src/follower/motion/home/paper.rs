@@ -11,6 +11,7 @@ use crate::arm::Chain;
 use crate::clearance::{Looked, Obstructed, Way};
 use crate::follower::{FollowerSettings, WayBlocked};
 use crate::plane::Plane;
+use crate::state::state;
 
 /// Points checked.
 const LOOKS: u32 = 1000;
@@ -28,6 +29,8 @@ pub(super) struct Paper {
     /// Lowest tip allowed \[m\], plane frame.
     lowest: f64,
 }
+
+state! { [] Paper { looked, lowest } fixed { plane, workspace } }
 
 impl Paper {
     pub(super) fn new<const J: usize>(settings: &FollowerSettings<J>) -> Self {

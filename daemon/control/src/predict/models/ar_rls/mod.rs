@@ -10,6 +10,7 @@
 mod weights;
 mod learner;
 
+use crate::state::state;
 pub use learner::{ArRlsCounters, ArRlsLearner, ArRlsSettings};
 pub use weights::ArRlsWeights;
 
@@ -30,6 +31,8 @@ pub struct ArRlsState {
     /// x[t−1] … x[t−ORDER].
     pub recent: [[f64; 2]; ORDER],
 }
+
+state! { [] ArRlsState { recent } }
 
 impl ArRlsState {
     /// Takes in one displacement.
@@ -55,6 +58,8 @@ pub struct ArRls {
     state: ArRlsState,
     gate: f64,
 }
+
+state! { [] ArRls { weights, state } fixed { gate } }
 
 impl ArRls {
     /// Starts with empty memory; displacements longer than `gate` (in units of the inputs, in the plane) are

@@ -3,6 +3,7 @@
 use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, ORDER};
 use crate::predict::online::{ModelParameters, WeightsError};
+use crate::state::state;
 
 /// Parameters of the autoregressive model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +17,8 @@ pub struct ArRlsWeights {
     /// A_1 … A_ORDER, newest first, in x out each: x̂ = Σ_l x[t−l] A_l; ORDER x 2 x 2.
     pub coefficients: [[[f64; 2]; 2]; ORDER],
 }
+
+state! { [] ArRlsWeights { version, step_ns, input_scale, coefficients } }
 
 impl ArRlsWeights {
     /// Largest magnitude of a coefficient: 100 times that of constant velocity.

@@ -11,6 +11,7 @@ mod optimiser;
 mod learner;
 
 pub use crate::predict::online::WeightsError;
+use crate::state::state;
 pub use learner::{DybmLearner, DybmSettings};
 pub use optimiser::Optimiser;
 pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput};
@@ -38,6 +39,8 @@ pub struct DybmState {
     /// e_1 … e_K, normalised; MAX_TRACES x 2, zero past K.
     pub traces: [[f64; 2]; MAX_TRACES],
 }
+
+state! { [] DybmState { fifo, traces } }
 
 impl DybmState {
     /// Takes in one displacement.
@@ -81,6 +84,8 @@ pub struct Dybm {
     weights: DybmWeights,
     state: DybmState,
 }
+
+state! { [] Dybm { weights, state } }
 
 impl Dybm {
     /// Starts with empty memory.

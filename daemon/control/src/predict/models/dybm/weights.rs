@@ -3,6 +3,7 @@
 use crate::pen::TARGET_RMS;
 use crate::predict::models::dybm::{DybmState, MAX_DELAY, MAX_FIFO, MAX_TRACES};
 use crate::predict::online::{ModelParameters, WeightsError};
+use crate::state::{choices, state};
 
 /// What enters the eligibility traces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -13,6 +14,8 @@ pub enum TraceInput {
     /// The input that leaves the FIFO (the reference's `w_delay`).
     Delayed,
 }
+
+choices! { TraceInput { Newest, Delayed } }
 
 /// Size and time constants of a DyBM.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +29,8 @@ pub struct DybmShape {
     /// What enters the traces.
     pub trace_input: TraceInput,
 }
+
+state! { [] DybmShape { delay, traces, decay_rates, trace_input } }
 
 impl DybmShape {
     /// A shape with the given delay and decay rates (at most [`MAX_TRACES`] are taken; `validate` judges the
@@ -80,6 +85,8 @@ pub struct Parameters {
     pub traces: [[[f64; 2]; 2]; MAX_TRACES],
 }
 
+state! { [] Parameters { bias, fifo, traces } }
+
 impl Parameters {
     /// All zero.
     pub const ZERO: Self =
@@ -112,6 +119,8 @@ pub struct DybmWeights {
     /// b, W, V.
     pub parameters: Parameters,
 }
+
+state! { [] DybmWeights { version, step_ns, input_scale, shape, parameters } }
 
 impl DybmWeights {
     /// Largest magnitude of a parameter: 100 times that of constant velocity.

@@ -9,6 +9,7 @@ mod reservoir;
 mod weights;
 mod learner;
 
+use crate::state::state;
 pub use learner::{DybmEsnLearner, DybmEsnSettings, ReadoutRule};
 pub use reservoir::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
 pub use weights::DybmEsnWeights;
@@ -30,6 +31,8 @@ pub struct DybmEsnState {
     /// s.
     pub reservoir: ReservoirState,
 }
+
+state! { [] DybmEsnState { dybm, reservoir } }
 
 impl Default for DybmEsnState {
     fn default() -> Self {
@@ -59,6 +62,8 @@ pub struct DybmEsn {
     state: DybmEsnState,
     reservoir: Arc<Reservoir>,
 }
+
+state! { [] DybmEsn { weights, readout, state } fixed { reservoir } }
 
 impl DybmEsn {
     /// Starts with empty memory.

@@ -4,6 +4,7 @@ use crate::predict::models::dybm::DybmWeights;
 use crate::predict::models::esn::network::read;
 use crate::predict::models::esn::{DybmEsnState, UNITS};
 use crate::predict::online::{ModelParameters, WeightsError};
+use crate::state::state;
 
 /// Parameters of a DyBM with an echo state network beside it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +16,8 @@ pub struct DybmEsnWeights {
     /// Digest of the reservoir that A reads.
     pub reservoir: u64,
 }
+
+state! { [] DybmEsnWeights { dybm, readout, reservoir } }
 
 impl DybmEsnWeights {
     /// Largest magnitude of A's entries; a unit's state is within ±1, so this is a displacement \[per axis\].

@@ -11,6 +11,7 @@
 
 use crate::predict::models::activation::{Scalar, exp_gate, tanh_parts};
 use crate::predict::models::lstm::weights::{GATES, LstmWeights};
+use crate::state::state;
 
 /// Weights of one input: a number per gate and cell of a block.
 type Column<T, const U: usize> = [[T; U]; GATES];
@@ -41,6 +42,8 @@ pub(super) struct Memory<T, const U: usize, const B: usize> {
     pub(super) h: [[T; U]; B],
     pub(super) x: [T; 2],
 }
+
+state! { [T: crate::state::State, const U: usize, const B: usize] Memory<T, U, B> { c, h, x } }
 
 impl<T: Scalar, const U: usize, const B: usize> Memory<T, U, B> {
     pub(super) const EMPTY: Self = Self { c: [[T::ZERO; U]; B], h: [[T::ZERO; U]; B], x: [T::ZERO; 2] };

@@ -14,6 +14,7 @@ mod weights;
 mod cell;
 mod state;
 
+use crate::state::{Reader, State, StateError, Writer, state};
 use std::sync::Arc;
 
 use cell::{Cells, Memory};
@@ -46,6 +47,8 @@ pub struct Lstm {
     hidden: [f64; MAX_HIDDEN],
 }
 
+state! { [] Lstm { engine, hidden } fixed { weights } }
+
 /// Compiled sizes: precision and number of cells; cells per block and blocks (the fastest of those measured
 /// with SSE2).
 #[derive(Debug, Clone)]
@@ -76,10 +79,25 @@ macro_rules! with_machine {
     };
 }
 
+impl State for Engine {
+    fn save(&self, to: &mut Writer<'_>) {
+        with_machine!(self, machine => machine.save(to));
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        with_machine!(self, machine => machine.load(from))
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Machine<T, const H: usize, const U: usize, const B: usize> {
     cells: Arc<Cells<T, H, U, B>>,
     memory: Memory<T, U, B>,
+}
+
+state! {
+    [T: State, const H: usize, const U: usize, const B: usize] Machine<T, H, U, B> { memory }
+    fixed { cells }
 }
 
 impl Lstm {

@@ -26,6 +26,7 @@ mod parameters;
 mod readout;
 mod trunk;
 
+use crate::state::state;
 use std::sync::Arc;
 
 pub use learner::{MixtureLearner, MixtureSettings};
@@ -60,6 +61,8 @@ pub struct Mixture {
     memory: MixtureMemory,
     parameters: MixtureParameters,
 }
+
+state! { [] Mixture { trunk, memory, parameters } }
 
 impl Mixture {
     /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`mixture-cold`).

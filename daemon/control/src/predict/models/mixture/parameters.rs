@@ -7,6 +7,7 @@ use crate::predict::models::mixture::readout::Readout;
 use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN};
 use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 use crate::predict::online::{ModelParameters, WeightsError};
+use crate::state::state;
 
 /// Parameters of the mixture and its experts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +25,8 @@ pub struct MixtureParameters {
     /// Whether the experts with an LSTM take part.
     pub(super) trained: bool,
 }
+
+state! { [] MixtureParameters { version, ar, plain, full, shares, trained } }
 
 impl MixtureParameters {
     /// Nothing learned yet: read-outs zero, equal weights for the experts that take part.

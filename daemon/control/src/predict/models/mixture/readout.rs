@@ -6,6 +6,7 @@
 
 use crate::predict::models::covariance::Covariance;
 use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
+use crate::state::state;
 
 /// Two numbers per node.
 const OUTPUTS: usize = 2 * NODE_COUNT;
@@ -23,6 +24,8 @@ const TYPICAL_CAP: f64 = 3.0;
 pub(super) struct Readout<const D: usize> {
     pub(super) rows: [[f32; OUTPUTS]; D],
 }
+
+state! { [const D: usize] Readout<D> { rows } }
 
 impl<const D: usize> Readout<D> {
     pub(super) const ZERO: Self = Self { rows: [[0.0; OUTPUTS]; D] };

@@ -3,6 +3,7 @@
 //! Contract: fixed after construction; the memory it fills is a plain copy from which any parameters can
 //! predict.
 
+use crate::state::state;
 use std::sync::Arc;
 
 use crate::pen::TARGET_RMS;
@@ -33,6 +34,8 @@ pub struct MixtureMemory {
     pub(super) lstm: Option<Path>,
 }
 
+state! { [] MixtureMemory { recent, reservoir, features, lstm } }
+
 impl MixtureMemory {
     /// Nothing seen yet.
     pub(super) const EMPTY: Self = Self {
@@ -61,6 +64,8 @@ pub struct Trunk {
     reservoir: Arc<Reservoir>,
     lstm: Option<Lstm>,
 }
+
+state! { [] Trunk {} present { lstm } fixed { reservoir } }
 
 impl Trunk {
     /// The reservoir of seed 0, and an LSTM with [`LEADS`] direct outputs.

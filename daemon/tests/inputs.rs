@@ -1,0 +1,138 @@
+//! What a running daemon tells of its inputs is enough to run its ticks again, bit for bit.
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use foretrace_config::Config;
+use foretrace_control::follower::{Follower, NoClock};
+use foretrace_control::predict::OnlineWeights;
+use foretrace_control::state;
+use foretrace_shm::{
+    Assembly, ControlOp, HeaderBounds, Message, Mode, Piece, PieceKind, Services, Session, Thing, TickInput,
+    monotonic_now_ns,
+};
+use foretraced::rt::tick::STATE_BYTES;
+use foretraced::wire;
+use support::{Operator, Place, Running, arm, pen, turn};
+
+/// Everything that came, in order.
+#[derive(Default)]
+struct Heard {
+    inputs: Vec<TickInput>,
+    things: Vec<Thing>,
+    modes: std::collections::BTreeSet<u32>,
+}
+
+impl Heard {
+    fn thing(&self, kind: PieceKind) -> &Thing {
+        self.things.iter().find(|thing| thing.kind == kind).expect("it was sent")
+    }
+}
+
+/// Listens until `enough`, while `during` acts.
+fn listen(place: &Place, mut enough: impl FnMut(&Heard) -> bool) -> Heard {
+    let session = Session::open(&place.instance(), "recorder").unwrap();
+    let services = Services::open(&session).unwrap();
+    let mut inputs = services.inputs.subscriber(TickInput::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
+    let mut pieces = services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
+    let (mut heard, mut assembly) = (Heard::default(), Assembly::default());
+    let since = std::time::Instant::now();
+    while !enough(&heard) {
+        assert!(since.elapsed() < Duration::from_secs(60), "{} inputs", heard.inputs.len());
+        let now = monotonic_now_ns();
+        inputs.drain(now, |input| {
+            heard.modes.insert(input.mode);
+            heard.inputs.push(input);
+        });
+        pieces.drain(now, |piece| heard.things.extend(assembly.add(&piece)));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    assert_eq!((inputs.rejections().total(), pieces.rejections().total()), (0, 0));
+    heard
+}
+
+/// Runs the ticks after the state again; returns how many, up to the first gap.
+fn again(heard: &Heard) -> usize {
+    let toml = String::from_utf8(heard.thing(PieceKind::Settings).bytes.clone()).unwrap();
+    let config = Config::parse(&toml, "recorded", ".").unwrap();
+    let start = heard.thing(PieceKind::State);
+    assert!(start.bytes.len() < STATE_BYTES / 2, "{} bytes", start.bytes.len());
+    println!("state of {} bytes", start.bytes.len());
+    let mut sets: BTreeMap<u64, OnlineWeights> = BTreeMap::new();
+    for set in heard.things.iter().filter(|thing| thing.kind == PieceKind::Weights) {
+        let mut weights = config.follower_settings().weights;
+        state::read(&mut weights, &set.bytes).unwrap();
+        assert_eq!(weights.version, set.number);
+        sets.insert(set.number, weights);
+    }
+    assert_eq!(config.settings().mpc.horizon, 20);
+    let mut follower = Follower::<20, 6>::new(config.follower_settings()).unwrap();
+    state::read(&mut follower, &start.bytes).unwrap();
+    let (mut next, mut ticks, mut pen) = (start.number + 1, 0, Vec::new());
+    for input in heard.inputs.iter().filter(|input| input.tick > start.number) {
+        if input.tick != next {
+            break;
+        }
+        pen.extend(input.pen().iter().map(wire::pen_of));
+        if input.part + 1 < input.parts {
+            continue;
+        }
+        let given = wire::given(input).unwrap();
+        assert!(given.complete);
+        let weights = given.weights.map(|version| &sets[&version]);
+        let output = follower.step(&given.step_input(&pen, weights), given.budget, &mut NoClock);
+        let mut wanted = wire::tick_input(input.tick, input.daemon_id, &given, &output);
+        wanted.header = input.header;
+        (wanted.part, wanted.pen) = (input.part, input.pen);
+        assert_eq!(format!("{input:?}"), format!("{wanted:?}"));
+        pen.clear();
+        next += 1;
+        ticks += 1;
+    }
+    ticks
+}
+
+#[test]
+fn ticks_of_a_running_daemon_can_be_run_again_from_a_state_in_the_middle() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let (_arm, _log) = arm(&place);
+    let _pen = pen(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
+    // Not from the beginning: the learner has taught something by then.
+    operator.status_when("weights came", |status| status.learner_version > 0);
+
+    let mut asked = 0;
+    let heard = listen(&place, |heard| {
+        let came = heard.inputs.len();
+        if came > 600 && asked == 0 {
+            asked = 1;
+            assert!(operator.ask(ControlOp::SetTrust, 0.3).is_success());
+        }
+        if came > 1000 && asked == 1 {
+            asked = 2;
+            assert!(operator.ask(ControlOp::Stop, 0.0).is_success());
+        }
+        came > 1500
+    });
+    let offered = heard.inputs.iter().filter(|input| input.weights_version > 0).count();
+    assert!(offered > 0, "no weights were offered");
+    assert!(heard.modes.contains(&u32::from(Mode::Following)), "{:?}", heard.modes);
+    assert!(heard.modes.contains(&u32::from(Mode::Stopped)), "{:?}", heard.modes);
+    let ticks = again(&heard);
+    assert!(ticks > 300, "{ticks} ticks until a gap");
+
+    // A second listener gets a start of its own.
+    let later = listen(&place, |heard| {
+        heard.inputs.len() > 300 && heard.things.iter().any(|thing| thing.kind == PieceKind::State)
+    });
+    assert!(later.thing(PieceKind::State).number > heard.thing(PieceKind::State).number);
+    assert!(again(&later) > 20);
+    let status = daemon.end().unwrap().status;
+    assert_eq!(status.counters.telemetry_failed, 0);
+}

@@ -1,0 +1,213 @@
+//! `Piece`: part of something that is larger than a message: the settings in force, a set of weights, the
+//! state of the law.
+//!
+//! Contract: the pieces of one thing have its kind, number, size and hash in common and come in order of
+//! their offsets. [`Assembly`] puts them together again; it trusts no length, has a bound on its memory, and
+//! hands out nothing whose hash is wrong.
+
+use std::fmt;
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::check::{Rejection, Validate, known};
+use super::header::Header;
+use super::layout::{fnv1a, wire};
+use super::vocabulary::{RejectReason, UnknownValue, wire_enum};
+
+/// Bytes that one piece carries at most.
+pub const PIECE_BYTES: usize = 4096;
+
+/// Bytes of the largest thing that may be sent in pieces.
+pub const LARGEST_THING_BYTES: u64 = 4 << 20;
+
+wire_enum! {
+    /// What a piece belongs to.
+    pub enum PieceKind: u32 {
+        /// The settings in force, as TOML; its number counts changes.
+        Settings = 0 => "settings",
+        /// A set of weights; its number is the version of the set.
+        Weights = 1 => "weights",
+        /// The state of the law; its number is the tick after which it was taken.
+        State = 2 => "state",
+    }
+}
+
+wire! {
+    /// Part of a larger thing.
+    "foretrace.PieceV1"
+    pub struct Piece {
+        /// Stamp: when it was sent.
+        pub header: Header,
+        /// The start of the daemon, as in `Status`.
+        pub daemon_id: u64,
+        /// See [`PieceKind`].
+        pub number: u64,
+        /// Size of the whole thing \[bytes\].
+        pub total: u64,
+        /// Where this piece begins in it \[bytes\].
+        pub offset: u64,
+        /// FNV-1a of the whole thing.
+        pub hash: u64,
+        /// [`PieceKind`].
+        pub kind: u32,
+        /// Bytes in this piece.
+        pub length: u32,
+        /// The bytes, zero after `length`.
+        pub bytes: [u8; PIECE_BYTES],
+    }
+}
+
+impl Validate for Piece {
+    fn validate(&self) -> Result<(), Rejection> {
+        known::<_, PieceKind>("kind", self.kind)?;
+        let range = |field, value: u64, most: u64| {
+            if value <= most {
+                return Ok(());
+            }
+            Err(Rejection::new(RejectReason::OutOfRange, field).because(value as f64, most as f64))
+        };
+        range("length", self.length.into(), PIECE_BYTES as u64)?;
+        range("total", self.total, LARGEST_THING_BYTES)?;
+        range("offset", self.offset, self.total)?;
+        range("length", self.length.into(), self.total - self.offset)
+    }
+}
+
+impl Piece {
+    /// The piece of `thing` that begins at `offset`.
+    #[must_use]
+    pub fn of(kind: PieceKind, number: u64, daemon_id: u64, thing: &[u8], hash: u64, offset: usize) -> Self {
+        let rest = thing.get(offset..).unwrap_or_default();
+        let part = rest.get(..PIECE_BYTES).unwrap_or(rest);
+        let mut bytes = [0; PIECE_BYTES];
+        if let Some(room) = bytes.get_mut(..part.len()) {
+            room.copy_from_slice(part);
+        }
+        Self {
+            daemon_id,
+            number,
+            total: thing.len() as u64,
+            offset: offset as u64,
+            hash,
+            kind: kind.into(),
+            length: part.len() as u32,
+            bytes,
+            ..Self::default()
+        }
+    }
+
+    fn content(&self) -> &[u8] {
+        self.bytes.get(..self.length as usize).unwrap_or_default()
+    }
+}
+
+/// A whole thing.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Thing {
+    /// What it is.
+    pub kind: PieceKind,
+    /// Its number.
+    pub number: u64,
+    /// The daemon that sent it.
+    pub daemon_id: u64,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// Puts pieces together, one thing at a time.
+#[derive(Debug, Default)]
+pub struct Assembly {
+    begun: Option<Piece>,
+    bytes: Vec<u8>,
+    broken: u64,
+}
+
+impl Assembly {
+    /// Adds a validated piece; returns the thing that it completes.
+    pub fn add(&mut self, piece: &Piece) -> Option<Thing> {
+        let same = |first: &Piece| {
+            (first.daemon_id, first.number, first.total, first.hash, first.kind)
+                == (piece.daemon_id, piece.number, piece.total, piece.hash, piece.kind)
+        };
+        if piece.offset == 0 {
+            self.broken += u64::from(self.begun.is_some());
+            self.begun = Some(*piece);
+            self.bytes.clear();
+        } else if !self.begun.as_ref().is_some_and(same) || self.bytes.len() as u64 != piece.offset {
+            // What follows a lost piece is useless, but only its first counts.
+            self.broken += u64::from(self.begun.take().is_some());
+            return None;
+        }
+        self.bytes.extend_from_slice(piece.content());
+        if (self.bytes.len() as u64) < piece.total {
+            return None;
+        }
+        self.begun = None;
+        let bytes = std::mem::take(&mut self.bytes);
+        let kind = PieceKind::try_from(piece.kind).ok().filter(|_| fnv1a(&bytes) == piece.hash);
+        self.broken += u64::from(kind.is_none());
+        Some(Thing { kind: kind?, number: piece.number, daemon_id: piece.daemon_id, bytes })
+    }
+
+    /// Things of which a piece was lost or wrong.
+    #[must_use]
+    pub fn broken(&self) -> u64 {
+        self.broken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pieces(thing: &[u8]) -> Vec<Piece> {
+        let starts = (0..thing.len().max(1)).step_by(PIECE_BYTES);
+        starts.map(|at| Piece::of(PieceKind::State, 7, 1, thing, fnv1a(thing), at)).collect()
+    }
+
+    #[test]
+    fn a_thing_of_any_length_arrives_whole() {
+        for length in [0, 1, PIECE_BYTES - 1, PIECE_BYTES, PIECE_BYTES + 1, 5 * PIECE_BYTES + 3] {
+            let thing: Vec<u8> = (0..length).map(|i| (i * 7) as u8).collect();
+            let mut assembly = Assembly::default();
+            let mut got = None;
+            for piece in pieces(&thing) {
+                assert_eq!(piece.validate(), Ok(()));
+                assert!(got.is_none(), "complete too early");
+                got = assembly.add(&piece);
+            }
+            assert_eq!(got.unwrap().bytes, thing);
+            assert_eq!(assembly.broken(), 0);
+        }
+    }
+
+    #[test]
+    fn a_lost_or_changed_piece_spoils_its_thing_only() {
+        let thing = vec![3_u8; 3 * PIECE_BYTES];
+        let whole = pieces(&thing);
+        let mut assembly = Assembly::default();
+        assert_eq!(assembly.add(&whole[0]), None);
+        assert_eq!(assembly.add(&whole[2]), None);
+        assert_eq!(assembly.broken(), 1);
+        let mut forged = whole.clone();
+        forged[1].bytes[5] = 9;
+        assert!(forged.iter().all(|piece| assembly.add(piece).is_none()));
+        assert_eq!(assembly.broken(), 2);
+        assert_eq!(whole.iter().filter_map(|piece| assembly.add(piece)).count(), 1);
+    }
+
+    #[test]
+    fn sizes_that_lie_are_refused_by_name() {
+        let good = pieces(&[1; 100])[0];
+        let cases = [
+            (Piece { length: PIECE_BYTES as u32 + 1, ..good }, "length"),
+            (Piece { total: LARGEST_THING_BYTES + 1, ..good }, "total"),
+            (Piece { offset: 101, ..good }, "offset"),
+            (Piece { offset: 1, ..good }, "length"),
+        ];
+        for (piece, field) in cases {
+            let refused = piece.validate().unwrap_err();
+            assert_eq!((refused.reason, refused.field), (RejectReason::OutOfRange, field));
+        }
+    }
+}
