@@ -78,6 +78,7 @@ def layers_point_downwards() -> None:
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
+        "foretrace-tablet": {"foretrace-client"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }

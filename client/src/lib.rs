@@ -19,9 +19,11 @@
 
 mod attach;
 pub use attach::*;
+mod seat;
 mod pen;
 pub use pen::*;
 pub mod gateway_frame;
+pub mod admission;
 mod gateway;
 pub use gateway::*;
 mod arm;
@@ -35,6 +37,7 @@ pub use stop::*;
 
 foretrace_shm::debug_is_sentence!(
     FeedError,
+    DeadManError,
     StopError,
     StateError,
     RequestError,
@@ -43,10 +46,11 @@ foretrace_shm::debug_is_sentence!(
 );
 
 pub use foretrace_shm::{
-    ArmLag, AskError, Chain, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark, Enable,
-    FaultReason, GhostState, HeaderBounds, Instance, InstanceError, JOINTS, JointCommand, JointState,
-    LATENCY_BINS, Latency, Mode, PenSample, Percentiles, PredictorName, PublishError, Refused, RejectField,
-    RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
-    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome,
-    command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    ArmLag, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters, DaemonMark,
+    Enable, FaultReason, GhostState, HeaderBounds, Holder, HolderKind, Instance, InstanceError, JOINTS,
+    JointCommand, JointState, LATENCY_BINS, Latency, Mode, PenSample, Percentiles, Place, PlaceError,
+    PredictorName, PublishError, Refused, RejectField, RejectReason, Rejection, Rejections, RobotMode, Rung,
+    SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause, StopDetail, TickRecord, ToolExtent,
+    Tracking, TrustReason, Validate, WayHome, command_flags, guard_mask, health, host_boot_id,
+    missing_rights, monotonic_now_ns, pen_flags,
 };

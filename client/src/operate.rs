@@ -4,12 +4,13 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    AskError, ControlOp, ControlRequest, ControlResponse, ControlStatus, ControlTopic, Enable, PredictorName,
-    PublishError, Publisher, Rejection, ServiceError, Validate, monotonic_now_ns,
+    AskError, Claimant, ControlOp, ControlRequest, ControlResponse, ControlStatus, ControlTopic, Enable,
+    Holder, Place, PredictorName, PublishError, Rejection, ServiceError, Validate, monotonic_now_ns,
 };
 
 use crate::Foretrace;
 use crate::attach::Leaving;
+use crate::seat::Seat;
 
 /// Why a request did not succeed.
 #[derive(Clone, PartialEq, thiserror::Error)]
@@ -48,11 +49,20 @@ pub struct Requests {
     _leaving: Arc<Leaving>,
 }
 
-/// The dead-man switch. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm.
+/// The dead-man switch. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm. Gives way to
+/// whoever asks for its place, which stops the arm as well.
 #[derive(Debug)]
-pub struct DeadMan {
-    publisher: Publisher<Enable>,
-    _leaving: Arc<Leaving>,
+pub struct DeadMan(Seat<Enable>);
+
+/// Why the dead-man signal was not sent.
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum DeadManError {
+    /// It could not be delivered.
+    #[error("the dead-man signal was not sent: {0}")]
+    NotSent(#[from] PublishError),
+    /// Somebody asked for the switch and has it; [`DeadMan::handed_to`] tells who.
+    #[error("the dead-man switch was handed to a program that asked for it (--take-over): end this one")]
+    HandedOver,
 }
 
 impl Foretrace {
@@ -65,13 +75,34 @@ impl Foretrace {
         Ok(Requests { topic: self.services.control.clone(), _leaving: self.leaving.clone() })
     }
 
-    /// The dead-man, to be used in this thread. One per instance at a time.
+    /// The dead-man, to be used in this thread. One per instance at a time. Held in the name of this program.
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another one beats already.
+    /// `Place` when another one beats already: it names that one.
     pub fn dead_man(&self) -> Result<DeadMan, ServiceError> {
-        Ok(DeadMan { publisher: self.services.enable.publisher()?, _leaving: self.leaving.clone() })
+        self.dead_man_as(&Claimant::this_program())
+    }
+
+    /// The dead-man, held in the name of `who`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Foretrace::dead_man`].
+    pub fn dead_man_as(&self, who: &Claimant) -> Result<DeadMan, ServiceError> {
+        let claim = self.instance().claim(Place::DeadMan, who)?;
+        Seat::take(claim, &self.services.enable, self.leaving.clone()).map(DeadMan)
+    }
+
+    /// The dead-man, for which the program that holds it is asked; waits for that up to `patience`. An arm
+    /// that was enabled stops.
+    ///
+    /// # Errors
+    ///
+    /// `Place` when it does not give way; a browser never gets it from anything but a browser.
+    pub fn take_dead_man(&self, who: &Claimant, patience: Duration) -> Result<DeadMan, ServiceError> {
+        let claim = self.instance().take_over(Place::DeadMan, who, patience)?;
+        Seat::take(claim, &self.services.enable, self.leaving.clone()).map(DeadMan)
     }
 }
 
@@ -218,8 +249,8 @@ impl DeadMan {
     ///
     /// # Errors
     ///
-    /// [`PublishError`].
-    pub fn beat(&mut self) -> Result<(), PublishError> {
+    /// [`DeadManError`].
+    pub fn beat(&mut self) -> Result<(), DeadManError> {
         self.send(0)
     }
 
@@ -227,12 +258,35 @@ impl DeadMan {
     ///
     /// # Errors
     ///
-    /// [`PublishError`]; falling silent stops too.
-    pub fn stop(&mut self) -> Result<(), PublishError> {
+    /// [`DeadManError`]; falling silent stops too.
+    pub fn stop(&mut self) -> Result<(), DeadManError> {
         self.send(1)
     }
 
-    fn send(&mut self, stop: u32) -> Result<(), PublishError> {
-        self.publisher.publish(monotonic_now_ns(), Enable { stop, ..Default::default() }).map(|_| ())
+    /// Gives way to whoever asks, and tells who has the switch since then. Every signal sent does the same:
+    /// call it while nothing is sent.
+    pub fn handed_to(&mut self) -> Option<&Holder> {
+        self.give_way_if_asked(monotonic_now_ns());
+        self.0.handed_to()
+    }
+
+    fn give_way_if_asked(&mut self, now_ns: u64) {
+        if let Some(asker) = self.0.asked(now_ns) {
+            if let Some(publisher) = self.0.publisher().filter(|publisher| publisher.sequence() > 0) {
+                // Silence stops as well; the message goes with its publisher, so the daemon gets time to
+                // read.
+                let _ = publisher.publish(now_ns, Enable { stop: 1, ..Default::default() });
+                std::thread::sleep(Self::INTERVAL);
+            }
+            self.0.hand_to(asker);
+        }
+    }
+
+    fn send(&mut self, stop: u32) -> Result<(), DeadManError> {
+        let now_ns = monotonic_now_ns();
+        self.give_way_if_asked(now_ns);
+        let publisher = self.0.publisher().ok_or(DeadManError::HandedOver)?;
+        publisher.publish(now_ns, Enable { stop, ..Default::default() })?;
+        Ok(())
     }
 }

@@ -1,13 +1,14 @@
 //! For tablet readers: `PenFeed`.
 
-use std::sync::Arc;
+use std::time::Duration;
 
 use foretrace_shm::{
-    PenSample, PublishError, Publisher, Rejection, ServiceError, Validate, monotonic_now_ns, pen_flags,
+    Claimant, Holder, PenSample, Place, PublishError, Rejection, ServiceError, Validate, monotonic_now_ns,
+    pen_flags,
 };
 
 use crate::Foretrace;
-use crate::attach::Leaving;
+use crate::seat::Seat;
 
 /// One reading of the pen, in metres in the device's plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -55,23 +56,43 @@ pub enum FeedError {
     /// It could not be delivered.
     #[error("the pen reading was not sent: {0}")]
     NotSent(#[from] PublishError),
+    /// Somebody asked for the pen and has it; [`PenFeed::handed_to`] tells who.
+    #[error("the pen was handed to a program that asked for it (--take-over): end this one")]
+    HandedOver,
 }
 
-/// Sends pen readings. One per instance at a time.
+/// Sends pen readings. One per instance at a time; gives way to whoever asks for its place.
 #[derive(Debug)]
-pub struct PenFeed {
-    publisher: Publisher<PenSample>,
-    _leaving: Arc<Leaving>,
-}
+pub struct PenFeed(Seat<PenSample>);
 
 impl Foretrace {
-    /// The pen feed, to be used in this thread.
+    /// The pen feed, to be used in this thread. Held in the name of this program.
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another reader or player feeds already.
+    /// `Place` when another reader or player feeds already: it names that one.
     pub fn pen_feed(&self) -> Result<PenFeed, ServiceError> {
-        Ok(PenFeed { publisher: self.services.pen.publisher()?, _leaving: self.leaving.clone() })
+        self.pen_feed_as(&Claimant::this_program())
+    }
+
+    /// The pen feed, held in the name of `who`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Foretrace::pen_feed`].
+    pub fn pen_feed_as(&self, who: &Claimant) -> Result<PenFeed, ServiceError> {
+        let claim = self.instance().claim(Place::Pen, who)?;
+        Seat::take(claim, &self.services.pen, self.leaving.clone()).map(PenFeed)
+    }
+
+    /// The pen feed, for which the program that holds it is asked; waits for that up to `patience`.
+    ///
+    /// # Errors
+    ///
+    /// `Place` when it does not give way.
+    pub fn take_pen_feed(&self, who: &Claimant, patience: Duration) -> Result<PenFeed, ServiceError> {
+        let claim = self.instance().take_over(Place::Pen, who, patience)?;
+        Seat::take(claim, &self.services.pen, self.leaving.clone()).map(PenFeed)
     }
 }
 
@@ -93,16 +114,26 @@ impl PenFeed {
     /// As [`PenFeed::send`].
     pub fn send_sample(&mut self, sample: PenSample) -> Result<bool, FeedError> {
         sample.validate()?;
-        Ok(self.publisher.publish(monotonic_now_ns(), sample)? > 0)
+        let now_ns = monotonic_now_ns();
+        self.0.give_way_if_asked(now_ns);
+        let publisher = self.0.publisher().ok_or(FeedError::HandedOver)?;
+        Ok(publisher.publish(now_ns, sample)? > 0)
+    }
+
+    /// Gives way to whoever asks, and tells who has the pen since then. Every reading sent does the same:
+    /// call it while nothing is sent.
+    pub fn handed_to(&mut self) -> Option<&Holder> {
+        self.0.give_way_if_asked(monotonic_now_ns());
+        self.0.handed_to()
     }
 
     /// Readings sent so far.
     pub fn sent(&self) -> u64 {
-        self.publisher.sequence()
+        self.0.sent()
     }
 
     /// Whether anybody listens at this moment.
     pub fn is_heard(&self) -> bool {
-        self.publisher.subscribers() > 0
+        self.0.is_heard()
     }
 }

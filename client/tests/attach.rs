@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use foretrace_client::*;
-use foretrace_shm::{InstanceLock, Purge, Services, Session};
+use foretrace_shm::{InstanceLock, Message, Purge, Services, Session};
 
 struct Daemon {
     services: Services,
@@ -87,7 +87,102 @@ fn a_pen_reading_arrives_and_a_senseless_one_is_refused_here() {
     assert_eq!(got.len(), 1);
     assert_eq!((got[0].device_stamp_ns, got[0].x_m, got[0].pressure), (5, 0.25, -1.0));
     assert_eq!(got[0].flags, pen_flags::CONTACT | pen_flags::IN_RANGE);
-    assert!(matches!(foretrace.pen_feed(), Err(ServiceError::NoPlace { .. })));
+    let told = foretrace.pen_feed().unwrap_err().to_string();
+    assert!(told.starts_with("the pen is held by the program attach"), "{told}");
+}
+
+/// Takes every message of a topic while `act` runs, as the daemon does in every tick.
+fn heard<T: Message + Send, V: Send>(
+    topic: &foretrace_shm::Topic<T>,
+    field: impl Fn(T) -> V + Sync,
+    act: impl FnOnce(),
+) -> Vec<V> {
+    let over = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let (ready, is_ready) = std::sync::mpsc::channel();
+        let (field, is_over) = (&field, &over);
+        let hearing = scope.spawn(move || {
+            let mut subscriber = topic.subscriber(4, HeaderBounds::DEFAULT).unwrap();
+            ready.send(()).unwrap();
+            let mut got = Vec::new();
+            loop {
+                let last = is_over.load(std::sync::atomic::Ordering::Acquire);
+                subscriber.drain(monotonic_now_ns(), |message| got.push(field(message)));
+                if last {
+                    return got;
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        is_ready.recv().unwrap();
+        act();
+        std::thread::sleep(SHORT);
+        over.store(true, std::sync::atomic::Ordering::Release);
+        hearing.join().unwrap()
+    })
+}
+
+/// Runs `give_way` until `take`, in another thread, is through.
+fn while_asking<T: Send>(take: impl FnOnce() -> T + Send, mut give_way: impl FnMut()) -> T {
+    std::thread::scope(|scope| {
+        let taking = scope.spawn(take);
+        while !taking.is_finished() {
+            give_way();
+            std::thread::sleep(SHORT);
+        }
+        taking.join().unwrap()
+    })
+}
+
+#[test]
+fn a_pen_that_is_asked_for_is_handed_over_and_both_are_told() {
+    let rig = Rig::new();
+    let _daemon = rig.start();
+    let foretrace = rig.attach();
+    let mut feed = foretrace.pen_feed().unwrap();
+    let reading = PenReading { device_stamp_ns: 5, ..Default::default() };
+    let tablet = Claimant::new(HolderKind::Tablet, "/dev/input/event7");
+    let asks = || {
+        let taken = rig.attach().take_pen_feed(&tablet, Duration::from_secs(5));
+        taken.map(|mut feed| feed.send(PenReading { device_stamp_ns: 6, ..reading }).is_ok())
+    };
+    let taken = while_asking(asks, || drop(feed.handed_to().cloned()));
+    assert!(taken.unwrap());
+    assert_eq!(feed.handed_to().unwrap().who, tablet);
+    assert_eq!((feed.send(reading), feed.sent()), (Err(FeedError::HandedOver), 0));
+    // Free again: the new one has ended.
+    foretrace.pen_feed().unwrap();
+}
+
+#[test]
+fn a_dead_man_switch_that_is_handed_over_says_stop_first_and_is_not_for_browsers() {
+    let rig = Rig::new();
+    let daemon = rig.start();
+    let foretrace = rig.attach();
+    let pedal = Claimant::new(HolderKind::Button, "pedal");
+    let mut dead_man = foretrace.dead_man_as(&pedal).unwrap();
+    let browser = Claimant::new(HolderKind::Browser, "127.0.0.1");
+    let refused = while_asking(
+        || rig.attach().take_dead_man(&browser, Duration::from_secs(5)).map(|_| ()),
+        || drop(dead_man.handed_to().cloned()),
+    );
+    assert!(refused.unwrap_err().to_string().contains("a browser never takes it"));
+    dead_man.beat().unwrap();
+    let other = Claimant::new(HolderKind::Button, "other pedal");
+    let stops = heard(
+        &daemon.services.enable,
+        |message| message.stop,
+        || {
+            dead_man.beat().unwrap();
+            while_asking(
+                || rig.attach().take_dead_man(&other, Duration::from_secs(5)).map(|_| ()),
+                || drop(dead_man.handed_to().cloned()),
+            )
+            .unwrap();
+        },
+    );
+    assert_eq!(dead_man.beat(), Err(DeadManError::HandedOver));
+    assert_eq!(stops.last(), Some(&1), "{stops:?}");
 }
 
 #[test]

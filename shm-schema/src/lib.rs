@@ -52,6 +52,7 @@ pub use instance::{
     SHARED_MEMORY,
     leftovers::{Cleaned, Leftovers, Prefixed, prefixed},
     occupancy::{DaemonMark, InstanceLock, Purge, SharedMemory},
+    place::{Claim, Claimant, Holder, HolderKind, Place, PlaceError},
     root::{Instance, InstanceError, LONGEST_ROOT_BYTES},
     stop_path::{STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, StopAnswer, StopFrame, StopFrameError},
 };

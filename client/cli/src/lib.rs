@@ -14,6 +14,7 @@ mod interrupt;
 mod values;
 mod settings;
 mod attach;
+mod place;
 mod robot;
 mod spread;
 mod ghost;
@@ -24,6 +25,7 @@ mod arm;
 mod ur_sim;
 mod play;
 mod gateway;
+mod tablet;
 mod record;
 mod request;
 mod enable;
@@ -69,6 +71,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
+    Tablet(tablet::TabletArgs),
     Gateway(gateway::GatewayArgs),
     Record(record::RecordArgs),
     /// Arms to plug into the loop
@@ -130,6 +133,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Demo(args) => demo::run(args),
         Command::Daemon(args) => daemon::run(args),
         Command::Play(args) => play::run(args),
+        Command::Tablet(args) => tablet::run(args),
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),

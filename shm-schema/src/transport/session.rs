@@ -9,6 +9,7 @@ use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, NodeName, SignalHandlingMode, ipc, set_log_level};
 
 use crate::instance::occupancy::InstanceLock;
+use crate::instance::place::PlaceError;
 use crate::instance::root::{Instance, InstanceError};
 
 /// Why a service could not be created, opened or used.
@@ -118,6 +119,9 @@ pub enum ServiceError {
         /// Needed \[bytes\].
         needed: u64,
     },
+    /// Somebody holds the only place.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
     /// The instance itself cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),

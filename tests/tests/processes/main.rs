@@ -9,6 +9,7 @@ mod lab_closed_loop;
 mod lab_tables;
 mod move_home;
 mod page_faults;
+mod places;
 mod record;
 mod refused;
 mod security;

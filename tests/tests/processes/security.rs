@@ -189,7 +189,7 @@ fn a_gateway_outlives_its_daemon_and_refuses_a_bad_beginning_with_a_line() {
     let gate = world.start(0, &gateway);
     open(&world.file("pen.socket"), 0o660);
     let second = world.start(0, &gateway).output();
-    assert_refused(&second, 1, &["all 1 places for publishers are taken"]);
+    assert_refused(&second, 1, &["the pen is held by the gateway", "--take-over"]);
     daemon.end();
     let daemon = world.daemon(0);
     let played = world.run_plain(&["play", "glyphs:Hi", "--gateway", &socket]);

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
-    FaultReason, Foretrace, Mode, PenFeed, PenReading, Requests, ServiceError, StatusReader, Telemetry,
-    monotonic_now_ns, pen_flags,
+    Claimant, FaultReason, Foretrace, HolderKind, Mode, PenFeed, PenReading, Requests, StatusReader,
+    Telemetry, monotonic_now_ns, pen_flags,
 };
 use foretrace_config::Config;
 use foretrace_sim::lag::{LagError, identify};
@@ -123,13 +123,8 @@ struct Stage {
 
 impl Stage {
     fn open(foretrace: &Foretrace, interrupt: Interrupt) -> Result<Self, Failure> {
-        let feed = foretrace.pen_feed().map_err(|error| match error {
-            ServiceError::NoPlace { .. } => Failure::failed(
-                "another pen feeds this daemon",
-                "end the tablet reader or player during the calibration",
-            ),
-            error => unattached(error),
-        })?;
+        let who = Claimant::new(HolderKind::Program, "foretrace calibrate lag");
+        let feed = foretrace.pen_feed_as(&who).map_err(unattached)?;
         Ok(Self {
             interrupt,
             status: foretrace.status().map_err(unattached)?,

@@ -10,12 +10,13 @@ mod switch;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{DeadMan, Foretrace};
+use foretrace_client::{Claimant, DeadMan, Foretrace, HolderKind, Place};
 
 use crate::attach::{Lookout, News, attach_within, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
+use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
 use device::Button;
 use switch::{Signal, Switch};
@@ -52,6 +53,9 @@ pub(crate) struct EnableArgs {
     wait: f64,
 
     #[command(flatten)]
+    take_over: TakeOver,
+
+    #[command(flatten)]
     instance: InstanceArgs,
 }
 
@@ -63,10 +67,12 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
     let button = Button::open(path, name)?;
     let mut foretrace = attach_within(&args.instance.instance()?, Duration::from_secs_f64(args.wait))?;
-    let dead_man = foretrace.dead_man().map_err(unattached)?;
+    let who = Claimant::new(HolderKind::Button, &format!("{}, {}", path.display(), button.name()));
+    let dead_man = args.take_over.dead_man(&foretrace, &who).map_err(unattached)?;
     note!("enable: hold {} to let the arm move", button.name());
     let mut holder = Holder {
         dead_man: Some(dead_man),
+        who,
         button: Some(button),
         switch: Switch::new(DeadMan::INTERVAL),
         next_attempt: Instant::now(),
@@ -77,6 +83,9 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
         holder.reopen(path, name);
         holder.look(begin.elapsed());
         holder.follow(&mut lookout, &mut foretrace);
+        if let Some(to) = holder.dead_man.as_mut().and_then(DeadMan::handed_to) {
+            return Err(handed_over(Place::DeadMan, Some(to)));
+        }
         std::thread::sleep(LOOK_EVERY);
     }
     holder.end();
@@ -100,6 +109,7 @@ fn list() -> Result<(), Failure> {
 /// The button, the way to the daemon, and what was last said of them.
 struct Holder {
     dead_man: Option<DeadMan>,
+    who: Claimant,
     button: Option<Button>,
     switch: Switch,
     next_attempt: Instant,
@@ -146,7 +156,7 @@ impl Holder {
                 // The old handle holds the place that the new one needs.
                 self.dead_man = None;
                 self.switch.begin_anew();
-                match foretrace.dead_man() {
+                match foretrace.dead_man_as(&self.who) {
                     Ok(dead_man) => self.dead_man = Some(dead_man),
                     Err(error) => {
                         note!("{error}");

@@ -3,9 +3,8 @@
 //! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames
 //! are well formed, and each sample is finite, in range, of this moment, later than the one before and within
 //! the rate. Everything that is refused is counted by reason and reported. In the order of a sample's way:
-//! `socket`, `serve`, `admission`; `tally` counts.
+//! `socket`, `serve`, then the library's `admission`; `tally` counts.
 
-mod admission;
 mod holder;
 mod serve;
 mod socket;
@@ -14,12 +13,13 @@ mod tally;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, PenFeed, PenSample, monotonic_now_ns};
+use foretrace_client::{Claimant, Foretrace, HolderKind, PenFeed, PenSample, Place, monotonic_now_ns};
 
 use crate::attach::{Lookout, News, attach_within, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
+use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
 use serve::{Delivery, Gateway, Policy};
 use socket::Socket;
@@ -75,6 +75,9 @@ pub(crate) struct GatewayArgs {
     seconds: Option<f64>,
 
     #[command(flatten)]
+    take_over: TakeOver,
+
+    #[command(flatten)]
     instance: InstanceArgs,
 
     #[command(flatten)]
@@ -91,7 +94,9 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
     let instance = args.instance.instance()?;
     let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
-    let mut pen = Pen { feed: Some(foretrace.pen_feed().map_err(unattached)?), told: false };
+    let who = Claimant::new(HolderKind::Gateway, &args.socket.display().to_string());
+    let feed = args.take_over.pen(&foretrace, &who).map_err(unattached)?;
+    let mut pen = Pen { feed: Some(feed), who, told: false };
     let socket = Socket::open(&args.socket, args.mode, args.group)
         .map_err(|error| Failure::bad_input(error.what, error.remedy))?;
     let policy = Policy {
@@ -119,6 +124,11 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
             Failure::failed(format_args!("the socket failed: {error}"), "start the gateway again")
         })?;
         look(&mut lookout, &mut foretrace, &mut pen.borrow_mut());
+        if let Some(feed) = &mut pen.borrow_mut().feed
+            && let Some(to) = feed.handed_to()
+        {
+            return Err(handed_over(Place::Pen, Some(to)));
+        }
         news.tell(&gateway);
     }
     let tally = gateway.close();
@@ -134,7 +144,7 @@ fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
         News::Renewed => {
             // The old feed holds the place that the new one needs.
             pen.feed = None;
-            match foretrace.pen_feed() {
+            match foretrace.pen_feed_as(&pen.who) {
                 Ok(feed) => pen.feed = Some(feed),
                 Err(error) => {
                     note!("{}", unattached(error));
@@ -149,6 +159,7 @@ fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
 /// The feed into shared memory.
 struct Pen {
     feed: Option<PenFeed>,
+    who: Claimant,
     told: bool,
 }
 

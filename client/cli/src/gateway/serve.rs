@@ -9,9 +9,9 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use foretrace_client::PenSample;
+use foretrace_client::admission::Admission;
 use foretrace_client::gateway_frame::{FrameReader, WELCOME};
 
-use super::admission::Admission;
 use super::holder::Holder;
 use super::socket::Socket;
 use super::tally::{Samples, Tally};

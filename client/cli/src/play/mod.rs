@@ -10,7 +10,7 @@ mod way;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use foretrace_client::{PenReading, monotonic_now_ns};
+use foretrace_client::{Claimant, HolderKind, PenReading, monotonic_now_ns};
 use foretrace_sim::data::write_csv;
 use foretrace_sim::path::{PathSample, PenPath};
 use serde::Serialize;
@@ -20,6 +20,7 @@ use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::os;
 use crate::output::{JsonArgs, note, say};
+use crate::place::TakeOver;
 use crate::settings::SettingsArgs;
 use source::PathArgs;
 use way::{Sent, Way};
@@ -65,6 +66,9 @@ pub(crate) struct PlayArgs {
     /// daemon's
     #[arg(long, value_name = "PATH")]
     gateway: Option<PathBuf>,
+
+    #[command(flatten)]
+    take_over: TakeOver,
 
     /// Write what was sent as CSV: t_s (monotonic clock), x_m, y_m, contact
     #[arg(long, value_name = "FILE")]
@@ -112,7 +116,8 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         Some(path) => Way::gateway(path)?,
         None => {
             let wait = Duration::from_secs_f64(args.wait);
-            Way::shared(&instance_of(config.settings())?, wait)?
+            let who = Claimant::new(HolderKind::Player, &args.sources.join(" "));
+            Way::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
         }
     };
     let begin = monotonic_now_ns() + LEAD_NS;

@@ -3,16 +3,19 @@
 use std::path::Path;
 use std::time::Duration;
 
-use foretrace_client::{Foretrace, GatewayError, GatewayFeed, Instance, PenFeed, PenReading};
+use foretrace_client::{
+    Claimant, FeedError, Foretrace, GatewayError, GatewayFeed, Instance, PenFeed, PenReading, Place,
+};
 
 use crate::attach::{Lookout, News, attach_within, unattached};
 use crate::failure::{Cause, Failure};
 use crate::output::note;
+use crate::place::{TakeOver, handed_over};
 
 /// Where readings go.
 pub(super) enum Way {
     /// The shared memory of this user; outlives the daemon.
-    Shared { foretrace: Box<Foretrace>, feed: Option<PenFeed>, lookout: Lookout },
+    Shared { foretrace: Box<Foretrace>, feed: Option<PenFeed>, lookout: Lookout, who: Claimant },
     /// The socket of a gateway.
     Gateway(GatewayFeed),
 }
@@ -25,10 +28,15 @@ pub(super) enum Sent {
 }
 
 impl Way {
-    pub(super) fn shared(instance: &Instance, wait: Duration) -> Result<Self, Failure> {
+    pub(super) fn shared(
+        instance: &Instance,
+        wait: Duration,
+        who: Claimant,
+        take_over: TakeOver,
+    ) -> Result<Self, Failure> {
         let foretrace = Box::new(attach_within(instance, wait)?);
-        let feed = foretrace.pen_feed().map_err(unattached)?;
-        Ok(Self::Shared { foretrace, feed: Some(feed), lookout: Lookout::new() })
+        let feed = take_over.pen(&foretrace, &who).map_err(unattached)?;
+        Ok(Self::Shared { foretrace, feed: Some(feed), lookout: Lookout::new(), who })
     }
 
     pub(super) fn gateway(path: &Path) -> Result<Self, Failure> {
@@ -45,12 +53,15 @@ impl Way {
     ///
     /// # Errors
     ///
-    /// The gateway ended the connection.
+    /// The gateway ended the connection, or somebody took the pen over.
     pub(super) fn send(&mut self, reading: PenReading) -> Result<Sent, Failure> {
         Ok(match self {
             Self::Shared { feed, .. } => match feed.as_mut().map(|feed| feed.send(reading)) {
                 Some(Ok(true)) => Sent::Heard,
                 Some(Ok(false)) | None => Sent::Unheard,
+                Some(Err(FeedError::HandedOver)) => {
+                    return Err(handed_over(Place::Pen, feed.as_mut().and_then(PenFeed::handed_to)));
+                }
                 Some(Err(error)) => Sent::Failed(error.to_string()),
             },
             Self::Gateway(feed) => match feed.send(reading) {
@@ -63,7 +74,7 @@ impl Way {
 
     /// Checks whether the daemon is still up.
     pub(super) fn look(&mut self) {
-        let Self::Shared { foretrace, feed, lookout } = self else { return };
+        let Self::Shared { foretrace, feed, lookout, who } = self else { return };
         match lookout.look(foretrace) {
             News::None => {}
             News::Gone => note!("play: the daemon is gone; playing on"),
@@ -71,7 +82,7 @@ impl Way {
             News::Renewed => {
                 // The old feed holds the place that the new one needs.
                 *feed = None;
-                match foretrace.pen_feed() {
+                match foretrace.pen_feed_as(who) {
                     Ok(new) => *feed = Some(new),
                     Err(error) => {
                         note!("{}", unattached(error));

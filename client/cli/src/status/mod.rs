@@ -2,6 +2,7 @@
 
 mod alarm;
 mod chain;
+mod held;
 mod screen;
 mod view;
 mod way_home;
@@ -18,6 +19,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, clear_screen, say};
 use crate::settings::InstanceArgs;
 use alarm::Alarm;
+use held::Held;
 
 /// The daemon publishes its status ten times per second.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -49,7 +51,7 @@ pub(crate) struct StatusArgs {
 
 pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let known = view::json(&Status::default());
+    let known = view::json(&Status::default(), &Held::default());
     for alarm in &args.alarms {
         alarm.check(&known).map_err(|wrong| Failure::usage(wrong, ""))?;
     }
@@ -63,8 +65,9 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
         return watch(args, foretrace, reader);
     }
     let status = reader.next_within(PATIENCE).ok_or_else(|| silent(&foretrace))?;
-    let figures = view::json(&status);
-    say!("{}", view::text(&status, status.header.age_ns(monotonic_now_ns())).trim_end());
+    let held = Held::of(foretrace.instance());
+    let figures = view::json(&status, &held);
+    say!("{}", view::text(&status, &held, status.header.age_ns(monotonic_now_ns())).trim_end());
     args.json.write(&figures)?;
     judged(&args.alarms, &figures)
 }
@@ -78,12 +81,13 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
     while !interrupt.is_set() {
         match reader.next_within(PATIENCE) {
             Some(status) => {
-                let figures = view::json(&status);
+                let held = Held::of(foretrace.instance());
+                let figures = view::json(&status, &held);
                 if streams {
                     args.json.line(&figures)?;
                 } else {
                     clear_screen();
-                    say!("{}", screen::page(&status, status.header.age_ns(monotonic_now_ns())));
+                    say!("{}", screen::page(&status, &held, status.header.age_ns(monotonic_now_ns())));
                 }
                 judged(&args.alarms, &figures)?;
             }

@@ -6,6 +6,7 @@
 
 use foretrace_shm::{FaultReason, Latency, Mode, Stage, Status, TrustReason, missing_rights};
 
+use super::held::Held;
 use super::view::{age, label, milliseconds, refusals, seconds};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
@@ -17,7 +18,7 @@ pub(crate) const COLUMNS: usize = 80;
 pub(crate) const LINES: usize = 23;
 
 /// The page.
-pub(crate) fn page(status: &Status, age_ns: u64) -> String {
+pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
     let counts = &status.counters;
     let mode = Mode::try_from(status.mode).ok();
     let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
@@ -96,6 +97,9 @@ pub(crate) fn page(status: &Status, age_ns: u64) -> String {
         counts.pen_outliers,
         counts.pen_gaps
     ));
+    if let Some(holder) = &held.pen {
+        lines.push(format!("{:<10}held by {holder}", ""));
+    }
     lines.push(format!(
         "{:<10}newest {}; {} states, {} dropped, {} rejected",
         "arm",
@@ -269,12 +273,12 @@ mod tests {
     #[test]
     fn any_status_fits_the_least_screen_with_mode_reason_and_remedy_on_top() {
         for status in [busy(), Status::default()] {
-            let page = page(&status, u64::MAX);
+            let page = page(&status, &Held::default(), u64::MAX);
             assert!(page.lines().count() <= LINES, "{page}");
             assert!(page.lines().all(|line| line.chars().count() <= COLUMNS), "{page}");
             assert!(page.starts_with("mode"), "{page}");
         }
-        let page = page(&busy(), 0);
+        let page = page(&busy(), &Held::default(), 0);
         let line = |index: usize| page.lines().nth(index).unwrap_or_default().to_owned();
         assert!(line(1).starts_with("stopped   tracking error: joint 3 is 0.213 rad"), "{page}");
         assert!(page.contains("disarm and arm again") && page.contains("q[2] = 57.3000 rad"), "{page}");
@@ -282,12 +286,17 @@ mod tests {
 
     #[test]
     fn what_to_do_follows_the_mode() {
-        let at =
-            |mode: Mode| page(&Status { mode: mode.into(), arm_speed_share: -1.0, ..Status::default() }, 0);
+        let at = |mode: Mode| {
+            page(
+                &Status { mode: mode.into(), arm_speed_share: -1.0, ..Status::default() },
+                &Held::default(),
+                0,
+            )
+        };
         assert!(at(Mode::Idle).contains("foretrace request arm"));
         assert!(at(Mode::Holding).contains("start the pen"));
         assert!(at(Mode::Following).contains("to do     nothing"));
         let slow = Status { mode: Mode::Following.into(), arm_speed_share: 0.3, ..Status::default() };
-        assert!(page(&slow, 0).contains("about 30 % of the commanded speed"));
+        assert!(page(&slow, &Held::default(), 0).contains("about 30 % of the commanded speed"));
     }
 }

@@ -6,6 +6,7 @@ use foretrace_shm::{FaultReason, Mode, Refused, Stage, Status, StopCause, TrustR
 use serde_json::{Map, Value, json};
 
 use super::chain::{self, latency};
+use super::held::{self, Held};
 use super::way_home;
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
@@ -25,7 +26,7 @@ const SHOWN: [Stage; 9] = [
 ];
 
 /// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
-pub(crate) fn text(status: &Status, age_ns: u64) -> String {
+pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
     let mut page = String::new();
     // Writing to a String cannot fail.
     let mut line = |words: std::fmt::Arguments<'_>| {
@@ -85,6 +86,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.pen_out_of_order,
         counts.pen_deferred_ticks
     ));
+    line(format_args!("            {}", held::words(held.pen.as_ref())));
     line(format_args!(
         "arm         newest {}   {} states   {} dropped   {} rejected   {} ticks stale   {} commands sent, \
          {} failed",
@@ -97,8 +99,10 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
         counts.commands_failed
     ));
     line(format_args!(
-        "dead man    {} messages dropped   {} rejected",
-        counts.enable_dropped, counts.enable_rejected
+        "dead man    {}   {} messages dropped   {} rejected",
+        held::words(held.dead_man.as_ref()),
+        counts.enable_dropped,
+        counts.enable_rejected
     ));
     for (who, refused) in refusals(status) {
         if refused.at_ns != 0 {
@@ -164,7 +168,7 @@ pub(crate) fn text(status: &Status, age_ns: u64) -> String {
 }
 
 /// Everything in the status under stable keys.
-pub(crate) fn json(status: &Status) -> Value {
+pub(crate) fn json(status: &Status, held: &Held) -> Value {
     let counts = &status.counters;
     let stages: Map<String, Value> = SHOWN
         .iter()
@@ -199,6 +203,7 @@ pub(crate) fn json(status: &Status) -> Value {
         },
         "stage_us": stages,
         "pen": {
+            "holder": held::value(held.pen.as_ref()),
             "age_ms": age_ms(status.pen_age_ns),
             "samples": counts.pen_received,
             "dropped": counts.pen_dropped,
@@ -208,7 +213,11 @@ pub(crate) fn json(status: &Status) -> Value {
             "out_of_order": counts.pen_out_of_order,
             "deferred_ticks": counts.pen_deferred_ticks,
         },
-        "dead_man": { "dropped": counts.enable_dropped, "rejected": counts.enable_rejected },
+        "dead_man": {
+            "holder": held::value(held.dead_man.as_ref()),
+            "dropped": counts.enable_dropped,
+            "rejected": counts.enable_rejected,
+        },
         "arm": {
             "age_ms": age_ms(status.joint_state_age_ns),
             "states": counts.joint_state_received,
@@ -339,7 +348,7 @@ mod tests {
             ..Status::default()
         };
         status.stages[Stage::Mpc as usize].p99_ns = 12_340;
-        let page = text(&status, 3_000_000);
+        let page = text(&status, &Held::default(), 3_000_000);
         for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest none yet"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
@@ -358,7 +367,7 @@ mod tests {
             ToolExtent { height_min_m: -0.04, height_max_m: 0.01, outside_max_m: 0.0, tilt_max_rad: 0.1 };
         let (mode, fault) = (Mode::Stopped.into(), FaultReason::Envelope.into());
         let mut status = Status { mode, fault, stop, extent, arm_speed_share: 0.3, ..Status::default() };
-        let page = text(&status, 0);
+        let page = text(&status, &Held::default(), 0);
         for words in [
             "stopped     tool envelope: the tool is -40.0 mm",
             "to do ",
@@ -367,21 +376,21 @@ mod tests {
         ] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
-        let value = json(&status);
+        let value = json(&status, &Held::default());
         assert_eq!(
             (&value["stop"]["cause"], &value["stop"]["joint"]),
             (&json!("height over the paper"), &Value::Null)
         );
         assert_eq!(value["envelope"]["height_min_m"], -0.04);
         status.mode = Mode::Following.into();
-        let page = text(&status, 0);
+        let page = text(&status, &Held::default(), 0);
         assert!(page.contains("last stop   the tool is") && !page.contains("to do"), "{page}");
     }
 
     #[test]
     fn json_carries_unknown_ages_as_null_and_every_stage() {
         let status = Status { pen_age_ns: u64::MAX, predictor_rms_m: -1.0, ..Status::default() };
-        let value = json(&status);
+        let value = json(&status, &Held::default());
         assert!(value["pen"]["age_ms"].is_null() && value["predictor"]["rms_m"].is_null());
         assert_eq!(value["stage_us"].as_object().unwrap().len(), SHOWN.len());
     }

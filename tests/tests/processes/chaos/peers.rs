@@ -45,7 +45,7 @@ fn two_pens_at_once() {
         let second = scene.world.run(0, words);
         assert_eq!(second.status.code(), Some(1), "{}", foretrace_tests::told(&second));
     }
-    assert_refused(&scene.world.run(0, &PLAY), 1, &["all 1 places for publishers are taken"]);
+    assert_refused(&scene.world.run(0, &PLAY), 1, &["the pen is held by the player", "--take-over"]);
     let since = monotonic_now_ns();
     scene.follows_again(since);
     let status = scene.world.status(0);

@@ -1,19 +1,20 @@
-//! Which samples of a client pass: finite, in range, later than the one before, current, and within the rate.
+//! Which samples of an outside client (a gateway's, a browser's) pass: finite, in range, later than the one
+//! before, current, and within the rate.
 //!
 //! Contract: pure (time is an argument), no allocation, total for every bit pattern. What passes is stamped
 //! strictly later than everything that passed before, also from an earlier client, and `rate` and `burst`
 //! bound it over any stretch of time.
 
-use foretrace_client::{PenSample, RejectReason, Rejection, Validate};
+use foretrace_shm::{PenSample, RejectReason, Rejection, Validate};
 
-/// How far a stamp may lie ahead of this host's clock [ns]; both sides read the same one.
-pub(crate) const FUTURE_NS: u64 = 10_000_000;
-/// How old a sample may be [ns]; the loop has no use for older ones.
-pub(crate) const AGE_NS: u64 = 1_000_000_000;
+/// How far a stamp may lie ahead of this host's clock \[ns\]; both sides read the same one.
+pub const FUTURE_NS: u64 = 10_000_000;
+/// How old a sample may be \[ns\]; the loop has no use for older ones.
+pub const AGE_NS: u64 = 1_000_000_000;
 
 /// Why a sample did not pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Refusal {
+pub enum Refusal {
     /// The sample itself is invalid.
     Wrong(Rejection),
     /// Over the rate.
@@ -21,7 +22,9 @@ pub(crate) enum Refusal {
 }
 
 impl Refusal {
-    pub(crate) const fn label(self) -> &'static str {
+    /// The reason as a word to count by.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Wrong(rejection) => rejection.reason.label(),
             Self::OverTheRate => "over the rate",
@@ -29,7 +32,7 @@ impl Refusal {
     }
 }
 
-/// A token bucket in integers: the cost of a sample and the capacity, as time [ns].
+/// A token bucket in integers: the cost of a sample and the capacity, as time \[ns\].
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
     cost_ns: u64,
@@ -60,14 +63,15 @@ impl Bucket {
 
 /// The gateway's judgement of samples and what it remembers.
 #[derive(Debug)]
-pub(crate) struct Admission {
+pub struct Admission {
     bucket: Bucket,
     last_ns: Option<u64>,
 }
 
 impl Admission {
-    /// `rate` [samples/s] in the long run, up to `burst` samples at once.
-    pub(crate) fn new(rate: u32, burst: u32, now_ns: u64) -> Self {
+    /// `rate` \[samples/s\] in the long run, up to `burst` samples at once.
+    #[must_use]
+    pub fn new(rate: u32, burst: u32, now_ns: u64) -> Self {
         Self { bucket: Bucket::new(rate, burst, now_ns), last_ns: None }
     }
 
@@ -76,7 +80,7 @@ impl Admission {
     /// # Errors
     ///
     /// Why it is refused.
-    pub(crate) fn judge(&mut self, sample: &PenSample, now_ns: u64) -> Result<(), Refusal> {
+    pub fn judge(&mut self, sample: &PenSample, now_ns: u64) -> Result<(), Refusal> {
         if !self.bucket.take(now_ns) {
             return Err(Refusal::OverTheRate);
         }
@@ -106,7 +110,7 @@ impl Admission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foretrace_client::gateway_frame::{FRAME_BYTES, Frame, FrameReader};
+    use crate::gateway_frame::{FRAME_BYTES, Frame, FrameReader};
 
     const NOW: u64 = 5_000_000_000;
 
