@@ -7,6 +7,7 @@ mod listen;
 mod picture;
 mod report;
 mod kinematics;
+mod plane;
 
 use crate::failure::Failure;
 
@@ -15,11 +16,13 @@ use crate::failure::Failure;
 pub(crate) enum CalibrateCommand {
     Lag(lag::LagArgs),
     Kinematics(kinematics::KinematicsArgs),
+    Plane(plane::PlaneArgs),
 }
 
 pub(crate) fn run(command: &CalibrateCommand) -> Result<(), Failure> {
     match command {
         CalibrateCommand::Lag(args) => lag::run(args),
         CalibrateCommand::Kinematics(args) => kinematics::run(args),
+        CalibrateCommand::Plane(args) => plane::run(args),
     }
 }
