@@ -22,11 +22,12 @@ pub use os::{effective_user, shared_memory_free_bytes};
 pub use wire::{
     AXES, JOINTS,
     arm_lag::ArmLag,
+    arm_line::ArmLine,
     check::{Rejection, Rejections, Validate},
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES},
     counters::Counters,
-    flags::{command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
+    flags::{arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
     header::{Header, HeaderBounds, HeaderCheck},
     joints::{
         EFFORT_LIMIT, Enable, JOINT_POSITION_LIMIT_RAD, JOINT_VELOCITY_LIMIT_RADPS, JointCommand, JointState,

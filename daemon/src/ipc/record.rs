@@ -158,6 +158,7 @@ pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &
         ghost_error_m: UNKNOWN,
         stop: wire::stop_detail(&output.stop_detail),
         arm_speed_share: output.arm_speed_share.unwrap_or(UNKNOWN),
+        arm_line: facts.ports.arm_line,
         ..Default::default()
     };
     if let Some(compared) = ghost.compared {
@@ -206,6 +207,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.arm_lag = wire::arm_lag(output);
     status.stop = wire::stop_detail(&output.stop_detail);
     status.arm_speed_share = output.arm_speed_share.unwrap_or(UNKNOWN);
+    status.arm_line = newest.ports.arm_line;
     status.learner_version = output.weights_version;
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }

@@ -11,7 +11,7 @@ use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
 
-use crate::wire::{Echo, JOINTS, Outgoing, REJECT_REASONS, Refused};
+use crate::wire::{ArmLine, Echo, JOINTS, Outgoing, REJECT_REASONS, Refused};
 
 /// Most pen samples per tick; the rest waits for the next tick.
 pub const PEN_PER_TICK: usize = 64;
@@ -67,7 +67,7 @@ impl Inbox {
 }
 
 /// Counts since the start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PortTally {
     /// Pen samples handed to the loop.
     pub pen_received: u64,
@@ -95,6 +95,8 @@ pub struct PortTally {
     pub enable_refused: Option<Refused>,
     /// Errors of the middleware while receiving.
     pub receive_failures: u64,
+    /// The arm's line, as in the newest joint state.
+    pub arm_line: ArmLine,
     /// Commands sent.
     pub commands_sent: u64,
     /// Commands that could not be sent.

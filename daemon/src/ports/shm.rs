@@ -64,6 +64,7 @@ impl Ports for ShmPorts {
             allowed &= reading.motion_allowed;
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
             inbox.echo = wire::echo(&state);
+            self.tally.arm_line = state.line;
         });
         self.enable.drain(now.0, |enable| {
             let reading = wire::enable_reading(&enable);

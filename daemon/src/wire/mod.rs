@@ -19,6 +19,7 @@ pub use requests::{Asked, asked, refusal, unknown_predictor};
 pub use words::{fault, ghost_state, mode, predictor, rung, stop_detail, trust_reason};
 
 use foretrace_shm as shm;
+pub use foretrace_shm::ArmLine;
 
 /// Joints of the arms this daemon moves; the wire carries as many.
 pub const JOINTS: usize = 6;

@@ -82,6 +82,14 @@ wire_flags! {
 }
 
 wire_flags! {
+    /// Bits of `ArmLine::flags`.
+    pub mod arm_flags {
+        /// An operator lets the arm move without a dead-man switch.
+        WITHOUT_DEAD_MAN = 0 => "without dead-man",
+    }
+}
+
+wire_flags! {
     /// Bits of `TickRecord::health`: what degraded this tick.
     pub mod health {
         /// No fresh pen sample.

@@ -6,8 +6,9 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::JOINTS;
+use super::arm_line::ArmLine;
 use super::check::{Rejection, Validate, flags, known, within};
-use super::flags::command_flags;
+use super::flags::{arm_flags, command_flags};
 use super::header::Header;
 use super::layout::wire;
 use super::robot_mode::{RobotMode, SafetyMode};
@@ -42,7 +43,7 @@ wire! {
 
 wire! {
     /// Measured state of the arm.
-    "foretrace.JointStateV2"
+    "foretrace.JointStateV3"
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
         pub header: Header,
@@ -70,6 +71,8 @@ wire! {
         pub safety_mode: u32,
         /// [`RobotMode`].
         pub robot_mode: u32,
+        /// The line to the arm's controller.
+        pub line: ArmLine,
     }
 }
 
@@ -120,7 +123,7 @@ impl Validate for JointState {
         within("effort", &self.effort, EFFORT_LIMIT)?;
         known::<_, SafetyMode>("safety_mode", self.safety_mode)?;
         known::<_, RobotMode>("robot_mode", self.robot_mode)?;
-        Ok(())
+        flags("line.flags", self.line.flags, arm_flags::ALL)
     }
 }
 
@@ -157,5 +160,8 @@ mod tests {
         assert_eq!(state.validate().unwrap_err().field, "safety_mode");
         let state = JointState { robot_mode: 10, ..Default::default() };
         assert_eq!(state.validate().unwrap_err().field, "robot_mode");
+        let line = ArmLine { flags: 2, ..Default::default() };
+        let state = JointState { line, ..Default::default() };
+        assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "line.flags")));
     }
 }

@@ -5,9 +5,10 @@ use std::fmt;
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::arm_lag::ArmLag;
+use super::arm_line::ArmLine;
 use super::check::{Rejection, Validate, flags, known};
 use super::counters::Counters;
-use super::flags::missing_rights;
+use super::flags::{arm_flags, missing_rights};
 use super::header::Header;
 use super::latency::Latency;
 use super::layout::wire;
@@ -99,7 +100,7 @@ wire_enum! {
 
 wire! {
     /// State of the daemon. Distributions are over all ticks since start, after warm-up.
-    "foretrace.StatusV6"
+    "foretrace.StatusV7"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -199,6 +200,8 @@ wire! {
         pub echo_refused: Refused,
         /// The way home.
         pub way_home: WayHome,
+        /// The line to the arm's controller.
+        pub arm_line: ArmLine,
         /// Reserved, zero.
         pub reserved: [u64; 2],
     }
@@ -219,6 +222,7 @@ impl Validate for Status {
         known::<_, TrustReason>("trust_reason", self.trust_reason)?;
         self.predictor.check("predictor")?;
         known::<_, GhostState>("ghost_state", self.ghost_state)?;
+        flags("arm_line.flags", self.arm_line.flags, arm_flags::ALL)?;
         flags("missing_rights", self.missing_rights, missing_rights::ALL)
     }
 }

@@ -7,9 +7,10 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::arm_lag::ArmLag;
+use super::arm_line::ArmLine;
 use super::check::{Rejection, Validate, flags, known};
 use super::counters::Counters;
-use super::flags::{guard_mask, health, pen_flags};
+use super::flags::{arm_flags, guard_mask, health, pen_flags};
 use super::header::Header;
 use super::layout::wire;
 use super::predictor_name::PredictorName;
@@ -52,7 +53,7 @@ impl Chain {
 
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV5"
+    "foretrace.TickRecordV6"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -201,6 +202,8 @@ wire! {
         pub stop: StopDetail,
         /// Fraction of the commanded speed at which the arm moves; negative: unknown.
         pub arm_speed_share: f64,
+        /// The line to the arm's controller.
+        pub arm_line: ArmLine,
     }
 }
 
@@ -233,6 +236,7 @@ impl Validate for TickRecord {
         for path in self.mpc_path {
             known::<_, SolverPath>("mpc_path", path)?;
         }
+        flags("arm_line.flags", self.arm_line.flags, arm_flags::ALL)?;
         flags("health", self.health, health::ALL)?;
         flags("guard_mask", self.guard_mask, guard_mask::ALL)?;
         flags("pen_flags", self.pen_flags, pen_flags::ALL)

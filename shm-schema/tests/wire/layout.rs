@@ -52,7 +52,7 @@ fn layouts_are_pinned() {
         0xed124580c0d91ddc,
     );
     pinned::<JointState>(
-        232,
+        264,
         8,
         &[
             ("header", 0, 24),
@@ -68,8 +68,9 @@ fn layouts_are_pinned() {
             ("effort", 176, 48),
             ("safety_mode", 224, 4),
             ("robot_mode", 228, 4),
+            ("line", 232, 32),
         ],
-        0x773389bbad4afb62,
+        0xe7ea8b1a2e87f899,
     );
     pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
     pinned::<PredictorName>(28, 1, &[("bytes", 0, 28)], 0x08c660f65a7c8001);
@@ -126,6 +127,18 @@ fn layouts_are_pinned() {
         ],
         0x73493b22b605ca88,
     );
+    pinned::<ArmLine>(
+        32,
+        8,
+        &[
+            ("round_trip_ns", 0, 8),
+            ("late_cycles", 8, 8),
+            ("lost_commands", 16, 8),
+            ("flags", 24, 4),
+            ("reserved", 28, 4),
+        ],
+        0xf94b3ca95fcb86f4,
+    );
     pinned::<ArmLag>(
         32,
         8,
@@ -145,7 +158,7 @@ fn layouts_are_pinned() {
         0x6e01a9bec75bd4a7,
     );
     pinned::<TickRecord>(
-        1264,
+        1296,
         8,
         &[
             ("header", 0, 24),
@@ -216,8 +229,9 @@ fn layouts_are_pinned() {
             ("compared_contact", 1220, 4),
             ("stop", 1224, 32),
             ("arm_speed_share", 1256, 8),
+            ("arm_line", 1264, 32),
         ],
-        0xf8ddf50b98b37117,
+        0xa6a5bd8e204aa8b9,
     );
     pinned::<Percentiles>(
         16,
@@ -264,7 +278,7 @@ fn layouts_are_pinned() {
         0x795854b8ed6ab48c,
     );
     pinned::<Status>(
-        1440,
+        1472,
         8,
         &[
             ("header", 0, 24),
@@ -313,9 +327,10 @@ fn layouts_are_pinned() {
             ("enable_refused", 1312, 40),
             ("echo_refused", 1352, 40),
             ("way_home", 1392, 32),
-            ("reserved", 1424, 16),
+            ("arm_line", 1424, 32),
+            ("reserved", 1456, 16),
         ],
-        0x74332c1b74cd8993,
+        0xeeb8cc78ee517103,
     );
     pinned::<ControlRequest>(
         64,

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Commands, monotonic_now_ns};
+use foretrace_client::{Commands, arm_flags, monotonic_now_ns};
 use foretrace_config::Config;
 use foretrace_ur::bridge::check::{self, Series};
 use foretrace_ur::bridge::kinematics::Deviation;
@@ -138,6 +138,7 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         daemon,
         judge: Judge::new(config.robot().limits),
         record: args.record.as_deref().map(Record::create).transpose()?,
+        without_dead_man: args.without_dead_man && !dead_man,
         ready: false,
         not_sent: 0,
     };
@@ -248,6 +249,8 @@ struct Bridge {
     daemon: Daemons,
     judge: Judge,
     record: Option<Record>,
+    /// Nobody but the emergency stop can stop this arm at once, and somebody said so.
+    without_dead_man: bool,
     /// That the arm may be armed has been said.
     ready: bool,
     not_sent: u64,
@@ -279,6 +282,9 @@ impl Bridge {
             record.add(stamp_ns, &state.q);
         }
         if let (Some(Measured { stamp_ns, mut state }), Some(ports)) = (measured, &mut self.daemon.ports) {
+            if self.without_dead_man {
+                state.line.flags |= arm_flags::WITHOUT_DEAD_MAN;
+            }
             state.commands_refused =
                 state.commands_refused.saturating_add(ports.commands.rejections().total());
             if !ports.states.publish(stamp_ns, state).unwrap_or(false) {

@@ -1,6 +1,7 @@
 //! `foretrace status`: shows the daemon's status.
 
 mod alarm;
+mod arm_line;
 mod chain;
 mod held;
 mod screen;

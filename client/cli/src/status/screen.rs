@@ -6,6 +6,7 @@
 
 use foretrace_shm::{FaultReason, Latency, Mode, Stage, Status, TrustReason, missing_rights};
 
+use super::arm_line;
 use super::held::Held;
 use super::view::{age, label, milliseconds, refusals, seconds};
 use crate::extent::ExtentFigures;
@@ -108,6 +109,9 @@ pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
         counts.joint_state_dropped,
         counts.joint_state_rejected.total()
     ));
+    if let Some(words) = arm_line::words(&status.arm_line) {
+        lines.push(format!("{:<10}{words}", "line"));
+    }
     if let Some(extent) = ExtentFigures::told(&status.extent) {
         lines.push(format!(
             "{:<10}{:.1} to {:.1} mm over the paper, {:.1} mm outside, tilt {:.3} rad",

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chain::{self, latency};
 use super::held::{self, Held};
-use super::way_home;
+use super::{arm_line, way_home};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
@@ -98,6 +98,9 @@ pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
         counts.commands_sent,
         counts.commands_failed
     ));
+    if let Some(words) = arm_line::words(&status.arm_line) {
+        line(format_args!("line        {words}"));
+    }
     line(format_args!(
         "dead man    {}   {} messages dropped   {} rejected",
         held::words(held.dead_man.as_ref()),
@@ -226,6 +229,7 @@ pub(crate) fn json(status: &Status, held: &Held) -> Value {
             "stale_ticks": counts.joint_state_stale,
             "commands_sent": counts.commands_sent,
             "commands_failed": counts.commands_failed,
+            "line": arm_line::json(&status.arm_line),
         },
         "stop": {
             "reason": label::<FaultReason>(status.fault),
@@ -349,7 +353,7 @@ mod tests {
         };
         status.stages[Stage::Mpc as usize].p99_ns = 12_340;
         let page = text(&status, &Held::default(), 3_000_000);
-        for words in ["following", "real-time scheduling", "12.34", "0.50", "ramp", "newest none yet"] {
+        for words in ["following", "real-time scheduling", "12.34", "0.50", "evidence", "newest none yet"] {
             assert!(page.contains(words), "{words} missing in\n{page}");
         }
     }

@@ -5,7 +5,7 @@
 //! one joint state for the daemon and one set of inputs for the controller, so that the counter goes on
 //! whatever happens.
 
-use foretrace_client::{JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags};
+use foretrace_client::{ArmLine, JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags};
 use foretrace_control::arm::{Chain, JointLimits};
 use nalgebra::Vector3;
 
@@ -294,6 +294,12 @@ impl Pilot {
             effort: package.current,
             safety_mode: safety_mode.into(),
             robot_mode: robot_mode.into(),
+            line: ArmLine {
+                round_trip_ns: self.trips.usual_ns(),
+                late_cycles: self.trips.late(),
+                lost_commands: self.trips.lost(),
+                ..ArmLine::default()
+            },
             ..JointState::default()
         };
         if let Some(command) = self.targets.newest() {

@@ -104,6 +104,13 @@ impl Trips {
         self.usual
     }
 
+    /// The usual round trip \[ns\]; 0 before one was seen.
+    #[must_use]
+    pub fn usual_ns(&self) -> u64 {
+        let seen = self.recent.iter().any(|recent| *recent > 0.0);
+        if seen { (self.usual as f64 * self.cycle_s * 1e9) as u64 } else { 0 }
+    }
+
     /// Whether `counter` has been sent lately.
     #[must_use]
     pub fn is_ours(&self, counter: i32) -> bool {
