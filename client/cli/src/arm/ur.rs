@@ -3,6 +3,7 @@
 //! Contract: what has to be right before motion is checked first, and nothing moves before somebody arms the
 //! daemon. Outlives daemon and controller: without either it waits, says why, and goes on when they are back.
 
+use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -120,13 +121,9 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     let registers = Registers::at(settings.robot.ur.register_base)
         .ok_or_else(|| Failure::bad_input("robot.ur.register_base leaves registers 24 to 41", "use 24"))?;
     let cycle_s = 1.0 / f64::from(found.series.rate_hz());
-    let seed = monotonic_now_ns() ^ (u64::from(std::process::id()) << 32);
-    // Never 0: that is what a register says that nobody wrote.
-    let token = i32::try_from(seed % 0x7fff_fffe).unwrap_or(0) + 1;
-    let program = Program::new(&settings.robot.ur, &config.robot().limits, registers, cycle_s, token);
+    let program = Program::new(&settings.robot.ur, &config.robot().limits, registers, cycle_s);
     let floor = floor(&config, deviation).filter(|_| !args.uncalibrated);
-    let pilot =
-        Pilot::new(config.robot().limits, cycle_s, 1.0 / program.watchdog_hz, floor, token, seed >> 3);
+    let pilot = Pilot::new(config.robot().limits, cycle_s, 1.0 / program.watchdog_hz, floor, drawn());
     let watch_remote = found.series.tells_remote_control(found.version);
     let link = Link::new(addresses, program, pilot, watch_remote)
         .map_err(|error| Failure::failed(format_args!("no thread for the dashboard: {error}"), ""))?;
@@ -157,6 +154,12 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     let report = bridge.report(robot);
     summary(&report);
     args.json.write(&report)
+}
+
+/// A number that no other bridge is likely to begin with.
+fn drawn() -> u64 {
+    // Keyed at random by the standard library.
+    RandomState::new().hash_one(monotonic_now_ns())
 }
 
 fn refused(refusal: check::Refusal) -> Failure {

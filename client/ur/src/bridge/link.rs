@@ -17,7 +17,7 @@ use super::reaction::Phase;
 use super::reason::Reason;
 use super::registers::END;
 use super::remote::RemoteWatch;
-use super::upload::Upload;
+use super::upload::{Heard, Upload};
 
 /// Longest wait for one state, so that Ctrl-C and the daemon are looked at.
 const WAIT: Duration = Duration::from_millis(50);
@@ -25,8 +25,8 @@ const WAIT: Duration = Duration::from_millis(50);
 const SILENCE: Duration = Duration::from_secs(1);
 /// Between two attempts to connect.
 const AGAIN: Duration = Duration::from_secs(1);
-/// Between two looks at the controller's messages: they come ten times a second.
-const LISTEN_EVERY: Duration = Duration::from_millis(100);
+/// Most messages of the controller that are taken in one cycle.
+const HEARD_AT_ONCE: usize = 8;
 /// Longest time for a connection, or for the program to be sent.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -39,8 +39,6 @@ pub struct Link {
     line: Option<Line>,
     remote: Option<RemoteWatch>,
     upload: Option<Upload>,
-    /// When the controller's messages were last looked at.
-    heard_messages: Instant,
     heard: Instant,
     /// Waits in a row in which nothing came.
     silent_turns: u32,
@@ -116,7 +114,6 @@ impl Link {
             line: None,
             remote,
             upload: None,
-            heard_messages: now,
             heard: now,
             silent_turns: 0,
             next_attempt: now,
@@ -158,13 +155,19 @@ impl Link {
         if let Some(remote) = &self.remote {
             self.pilot.remote_control(remote.remote());
         }
+        let followed = matches!(self.phase(), Phase::Following { .. });
         let outcome = self.pilot.cycle(&package, arrival_ns)?;
+        let line = self.line.as_mut()?;
         if let Err(error) = line.send(&outcome.inputs) {
             self.lose(Reason::ConnectionLost, Some(error.to_string()));
             return None;
         }
-        if outcome.upload {
-            self.send_program();
+        if let Some(token) = outcome.upload {
+            self.send_program(token);
+        }
+        if !followed && matches!(self.phase(), Phase::Following { .. }) {
+            // What was said before the arm was told to follow explains no later stop.
+            self.detail = None;
         }
         self.hear();
         self.note();
@@ -180,7 +183,7 @@ impl Link {
             let Ok(Some(package)) = line.receive(WAIT) else { break };
             let Some(mut outcome) = self.pilot.cycle(&package, monotonic_now_ns()) else { continue };
             outcome.inputs.leave = END;
-            let ours = package.answer.session == self.program.token && package.runtime_state == 2;
+            let ours = package.answer.session == self.pilot.machine().token() && package.runtime_state == 2;
             if !ours || line.send(&outcome.inputs).is_err() {
                 break;
             }
@@ -262,28 +265,25 @@ impl Link {
         self.note();
     }
 
-    fn send_program(&mut self) {
-        match Upload::begin(self.addresses.primary, &self.program.text(), PATIENCE) {
+    fn send_program(&mut self, token: i32) {
+        match Upload::begin(self.addresses.primary, self.program.text(token), PATIENCE) {
             Ok(upload) => self.upload = Some(upload),
             // The machine notices that nothing runs; this tells why.
-            Err(error) => {
-                self.detail = Some(format!("the program could not be sent to port 30001: {error}"));
-            }
+            Err(error) => self.detail = Some(format!("no thread to send the program: {error}")),
         }
     }
 
-    /// What the controller says against the program: at once while it begins or has ended, now and then while
-    /// it runs.
+    /// What the controller says about the program; without a wait.
     fn hear(&mut self) {
-        let phase = self.pilot.machine().phase();
-        let soon = matches!(phase, Phase::Starting { .. } | Phase::Ended { .. });
-        if !soon && self.heard_messages.elapsed() < LISTEN_EVERY {
-            return;
-        }
-        self.heard_messages = Instant::now();
-        if let Some(objection) = self.upload.as_mut().and_then(Upload::objection) {
-            self.detail = Some(objection);
-            self.pilot.program_failed();
+        for _ in 0..HEARD_AT_ONCE {
+            match self.upload.as_mut().and_then(Upload::heard) {
+                Some(Heard::Exception(words)) => {
+                    self.detail = Some(words);
+                    self.pilot.program_failed();
+                }
+                Some(Heard::Warning(words) | Heard::Lost(words)) => self.detail = Some(words),
+                None => return,
+            }
         }
     }
 

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use super::clock::{ClockMap, Mapped};
 use super::reaction::{Act, Machine, Seen, Wanted};
 use super::reason::Reason;
-use super::registers::{Answer, Inputs, Numbers};
+use super::registers::{Answer, Inputs, Numbers, Tokens};
 use super::target::{Target, Targets};
 use super::trip::Trips;
 
@@ -63,8 +63,8 @@ pub struct Outcome {
     pub state: JointState,
     /// For the controller.
     pub inputs: Inputs,
-    /// The program has to be sent.
-    pub upload: bool,
+    /// The program has to be sent, with this token.
+    pub upload: Option<i32>,
     /// The controller's clock began anew.
     pub restarted: bool,
 }
@@ -106,21 +106,20 @@ const STARVED: f64 = 0.5;
 
 impl Pilot {
     /// For a controller that cycles every `cycle_s` and ends the program when inputs stay away for
-    /// `watchdog_s`.
+    /// `watchdog_s`. `seed` should be drawn at random: tokens of programs come from it.
     #[must_use]
     pub fn new(
         limits: JointLimits<JOINTS>,
         cycle_s: f64,
         watchdog_s: f64,
         floor: Option<Floor>,
-        token: i32,
         seed: u64,
     ) -> Self {
         Self {
             cycle_s,
             clock: ClockMap::default(),
             trips: Trips::new(cycle_s, 1),
-            machine: Machine::new(token, Numbers::from_seed(seed)),
+            machine: Machine::new(Tokens::from_seed(seed), Numbers::from_seed(seed)),
             targets: Targets::new(limits, cycle_s),
             counters: Numbers::from_seed(seed >> 7),
             floor,
@@ -213,7 +212,8 @@ impl Pilot {
             self.counts.jumps += 1;
         }
         let inputs = self.inputs(act, &target, package);
-        Some(Outcome { stamp_ns, state: self.state(package), inputs, upload: act == Act::Upload, restarted })
+        let upload = (act == Act::Upload).then(|| self.machine.token());
+        Some(Outcome { stamp_ns, state: self.state(package), inputs, upload, restarted })
     }
 
     fn count(&mut self, timestamp: f64) {
@@ -252,7 +252,7 @@ impl Pilot {
             runtime_state: package.runtime_state,
             speed: package.speed_scaling * package.target_speed_fraction,
             answer: package.answer,
-            echo_is_ours: self.trips.is_ours(package.answer.echo),
+            echoed: self.trips.is_echoed(),
             silence_s,
             starved: silence_s > STARVED * self.watchdog_s,
         }
@@ -277,6 +277,8 @@ impl Pilot {
         let running = package.robot_mode == 7;
         let robot_mode = match u32::try_from(package.robot_mode.saturating_add(1)) {
             Ok(_) if running && !self.machine.may_move() => RobotMode::Idle,
+            // The daemon's 0 is "not reported", which simple arms move with; a UR's -1 is no arm at all.
+            Ok(0) => RobotMode::Disconnected,
             Ok(mode) => RobotMode::try_from(mode).unwrap_or(RobotMode::Disconnected),
             Err(_) => RobotMode::Disconnected,
         };

@@ -14,8 +14,6 @@ const TEXT: &str = include_str!("program.script");
 pub struct Program {
     /// Registers in use.
     pub registers: Registers,
-    /// Written back by the program, so that the bridge knows it is this one and not an earlier one.
-    pub token: i32,
     /// Of the controller: 1/125 or 1/500 \[s\].
     pub cycle_s: f64,
     /// Look-ahead of `servoj` \[s\], 0.03 to 0.2 (script manual).
@@ -42,12 +40,10 @@ impl Program {
         limits: &JointLimits<JOINTS>,
         registers: Registers,
         cycle_s: f64,
-        token: i32,
     ) -> Self {
         let stop = smallest(limits.deceleration());
         Self {
             registers,
-            token,
             cycle_s,
             look_ahead_s: section.look_ahead_ms * 1e-3,
             gain: section.gain,
@@ -61,9 +57,10 @@ impl Program {
         }
     }
 
-    /// As URScript, ready to be sent.
+    /// As URScript, ready to be sent. `token` is written back by the program, so that the bridge knows it is
+    /// this one and not an earlier one.
     #[must_use]
-    pub fn text(&self) -> String {
+    pub fn text(&self, token: i32) -> String {
         let r = &self.registers;
         let mut text = TEXT.to_owned();
         let whole = [
@@ -81,7 +78,7 @@ impl Program {
         let mut fill = |name: &str, value: String| text = text.replace(&format!("{{{{{name}}}}}"), &value);
         whole.into_iter().for_each(|(name, value)| fill(name, value.to_string()));
         (0..12).for_each(|i| fill(&format!("D{i}"), r.double(i).to_string()));
-        fill("TOKEN", self.token.to_string());
+        fill("TOKEN", token.to_string());
         fill("WATCHED", format!("input_int_register_{}", r.counter()));
         let real = [
             ("STEP_S", self.cycle_s),
@@ -126,13 +123,13 @@ mod tests {
         let config = Config::preset(preset).unwrap();
         let cycle_s = 1.0 / f64::from(config.settings().robot.controller_rate_hz);
         let registers = Registers::at(base).unwrap();
-        Program::new(&config.settings().robot.ur, &config.robot().limits, registers, cycle_s, 77)
+        Program::new(&config.settings().robot.ur, &config.robot().limits, registers, cycle_s)
     }
 
     #[test]
     fn every_number_is_filled_in_and_every_register_is_ours() {
         for (preset, base) in [("ur5", 24), ("ur5e", 30), ("ur5-first-run", 27)] {
-            let text = program(preset, base).text();
+            let text = program(preset, base).text(77);
             assert!(!text.contains("{{") && !text.contains("}}"), "{text}");
             for call in text.split("_register(").skip(1) {
                 let number: u32 =
@@ -145,7 +142,7 @@ mod tests {
 
     #[test]
     fn servo_has_the_numbers_of_the_settings() {
-        let text = program("ur5", 24).text();
+        let text = program("ur5", 24).text(77);
         assert!(
             text.contains("servoj(ft_q, t=0.008000, lookahead_time=0.030000, gain=1200.000000)"),
             "{text}"
@@ -159,9 +156,8 @@ mod tests {
         let config = Config::preset("ur5-first-run").unwrap();
         let mut section = config.settings().robot.ur.clone();
         let registers = Registers::at(24).unwrap();
-        let with = |section: &UrSection| {
-            Program::new(section, &config.robot().limits, registers, 0.008, 1).stop_radps2
-        };
+        let with =
+            |section: &UrSection| Program::new(section, &config.robot().limits, registers, 0.008).stop_radps2;
         assert_eq!(with(&section), 5.0);
         section.stop_radps2 = Some(40.0);
         assert_eq!(with(&section), 5.0);
@@ -178,7 +174,7 @@ mod tests {
 
     #[test]
     fn lines_of_the_program_are_plain_text_that_every_version_reads() {
-        let text = program("ur5", 24).text();
+        let text = program("ur5", 24).text(77);
         assert!(text.is_ascii() && text.starts_with("def foretrace():\n") && text.ends_with("\nend\n"));
         assert!(text.lines().all(|line| !line.contains('\t')));
         let opens = ["def ", "while ", "if "];

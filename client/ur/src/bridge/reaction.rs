@@ -6,7 +6,7 @@
 //! one of somebody else's and never ends a safety stop.
 
 use super::reason::{Reason, Return};
-use super::registers::{Answer, NO_LEAVE, Numbers, ProgramState};
+use super::registers::{Answer, NO_LEAVE, Numbers, ProgramState, Tokens};
 
 /// What one state of the controller shows, read together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,9 +21,9 @@ pub struct Seen {
     pub speed: f64,
     /// What the program writes.
     pub answer: Answer,
-    /// The echo is one of our own counters of late.
-    pub echo_is_ours: bool,
-    /// Since the program last read something new, or since it was started \[s\].
+    /// A program has echoed counters of this connection.
+    pub echoed: bool,
+    /// Since a program last read something new, or since the connection began \[s\].
     pub silence_s: f64,
     /// The program has gone without a fresh counter for so long that the watchdog may have struck.
     pub starved: bool,
@@ -63,13 +63,6 @@ pub enum Phase {
         /// When it was last there, on the controller's clock \[s\].
         last_s: f64,
     },
-    /// Our program ended and nothing says why yet.
-    Ended {
-        /// When \[s\].
-        at_s: f64,
-        /// Counters had stayed away before.
-        starved: bool,
-    },
     /// The program is on its way.
     Starting {
         /// Since when \[s\].
@@ -89,6 +82,8 @@ pub enum Phase {
 /// Reacts to what the controller shows and foretrace wants.
 #[derive(Debug, Clone)]
 pub struct Machine {
+    tokens: Tokens,
+    /// Of the program sent last; 0: none yet.
     token: i32,
     leaves: Numbers,
     phase: Phase,
@@ -97,13 +92,28 @@ pub struct Machine {
     remote: Option<bool>,
     /// Not to be tried again before this instant \[s\].
     next_upload_s: f64,
-    /// The controller told an error of the program.
-    failed: bool,
+    /// Our program has been seen to run, in whatever phase.
+    alive: bool,
+    /// It ended, and nothing says why yet.
+    end: Option<End>,
+    /// The controller told an error of the program since the last state.
+    error_news: bool,
+    /// When it told the newest one \[s\].
+    error_s: Option<f64>,
+}
+
+/// An end of our program.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    /// When \[s\].
+    at_s: f64,
+    /// Counters had stayed away before.
+    starved: bool,
 }
 
 /// Below this a speed is scaled.
 const FULL_SPEED: f64 = 0.99;
-/// Time for a stop to be told after the program that it ended \[s\].
+/// Longest time between the end of a program and what explains it, a safety stop or an error \[s\].
 const EXPLAINED_S: f64 = 0.5;
 /// Longest time for a program to begin \[s\].
 const BEGIN_S: f64 = 5.0;
@@ -121,18 +131,28 @@ const IDLE_S: f64 = 1.0;
 const OBEYS_S: f64 = 0.25;
 
 impl Machine {
-    /// A bridge that has not connected yet; its program will carry `token`.
+    /// A bridge that has not connected yet; each program that it sends carries the next of `tokens`.
     #[must_use]
-    pub const fn new(token: i32, leaves: Numbers) -> Self {
+    pub const fn new(tokens: Tokens, leaves: Numbers) -> Self {
         Self {
-            token,
+            tokens,
+            token: 0,
             leaves,
             phase: Phase::Away,
             reason: None,
             remote: None,
             next_upload_s: f64::NEG_INFINITY,
-            failed: false,
+            alive: false,
+            end: None,
+            error_news: false,
+            error_s: None,
         }
+    }
+
+    /// Token of the program sent last; 0 before the first.
+    #[must_use]
+    pub const fn token(&self) -> i32 {
+        self.token
     }
 
     /// Where the bridge stands.
@@ -168,11 +188,16 @@ impl Machine {
         }
         self.phase = Phase::Blocked { last_s: f64::NEG_INFINITY };
         self.next_upload_s = f64::NEG_INFINITY;
+        // What ended while nobody looked starved, or was stopped by somebody who has to arm anyway.
+        self.alive = false;
+        if restarted {
+            (self.end, self.error_s) = (None, None);
+        }
     }
 
-    /// The controller told an error of the program; if the program ends now, that is why.
+    /// The controller told an error of the program; if the program ends about now, that is why.
     pub fn program_failed(&mut self) {
-        self.failed = true;
+        self.error_news = true;
     }
 
     /// What the dashboard says about remote control.
@@ -182,34 +207,30 @@ impl Machine {
 
     /// One state of the controller at `now_s` of its clock, and what foretrace wants.
     pub fn step(&mut self, now_s: f64, seen: &Seen, wanted: Wanted) -> Act {
+        if let Some(reason) = self.ended(now_s, seen) {
+            return self.block(reason, now_s);
+        }
         if let Some(reason) = self.hindrance(seen, wanted) {
             return self.block(reason, now_s);
         }
-        let playing = seen.runtime_state == RUNTIME_PLAYING;
-        let ours = playing && seen.answer.session == self.token;
+        let fresh = seen.echoed && seen.silence_s <= SILENT_S;
+        let named = self.is_named(seen);
         match self.phase {
             Phase::Away => Act::Wait,
             Phase::Blocked { last_s } => {
-                if self.is_final() || wanted.commanding || now_s - last_s < SHOWN_S {
+                if self.is_final() || self.end.is_some() || wanted.commanding || now_s - last_s < SHOWN_S {
                     return Act::Wait;
                 }
-                self.get_ready(now_s, seen, playing, ours)
+                self.get_ready(now_s, seen, named, fresh)
             }
-            Phase::Ended { at_s, starved } => {
-                if now_s - at_s < EXPLAINED_S {
-                    return Act::Wait;
-                }
-                let why = match (self.failed, starved) {
-                    (true, _) => Reason::ProgramFailed,
-                    (false, true) => Reason::StoppedByWatchdog,
-                    (false, false) => Reason::StoppedByOperator,
-                };
-                self.block(why, now_s)
+            Phase::Starting { .. } | Phase::Ready | Phase::Following { .. } if self.end.is_some() => {
+                self.phase = Phase::Blocked { last_s: now_s };
+                Act::Wait
             }
             Phase::Starting { since_s } => {
                 // Some versions scale the speed up from 0 when a program begins.
                 let settled = seen.speed >= FULL_SPEED || now_s - since_s > SPEEDS_UP_S;
-                if ours && settled && seen.answer.program() == ProgramState::Waiting {
+                if named && fresh && settled && seen.answer.program() == ProgramState::Waiting {
                     self.phase = Phase::Ready;
                 } else if now_s - since_s > BEGIN_S {
                     self.next_upload_s = now_s + AGAIN_S;
@@ -217,15 +238,14 @@ impl Machine {
                 }
                 Act::Wait
             }
-            Phase::Ready | Phase::Following { .. } if !ours => {
-                self.phase = Phase::Ended { at_s: now_s, starved: seen.starved };
-                Act::Wait
-            }
             Phase::Ready => {
+                if !fresh {
+                    return self.block(Reason::ForeignProgram, now_s);
+                }
                 if !(wanted.begins && wanted.commanding) {
                     return Act::Wait;
                 }
-                self.reason = None;
+                (self.reason, self.error_s) = (None, None);
                 self.phase = Phase::Following { commanded_s: now_s, since_s: now_s };
                 Act::Follow(self.leaves.next_number())
             }
@@ -233,6 +253,43 @@ impl Machine {
                 self.follow(now_s, seen, wanted, commanded_s, since_s)
             }
         }
+    }
+
+    /// A program runs, and the registers carry our token: registers that an ended program left behind do too.
+    fn is_named(&self, seen: &Seen) -> bool {
+        seen.runtime_state == RUNTIME_PLAYING && self.token != 0 && seen.answer.session == self.token
+    }
+
+    /// Whether our program has ended, whatever the phase, and why, once that is known. A safety stop and an
+    /// arm without power explain themselves.
+    fn ended(&mut self, now_s: f64, seen: &Seen) -> Option<Reason> {
+        if std::mem::take(&mut self.error_news) {
+            self.error_s = Some(now_s);
+        }
+        let runs = (RUNTIME_PLAYING..=RUNTIME_RESUMING).contains(&seen.runtime_state);
+        if runs && self.token != 0 && seen.answer.session == self.token {
+            self.alive = true;
+        } else if std::mem::take(&mut self.alive) {
+            self.end = Some(End { at_s: now_s, starved: seen.starved });
+        }
+        let end = self.end?;
+        if !matches!(seen.safety_mode, 1 | 2) || seen.robot_mode != 7 {
+            self.end = None;
+            return None;
+        }
+        if now_s - end.at_s < EXPLAINED_S {
+            return None;
+        }
+        self.end = None;
+        if self.error_s.is_some_and(|error_s| (error_s - end.at_s).abs() <= EXPLAINED_S) {
+            return Some(Reason::ProgramFailed);
+        }
+        if !end.starved {
+            return Some(Reason::StoppedByOperator);
+        }
+        // What kept the counters away may be told already.
+        let told = matches!(self.reason, Some(Reason::CountersLate | Reason::NoAnswer));
+        (!told).then_some(Reason::StoppedByWatchdog)
     }
 
     /// Why the arm must not move, by what is seen in this state alone; the gravest first.
@@ -254,7 +311,7 @@ impl Machine {
         if (RUNTIME_PAUSING..=RUNTIME_RESUMING).contains(&seen.runtime_state) {
             return Some(Reason::Paused);
         }
-        let ours = seen.answer.session == self.token;
+        let ours = self.token != 0 && seen.answer.session == self.token;
         let begins = matches!(self.phase, Phase::Starting { .. });
         if ours && !begins && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
             return Some(Reason::Slowed);
@@ -285,26 +342,29 @@ impl Machine {
     }
 
     /// Nothing stands in the way: is there a program, and whose?
-    fn get_ready(&mut self, now_s: f64, seen: &Seen, playing: bool, ours: bool) -> Act {
-        if ours {
-            if seen.silence_s > SILENT_S {
-                return self.block(Reason::NoAnswer, now_s);
-            }
-            // Stopped by itself or waiting: it takes the next leave either way.
-            self.phase = Phase::Ready;
-            return Act::Wait;
-        }
-        if playing {
-            if seen.echo_is_ours {
-                return Act::EndEarlier;
-            }
-            return self.block(Reason::ForeignProgram, now_s);
+    fn get_ready(&mut self, now_s: f64, seen: &Seen, named: bool, fresh: bool) -> Act {
+        if seen.runtime_state == RUNTIME_PLAYING {
+            return match (fresh, named) {
+                // Stopped by itself or waiting: it takes the next leave either way.
+                (true, true) => {
+                    self.phase = Phase::Ready;
+                    Act::Wait
+                }
+                (true, false) => Act::EndEarlier,
+                // After a connection was made, a program needs a moment to echo.
+                (false, _) if seen.silence_s <= SILENT_S => Act::Wait,
+                (false, _) => {
+                    self.alive = false;
+                    self.block(Reason::ForeignProgram, now_s)
+                }
+            };
         }
         if seen.runtime_state != RUNTIME_STOPPED || now_s < self.next_upload_s {
             return Act::Wait;
         }
         self.phase = Phase::Starting { since_s: now_s };
-        self.failed = false;
+        self.token = self.tokens.next_token();
+        self.error_s = None;
         Act::Upload
     }
 

@@ -181,7 +181,7 @@ impl Reason {
             Self::NotRunning => "switch the arm on and release its brakes on the pendant",
             Self::Booting => "wait; if the pendant asks for it, confirm the safety settings",
             Self::Backdrive => "let go of the freedrive button",
-            Self::Paused => "press play or stop on the pendant",
+            Self::Paused => "press play on the pendant; stop ends the program for this bridge",
             Self::Slowed => "set the speed slider to 100 %; in reduced mode leave the area that causes it",
             Self::StoppedByOperator => "when whoever pressed stop agrees, start `foretrace arm ur` again",
             Self::StoppedByWatchdog | Self::CountersLate => {

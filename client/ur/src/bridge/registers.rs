@@ -166,9 +166,41 @@ impl Numbers {
     }
 }
 
+/// Tokens of programs, one per upload: positive, never 0, and as good as never one that stood there before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tokens(u64);
+
+impl Tokens {
+    /// Begins at `seed`, which should be drawn at random.
+    #[must_use]
+    pub const fn from_seed(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// The next one, by SplitMix64 (Steele et al. 2014).
+    pub fn next_token(&mut self) -> i32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        // 31 bits: positive. 0 is what a register says that nobody wrote.
+        i32::try_from((mixed ^ (mixed >> 31)) >> 33).map_or(1, |token| token.max(1))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tokens_are_positive_and_differ_from_upload_to_upload_and_from_bridge_to_bridge() {
+        let drawn = |seed| {
+            let mut tokens = Tokens::from_seed(seed);
+            (0..1000).map(move |_| tokens.next_token())
+        };
+        let all: std::collections::HashSet<i32> = drawn(1).chain(drawn(2)).collect();
+        assert_eq!(all.len(), 2000);
+        assert!(all.iter().all(|token| *token > 0));
+    }
 
     #[test]
     fn every_legal_base_stays_within_registers_24_to_41() {

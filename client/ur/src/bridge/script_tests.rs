@@ -110,13 +110,7 @@ struct Scene {
 fn program(preset: &str) -> Program {
     static UR5: LazyLock<Config> = LazyLock::new(|| Config::preset("ur5").unwrap());
     let config = if preset == "ur5" { UR5.clone() } else { Config::preset(preset).unwrap() };
-    Program::new(
-        &config.settings().robot.ur,
-        &config.robot().limits,
-        Registers::at(24).unwrap(),
-        CYCLE_S,
-        TOKEN,
-    )
+    Program::new(&config.settings().robot.ur, &config.robot().limits, Registers::at(24).unwrap(), CYCLE_S)
 }
 
 impl Scene {
@@ -139,7 +133,7 @@ impl Scene {
             stops: Vec::new(),
             watchdog: None,
         };
-        let script = Script::parse(&program.text()).unwrap();
+        let script = Script::parse(&program.text(TOKEN)).unwrap();
         let run = Run::new(&script, &arm).unwrap();
         Self { arm, run, counter: 100, leave: 0, q, qd: [0.0; JOINTS], program }
     }
@@ -339,7 +333,7 @@ fn the_end_stops_the_arm_first() {
 #[test]
 fn every_preset_gives_a_program_that_the_interpreter_takes() {
     for preset in ["ur5", "ur5e", "ur5-first-run"] {
-        let script = Script::parse(&program(preset).text()).unwrap();
+        let script = Script::parse(&program(preset).text(TOKEN)).unwrap();
         assert_eq!(script.name(), "foretrace");
     }
 }

@@ -56,8 +56,8 @@ impl Scene {
         let fake = fake();
         let config = config();
         let registers = Registers::at(24).unwrap();
-        let program = Program::new(&config.settings().robot.ur, &config.robot().limits, registers, 0.002, 42);
-        let pilot = Pilot::new(config.robot().limits, 0.002, 5.0, None, 42, 1000);
+        let program = Program::new(&config.settings().robot.ur, &config.robot().limits, registers, 0.002);
+        let pilot = Pilot::new(config.robot().limits, 0.002, 5.0, None, 1 << 40);
         let link = Link::new(addresses(&fake), program, pilot, false).unwrap();
         let home = config.robot().home;
         Self { fake, link, home, commanding: false, begins: false, newest: None }

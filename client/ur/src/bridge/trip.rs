@@ -21,7 +21,10 @@ pub struct Trips {
     sent: [(i32, f64); REMEMBERED],
     next: usize,
     echoed: i32,
-    echoed_at_s: f64,
+    /// When something new was echoed last \[s\]; `None`: nothing since the line began.
+    echoed_at_s: Option<f64>,
+    /// The first state of this line \[s\].
+    begun_s: Option<f64>,
     /// Fading number of round trips of each length; the last holds all longer ones.
     recent: [f64; LONGEST + 1],
     usual: usize,
@@ -42,7 +45,8 @@ impl Trips {
             sent: [(0, 0.0); REMEMBERED],
             next: 0,
             echoed: 0,
-            echoed_at_s: f64::NEG_INFINITY,
+            echoed_at_s: None,
+            begun_s: None,
             recent: [0.0; LONGEST + 1],
             usual: guess.min(LONGEST),
             counts: [0; LONGEST + 1],
@@ -60,15 +64,17 @@ impl Trips {
         self.next = (self.next + 1) % REMEMBERED;
     }
 
-    /// A program begins, or another connection: what is under way is nobody's any more.
+    /// Another connection begins: what is under way is nobody's any more.
     pub fn restart(&mut self) {
         self.sent = [(0, 0.0); REMEMBERED];
         self.echoed = 0;
+        (self.echoed_at_s, self.begun_s) = (None, None);
         self.base = (0, 0);
     }
 
     /// The program's answer in the state stamped `timestamp_s`. Returns whether it has read something new.
     pub fn answered(&mut self, answer: &Answer, timestamp_s: f64) -> bool {
+        self.begun_s.get_or_insert(timestamp_s);
         // Both grow; less than before is another program.
         let grown = |now: i32, before: i32| u64::try_from(now.checked_sub(before).unwrap_or(0)).unwrap_or(0);
         self.late += grown(answer.late, self.base.0);
@@ -84,7 +90,7 @@ impl Trips {
         }
         self.echoed = answer.echo;
         // Where states are missing, the echo was there before this one showed it.
-        self.echoed_at_s = timestamp_s.min(sent_s + self.usual as f64 * self.cycle_s);
+        self.echoed_at_s = Some(timestamp_s.min(sent_s + self.usual as f64 * self.cycle_s));
         let cycles = ((timestamp_s - sent_s) / self.cycle_s).round();
         let length = if cycles >= 0.0 { (cycles as usize).min(LONGEST) } else { return false };
         if let Some(count) = self.counts.get_mut(length) {
@@ -111,16 +117,17 @@ impl Trips {
         if seen { (self.usual as f64 * self.cycle_s * 1e9) as u64 } else { 0 }
     }
 
-    /// Whether `counter` has been sent lately.
+    /// Whether a program has echoed a counter of this line. Registers outlive programs: only one that changes
+    /// as our counters do is proof of a program that reads them.
     #[must_use]
-    pub fn is_ours(&self, counter: i32) -> bool {
-        counter > 0 && self.sent.iter().any(|(sent, _)| *sent == counter)
+    pub const fn is_echoed(&self) -> bool {
+        self.echoed_at_s.is_some()
     }
 
-    /// Seconds of the controller since the program last read something new; infinite before it ever did.
+    /// Seconds of the controller since a program last read something new, or since the line began.
     #[must_use]
     pub fn silence_s(&self, timestamp_s: f64) -> f64 {
-        timestamp_s - self.echoed_at_s
+        timestamp_s - self.echoed_at_s.or(self.begun_s).unwrap_or(timestamp_s)
     }
 
     /// Cycles in which the program found no fresh counter.
@@ -210,7 +217,10 @@ mod tests {
         for echo in [0, -1, 6, i32::MAX] {
             assert!(!trips.answered(&Answer { echo, ..Answer::default() }, 1.004));
         }
+        assert!(!trips.is_echoed());
+        assert!((trips.silence_s(1.104) - 0.1).abs() < 1e-12, "since the line began");
         assert!(trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.004));
+        assert!(trips.is_echoed());
         assert!(!trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.006));
         // Sent at 1.0, read a cycle later as usual.
         assert!((trips.silence_s(1.102) - 0.1).abs() < 1e-12);

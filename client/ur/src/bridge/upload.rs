@@ -1,110 +1,178 @@
-//! Sends the program to the primary interface, and hears what the controller says about it.
+//! Sends the program to the primary interface, and hears what the controller says about it, on a thread of its
+//! own.
+//!
+//! Contract: nobody who asks here waits for the controller. The connection that sends is the one that is read,
+//! so that nothing fills up unread, and it is held while the program runs: a controller may drop what came
+//! over one that is closed.
 
-use std::io::Write;
-use std::net::{SocketAddr, TcpStream};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
 use std::time::Duration;
 
-use crate::primary::{Client, Package, Said};
+use crate::primary::{Client, Package, PrimaryError, Said};
 
-/// Most packages that are looked at in one cycle.
-const AT_ONCE: usize = 8;
-/// Long enough to read what is there already.
-const GLANCE: Duration = Duration::from_micros(500);
+/// Between two looks at whether all is over.
+const LOOK: Duration = Duration::from_millis(100);
 /// Longest words that are kept.
 const LONGEST: usize = 200;
+/// Words that wait to be heard; beyond them the controller's own wait in the socket.
+const WAITING: usize = 32;
 
-/// A program on its way. The connection is held while it begins: a controller may drop what came over one
-/// that is closed.
+/// What came of a program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Heard {
+    /// The program ended by an error of its own.
+    Exception(String),
+    /// The controller tells something grave that need not be the program's.
+    Warning(String),
+    /// The program could not be sent, or its connection broke.
+    Lost(String),
+}
+
+/// A program on its way, or running.
 #[derive(Debug)]
 pub struct Upload {
-    _stream: TcpStream,
-    /// Messages come on every connection; without this one the program runs all the same.
-    messages: Option<Client>,
+    heard: Receiver<Heard>,
+    over: Arc<AtomicBool>,
 }
 
 impl Upload {
-    /// Sends `text` to `primary` within `patience`.
+    /// Begins to send `text` to `primary`; each step may take `patience`.
     ///
     /// # Errors
     ///
-    /// Where there is no connection, or it breaks.
-    pub fn begin(primary: SocketAddr, text: &str, patience: Duration) -> std::io::Result<Self> {
-        let messages = Client::connect(primary, patience).ok();
-        let mut stream = TcpStream::connect_timeout(&primary, patience)?;
-        stream.set_nodelay(true)?;
-        stream.set_write_timeout(Some(patience))?;
-        stream.write_all(text.as_bytes())?;
-        Ok(Self { _stream: stream, messages })
+    /// Where the system gives no thread. That there is no connection is heard later.
+    pub fn begin(primary: SocketAddr, text: String, patience: Duration) -> std::io::Result<Self> {
+        let (tell, heard) = sync_channel(WAITING);
+        let over = Arc::new(AtomicBool::new(false));
+        let ends = over.clone();
+        thread::Builder::new().name("ur-program".to_owned()).spawn(move || {
+            if let Err(error) = deliver(primary, &text, patience, &tell, &ends) {
+                // Nobody may be left to hear it.
+                let _ = tell.send(Heard::Lost(error));
+            }
+        })?;
+        Ok(Self { heard, over })
     }
 
-    /// What the controller says against the program, if anything came; waits for half a millisecond at most.
-    pub fn objection(&mut self) -> Option<String> {
-        for _ in 0..AT_ONCE {
-            let received = self.messages.as_mut()?.receive(GLANCE);
-            let Ok(Some(package)) = received else {
-                if received.is_err() {
-                    self.messages = None;
-                }
-                return None;
-            };
-            let Package::Message(message) = package else { continue };
-            let words = match message.said {
-                Said::RuntimeException { line, column, text } => {
-                    format!("line {line}, column {column}: {text}")
-                }
-                Said::Code { code, argument, level, text } if level >= 3 => {
-                    format!("C{code}A{argument}: {text}")
-                }
-                _ => continue,
-            };
-            return Some(words.chars().filter(|c| !c.is_control()).take(LONGEST).collect());
-        }
-        None
+    /// The oldest thing that was not heard yet; never waits.
+    pub fn heard(&mut self) -> Option<Heard> {
+        self.heard.try_recv().ok()
     }
+}
+
+impl Drop for Upload {
+    fn drop(&mut self) {
+        // Not waited for: who drops this has a cycle to keep.
+        self.over.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Sends, then listens until nobody wants to hear any more. The words of an error are for people.
+fn deliver(
+    primary: SocketAddr,
+    text: &str,
+    patience: Duration,
+    tell: &SyncSender<Heard>,
+    over: &AtomicBool,
+) -> Result<(), String> {
+    let unsent = |error: PrimaryError| format!("the program could not be sent to port 30001: {error}");
+    let mut client = Client::connect(primary, patience).map_err(unsent)?;
+    client.send(text.as_bytes(), patience).map_err(unsent)?;
+    while !over.load(Ordering::Relaxed) {
+        let received = client.receive(LOOK).map_err(|error| format!("port 30001: {error}"))?;
+        let Some(Package::Message(message)) = received else { continue };
+        let plain = |words: String| words.chars().filter(|c| !c.is_control()).take(LONGEST).collect();
+        let heard = match message.said {
+            Said::RuntimeException { line, column, text } => {
+                Heard::Exception(plain(format!("line {line}, column {column}: {text}")))
+            }
+            Said::Code { code, argument, level, text } if level >= 3 => {
+                Heard::Warning(plain(format!("C{code}A{argument}: {text}")))
+            }
+            _ => continue,
+        };
+        if tell.send(heard).is_err() {
+            break;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::primary::RobotMessage;
-    use std::io::Read;
+    use std::io::{Read, Write};
     use std::net::TcpListener;
-    use std::thread;
     use std::time::Instant;
 
+    const LONG: Duration = Duration::from_secs(20);
+
+    fn heard(upload: &mut Upload) -> Heard {
+        let begin = Instant::now();
+        loop {
+            if let Some(heard) = upload.heard() {
+                return heard;
+            }
+            assert!(begin.elapsed() < LONG);
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     #[test]
-    fn program_arrives_whole_and_an_exception_is_heard() {
+    fn program_arrives_whole_and_what_is_said_on_its_connection_is_heard() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let server = thread::spawn(move || {
-            let (mut listening, _) = listener.accept().unwrap();
-            let (mut sending, _) = listener.accept().unwrap();
+            let (mut stream, _) = listener.accept().unwrap();
             let mut text = [0; 9];
-            sending.read_exact(&mut text).unwrap();
+            stream.read_exact(&mut text).unwrap();
             for said in [
                 Said::Text("hello".to_owned()),
+                Said::Code { code: 210, argument: 3, level: 3, text: "the cover is open".to_owned() },
                 Said::RuntimeException { line: 3, column: 7, text: "unknown\u{7} name".to_owned() },
             ] {
                 let message = RobotMessage { timestamp_us: 1, source: 7, said };
-                listening.write_all(&Package::Message(message).encode()).unwrap();
+                stream.write_all(&Package::Message(message).encode()).unwrap();
             }
-            (listening, text)
+            // The only connection: nothing is left unread on another one.
+            listener.set_nonblocking(true).unwrap();
+            (listener.accept().is_err(), stream, text)
         });
-        let mut upload = Upload::begin(address, "def a():\n", Duration::from_secs(5)).unwrap();
-        let begin = Instant::now();
-        let objection = loop {
-            if let Some(objection) = upload.objection() {
-                break objection;
-            }
-            assert!(begin.elapsed() < Duration::from_secs(20));
-        };
-        assert_eq!(objection, "line 3, column 7: unknown name");
-        assert_eq!(server.join().unwrap().1, *b"def a():\n");
+        let mut upload = Upload::begin(address, "def a():\n".to_owned(), LONG).unwrap();
+        assert_eq!(heard(&mut upload), Heard::Warning("C210A3: the cover is open".to_owned()));
+        assert_eq!(heard(&mut upload), Heard::Exception("line 3, column 7: unknown name".to_owned()));
+        let (alone, _stream, text) = server.join().unwrap();
+        assert!(alone);
+        assert_eq!(text, *b"def a():\n");
+    }
+
+    #[test]
+    fn what_the_controller_goes_on_sending_is_read_and_does_not_fill_up() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let server = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.set_write_timeout(Some(LONG)).unwrap();
+            let said = Said::Text("x".repeat(1000));
+            let state = Package::Message(RobotMessage { timestamp_us: 1, source: 7, said }).encode();
+            // Far more than the buffers of both ends hold.
+            (0..20_000).all(|_| stream.write_all(&state).is_ok())
+        });
+        let upload = Upload::begin(address, "def a():\n".to_owned(), LONG).unwrap();
+        assert!(server.join().unwrap());
+        drop(upload);
     }
 
     #[test]
     fn a_closed_port_is_told() {
         let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        assert!(Upload::begin(nobody, "x", Duration::from_secs(1)).is_err());
+        let mut upload = Upload::begin(nobody, "x".to_owned(), Duration::from_secs(1)).unwrap();
+        let Heard::Lost(words) = heard(&mut upload) else { panic!() };
+        assert!(words.contains("could not be sent to port 30001"), "{words}");
     }
 }

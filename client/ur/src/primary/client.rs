@@ -1,8 +1,8 @@
-//! Reads packages of port 30001 or 30002, one after the other.
+//! Reads packages of port 30001 or 30002, one after the other, and sends scripts there.
 //!
 //! Contract: every wait is bounded; after an error the connection is of no use any more.
 
-use std::io::{ErrorKind, Read};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
@@ -42,6 +42,16 @@ impl Client {
         let stream = TcpStream::connect_timeout(&address, patience).map_err(PrimaryError::Connect)?;
         stream.set_nodelay(true).map_err(PrimaryError::Connect)?;
         Ok(Self { stream, bytes: Vec::new() })
+    }
+
+    /// Sends a script, each write within `patience`.
+    ///
+    /// # Errors
+    ///
+    /// [`PrimaryError::Broken`].
+    pub fn send(&mut self, script: &[u8], patience: Duration) -> Result<(), PrimaryError> {
+        self.stream.set_write_timeout(Some(patience)).map_err(PrimaryError::Broken)?;
+        self.stream.write_all(script).map_err(PrimaryError::Broken)
     }
 
     /// The next package; `None` when none was whole after `timeout`.

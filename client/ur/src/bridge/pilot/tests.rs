@@ -8,7 +8,6 @@ use std::sync::LazyLock;
 
 const CYCLE_NS: u64 = 8_000_000;
 const START_NS: u64 = 90_000_000_000;
-const TOKEN: i32 = 99;
 /// Longer than the way to the controller and two periods of the daemon.
 const VALID_NS: u64 = 20_000_000;
 
@@ -31,7 +30,7 @@ fn scene(floor: Option<f64>) -> Scene {
         normal: plane.rotation() * Vector3::z(),
         height_m,
     });
-    let mut pilot = Pilot::new(robot.limits, 0.008, 0.1, floor, TOKEN, 12345);
+    let mut pilot = Pilot::new(robot.limits, 0.008, 0.1, floor, 12345);
     pilot.connected();
     let package = Package {
         timestamp: 50.0,
@@ -67,9 +66,9 @@ impl Scene {
             }
         }
         let outcome = self.pilot.cycle(&self.package, self.now_ns() + 200_000).unwrap();
-        if outcome.upload {
+        if let Some(session) = outcome.upload {
             self.package.runtime_state = 2;
-            self.package.answer = Answer { session: TOKEN, state: 1, ..Answer::default() };
+            self.package.answer = Answer { session, state: 1, ..Answer::default() };
         }
         self.under_way = Some(outcome.inputs);
         outcome
@@ -115,7 +114,7 @@ impl Scene {
 #[test]
 fn program_is_sent_once_and_the_arm_is_idle_until_it_runs() {
     let mut scene = scene(None);
-    let uploads = (0..200).filter(|_| scene.cycle().upload).count();
+    let uploads = (0..200).filter(|_| scene.cycle().upload.is_some()).count();
     assert_eq!(uploads, 1);
     assert_eq!(scene.cycle().state.robot_mode, u32::from(RobotMode::Running));
     let mut stopped = scene.package;
@@ -241,6 +240,14 @@ fn a_restarted_controller_is_told() {
 }
 
 #[test]
+fn a_controller_without_an_arm_is_told_as_one_that_may_not_move() {
+    let mut scene = scene(None);
+    scene.cycles(100);
+    scene.package.robot_mode = -1;
+    assert_eq!(scene.cycle().state.robot_mode, u32::from(RobotMode::Disconnected));
+}
+
+#[test]
 fn states_that_were_skipped_are_counted_by_their_timestamps() {
     let mut scene = scene(None);
     scene.cycle();
@@ -256,14 +263,16 @@ proptest! {
     ) {
         use foretrace_shm_checks::is_sound;
         let mut scene = scene(None);
-        for (cycle, (robot_mode, safety_mode, runtime_state, speed, state, used)) in (1u64..).zip(words) {
+        scene.cycles(100);
+        let session = scene.pilot.machine().token();
+        for (cycle, (robot_mode, safety_mode, runtime_state, speed, state, used)) in (101u64..).zip(words) {
             let package = Package {
                 timestamp: 50.0 + cycle as f64 * 0.008,
                 robot_mode,
                 safety_mode,
                 runtime_state,
                 speed_scaling: f64::from_bits(speed),
-                answer: Answer::from_words([used, state, TOKEN, state, used, robot_mode, used]),
+                answer: Answer::from_words([used, state, session, state, used, robot_mode, used]),
                 ..scene.package
             };
             if let Some(outcome) = scene.pilot.cycle(&package, START_NS + cycle * CYCLE_NS) {

@@ -3,7 +3,6 @@
 use super::*;
 use proptest::prelude::*;
 
-const TOKEN: i32 = 4711;
 const CYCLE_S: f64 = 0.008;
 
 /// A controller that does what a healthy one does, unless told otherwise.
@@ -23,11 +22,11 @@ impl Scene {
             runtime_state: 1,
             speed: 1.0,
             answer: Answer::default(),
-            echo_is_ours: false,
+            echoed: true,
             silence_s: 0.0,
             starved: false,
         };
-        let mut machine = Machine::new(TOKEN, Numbers::from_seed(100));
+        let mut machine = Machine::new(Tokens::from_seed(4711), Numbers::from_seed(100));
         machine.connected(false);
         Self { machine, now_s: 50.0, seen, wanted: Wanted::default(), uploads: 0 }
     }
@@ -42,7 +41,7 @@ impl Scene {
             Act::Upload => {
                 self.uploads += 1;
                 self.seen.runtime_state = 2;
-                *answer = Answer { session: TOKEN, state: 1, ..Answer::default() };
+                *answer = Answer { session: self.machine.token(), state: 1, ..Answer::default() };
             }
             Act::Follow(leave) if answer.used != leave => {
                 (answer.used, answer.state, answer.why) = (leave, 2, 0)
@@ -174,6 +173,73 @@ fn a_program_that_the_operator_stopped_is_not_started_again() {
     assert_eq!((scene.uploads, scene.machine.reason()), (1, Some(Reason::StoppedByOperator)));
 }
 
+/// Brings a scene with a running program into a phase in which the arm does not follow.
+type Halt = fn(&mut Scene);
+
+#[test]
+fn a_stop_on_the_pendant_counts_in_every_phase() {
+    let halts: [(&str, Halt, Halt); 5] = [
+        ("slowed", |s| s.seen.speed = 0.5, |s| s.seen.speed = 1.0),
+        ("paused", |s| s.seen.runtime_state = 4, |_| {}),
+        ("refused", |s| s.wanted.refused = Some(Reason::TargetJump), |s| s.wanted.refused = None),
+        ("still commanding", |s| s.seen.silence_s = 0.6, |s| s.seen.silence_s = 0.0),
+        ("waits for a leave", |s| s.wanted = Wanted::default(), |_| {}),
+    ];
+    for (name, halt, go_on) in halts {
+        let mut scene = Scene::following();
+        halt(&mut scene);
+        scene.cycles(0.1);
+        scene.seen.runtime_state = 1;
+        scene.cycles(0.2);
+        go_on(&mut scene);
+        scene.wanted.commanding = false;
+        scene.cycles(60.0);
+        assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator), "{name}");
+        assert_eq!((scene.uploads, scene.machine.may_move()), (1, false), "{name}");
+    }
+    // While it begins: its speed is still coming up.
+    let mut scene = Scene::new();
+    scene.seen.speed = 0.2;
+    scene.cycles(0.1);
+    assert!(matches!(scene.machine.phase(), Phase::Starting { .. }));
+    scene.seen.runtime_state = 1;
+    scene.cycles(60.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::StoppedByOperator), 1));
+}
+
+#[test]
+fn a_stop_on_the_pendant_outlives_a_cable_that_is_pulled_right_after() {
+    let mut scene = Scene::following();
+    scene.seen.runtime_state = 1;
+    scene.cycles(0.1);
+    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.connected(false);
+    scene.wanted = Wanted::default();
+    scene.cycles(60.0);
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::StoppedByOperator), 1));
+}
+
+#[test]
+fn an_error_told_long_before_the_end_is_not_why_the_program_ended() {
+    let mut scene = Scene::following();
+    scene.machine.program_failed();
+    scene.cycles(1.0);
+    scene.seen.runtime_state = 1;
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+    // Neither is one from before the arm was told to follow.
+    let mut scene = Scene::following();
+    scene.wanted = Wanted::default();
+    scene.cycles(2.0);
+    scene.machine.program_failed();
+    scene.cycles(0.1);
+    scene.arm();
+    scene.cycles(0.1);
+    scene.seen.runtime_state = 1;
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+}
+
 #[test]
 fn a_program_that_failed_is_not_started_again() {
     let mut scene = Scene::following();
@@ -227,22 +293,66 @@ fn a_restarted_controller_waits_for_its_brakes_and_gets_the_program_again() {
 #[test]
 fn a_program_of_somebody_else_is_left_alone() {
     let mut scene = Scene::new();
-    scene.seen.runtime_state = 2;
-    scene.seen.answer.session = 1;
+    (scene.seen.runtime_state, scene.seen.answer.session) = (2, 1);
+    (scene.seen.echoed, scene.seen.silence_s) = (false, 20.0);
     assert!(scene.cycles(20.0).iter().all(|act| *act == Act::Wait));
     assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ForeignProgram), 0));
     scene.seen.runtime_state = 1;
+    scene.cycle();
+    (scene.seen.echoed, scene.seen.silence_s) = (true, 0.0);
     scene.cycles(1.0);
     assert_eq!(scene.machine.phase(), Phase::Ready);
 }
 
 #[test]
+fn a_program_over_registers_that_ours_left_behind_is_not_taken_for_ours() {
+    // Our program was stopped and another one started between two states: the registers say that it is ours.
+    let mut scene = Scene::following();
+    scene.wanted = Wanted::default();
+    scene.cycles(2.0);
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+    scene.seen.silence_s = 0.6;
+    assert_eq!(scene.cycle(), Act::Wait);
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::ForeignProgram), false));
+    // The same after a connection: nothing was echoed on it.
+    let mut scene = Scene::following();
+    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.connected(false);
+    scene.wanted = Wanted::default();
+    (scene.seen.echoed, scene.seen.silence_s) = (false, 0.1);
+    scene.cycles(0.4);
+    assert!(!scene.machine.may_move(), "nothing shows yet whose program runs");
+    scene.seen.silence_s = 0.6;
+    scene.cycles(0.1);
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::ForeignProgram), false));
+    scene.arm();
+    assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait), "it is neither led nor ended");
+    // An echo that moves with our counters is the proof.
+    scene.wanted = Wanted::default();
+    (scene.seen.echoed, scene.seen.silence_s) = (true, 0.0);
+    scene.cycles(1.0);
+    assert_eq!(scene.machine.phase(), Phase::Ready);
+}
+
+#[test]
+fn every_upload_carries_a_token_of_its_own() {
+    let mut scene = Scene::following();
+    let first = scene.machine.token();
+    scene.seen.safety_mode = 3;
+    scene.seen.runtime_state = 1;
+    scene.cycles(0.1);
+    (scene.seen.safety_mode, scene.wanted) = (1, Wanted::default());
+    scene.cycles(1.0);
+    assert_eq!(scene.uploads, 2);
+    assert!(first != scene.machine.token() && scene.machine.token() > 0);
+}
+
+#[test]
 fn the_program_of_a_bridge_that_died_is_told_to_end() {
     let mut scene = Scene::new();
-    (scene.seen.runtime_state, scene.seen.echo_is_ours) = (2, true);
-    scene.seen.answer.session = TOKEN - 1;
+    scene.seen.runtime_state = 2;
+    scene.seen.answer.session = 4712;
     assert!(scene.cycles(0.1).contains(&Act::EndEarlier));
-    scene.seen.echo_is_ours = false;
     scene.cycles(1.0);
     assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
 }

@@ -85,7 +85,7 @@ impl Scene {
         let config = config(series);
         let registers = Registers::at(24).unwrap();
         let program =
-            Program::new(&config.settings().robot.ur, &config.robot().limits, registers, series.cycle_s(), 1);
+            Program::new(&config.settings().robot.ur, &config.robot().limits, registers, series.cycle_s());
         let mut world = World::new(Options::new(series));
         // Booted a while ago.
         (0..100).for_each(|_| world.cycle());
@@ -105,16 +105,14 @@ impl Scene {
             newest: None,
             watched: Watched::default(),
         };
-        scene.start_bridge(4711);
+        scene.start_bridge(4711 << 24);
         scene
     }
 
-    pub(super) fn start_bridge(&mut self, token: i32) {
+    pub(super) fn start_bridge(&mut self, seed: u64) {
         let limits = config(self.series).robot().limits;
-        self.program.token = token;
-        let seed = u64::from(token.unsigned_abs()) << 9;
         let watchdog_s = 1.0 / self.program.watchdog_hz;
-        let mut pilot = Pilot::new(limits, self.series.cycle_s(), watchdog_s, None, token, seed);
+        let mut pilot = Pilot::new(limits, self.series.cycle_s(), watchdog_s, None, seed);
         pilot.connected();
         self.pilot = Some(pilot);
     }
@@ -220,8 +218,8 @@ impl Scene {
         let Some(pilot) = &mut self.pilot else { return };
         let Some(outcome) = pilot.cycle(&package, now_ns) else { return };
         self.under_way.push_back((self.cycle + 1, outcome.inputs));
-        if outcome.upload {
-            self.world.take_script(&self.program.text());
+        if let Some(token) = outcome.upload {
+            self.world.take_script(&self.program.text(token));
         }
         self.newest = Some(outcome);
     }

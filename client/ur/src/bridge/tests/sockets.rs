@@ -95,7 +95,7 @@ impl Scene {
         scene
     }
 
-    fn start_bridge(&mut self, token: i32) {
+    fn start_bridge(&mut self, seed: u64) {
         let at = |service: Service| self.controller.address(service).unwrap();
         let addresses = Addresses {
             rtde: at(Service::Rtde),
@@ -104,8 +104,8 @@ impl Scene {
         };
         let (limits, cycle_s) = (self.config.robot().limits, self.series.cycle_s());
         let section = &self.config.settings().robot.ur;
-        let program = Program::new(section, &limits, Registers::at(24).unwrap(), cycle_s, token);
-        let pilot = Pilot::new(limits, cycle_s, 0.1, None, token, u64::from(token.unsigned_abs()) << 8);
+        let program = Program::new(section, &limits, Registers::at(24).unwrap(), cycle_s);
+        let pilot = Pilot::new(limits, cycle_s, 0.1, None, seed << 24);
         self.link = Some(Link::new(addresses, program, pilot, true).unwrap());
     }
 

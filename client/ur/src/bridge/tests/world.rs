@@ -41,7 +41,7 @@ fn a_bridge_that_dies_leaves_an_arm_that_stops_and_a_new_bridge_takes_over() {
         assert!(scene.watched.rests(), "{:?}", scene.watched);
         scene.within_limits("");
         let stood = scene.world.robot.actual().q;
-        scene.start_bridge(815);
+        scene.start_bridge(815 << 24);
         scene.run(2.0);
         assert_eq!((scene.phase(), scene.world.robot.actual().q), (Phase::Ready, stood));
         scene.arm();
