@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use foretrace_config::{Config, presets};
+use foretrace_config::presets;
 use foretrace_ur::bridge::kinematics::{Deviation, DhParameters};
 use foretrace_ur::bridge::probe::{Found, probe};
 use serde::Serialize;
@@ -68,7 +68,7 @@ pub(super) fn run(args: &KinematicsArgs) -> Result<(), Failure> {
     );
     tell(&dh, deviation);
     if let Some(out) = &args.out {
-        let text = written(&config, &found, &dh)?;
+        let text = written(&found, &dh)?;
         foretrace_sim::whole::write(out, |file| std::io::Write::write_all(file, text.as_bytes())).map_err(
             |error| {
                 let what = format!("cannot write {}: {error}", out.display());
@@ -114,13 +114,62 @@ fn tell(dh: &DhParameters, deviation: Option<Deviation>) {
     }
 }
 
-/// The embedded description of this arm, with its own measures.
-fn written(config: &Config, found: &Found, dh: &DhParameters) -> Result<String, Failure> {
-    let named = &config.settings().robot.urdf;
-    let nominal =
-        presets::robot(named).or_else(|| found.embedded().and_then(presets::robot)).ok_or_else(|| {
-            let what = format!("foretrace has no description of {}", found.arm().unwrap_or("this arm"));
-            Failure::new(Cause::BadInput, what, format!("it has {}", presets::robot_names()))
-        })?;
+/// The embedded description of the arm that was found, with its own measures. One of another arm would get
+/// its joints, but another's body, and clearance is judged by the body.
+fn written(found: &Found, dh: &DhParameters) -> Result<String, Failure> {
+    let nominal = found.embedded().and_then(presets::robot).ok_or_else(|| {
+        let arm = found.arm().unwrap_or("an arm that foretrace does not know");
+        let what = format!("this is {arm}, and foretrace has no description of its body");
+        let remedy = format!(
+            "it has {}; for another arm take the maker's URDF and put the numbers above into it",
+            presets::robot_names()
+        );
+        Failure::new(Cause::BadInput, what, remedy)
+    })?;
     dh.urdf(nominal).map_err(|error| Failure::failed(error, ""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_ur::bridge::check::{Installation, Series, Version};
+
+    fn found(a: [f64; 3], d1: f64) -> Found {
+        let [a2, a3, _] = a;
+        let dh = DhParameters {
+            theta: [0.0; 6],
+            a: [0.0, a2, a3, 0.0, 0.0, 0.0],
+            d: [d1, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
+            alpha: [
+                std::f64::consts::FRAC_PI_2,
+                0.0,
+                0.0,
+                std::f64::consts::FRAC_PI_2,
+                -std::f64::consts::FRAC_PI_2,
+                0.0,
+            ],
+        };
+        Found {
+            version: Version { major: 5, minor: 11, bugfix: 0, build: 0 },
+            series: Series::E,
+            installation: Installation { q: [0.0; 6], payload_kg: None, tcp_m: None },
+            dh: Some(dh),
+        }
+    }
+
+    #[test]
+    fn measures_are_written_into_the_body_of_the_arm_that_was_found() {
+        let ur5e = found([-0.425, -0.3922, 0.0], 0.1625);
+        let text = written(&ur5e, &ur5e.dh.unwrap()).unwrap();
+        let body = |text: &str| text.matches("<collision").count();
+        assert_eq!(body(&text), body(presets::robot("ur5e").unwrap()));
+        assert!(text.contains("ur5e"), "the description of a UR5e, whatever the settings name");
+    }
+
+    #[test]
+    fn an_arm_without_a_description_is_refused_by_its_name() {
+        let ur10e = found([-0.6127, -0.57155, 0.0], 0.1807);
+        let refused = written(&ur10e, &ur10e.dh.unwrap()).unwrap_err().to_string();
+        assert!(refused.contains("a UR10e or UR12e") && refused.contains("no description"), "{refused}");
+    }
 }
