@@ -29,7 +29,7 @@ const AGAIN: Duration = Duration::from_millis(500);
 /// Hold to run: keep the arm enabled while a button of an input device is held
 ///
 /// Sends the dead-man signal that safety.enable_required asks for, from a foot pedal, a gamepad, a keyboard
-/// or a stylus. Release the button, unplug the device or end this program, and the arm stops. A button that
+/// or a stylus; wired only, Bluetooth is refused. Release the button, unplug the device or end this program, and the arm stops. A button that
 /// is already held at the start counts only after it was released once. This is not a safety function: the
 /// enabling device of the arm's own controller is.
 #[derive(Debug, clap::Args)]
@@ -94,8 +94,9 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
 
 fn list() -> Result<(), Failure> {
     let (devices, closed) = device::list()?;
-    for device::Listed { path, name, buttons } in &devices {
-        say!("{:<24}{} ({buttons} buttons)", path.display(), foretrace_config::plain(name));
+    for device::Listed { path, name, buttons, radio } in &devices {
+        let refused = if *radio { ", over Bluetooth: refused, wired only" } else { "" };
+        say!("{:<24}{} ({buttons} buttons{refused})", path.display(), foretrace_config::plain(name));
     }
     if closed > 0 {
         note!("enable: {closed} more devices may not be read by this user");
