@@ -27,7 +27,7 @@ mod log;
 pub use error::DaemonError;
 pub use log::LogGuard;
 pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
-pub use supervisor::{ExitReport, run};
+pub use supervisor::{ExitReport, run, settings_hash};
 
 // The test support is shared with integration tests, which name this crate.
 #[cfg(test)]

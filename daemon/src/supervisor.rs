@@ -320,6 +320,8 @@ fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "unknown cause".to_owned())
 }
 
-fn settings_hash(config: &Config) -> u64 {
+/// Of all settings, as the daemon's status tells it: programs that judge by settings of their own compare.
+#[must_use]
+pub fn settings_hash(config: &Config) -> u64 {
     fnv1a(format!("{:?}", config.settings()).as_bytes())
 }

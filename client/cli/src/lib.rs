@@ -23,6 +23,7 @@ mod config;
 mod daemon;
 mod arm;
 mod ur_sim;
+mod punctual;
 mod play;
 mod gateway;
 mod tablet;

@@ -14,7 +14,12 @@ use serde::Serialize;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note};
+use crate::punctual;
 
+/// The tool of its installation at first: the pen of the presets.
+const PEN: &str = "tcp 0 0 0.15 0 0 0";
+/// SCHED_FIFO priority of its threads, below a bridge's with the preset's settings.
+const PRIORITY: u32 = 60;
 /// Between two looks at whether the user wants to end.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -22,8 +27,8 @@ const LOOK: Duration = Duration::from_millis(100);
 /// URScript
 ///
 /// Every client of such a robot can connect as to a real one: RTDE at 125 Hz (CB3) or 500 Hz (e-Series),
-/// scripts to ports 30001 to 30003, dashboard at 29999. Port 30020 takes faults, one line each ("help" lists
-/// them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
+/// scripts to ports 30001 to 30003, dashboard at 29999. Its tool centre point is the presets' pen. Port 30020
+/// takes faults, one line each ("help" lists them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -66,6 +71,10 @@ pub(crate) struct UrSimArgs {
     #[arg(long)]
     power_off: bool,
 
+    /// Ask for no real-time priority
+    #[arg(long)]
+    no_rights: bool,
+
     /// Let the system choose the ports; they are told on stdout
     #[arg(long)]
     ephemeral_ports: bool,
@@ -89,6 +98,8 @@ enum SeriesArg {
 struct Report {
     seconds: f64,
     connections: usize,
+    /// Why it had no real-time priority; none where it had.
+    not_real_time: Option<String>,
     state: serde_json::Value,
 }
 
@@ -124,8 +135,11 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
     if let Some(from) = &args.from {
         options.q = standing(from)?;
     }
+    // Before its threads are made: those that take what clients send keep the cycle as the control loop does.
+    let missing =
+        if args.no_rights { Some("--no-rights".to_owned()) } else { punctual::ask("ur-sim", PRIORITY) };
     let controller = Controller::start(options).map_err(|error| Failure::failed(error, ""))?;
-    for order in &args.orders {
+    for order in std::iter::once(PEN).chain(args.orders.iter().map(String::as_str)) {
         let answer = controller.obey(order);
         if let Some(why) = answer.strip_prefix("error: ") {
             return Err(Failure::usage(format_args!("--do {order:?}: {why}"), ""));
@@ -149,8 +163,12 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         interrupt.wait(end.map_or(LOOK, |end| LOOK.min(end.saturating_sub(began.elapsed()))));
     }
     let state = serde_json::from_str(&controller.status()).unwrap_or_default();
-    let report =
-        Report { seconds: began.elapsed().as_secs_f64(), connections: controller.connections(), state };
+    let report = Report {
+        seconds: began.elapsed().as_secs_f64(),
+        connections: controller.connections(),
+        not_real_time: missing,
+        state,
+    };
     args.json.write(&report)
 }
 
@@ -164,4 +182,18 @@ fn standing(from: &[f64]) -> Result<[f64; 6], Failure> {
             "give --from=Q1,...,Q6, base first, in radians",
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_config::Config;
+
+    #[test]
+    fn its_tool_is_the_pen_of_the_presets() {
+        for preset in ["ur5", "ur5e", "ur5-first-run"] {
+            let [x, y, z] = Config::preset(preset).unwrap().settings().robot.tool_m;
+            assert_eq!(PEN, format!("tcp {x} {y} {z} 0 0 0"), "{preset}");
+        }
+    }
 }

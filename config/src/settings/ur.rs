@@ -26,13 +26,14 @@ section! {
         /// (`rtde_set_watchdog`).
         watchdog_hz: f64 = Between(1.0, 50.0), Default("10.0"), AtStart, "10";
         /// Mass of the tool as the installation on the pendant has to have it; the bridge refuses another by
-        /// more than 0.1 kg. Not set: it is only told.
+        /// more than 0.1 kg. Not set: the bridge refuses every arm that is not on this machine.
         payload_kg: Option<f64> = Between(0.0, 10.0), Optional, AtStart, "the weight of pen and holder";
         /// Tool centre point as the installation has to have it, seen from the flange; the bridge refuses
-        /// another by more than a millimetre. Not set: it is only told.
-        tcp_m: Option<[f64; 3]> = Between(-0.5, 0.5), Optional, AtStart, "the same as robot.tool_m";
+        /// another by more than a millimetre. Not set: `robot.tool_m`.
+        tcp_m: Option<[f64; 3]> = Between(-0.5, 0.5), Optional, AtStart, "nothing: leave it out";
         /// Nearest to the paper that the pen comes while the model of the arm is not its factory calibration
-        /// (`foretrace calibrate kinematics`) and may be off by more than half a millimetre.
+        /// (`foretrace calibrate kinematics`) and may be off by more than half a millimetre. By as much as it
+        /// is off the pen stays higher.
         uncalibrated_height_m: f64 = Between(0.001, 0.2), Default("0.03"), AtStart, "0.03";
     }
 }

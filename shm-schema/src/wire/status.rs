@@ -124,7 +124,7 @@ wire! {
         pub uptime_ns: u64,
         /// Number of changes of live settings.
         pub settings_revision: u64,
-        /// Hash of the settings file.
+        /// Hash of the settings.
         pub settings_hash: u64,
 
         /// Distribution of each [`Stage`].

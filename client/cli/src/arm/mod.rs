@@ -7,6 +7,7 @@ mod report;
 mod record;
 mod judge;
 mod ports;
+mod agreement;
 mod sim;
 mod ur;
 

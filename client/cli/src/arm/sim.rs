@@ -15,7 +15,7 @@ use foretrace_sim::arm::{ArmModel, JOINTS};
 
 use super::intake::Intake;
 use super::options::LagArgs;
-use super::ports::Daemons;
+use super::ports::{Daemons, Reads};
 use super::record::Record;
 use super::refused::{Refused, Teller};
 use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, summary};
@@ -87,7 +87,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let record = args.record.as_deref().map(Record::create).transpose()?;
     let instance = instance_of(config.settings())?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
-    let daemon = Daemons::attached(foretrace)?;
+    let daemon = Daemons::attached(foretrace, Reads::CommandsOnly)?;
     note!(
         "arm: {rate_hz} Hz, look-ahead {} ms, in all {:.1} ms late, instance {}",
         args.lag.look_ahead_ms,

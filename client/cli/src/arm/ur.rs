@@ -7,40 +7,42 @@ use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Commands, arm_flags, monotonic_now_ns};
+use foretrace_client::{Commands, StatusReader, arm_flags, monotonic_now_ns};
 use foretrace_config::Config;
 use foretrace_ur::bridge::check::{self, Series};
 use foretrace_ur::bridge::kinematics::Deviation;
-use foretrace_ur::bridge::link::{Link, LinkReport, Measured};
+use foretrace_ur::bridge::link::{Inspect, Link, LinkReport, Measured};
 use foretrace_ur::bridge::pilot::{Floor, Pilot};
-use foretrace_ur::bridge::probe::{Found, probe};
+use foretrace_ur::bridge::probe::{Found, inspect, probe};
 use foretrace_ur::bridge::program::Program;
 use foretrace_ur::bridge::reaction::Phase;
 use foretrace_ur::bridge::registers::Registers;
+use foretraced::settings_hash;
 use serde::Serialize;
 
+use super::agreement::Agreement;
 use super::judge::Judge;
-use super::ports::Daemons;
+use super::ports::{Daemons, Reads};
 use super::record::Record;
 use super::refused::Refused;
 use super::report::CommandReport;
-use crate::attach::{attach_within, instance_of};
+use crate::attach::{News, attach_within, instance_of};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
+use crate::punctual;
 use crate::robot::{self, HostArgs};
-use crate::settings::SettingsArgs;
+use crate::settings::{SettingsArgs, judged as loaded};
 
-/// A model that is off by more than this at the paper counts as not calibrated [mm].
-const CALIBRATED_MM: f64 = 0.5;
-/// A model that is off by more than this is one of another arm [mm].
-const ANOTHER_ARM_MM: f64 = 30.0;
+/// How far its priority is below that of the daemon's loop.
+const BELOW_THE_LOOP: u32 = 10;
 
 /// Drive a Universal Robots arm: joint commands to its controller, its joints back
 ///
 /// For CB3 from PolyScope 3.9 and e-Series from 5.3, or `foretrace ur-sim`. Uses RTDE registers 24 to 41 and
 /// a program of its own that stops the arm by itself when commands stay away. Checks version, model, payload
-/// and tool first; nothing moves before somebody arms the daemon. Never ends a protective stop: that is done
+/// and tool first; nothing moves before somebody arms the daemon, which has to run with the same settings.
+/// Never ends a protective stop: that is done
 /// on the pendant.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  foretrace arm ur --robot 127.0.0.1    beside foretrace ur-sim\n  \
@@ -57,6 +59,14 @@ pub(crate) struct UrArgs {
     /// Lower the pen as far as the settings say although the model is not the arm's factory calibration
     #[arg(long)]
     uncalibrated: bool,
+
+    /// The rate that the daemon was given by --rate [Hz]; its settings have to be these
+    #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
+    rate: Option<u32>,
+
+    /// Ask for no real-time priority
+    #[arg(long)]
+    no_rights: bool,
 
     /// End after this many seconds; otherwise on Ctrl-C
     #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
@@ -104,41 +114,50 @@ struct RobotReport {
     /// tell.
     deviation: Option<Deviation>,
     dead_man: bool,
+    /// Why the bridge had no real-time priority; none where it had.
+    not_real_time: Option<String>,
 }
 
 pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
-    let config = args.settings.load()?;
+    let mut source = args.settings.source()?;
+    source.rate_hz = args.rate;
+    let config = loaded(&source)?;
     let addresses = args.host.addresses()?;
     let settings = config.settings();
     let dead_man = settings.safety.enable_required;
     check::dead_man(addresses.ip(), dead_man, args.without_dead_man).map_err(refused)?;
     let found = probe(&addresses).map_err(|error| Failure::failed(error, robot::DOCTOR))?;
-    let deviation = judged(&config, &found)?;
+    let deviation = judged(&config, &found, addresses.ip().is_loopback())?;
     tell(args, &config, &found, deviation);
 
     let registers = Registers::at(settings.robot.ur.register_base)
         .ok_or_else(|| Failure::bad_input("robot.ur.register_base leaves registers 24 to 41", "use 24"))?;
     let cycle_s = 1.0 / f64::from(found.series.rate_hz());
     let program = Program::new(&settings.robot.ur, &config.robot().limits, registers, cycle_s);
-    let floor = floor(&config, deviation).filter(|_| !args.uncalibrated);
-    let pilot = Pilot::new(config.robot().limits, cycle_s, 1.0 / program.watchdog_hz, floor, drawn());
+    let pilot = Pilot::new(config.robot().limits, cycle_s, 1.0 / program.watchdog_hz, None, drawn());
     let watch_remote = found.series.tells_remote_control(found.version);
-    let link = Link::new(addresses, program, pilot, watch_remote)
+    let link = Link::new(addresses, program, pilot, watch_remote, inspection(&config, args.uncalibrated))
         .map_err(|error| Failure::failed(format_args!("no thread for the dashboard: {error}"), ""))?;
 
     let foretrace = attach_within(&instance_of(settings)?, Duration::from_secs_f64(args.wait))?;
-    let daemon = Daemons::attached(foretrace)?;
+    let daemon = Daemons::attached(foretrace, Reads::Status)?;
     let mut bridge = Bridge {
         link,
         daemon,
+        agreement: Agreement::new(settings_hash(&config)),
+        floor_m: Floor::of(&config, deviation).filter(|_| !args.uncalibrated).map(|floor| floor.height_m),
         judge: Judge::new(config.robot().limits),
         record: args.record.as_deref().map(Record::create).transpose()?,
         without_dead_man: args.without_dead_man && !dead_man,
         ready: false,
         not_sent: 0,
     };
+    // Last, so that no thread that may wait inherits it; below the daemon's loop, whose commands it sends.
+    let priority = settings.control_loop.priority.saturating_sub(BELOW_THE_LOOP).max(1);
+    let missing =
+        if args.no_rights { Some("--no-rights".to_owned()) } else { punctual::ask("arm", priority) };
     bridge.run(args.seconds, &interrupt);
     if let Some(record) = bridge.record.take() {
         record.finish()?;
@@ -150,10 +169,17 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         arm: found.arm(),
         deviation,
         dead_man,
+        not_real_time: missing,
     };
     let report = bridge.report(robot);
     summary(&report);
     args.json.write(&report)
+}
+
+/// What every connection is judged by.
+fn inspection(config: &Config, uncalibrated: bool) -> Inspect {
+    let config = config.clone();
+    Box::new(move |addresses| inspect(addresses, &config).map(|floor| floor.filter(|_| !uncalibrated)))
 }
 
 /// A number that no other bridge is likely to begin with.
@@ -167,38 +193,14 @@ fn refused(refusal: check::Refusal) -> Failure {
 }
 
 /// Everything that does not fit is told in one go.
-fn judged(config: &Config, found: &Found) -> Result<Option<Deviation>, Failure> {
-    let settings = config.settings();
-    let mut wrong: Vec<check::Refusal> =
-        check::installation(&found.installation, settings, config.robot().limits.position());
-    wrong.extend(check::rate(found.series, settings.robot.controller_rate_hz).err());
-    let deviation = found.deviation(config);
-    if let Some(deviation) = deviation.filter(|deviation| !(deviation.most_mm <= ANOTHER_ARM_MM)) {
-        let name = found.arm().unwrap_or("one that foretrace does not know").to_owned();
-        wrong.push(check::Refusal::Model { apart_mm: deviation.most_mm, name });
-    }
-    match wrong.as_slice() {
-        [] => Ok(deviation),
-        [only] => Err(refused(only.clone())),
+fn judged(config: &Config, found: &Found, loopback: bool) -> Result<Option<Deviation>, Failure> {
+    found.judged(config, loopback).map_err(|wrong| match wrong.as_slice() {
+        [only] => refused(only.clone()),
         many => {
             let lines: Vec<String> = many.iter().map(ToString::to_string).collect();
             let count = many.len();
-            Err(Failure::bad_input(format_args!("{count} things do not fit:\n  {}", lines.join("\n  ")), ""))
+            Failure::bad_input(format_args!("{count} things do not fit:\n  {}", lines.join("\n  ")), "")
         }
-    }
-}
-
-/// Where the pen has to stay above while the model is not the arm's own.
-fn floor(config: &Config, deviation: Option<Deviation>) -> Option<Floor> {
-    if deviation.is_some_and(|deviation| deviation.most_mm <= CALIBRATED_MM) {
-        return None;
-    }
-    let (settings, robot) = (config.settings(), config.robot());
-    Some(Floor {
-        chain: robot.chain.clone(),
-        origin: settings.plane.origin_m.into(),
-        normal: settings.plane.rotation().matrix().column(2).into(),
-        height_m: settings.robot.ur.uncalibrated_height_m,
     })
 }
 
@@ -214,7 +216,7 @@ fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviati
         note!("arm: the installation says a payload of {payload:.2} kg{tcp}");
     }
     match deviation {
-        Some(off) if off.most_mm <= CALIBRATED_MM => {}
+        Some(off) if off.most_mm <= check::CALIBRATED_MM => {}
         Some(off) => note!(
             "arm: the tip is up to {:.1} mm from where the model believes it (uneven over the paper by \
              {:.1} mm)",
@@ -223,11 +225,11 @@ fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviati
         ),
         None => note!("arm: the controller does not tell its calibration: the tip may be off by centimetres"),
     }
-    if deviation.is_none_or(|off| off.most_mm > CALIBRATED_MM) {
-        let height_mm = settings.robot.ur.uncalibrated_height_m * 1e3;
+    if let Some(floor) = Floor::of(config, deviation) {
         if args.uncalibrated {
             note!("arm: --uncalibrated: the pen is lowered all the same");
         } else {
+            let height_mm = floor.height_m * 1e3;
             note!("arm: the pen stays {height_mm:.0} mm above the paper until the model is calibrated");
         }
     }
@@ -250,6 +252,9 @@ fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviati
 struct Bridge {
     link: Link,
     daemon: Daemons,
+    agreement: Agreement,
+    /// What was told of how near to the paper the pen may come [m].
+    floor_m: Option<f64>,
     judge: Judge,
     record: Option<Record>,
     /// Nobody but the emergency stop can stop this arm at once, and somebody said so.
@@ -265,13 +270,15 @@ impl Bridge {
         while !interrupt.is_set() && end.is_none_or(|end| Instant::now() < end) {
             self.turn();
             self.tell();
-            self.daemon.look();
+            if !matches!(self.daemon.look(), News::None | News::Gone) {
+                self.agreement.forget(monotonic_now_ns());
+            }
         }
         self.link.end();
     }
 
     fn turn(&mut self) {
-        let (ports, judge) = (&mut self.daemon.ports, &mut self.judge);
+        let (ports, judge, agreement) = (&mut self.daemon.ports, &mut self.judge, &mut self.agreement);
         let measured = self.link.turn(&mut |pilot: &mut Pilot| {
             if let Some(ports) = ports {
                 let now_ns = monotonic_now_ns();
@@ -279,7 +286,12 @@ impl Bridge {
                     judge.see(command);
                     pilot.take(command, now_ns);
                 });
+                agreement.taken_over(ports.commands.restarts(), now_ns);
+                if let Some(status) = ports.status.as_mut().and_then(StatusReader::latest) {
+                    agreement.see(status);
+                }
             }
+            pilot.settings_agree(agreement.verdict());
         });
         if let (Some(Measured { stamp_ns, state }), Some(record)) = (measured, &mut self.record) {
             record.add(stamp_ns, &state.q);
@@ -318,6 +330,15 @@ impl Bridge {
                 None => note!("arm: {reason}"),
             }
         }
+        if self.link.floor_m() != self.floor_m && self.link.phase() != Phase::Away {
+            self.floor_m = self.link.floor_m();
+            match self.floor_m {
+                Some(m) => {
+                    note!("arm: another arm than before: the pen stays {:.0} mm above the paper", m * 1e3)
+                }
+                None => note!("arm: the model is this arm's own: the pen may come down to the paper"),
+            }
+        }
         let ready = matches!(self.link.phase(), Phase::Ready);
         if ready && !self.ready {
             note!("arm: ready; arm the daemon to begin (foretrace request arm)");
@@ -343,6 +364,10 @@ fn summary(report: &UrReport) {
         link.lost_counters
     );
     say!("round trip  {:.0} ms, {} connections", link.round_trip_ms, link.connections);
+    match &report.arm.robot.not_real_time {
+        None => say!("priority    real-time"),
+        Some(why) => say!("priority    ordinary: {why}"),
+    }
     for (reason, count) in &link.stops {
         say!("stopped     {count} times: {reason}");
     }

@@ -241,8 +241,13 @@ fn evidence_of(
 
     let mut arm = match args.kind.as_str() {
         "ur" => {
-            let robot = ur::controller(&mut crew, config)?;
-            words(&["arm", "ur", "--robot", &robot])
+            let robot = ur::controller(&mut crew, config, args.no_rights)?;
+            let mut arm = words(&["arm", "ur", "--robot", &robot]);
+            arm.extend(option("--rate", source.rate_hz));
+            if args.no_rights {
+                arm.push("--no-rights".to_owned());
+            }
+            arm
         }
         _ => words(&["arm", "sim"]),
     };

@@ -17,14 +17,28 @@ const E_SERIES_HZ: u32 = 500;
 
 /// Starts a controller of the series that the settings are for, on a loopback address of its own, and waits
 /// for it. Returns the address.
-pub(super) fn controller(crew: &mut Crew, config: &Config) -> Result<String, Failure> {
+pub(super) fn controller(crew: &mut Crew, config: &Config, no_rights: bool) -> Result<String, Failure> {
     // Ports are fixed, as a real one's: two demos side by side need two addresses.
     let [_, a, b, c] = std::process::id().to_be_bytes();
     let address = Ipv4Addr::new(127, 100 + a % 100, b, 1 + c % 250);
     let series = if config.settings().robot.controller_rate_hz == E_SERIES_HZ { "e" } else { "cb3" };
-    crew.start(CONTROLLER, &words(&["ur-sim", "--series", series, "--bind", &address.to_string()]))?;
+    let mut sim = words(&["ur-sim", "--series", series, "--bind", &address.to_string()]);
+    sim.extend(installation(config));
+    if no_rights {
+        sim.push("--no-rights".to_owned());
+    }
+    crew.start(CONTROLLER, &sim)?;
     crew.listening(Addresses::at(address.into()).rtde)?;
     Ok(address.to_string())
+}
+
+/// The installation that the bridge will want to find: what the settings say of tool and payload.
+fn installation(config: &Config) -> Vec<String> {
+    let robot = &config.settings().robot;
+    let [x, y, z] = robot.ur.tcp_m.unwrap_or(robot.tool_m);
+    let payload = robot.ur.payload_kg.map(|kg| format!("payload {kg}"));
+    let orders = [Some(format!("tcp {x} {y} {z} 0 0 0")), payload];
+    orders.into_iter().flatten().flat_map(|order| ["--do".to_owned(), order]).collect()
 }
 
 /// Options of the other arm do not go together with this one.
@@ -50,6 +64,13 @@ pub(super) fn fitting(mut source: Source, series: Option<&str>) -> Source {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_controller_has_the_tool_and_the_payload_of_the_settings() {
+        let text = "preset = \"ur5\"\n[robot.ur]\npayload_kg = 0.25\ntcp_m = [0.0, 0.01, 0.2]\n";
+        let config = Config::parse(text, "t.toml", ".").unwrap();
+        assert_eq!(installation(&config), ["--do", "tcp 0 0.01 0.2 0 0 0", "--do", "payload 0.25"]);
+    }
 
     #[test]
     fn a_series_chooses_the_preset_and_what_was_told_stays() {

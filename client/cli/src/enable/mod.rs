@@ -29,9 +29,9 @@ const AGAIN: Duration = Duration::from_millis(500);
 /// Hold to run: keep the arm enabled while a button of an input device is held
 ///
 /// Sends the dead-man signal that safety.enable_required asks for, from a foot pedal, a gamepad, a keyboard
-/// or a stylus; wired only, Bluetooth is refused. Release the button, unplug the device or end this program, and the arm stops. A button that
-/// is already held at the start counts only after it was released once. This is not a safety function: the
-/// enabling device of the arm's own controller is.
+/// or a stylus; wired only, Bluetooth is refused. Release the button, unplug the device or end this program,
+/// and the arm stops. A button that is already held at the start counts only after it was released once. This
+/// is not a safety function: the enabling device of the arm's own controller is.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  foretrace enable --list\n  foretrace enable --device \
                         /dev/input/by-id/usb-Foot_Pedal-event-kbd --button KEY_B")]

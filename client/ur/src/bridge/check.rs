@@ -8,6 +8,8 @@ use foretrace_client::JOINTS;
 use foretrace_config::Settings;
 use serde::Serialize;
 
+use super::kinematics::Deviation;
+
 pub use crate::rtde::ControllerVersion as Version;
 
 /// A kind of controller that the bridge can drive.
@@ -74,13 +76,23 @@ pub enum Refusal {
         /// Of the settings \[kg\].
         settings: f64,
     },
+    /// Nothing in the settings says whether the mass is right, and the arm may be a real one.
+    #[error(
+        "the installation says a payload of {found:.2} kg, and robot.ur.payload_kg is not set: weigh the tool, \
+         write its mass there and into the installation; a wrong payload lets the arm sag and stop"
+    )]
+    PayloadUnsaid {
+        /// Of the controller \[kg\].
+        found: f64,
+    },
     /// Another tool centre point is configured.
     #[error(
-        "the installation's tool centre point is at {found:?} m, robot.ur.tcp_m = {settings:?}, \
-         {apart_mm:.1} mm away; \
+        "the installation's tool centre point is at {found:?} m, {key} = {settings:?}, {apart_mm:.1} mm away; \
          correct whichever is wrong: safety limits of the tool's speed are judged there"
     )]
     Tcp {
+        /// Which key of the settings says otherwise.
+        key: &'static str,
         /// Of the controller \[m\].
         found: [f64; 3],
         /// Of the settings \[m\].
@@ -164,12 +176,19 @@ const PAYLOAD_KG: f64 = 0.1;
 /// Largest distance of tool centre points \[m\].
 const TCP_M: f64 = 1e-3;
 
-/// Everything about `found` that does not fit the settings; `position` are the joints' limits \[rad\].
+/// A model that is off by more than this at the paper counts as not calibrated \[mm\].
+pub const CALIBRATED_MM: f64 = 0.5;
+/// A model that is off by more than this is one of another arm \[mm\].
+pub const ANOTHER_ARM_MM: f64 = 30.0;
+
+/// Everything about `found` that does not fit the settings; `position` are the joints' limits \[rad\]. Behind
+/// an address of this machine (`loopback`) stands a simulator, whose payload nobody weighed.
 #[must_use]
 pub fn installation(
     found: &Installation,
     settings: &Settings,
     position: &[[f64; 2]; JOINTS],
+    loopback: bool,
 ) -> Vec<Refusal> {
     let mut refused = Vec::new();
     for (joint, (q, [low, high])) in found.q.iter().zip(position).enumerate() {
@@ -178,18 +197,37 @@ pub fn installation(
         }
     }
     let ur = &settings.robot.ur;
-    if let (Some(found), Some(settings)) = (found.payload_kg, ur.payload_kg)
-        && !((found - settings).abs() <= PAYLOAD_KG)
-    {
-        refused.push(Refusal::Payload { found, settings });
+    match (found.payload_kg, ur.payload_kg) {
+        (Some(found), Some(settings)) if !((found - settings).abs() <= PAYLOAD_KG) => {
+            refused.push(Refusal::Payload { found, settings });
+        }
+        (Some(found), None) if !loopback => refused.push(Refusal::PayloadUnsaid { found }),
+        _ => {}
     }
-    if let (Some(found), Some(settings)) = (found.tcp_m, ur.tcp_m) {
+    if let Some(found) = found.tcp_m {
+        let (key, settings) =
+            ur.tcp_m.map_or(("robot.tool_m", settings.robot.tool_m), |tcp_m| ("robot.ur.tcp_m", tcp_m));
         let apart = distance(&found, &settings);
         if !(apart <= TCP_M) {
-            refused.push(Refusal::Tcp { found, settings, apart_mm: apart * 1e3 });
+            refused.push(Refusal::Tcp { key, found, settings, apart_mm: apart * 1e3 });
         }
     }
     refused
+}
+
+/// The model is of this arm; `name` is what its own measures say it is.
+///
+/// # Errors
+///
+/// [`Refusal::Model`].
+pub fn model(deviation: Option<&Deviation>, name: Option<&str>) -> Result<(), Refusal> {
+    match deviation {
+        Some(off) if !(off.most_mm <= ANOTHER_ARM_MM) => Err(Refusal::Model {
+            apart_mm: off.most_mm,
+            name: name.unwrap_or("one that foretrace does not know").to_owned(),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// The rate of the settings is the controller's.
@@ -249,16 +287,42 @@ mod tests {
     }
 
     fn judged(text: &str, change: impl FnOnce(&mut Installation)) -> Vec<Refusal> {
+        judged_at(text, true, change)
+    }
+
+    fn judged_at(text: &str, loopback: bool, change: impl FnOnce(&mut Installation)) -> Vec<Refusal> {
         let config = Config::parse(&format!("preset = \"ur5\"\n{text}"), "t.toml", ".").unwrap();
         let mut found =
             Installation { q: config.robot().home, payload_kg: Some(0.5), tcp_m: Some([0.0, 0.0, 0.15]) };
         change(&mut found);
-        installation(&found, config.settings(), config.robot().limits.position())
+        installation(&found, config.settings(), config.robot().limits.position(), loopback)
     }
 
     #[test]
-    fn an_installation_is_not_judged_by_what_the_settings_do_not_say() {
+    fn an_installation_is_judged_by_the_tool_where_the_settings_say_no_more() {
+        // The preset's pen is 150 mm long.
         assert_eq!(judged("", |_| {}), []);
+        let text = judged("", |found| found.tcp_m = Some([0.0; 3]))[0].to_string();
+        assert!(text.contains("robot.tool_m = [0.0, 0.0, 0.15]") && text.contains("150.0 mm"), "{text}");
+        // A payload that nobody wrote down is one that nobody compared.
+        let real = judged_at("", false, |_| {});
+        assert_eq!(real, [Refusal::PayloadUnsaid { found: 0.5 }]);
+        assert!(real[0].to_string().contains("robot.ur.payload_kg is not set"));
+        assert_eq!(judged_at("[robot.ur]\npayload_kg = 0.5\n", false, |_| {}), []);
+    }
+
+    #[test]
+    fn a_model_of_another_arm_is_refused() {
+        let off = |most_mm| Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0 };
+        assert_eq!(model(Some(&off(29.0)), Some("a UR5")), Ok(()));
+        assert_eq!(model(None, None), Ok(()));
+        for most_mm in [31.0, f64::NAN] {
+            assert!(model(Some(&off(most_mm)), Some("a UR10")).unwrap_err().to_string().contains("a UR10"));
+        }
+    }
+
+    #[test]
+    fn what_is_near_enough_or_not_told_is_not_refused() {
         let told = "[robot.ur]\npayload_kg = 0.55\ntcp_m = [0.0, 0.0005, 0.15]\n";
         assert_eq!(judged(told, |_| {}), []);
         // A version that does not tell cannot be wrong.

@@ -24,6 +24,10 @@ pub(super) struct State {
     pub(super) in_use: Vec<String>,
     pub(super) not_found: Vec<String>,
     pub(super) version: [u32; 4],
+    /// Newest version of RTDE that it takes.
+    pub(super) protocol: u16,
+    /// Added to the kinematics' height of the base \[m\].
+    pub(super) higher_m: f64,
     /// Cuts every connection, once.
     pub(super) cut: bool,
     /// No states for as long as this is set.
@@ -66,6 +70,8 @@ impl Fake {
             in_use: Vec::new(),
             not_found: Vec::new(),
             version: [5, 11, 0, 1],
+            protocol: 2,
+            higher_m: 0.0,
             cut: false,
             mute: false,
             programs: Vec::new(),
@@ -177,7 +183,9 @@ const UR5E: KinematicsInfo = KinematicsInfo {
 /// Tells the kinematics once. A program that is sent runs at once, if it carries a token.
 fn upload(mut stream: TcpStream, state: &Mutex<State>, over: &AtomicBool) {
     stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-    let told = primary::State { parts: vec![SubPackage::Kinematics(UR5E)] };
+    let mut kinematics = UR5E;
+    kinematics.d[0] += state.lock().unwrap().higher_m;
+    let told = primary::State { parts: vec![SubPackage::Kinematics(kinematics)] };
     stream.write_all(&Package::State(told).encode()).unwrap();
     let (mut text, mut some) = (String::new(), [0; 4096]);
     while !over.load(Ordering::Relaxed) {
@@ -227,14 +235,17 @@ fn talk(mut stream: TcpStream, state: &Mutex<State>, over: &AtomicBool) {
                 text.split(',').map(str::to_owned).collect::<Vec<_>>()
             };
             let answer = match kind {
-                b'V' | b'S' => {
-                    started |= kind == b'S';
+                b'V' => vec![u8::from(payload[1] <= state.protocol as u8)],
+                b'S' => {
+                    started = true;
                     vec![1]
                 }
                 b'v' => state.version.iter().flat_map(|word| word.to_be_bytes()).collect(),
                 b'O' => {
-                    outputs = names(&payload[8..]);
-                    [vec![1], types(&outputs, &state)].concat()
+                    // Version 1 knows neither a frequency nor a recipe.
+                    let newer = state.protocol == 2;
+                    outputs = names(&payload[if newer { 8 } else { 0 }..]);
+                    [if newer { vec![1] } else { Vec::new() }, types(&outputs, &state)].concat()
                 }
                 b'I' => {
                     inputs = names(payload);
@@ -266,7 +277,7 @@ fn talk(mut stream: TcpStream, state: &Mutex<State>, over: &AtomicBool) {
         }
         if started && now.cycle > sent && !now.mute {
             sent = now.cycle;
-            let mut payload = vec![1];
+            let mut payload = if now.protocol == 2 { vec![1] } else { Vec::new() };
             for name in &outputs {
                 let value = now.values.get(name).cloned().unwrap_or_else(|| vec![0.0]);
                 for number in value {

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::address::Addresses;
 use super::line::{self, Line};
-use super::pilot::{Counts, Pilot};
+use super::pilot::{Counts, Floor, Pilot};
 use super::program::Program;
 use super::reaction::Phase;
 use super::reason::Reason;
@@ -30,10 +30,17 @@ const HEARD_AT_ONCE: usize = 8;
 /// Longest time for a connection, or for the program to be sent.
 const PATIENCE: Duration = Duration::from_secs(1);
 
+/// Before another look at a controller that does not fit.
+const LOOK_AGAIN: Duration = Duration::from_secs(5);
+
+/// Asks and judges the controller behind every new connection: where the pen has to stay above, or why
+/// nothing may move. May take seconds.
+pub type Inspect = Box<dyn FnMut(&Addresses) -> Result<Option<Floor>, (Reason, String)>>;
+
 /// A controller and everything that is known about it.
-#[derive(Debug)]
 pub struct Link {
     addresses: Addresses,
+    inspect: Inspect,
     program: Program,
     pilot: Pilot,
     line: Option<Line>,
@@ -94,7 +101,7 @@ pub struct LinkReport {
 
 impl Link {
     /// A link to the controller at `addresses` that runs `program`; `watch_remote` where the version tells
-    /// remote control.
+    /// remote control. Nothing moves over a connection before `inspect` has let it pass.
     ///
     /// # Errors
     ///
@@ -104,11 +111,13 @@ impl Link {
         program: Program,
         pilot: Pilot,
         watch_remote: bool,
+        inspect: Inspect,
     ) -> std::io::Result<Self> {
         let remote = if watch_remote { Some(RemoteWatch::begin(addresses.dashboard)?) } else { None };
         let now = Instant::now();
         Ok(Self {
             addresses,
+            inspect,
             program,
             pilot,
             line: None,
@@ -126,7 +135,7 @@ impl Link {
         })
     }
 
-    /// Waits for the next state, for 50 ms at most (a second while connecting), and answers it at once.
+    /// Waits for the next state, for 50 ms at most (seconds while connecting), and answers it at once.
     /// `commands` is called just before, to hand over the newest ones with [`Pilot::take`].
     pub fn turn(&mut self, commands: &mut dyn FnMut(&mut Pilot)) -> Option<Measured> {
         let Some(line) = &mut self.line else {
@@ -158,6 +167,11 @@ impl Link {
         let followed = matches!(self.phase(), Phase::Following { .. });
         let outcome = self.pilot.cycle(&package, arrival_ns)?;
         let line = self.line.as_mut()?;
+        if outcome.restarted {
+            // It may be another arm now, or another installation.
+            self.lose(Reason::Restarted, None);
+            return None;
+        }
         if let Err(error) = line.send(&outcome.inputs) {
             self.lose(Reason::ConnectionLost, Some(error.to_string()));
             return None;
@@ -203,6 +217,12 @@ impl Link {
         self.pilot.machine().reason()
     }
 
+    /// How near to the paper the model's tip may come \[m\]; `None`: as near as the settings say.
+    #[must_use]
+    pub fn floor_m(&self) -> Option<f64> {
+        self.pilot.floor_m()
+    }
+
     /// A reason that was not told yet, with what the system said about it.
     pub fn news(&mut self) -> Option<(Reason, Option<String>)> {
         let reason = self.reason().filter(|reason| Some(*reason) != self.told);
@@ -246,12 +266,19 @@ impl Link {
         self.next_attempt = now + AGAIN;
         let rate_hz = 1.0 / self.program.cycle_s;
         match Line::connect(self.addresses.rtde, &self.program.registers, rate_hz, PATIENCE) {
-            Ok(line) => {
-                self.line = Some(line);
-                self.connections += 1;
-                (self.heard, self.silent_turns, self.detail) = (Instant::now(), 0, None);
-                self.pilot.connected();
-            }
+            Ok(line) => match (self.inspect)(&self.addresses) {
+                Ok(floor) => {
+                    self.line = Some(line);
+                    self.connections += 1;
+                    (self.heard, self.silent_turns, self.detail) = (Instant::now(), 0, None);
+                    self.pilot.set_floor(floor);
+                    self.pilot.connected();
+                }
+                Err((reason, words)) => {
+                    self.lose(reason, Some(words));
+                    self.next_attempt = Instant::now() + LOOK_AGAIN;
+                }
+            },
             Err(error) => self.lose(line::reason(&error), Some(error.to_string())),
         }
     }

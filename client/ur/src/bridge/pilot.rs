@@ -6,10 +6,13 @@
 //! whatever happens.
 
 use foretrace_client::{ArmLine, JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags};
+use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
 use nalgebra::Vector3;
 
+use super::check::CALIBRATED_MM;
 use super::clock::{ClockMap, Mapped};
+use super::kinematics::Deviation;
 use super::reaction::{Act, Machine, Seen, Wanted};
 use super::reason::Reason;
 use super::registers::{Answer, Inputs, Numbers, Tokens};
@@ -52,6 +55,25 @@ pub struct Floor {
     pub normal: Vector3<f64>,
     /// Least height of the tip above the paper \[m\].
     pub height_m: f64,
+}
+
+impl Floor {
+    /// For an arm whose tip is `deviation` from where the model of `config` believes it; `None` where that is
+    /// near enough. The tip may be lower than it is believed to be by as much as the deviation.
+    #[must_use]
+    pub fn of(config: &Config, deviation: Option<Deviation>) -> Option<Self> {
+        let off_mm = deviation.map_or(0.0, |deviation| deviation.most_mm);
+        if deviation.is_some() && off_mm <= CALIBRATED_MM {
+            return None;
+        }
+        let (settings, robot) = (config.settings(), config.robot());
+        Some(Self {
+            chain: robot.chain.clone(),
+            origin: settings.plane.origin_m.into(),
+            normal: settings.plane.rotation().matrix().column(2).into(),
+            height_m: settings.robot.ur.uncalibrated_height_m + off_mm * 1e-3,
+        })
+    }
 }
 
 /// What a cycle gives.
@@ -156,6 +178,17 @@ impl Pilot {
         self.machine.connected(false);
     }
 
+    /// Where the pen has to stay above from now on; `None` for an arm that is calibrated.
+    pub fn set_floor(&mut self, floor: Option<Floor>) {
+        self.floor = floor;
+    }
+
+    /// How near to the paper the model's tip may come \[m\]; `None`: as near as the settings say.
+    #[must_use]
+    pub fn floor_m(&self) -> Option<f64> {
+        self.floor.as_ref().map(|floor| floor.height_m)
+    }
+
     /// There is no connection.
     pub fn disconnected(&mut self, reason: Reason) {
         self.machine.disconnected(reason);
@@ -169,6 +202,11 @@ impl Pilot {
     /// What the dashboard says about remote control.
     pub fn remote_control(&mut self, remote: Option<bool>) {
         self.machine.remote_control(remote);
+    }
+
+    /// Whether the daemon runs with the settings of this bridge; `None` while that is not known.
+    pub fn settings_agree(&mut self, agreed: Option<bool>) {
+        self.machine.settings_agree(agreed);
     }
 
     /// A command that was received at `now_ns`.

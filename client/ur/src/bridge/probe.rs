@@ -9,10 +9,12 @@ use foretrace_config::Config;
 use nalgebra::Vector3;
 
 use super::address::Addresses;
-use super::check::{Installation, Refusal, Series, Version};
+use super::check::{self, Installation, Refusal, Series, Version};
 use super::kinematics::{Deviation, DhParameters, deviation};
 use super::line;
 use super::measures;
+use super::pilot::Floor;
+use super::reason::Reason;
 use crate::rtde::{Client, RtdeError, Value};
 
 /// Longest wait for a step.
@@ -43,6 +45,18 @@ pub enum ProbeError {
     /// No state came.
     #[error("the controller sends no states over RTDE")]
     NoState,
+}
+
+impl ProbeError {
+    /// What it means for the bridge.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        match self {
+            Self::Rtde(error) => line::reason(error),
+            Self::Refused(_) => Reason::DoesNotFit,
+            Self::NoState => Reason::ConnectionLost,
+        }
+    }
 }
 
 /// Asks the controller at `addresses`.
@@ -123,10 +137,42 @@ impl Found {
         }
     }
 
+    /// Judges all of it: how far the tip is from where the model of `config` believes it, `None` where nobody
+    /// can say. `loopback`: the host is this machine.
+    ///
+    /// # Errors
+    ///
+    /// Everything that does not fit.
+    pub fn judged(&self, config: &Config, loopback: bool) -> Result<Option<Deviation>, Vec<Refusal>> {
+        let (settings, position) = (config.settings(), config.robot().limits.position());
+        let mut wrong = check::installation(&self.installation, settings, position, loopback);
+        wrong.extend(check::rate(self.series, settings.robot.controller_rate_hz).err());
+        let deviation = self.deviation(config);
+        wrong.extend(check::model(deviation.as_ref(), self.arm()).err());
+        if wrong.is_empty() { Ok(deviation) } else { Err(wrong) }
+    }
+
     /// How far the tip is from where the model of `config` believes it, over the paper.
     #[must_use]
     pub fn deviation(&self, config: &Config) -> Option<Deviation> {
         self.dh.and_then(|dh| deviation_of(&dh, config))
+    }
+}
+
+/// Asks and judges the controller at `addresses` before anything may move: where the pen has to stay above,
+/// or `None` for an arm that is calibrated.
+///
+/// # Errors
+///
+/// Why it may not, and in which words.
+pub fn inspect(addresses: &Addresses, config: &Config) -> Result<Option<Floor>, (Reason, String)> {
+    let found = probe(addresses).map_err(|error| (error.reason(), error.to_string()))?;
+    match found.judged(config, addresses.ip().is_loopback()) {
+        Ok(deviation) => Ok(Floor::of(config, deviation)),
+        Err(wrong) => {
+            let words: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+            Err((Reason::DoesNotFit, words.join("; ")))
+        }
     }
 }
 

@@ -90,6 +90,8 @@ pub struct Machine {
     reason: Option<Reason>,
     /// In local control nothing is accepted; `None` where the version does not tell.
     remote: Option<bool>,
+    /// The daemon runs with our settings; `None`: not known yet of this daemon.
+    agreed: Option<bool>,
     /// Not to be tried again before this instant \[s\].
     next_upload_s: f64,
     /// Our program has been seen to run, in whatever phase.
@@ -141,6 +143,7 @@ impl Machine {
             phase: Phase::Away,
             reason: None,
             remote: None,
+            agreed: None,
             next_upload_s: f64::NEG_INFINITY,
             alive: false,
             end: None,
@@ -205,6 +208,12 @@ impl Machine {
         self.remote = remote;
     }
 
+    /// Whether the daemon runs with the settings of this bridge; `None` while that is not known, and nothing
+    /// moves then.
+    pub fn settings_agree(&mut self, agreed: Option<bool>) {
+        self.agreed = agreed;
+    }
+
     /// One state of the controller at `now_s` of its clock, and what foretrace wants.
     pub fn step(&mut self, now_s: f64, seen: &Seen, wanted: Wanted) -> Act {
         if let Some(reason) = self.ended(now_s, seen) {
@@ -218,12 +227,15 @@ impl Machine {
         match self.phase {
             Phase::Away => Act::Wait,
             Phase::Blocked { last_s } => {
-                if self.is_final() || self.end.is_some() || wanted.commanding || now_s - last_s < SHOWN_S {
+                let waits = self.end.is_some() || self.agreed.is_none() || wanted.commanding;
+                if self.is_final() || waits || now_s - last_s < SHOWN_S {
                     return Act::Wait;
                 }
                 self.get_ready(now_s, seen, named, fresh)
             }
-            Phase::Starting { .. } | Phase::Ready | Phase::Following { .. } if self.end.is_some() => {
+            Phase::Starting { .. } | Phase::Ready | Phase::Following { .. }
+                if self.end.is_some() || self.agreed.is_none() =>
+            {
                 self.phase = Phase::Blocked { last_s: now_s };
                 Act::Wait
             }
@@ -307,6 +319,9 @@ impl Machine {
             6 => return Some(Reason::Backdrive),
             -1..=2 | 8 => return Some(Reason::Booting),
             _ => return Some(Reason::NotRunning),
+        }
+        if self.agreed == Some(false) {
+            return Some(Reason::OtherSettings);
         }
         if (RUNTIME_PAUSING..=RUNTIME_RESUMING).contains(&seen.runtime_state) {
             return Some(Reason::Paused);

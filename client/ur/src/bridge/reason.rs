@@ -59,6 +59,10 @@ pub enum Reason {
     Restarted,
     /// The pen would come too near to the paper for a model that is not calibrated.
     Uncalibrated,
+    /// What was found behind the connection does not fit the settings.
+    DoesNotFit,
+    /// The daemon runs with other settings than the bridge.
+    OtherSettings,
 }
 
 /// What has to happen before the arm can be armed again.
@@ -75,7 +79,7 @@ pub enum Return {
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 27] = [
         Self::ProtectiveStop,
         Self::SafeguardStop,
         Self::EmergencyStop,
@@ -101,6 +105,8 @@ impl Reason {
         Self::ConnectionLost,
         Self::Restarted,
         Self::Uncalibrated,
+        Self::DoesNotFit,
+        Self::OtherSettings,
     ];
 
     /// Whose turn it is.
@@ -119,7 +125,8 @@ impl Reason {
             | Self::ForeignProgram
             | Self::LocalControl
             | Self::ServiceOff
-            | Self::Restarted => Return::Operator,
+            | Self::Restarted
+            | Self::DoesNotFit => Return::Operator,
             Self::StoppedByOperator | Self::ProgramFailed | Self::Uncalibrated => Return::NewBridge,
             Self::Booting
             | Self::StoppedByWatchdog
@@ -129,7 +136,8 @@ impl Reason {
             | Self::DidNotStart
             | Self::InUse
             | Self::Unreachable
-            | Self::ConnectionLost => Return::ByItself,
+            | Self::ConnectionLost
+            | Self::OtherSettings => Return::ByItself,
         }
     }
 
@@ -165,6 +173,8 @@ impl Reason {
             }
             Self::ConnectionLost => "the connection to the controller is lost",
             Self::Restarted => "the controller was restarted",
+            Self::OtherSettings => "the daemon runs with other settings than the bridge",
+            Self::DoesNotFit => "the controller that was found does not fit the settings",
             Self::Uncalibrated => "the pen would come nearer to the paper than an uncalibrated model allows",
         }
     }
@@ -206,6 +216,12 @@ impl Reason {
             }
             Self::ConnectionLost => "check the cable; the bridge connects again by itself",
             Self::Restarted => "switch the arm on and release its brakes on the pendant",
+            Self::OtherSettings => {
+                "start both with the same --config FILE, --preset and --set: dead-man and limits are judged by them"
+            }
+            Self::DoesNotFit => {
+                "put right what is named; the bridge looks again, and has to be started anew for other settings"
+            }
             Self::Uncalibrated => {
                 "run `foretrace calibrate kinematics --robot HOST` and use what it writes, \
                  or start with --uncalibrated"

@@ -12,12 +12,12 @@ use foretrace_client::{JOINTS, JointCommand, Mode, RobotMode, command_flags, mon
 use foretrace_config::Config;
 
 use super::address::Addresses;
-use super::examine::{self, Grade, RegisterFact};
+use super::examine::{self, Grade, Port, RegisterFact};
 use super::fake::Fake;
 use super::line;
 use super::link::{Link, Measured};
 use super::pilot::Pilot;
-use super::probe::probe;
+use super::probe::{inspect, probe};
 use super::program::Program;
 use super::reaction::Phase;
 use super::reason::Reason;
@@ -57,8 +57,11 @@ impl Scene {
         let config = config();
         let registers = Registers::at(24).unwrap();
         let program = Program::new(&config.settings().robot.ur, &config.robot().limits, registers, 0.002);
-        let pilot = Pilot::new(config.robot().limits, 0.002, 5.0, None, 1 << 40);
-        let link = Link::new(addresses(&fake), program, pilot, false).unwrap();
+        let mut pilot = Pilot::new(config.robot().limits, 0.002, 5.0, None, 1 << 40);
+        pilot.settings_agree(Some(true));
+        let judging = config.clone();
+        let inspect = Box::new(move |addresses: &Addresses| inspect(addresses, &judging));
+        let link = Link::new(addresses(&fake), program, pilot, false, inspect).unwrap();
         let home = config.robot().home;
         Self { fake, link, home, commanding: false, begins: false, newest: None }
     }
@@ -157,6 +160,31 @@ fn a_connection_that_is_cut_comes_back_and_waits_for_an_arming() {
 }
 
 #[test]
+fn behind_a_new_connection_everything_is_judged_again_before_anything_may_move() {
+    let mut scene = Scene::new();
+    scene.follow();
+    assert_eq!(scene.link.floor_m(), None, "calibrated");
+    // Behind the cut stands another installation.
+    scene.fake.with(|state| {
+        state.values.insert("tcp_offset".to_owned(), vec![0.0, 0.0, 0.2, 0.0, 0.0, 0.0]);
+        state.cut = true;
+    });
+    scene.until(|scene| scene.link.reason() == Some(Reason::DoesNotFit));
+    let (_, detail) = scene.link.news().unwrap();
+    assert!(detail.unwrap().contains("50.0 mm away"));
+    assert_eq!(scene.link.phase(), Phase::Away);
+    // The tool is put right, and the arm is another one of the same model.
+    scene.fake.with(|state| {
+        state.values.insert("tcp_offset".to_owned(), vec![0.0, 0.0, 0.15, 0.0, 0.0, 0.0]);
+        state.higher_m = 4e-3;
+    });
+    scene.commanding = false;
+    scene.ready();
+    let said = config().settings().robot.ur.uncalibrated_height_m;
+    assert!((scene.link.floor_m().unwrap() - (said + 4e-3)).abs() < 1e-5, "{:?}", scene.link.floor_m());
+}
+
+#[test]
 fn a_controller_that_falls_silent_is_given_up() {
     let mut scene = Scene::new();
     scene.follow();
@@ -230,7 +258,13 @@ fn examination_measures_the_line_and_names_what_is_in_use() {
     assert!(facts.deviation.unwrap().most_mm < 0.01);
     assert_eq!(facts.arm.as_deref(), Some("a UR5e or UR7e"));
 
-    fake.with(|state| state.in_use.push("input_int_register_25".to_owned()));
+    assert_eq!(facts.rtde, Port::Open("protocol 2".to_owned()));
+
+    fake.with(|state| {
+        state.in_use.push("input_int_register_25".to_owned());
+        state.protocol = 1;
+    });
     let facts = examine::gather(&addresses(&fake), &config, Duration::from_millis(50), &|| false);
+    assert_eq!(facts.rtde, Port::Open("protocol 1".to_owned()));
     assert_eq!(facts.registers, Some(RegisterFact::InUse(vec!["input_int_register_25".to_owned()])));
 }

@@ -1,9 +1,9 @@
-//! Sends the program to the primary interface, and hears what the controller says about it, on a thread of its
-//! own.
+//! Sends the program to the primary interface, and hears what the controller says about it, on a thread of
+//! its own.
 //!
-//! Contract: nobody who asks here waits for the controller. The connection that sends is the one that is read,
-//! so that nothing fills up unread, and it is held while the program runs: a controller may drop what came
-//! over one that is closed.
+//! Contract: nobody who asks here waits for the controller. The connection that sends is the one that is
+//! read, so that nothing fills up unread, and it is held while the program runs: a controller may drop what
+//! came over one that is closed.
 
 use std::net::SocketAddr;
 use std::sync::Arc;

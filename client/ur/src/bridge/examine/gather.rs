@@ -16,7 +16,7 @@ use super::super::trip::Trips;
 use super::{Facts, Modes, Port, RegisterFact, Timing};
 use crate::dashboard::{Dashboard, DashboardError};
 use crate::primary::PrimaryError;
-use crate::rtde::{Client, RtdeError, Value};
+use crate::rtde::{Client, ProtocolVersion, RtdeError, Value};
 
 /// Longest wait for a step.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -55,7 +55,7 @@ pub fn gather(
         return facts;
     }
     facts.rtde = match rtde(addresses, config, lasting, interrupted, &mut facts) {
-        Ok(()) => Port::Open("protocol 2".to_owned()),
+        Ok(protocol) => Port::Open(format!("protocol {}", protocol.number())),
         Err(RtdeError::Connect(error)) => closed(&error),
         Err(error @ RtdeError::Silent(_)) => Port::Silent(error.to_string()),
         Err(error) => Port::Strange(error.to_string()),
@@ -94,18 +94,24 @@ fn rtde(
     lasting: Duration,
     interrupted: &dyn Fn() -> bool,
     facts: &mut Facts,
-) -> Result<(), RtdeError> {
+) -> Result<ProtocolVersion, RtdeError> {
     let mut first = Client::connect(addresses.rtde, PATIENCE)?;
+    let protocol = first.protocol();
     facts.version = Some(first.controller_version()?);
     facts.installation = installation(&mut first, PATIENCE).ok();
     drop(first);
-    let Some(series) = facts.version.and_then(|version| Series::of(version).ok()) else { return Ok(()) };
-    let Some(registers) = Registers::at(config.settings().robot.ur.register_base) else { return Ok(()) };
+    let Some(series) = facts.version.and_then(|version| Series::of(version).ok()) else {
+        return Ok(protocol);
+    };
+    let Some(registers) = Registers::at(config.settings().robot.ur.register_base) else {
+        return Ok(protocol);
+    };
     let mut second = Client::connect(addresses.rtde, PATIENCE)?;
     let claimed = claim(&mut second, &registers)?;
     let free = claimed == RegisterFact::Free;
     facts.registers = Some(claimed);
-    listen(&mut second, &registers, free, f64::from(series.rate_hz()), lasting, interrupted, facts)
+    listen(&mut second, &registers, free, f64::from(series.rate_hz()), lasting, interrupted, facts)?;
+    Ok(protocol)
 }
 
 /// One by one, so that each that is not to be had is named.

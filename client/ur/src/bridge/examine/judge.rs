@@ -4,7 +4,6 @@ use foretrace_client::JOINTS;
 use foretrace_config::Settings;
 
 use super::super::check::{self, Series};
-use super::super::kinematics::Deviation;
 use super::{Facts, Finding, Grade, Modes, Port, RegisterFact, Timing};
 
 const SERVICES: &str = "on the pendant: Settings, Security, Services";
@@ -27,7 +26,7 @@ pub(super) fn all(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOIN
         registers(facts, settings),
         line(facts.timing.as_ref()),
         round_trip(facts.timing.as_ref()),
-        calibration(facts.deviation.as_ref()),
+        calibration(facts),
         dead_man(facts, settings),
     ]);
     found
@@ -175,7 +174,7 @@ fn installation(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOINTS
     let Some(found) = &facts.installation else {
         return vec![unseen("installation", "nothing came over RTDE")];
     };
-    let refused = check::installation(found, settings, position);
+    let refused = check::installation(found, settings, position, facts.loopback);
     let of = |wanted: fn(&check::Refusal) -> bool| refused.iter().find(|refusal| wanted(refusal));
     let joints = match of(|refusal| matches!(refusal, check::Refusal::Joint { .. })) {
         None => good("joints", "within the settings' limits"),
@@ -188,31 +187,31 @@ fn installation(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOINTS
             "not known: this version does not tell it",
             "look under Installation, Payload: the weight of pen and holder",
         ),
-        (Some(kg), None) => poor(
-            "payload",
-            Grade::Fair,
-            format!("{kg:.2} kg"),
-            "if that is what pen and holder weigh, write it down: robot.ur.payload_kg",
-        ),
-        (Some(kg), Some(_)) => match of(|refusal| matches!(refusal, check::Refusal::Payload { .. })) {
-            None => good("payload", format!("{kg:.2} kg")),
-            Some(refusal) => poor("payload", Grade::Bad, format!("{kg:.2} kg"), refusal.to_string()),
-        },
+        (Some(kg), said) => {
+            let value = format!("{kg:.2} kg");
+            let refused = of(|refusal| {
+                matches!(refusal, check::Refusal::Payload { .. } | check::Refusal::PayloadUnsaid { .. })
+            });
+            match (refused, said) {
+                (Some(refusal), _) => poor("payload", Grade::Bad, value, refusal.to_string()),
+                (None, Some(_)) => good("payload", value),
+                (None, None) => poor(
+                    "payload",
+                    Grade::Fair,
+                    value,
+                    "nobody compares it on this machine; for a real arm set robot.ur.payload_kg",
+                ),
+            }
+        }
     };
-    let tcp = match (found.tcp_m, settings.robot.ur.tcp_m) {
-        (None, _) => poor(
+    let tcp = match found.tcp_m {
+        None => poor(
             "tool centre point",
             Grade::Fair,
             "not known: this version does not tell it",
             "look under Installation, TCP: the tip of the pen",
         ),
-        (Some([x, y, z]), None) => poor(
-            "tool centre point",
-            Grade::Fair,
-            format!("[{x:.4}, {y:.4}, {z:.4}] m from the flange"),
-            "if that is the tip of the pen, write it down: robot.ur.tcp_m, and the same as robot.tool_m",
-        ),
-        (Some([x, y, z]), Some(_)) => {
+        Some([x, y, z]) => {
             let value = format!("[{x:.4}, {y:.4}, {z:.4}] m from the flange");
             match of(|refusal| matches!(refusal, check::Refusal::Tcp { .. })) {
                 None => good("tool centre point", value),
@@ -298,12 +297,17 @@ fn round_trip(timing: Option<&Timing>) -> Finding {
     good(NAME, value)
 }
 
-fn calibration(deviation: Option<&Deviation>) -> Finding {
+fn calibration(facts: &Facts) -> Finding {
     const NAME: &str = "calibration";
     let fix = "foretrace calibrate kinematics --robot HOST writes the arm's own measures";
+    let deviation = facts.deviation.as_ref();
+    if let Err(refusal) = check::model(deviation, facts.arm.as_deref()) {
+        let value = "the model is of another arm".to_owned();
+        return poor(NAME, Grade::Bad, value, refusal.to_string());
+    }
     match deviation {
         None => poor(NAME, Grade::Fair, "not known: the controller did not tell its kinematics", fix),
-        Some(off) if off.most_mm <= 0.5 => {
+        Some(off) if off.most_mm <= check::CALIBRATED_MM => {
             good(NAME, format!("the model is the arm's own, to {:.2} mm at the paper", off.most_mm))
         }
         Some(off) => poor(

@@ -32,6 +32,7 @@ fn scene(floor: Option<f64>) -> Scene {
     });
     let mut pilot = Pilot::new(robot.limits, 0.008, 0.1, floor, 12345);
     pilot.connected();
+    pilot.settings_agree(Some(true));
     let package = Package {
         timestamp: 50.0,
         q: robot.home,
@@ -228,6 +229,18 @@ fn without_calibration_the_pen_is_not_lowered_beyond_the_stated_height() {
     }
     assert!(refused);
     assert_eq!(scene.pilot.machine().reason(), Some(Reason::Uncalibrated));
+}
+
+#[test]
+fn the_floor_allows_for_the_tip_being_lower_than_the_model_believes() {
+    let config = Config::preset("ur5").unwrap();
+    let off = |most_mm| Some(Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0 });
+    let height = |deviation| Floor::of(&config, deviation).map(|floor| floor.height_m);
+    let said = config.settings().robot.ur.uncalibrated_height_m;
+    assert_eq!(height(off(0.4)), None);
+    assert!((height(off(12.0)).unwrap() - (said + 0.012)).abs() < 1e-12);
+    assert_eq!(height(None), Some(said));
+    assert!(height(off(f64::NAN)).is_some_and(|height| !(0.0 >= height)));
 }
 
 #[test]

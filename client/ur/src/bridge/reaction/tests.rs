@@ -28,6 +28,7 @@ impl Scene {
         };
         let mut machine = Machine::new(Tokens::from_seed(4711), Numbers::from_seed(100));
         machine.connected(false);
+        machine.settings_agree(Some(true));
         Self { machine, now_s: 50.0, seen, wanted: Wanted::default(), uploads: 0 }
     }
 
@@ -353,6 +354,27 @@ fn the_program_of_a_bridge_that_died_is_told_to_end() {
     scene.seen.runtime_state = 2;
     scene.seen.answer.session = 4712;
     assert!(scene.cycles(0.1).contains(&Act::EndEarlier));
+    scene.cycles(1.0);
+    assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
+}
+
+#[test]
+fn under_a_daemon_with_other_settings_nothing_moves() {
+    // From the beginning: no program is sent, whoever arms.
+    let mut scene = Scene::new();
+    scene.machine.settings_agree(Some(false));
+    scene.arm();
+    assert!(scene.cycles(5.0).iter().all(|act| *act == Act::Wait));
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::OtherSettings), false));
+    // A new daemon of which nothing is known yet takes the leave back before its commands are obeyed.
+    let mut scene = Scene::following();
+    scene.machine.settings_agree(None);
+    scene.arm();
+    assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait));
+    assert!(!scene.machine.may_move());
+    // Once it is known to agree the bridge gets ready, and waits for an arming.
+    scene.machine.settings_agree(Some(true));
+    scene.wanted = Wanted::default();
     scene.cycles(1.0);
     assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
 }

@@ -114,6 +114,7 @@ impl Scene {
         let watchdog_s = 1.0 / self.program.watchdog_hz;
         let mut pilot = Pilot::new(limits, self.series.cycle_s(), watchdog_s, None, seed);
         pilot.connected();
+        pilot.settings_agree(Some(true));
         self.pilot = Some(pilot);
     }
 

@@ -105,8 +105,9 @@ impl Scene {
         let (limits, cycle_s) = (self.config.robot().limits, self.series.cycle_s());
         let section = &self.config.settings().robot.ur;
         let program = Program::new(section, &limits, Registers::at(24).unwrap(), cycle_s);
-        let pilot = Pilot::new(limits, cycle_s, 0.1, None, seed << 24);
-        self.link = Some(Link::new(addresses, program, pilot, true).unwrap());
+        let mut pilot = Pilot::new(limits, cycle_s, 0.1, None, seed << 24);
+        pilot.settings_agree(Some(true));
+        self.link = Some(Link::new(addresses, program, pilot, true, Box::new(|_| Ok(None))).unwrap());
     }
 
     fn turn(&mut self) {

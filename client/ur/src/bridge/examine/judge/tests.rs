@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::bridge::check::{Installation, Version};
+use crate::bridge::kinematics::Deviation;
 use foretrace_config::Config;
 
 fn facts() -> Facts {
@@ -51,7 +52,7 @@ type Row = (fn(&mut Facts), &'static str, Grade, &'static str);
 
 #[test]
 fn each_trouble_is_told_under_its_name_with_what_to_do() {
-    let rows: [Row; 18] = [
+    let rows: [Row; 20] = [
         (|f| f.rtde = Port::Refused, "rtde (30004)", Grade::Bad, "enable RTDE"),
         (|f| f.primary = Port::Silent("timed out".to_owned()), "primary (30001)", Grade::Bad, "firewall"),
         (|f| f.dashboard = Port::Refused, "dashboard (29999)", Grade::Fair, "Dashboard Server"),
@@ -83,6 +84,13 @@ fn each_trouble_is_told_under_its_name_with_what_to_do() {
         (|f| f.installation.as_mut().unwrap().payload_kg = Some(2.0), "payload", Grade::Bad, "weigh"),
         (|f| f.timing.as_mut().unwrap().skipped = 40, "states", Grade::Bad, "direct cable"),
         (|f| f.timing.as_mut().unwrap().round_trips[6] = 5, "round trip", Grade::Bad, "five cycles"),
+        (|f| f.deviation.as_mut().unwrap().most_mm = 80.0, "calibration", Grade::Bad, "another model of arm"),
+        (
+            |f| f.installation.as_mut().unwrap().tcp_m = Some([0.0; 3]),
+            "tool centre point",
+            Grade::Bad,
+            "150.0 mm away",
+        ),
         (|f| f.deviation.as_mut().unwrap().most_mm = 4.0, "calibration", Grade::Fair, "calibrate kinematics"),
         (|f| f.timing = None, "round trip", Grade::Fair, "run again"),
     ];
@@ -92,6 +100,17 @@ fn each_trouble_is_told_under_its_name_with_what_to_do() {
         assert_eq!(finding.grade, grade, "{finding:?}");
         assert!(finding.fix.contains(fix), "{finding:?}");
     }
+}
+
+#[test]
+fn a_payload_that_nobody_wrote_down_is_bad_for_a_real_arm_as_for_the_bridge() {
+    let config = Config::parse("preset = \"ur5-first-run\"\n", "t.toml", ".").unwrap();
+    let grade = |loopback| {
+        let facts = Facts { loopback, ..facts() };
+        let found = all(&facts, config.settings(), config.robot().limits.position());
+        found.iter().find(|f| f.name == "payload").unwrap().grade
+    };
+    assert_eq!((grade(false), grade(true)), (Grade::Bad, Grade::Fair));
 }
 
 #[test]
