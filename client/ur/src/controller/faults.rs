@@ -97,7 +97,7 @@ fn act(
             }
             world.robot.tcp_offset = pose;
         }
-        "arm" if arguments == ["mended"] => world.mend(),
+        "arm" if arguments == ["mended"] => world.robot.mend(),
         "arm" => {
             let text = arguments.first().copied().unwrap_or("");
             let (kind, value) =

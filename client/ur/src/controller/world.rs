@@ -330,12 +330,6 @@ impl World {
         true
     }
 
-    /// Mends the arm; the program that led it ends.
-    pub fn mend(&mut self) {
-        self.stop();
-        self.robot.mend();
-    }
-
     /// Does what the input `name` asks for, if it is no register: the slider, digital and analog outputs,
     /// where their mask says so.
     pub fn apply_input(&mut self, name: &str) {
