@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit and
-# universal-robots-clients. Makes a Python environment from PyPI in FORETRACE_UR_VENV (default: a scratch
-# folder); where it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here).
-# Ports of a robot are fixed, so each simulator has an address of its own: 127.0.0.21 and 127.0.0.22.
+# universal-robots-clients, the last and ur_rtde also beside our bridge; then the control programs of others in
+# the interpreter (that of the client library where FORETRACE_URCL names a checkout of it). Makes a Python
+# environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder); where it cannot be had, says so and
+# leaves with 0. FORETRACE is the program (default: built here). Ports of a robot are fixed, so each simulator
+# has an address of its own: 127.0.0.21 and 127.0.0.22.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=$PWD/tests/ur
@@ -29,6 +31,7 @@ if [[ -z ${FORETRACE:-} ]]; then
   cargo build --release --locked -p foretrace
   FORETRACE=target/release/foretrace
 fi
+FORETRACE=$(realpath "$FORETRACE")
 
 broken=0
 for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
@@ -45,6 +48,12 @@ for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
     (cd "$scratch" && timeout 300 "$venv/bin/python" "$here/$judge.py" "$address" "$rate") ||
       broken=$((broken + $?))
   done
+  mkdir "$scratch/$name"
+  timeout 300 "$venv/bin/python" "$here/beside.py" "$address" "$rate" "$FORETRACE" "$scratch/$name" ||
+    broken=$((broken + $?))
 done
+"$venv/bin/python" client/ur/tests/script/others.py "$scratch/scripts" ${FORETRACE_URCL:+"$FORETRACE_URCL"}
+FORETRACE_UR_SCRIPTS=$scratch/scripts cargo test --locked -p foretrace-ur --test script -- others:: ||
+  broken=$((broken + 1))
 echo "ur: $broken claims broken"
 [[ $broken == 0 ]]

@@ -3,11 +3,11 @@
 Usage: others.py HOST RATE_HZ. One line a claim; exits with the number of claims that do not hold.
 """
 
-import socket
-import struct
 import sys
 import threading
 import time
+
+from registers import Registers
 
 HOST, RATE_HZ = sys.argv[1], float(sys.argv[2])
 broken = 0
@@ -68,36 +68,11 @@ def urx_claims():
         robot.close()
 
 
-class Registers:
-    """An RTDE client that owns the bridge's registers, 24 to 41."""
-
-    def __init__(self):
-        self.socket = socket.create_connection((HOST, 30004), timeout=5)
-        self.ask(b"V", struct.pack("!H", 2))
-
-    def ask(self, kind, payload):
-        self.socket.sendall(struct.pack("!Hc", len(payload) + 3, kind) + payload)
-        size, got = struct.unpack("!Hc", self.exactly(3))
-        payload = self.exactly(size - 3)
-        assert got == kind, got
-        return payload
-
-    def exactly(self, size):
-        data = b""
-        while len(data) < size:
-            data += self.socket.recv(size - len(data))
-        return data
-
-    def claim(self, numbers):
-        names = [f"input_{kind}_register_{n}" for kind in ("int", "double") for n in numbers]
-        return self.ask(b"I", ",".join(names).encode())
-
-
 def clients_claims():
     who = "universal-robots-clients"
     from universal_robots_clients import rtde_client
 
-    ours = Registers()
+    ours = Registers(HOST)
     reply = ours.claim(range(24, 42))
     claim(who, "registers 24 to 41 are another's", reply[0] == 1 and b"IN_USE" not in reply)
     client = rtde_client.connect(HOST)
@@ -106,18 +81,27 @@ def clients_claims():
     joints = rtde_client.read_actual_joint_positions(client=client)
     claim(who, "six joints", len(joints) == 6)
     claim(who, "the robot runs", rtde_client.read_robot_mode(client=client) == 7)
-    claim(who, "what it has is in use", b"IN_USE" in Registers().claim([42]))
+    claim(who, "what it has is in use", b"IN_USE" in Registers(HOST).claim([42]))
     rtde_client.write_speed_slider_fraction(0.8, client=client)
     seen = lambda: abs(rtde_client.read_speed_slider_fraction(client=client) - 0.8) < 1e-6
     claim(who, "the slider is set", wait(seen))
     rtde_client.write_speed_slider_fraction(1.0, client=client)
     rtde_client.disconnect(client=client)
-    claim(who, "gone, it has left its registers", wait(lambda: b"IN_USE" not in Registers().claim([42])))
+    claim(who, "gone, it has left its registers", wait(lambda: b"IN_USE" not in Registers(HOST).claim([42])))
 
 
 def urkit_claims():
     import urkit
 
+    if RATE_HZ <= 125:
+        # It insists on remote control, which a CB3 does not know.
+        text = "leaves a CB3 alone, which knows no remote control"
+        try:
+            urkit.URRobot(HOST)
+            claim("urkit", text, False)
+        except urkit.exceptions.URKitConnectionError as error:
+            claim("urkit", text, "remote control" in str(error))
+        return
     robot = urkit.URRobot(HOST)
     joints = robot.get_joint_positions()
     claim("urkit", "connects, powers on, releases brakes", len(joints) == 6)
@@ -130,7 +114,5 @@ def urkit_claims():
 
 try_all("urx", urx_claims)
 try_all("universal-robots-clients", clients_claims)
-# It knows e-Series only.
-if RATE_HZ > 125:
-    try_all("urkit", urkit_claims)
+try_all("urkit", urkit_claims)
 sys.exit(broken)
