@@ -22,6 +22,7 @@ mod shapes;
 mod config;
 mod daemon;
 mod arm;
+mod ur_echo;
 mod ur_sim;
 mod punctual;
 mod play;
@@ -79,6 +80,8 @@ enum Command {
     #[command(subcommand)]
     Arm(arm::ArmCommand),
     UrSim(ur_sim::UrSimArgs),
+    #[command(hide = true)]
+    UrEcho(ur_echo::UrEchoArgs),
     Request(request::RequestArgs),
     Enable(enable::EnableArgs),
     /// Move the arm where the pen does not lead it
@@ -139,6 +142,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Record(args) => record::run(args),
         Command::Arm(command) => arm::run(command),
         Command::UrSim(args) => ur_sim::run(args),
+        Command::UrEcho(args) => ur_echo::run(args),
         Command::Request(args) => request::run(args),
         Command::Enable(args) => enable::run(args),
         Command::Move(command) => move_home::run(command),

@@ -19,7 +19,7 @@ use crate::punctual;
 /// The tool of its installation at first: the pen of the presets.
 const PEN: &str = "tcp 0 0 0.15 0 0 0";
 /// SCHED_FIFO priority of its threads, below a bridge's with the preset's settings.
-const PRIORITY: u32 = 60;
+pub(crate) const PRIORITY: u32 = 60;
 /// Between two looks at whether the user wants to end.
 const LOOK: Duration = Duration::from_millis(100);
 

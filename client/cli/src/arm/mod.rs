@@ -9,7 +9,7 @@ mod judge;
 mod ports;
 mod agreement;
 mod sim;
-mod ur;
+pub(crate) mod ur;
 
 use crate::failure::Failure;
 

@@ -35,6 +35,9 @@ pub(crate) struct Figures {
     pub(crate) learner: LearnerFigures,
     pub(crate) trust: TrustFigures,
     pub(crate) arm: Value,
+    /// A bare echo pair beside the bridge to a controller: what line and machine alone do to counters; null
+    /// with another arm.
+    pub(crate) echo: Value,
     pub(crate) setting: SettingFigures,
 }
 
@@ -268,6 +271,7 @@ pub(crate) fn figures(
         },
         trust: TrustFigures { mean: sum / f64::from(count.max(1)), last: status.trust },
         arm: gathered.arm.get("arm").cloned().unwrap_or(Value::Null),
+        echo: gathered.echo.clone(),
         setting,
     })
 }

@@ -36,6 +36,8 @@ pub(crate) struct Gathered {
     pub(crate) heights: Vec<(f64, f64)>,
     /// The arm's own report.
     pub(crate) arm: serde_json::Value,
+    /// What a bare echo pair beside the arm counted; null where none ran.
+    pub(crate) echo: serde_json::Value,
     /// The player's own report.
     pub(crate) player: serde_json::Value,
 }

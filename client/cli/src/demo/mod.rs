@@ -242,6 +242,7 @@ fn evidence_of(
     let mut arm = match args.kind.as_str() {
         "ur" => {
             let robot = ur::controller(&mut crew, config, args.no_rights)?;
+            ur::echo(&mut crew, config, args.no_rights, &file("echo.json"))?;
             let mut arm = words(&["arm", "ur", "--robot", &robot]);
             arm.extend(option("--rate", source.rate_hz));
             if args.no_rights {
@@ -274,6 +275,7 @@ fn evidence_of(
     let_go(&mut crew, &mut watch)?;
     crew.end("arm")?;
     crew.end(ur::CONTROLLER)?;
+    ur::echo_ends(&mut crew)?;
     let mut gathered = watch.last_words();
     drop(foretrace);
     crew.end("daemon")?;
@@ -284,6 +286,9 @@ fn evidence_of(
     (gathered.tool, gathered.heights, gathered.extent) =
         gathered::tool(&scratch.file("arm.csv"), config, &plane)?;
     gathered.arm = gathered::report(&scratch.file("arm.json"))?;
+    if args.kind == "ur" {
+        gathered.echo = gathered::report(&scratch.file("echo.json"))?;
+    }
     gathered.player = gathered::report(&scratch.file("pen.json"))?;
     Ok(gathered)
 }

@@ -70,6 +70,18 @@ pub(crate) fn ghost(figures: &Figures) -> Option<Against> {
     })
 }
 
+/// What became of the counters on the way to a controller, beside a bare echo pair; none with another arm.
+fn counters(figures: &Figures) -> Option<String> {
+    let words = |value: &Value, cycles: &str| {
+        let count = |key: &str| value.get(key).and_then(Value::as_u64);
+        let (cycles, late, lost) = (count(cycles)?, count("late_cycles")?, count("lost_counters")?);
+        Some(format!("{lost} lost, {late} of {cycles} cycles without a fresh one"))
+    };
+    let bridge = words(figures.arm.get("link")?, "states")?;
+    let pair = words(&figures.echo, "cycles")?;
+    Some(format!("bridge: {bridge}; a bare echo pair beside it: {pair}"))
+}
+
 /// Label and value.
 pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let Figures { control_loop, envelope, commands, pen, learner, trust, .. } = figures;
@@ -139,6 +151,7 @@ pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     for stop in &control_loop.stops {
         rows.push(("stopped", format!("after {:.1} s: {}", stop.at_s, stop.words())));
     }
+    rows.extend(counters(figures).map(|words| ("counters", words)));
     if !control_loop.missing_rights.is_empty() {
         rows.push(("rights", format!("missing: {}", control_loop.missing_rights.join(", "))));
     }

@@ -1,6 +1,6 @@
 //! The demo with `--arm ur`: a simulated Universal Robots controller, and the settings that go with it.
 
-use std::net::Ipv4Addr;
+use std::net::{Ipv4Addr, TcpListener};
 
 use foretrace_config::Config;
 use foretrace_ur::bridge::address::Addresses;
@@ -12,6 +12,8 @@ use crate::failure::Failure;
 
 /// What its process is called.
 pub(super) const CONTROLLER: &str = "controller";
+/// What the processes of the echo pair are called.
+const ECHO: [&str; 2] = ["controller's end of the echo pair", "bridge's end of the echo pair"];
 /// Rate of an e-Series \[Hz\].
 const E_SERIES_HZ: u32 = 500;
 
@@ -39,6 +41,31 @@ fn installation(config: &Config) -> Vec<String> {
     let payload = robot.ur.payload_kg.map(|kg| format!("payload {kg}"));
     let orders = [Some(format!("tcp {x} {y} {z} 0 0 0")), payload];
     orders.into_iter().flatten().flat_map(|order| ["--do".to_owned(), order]).collect()
+}
+
+/// Starts a bare echo pair at the rate and, where they are asked for, with the priorities of controller and
+/// bridge; what it counts goes to `report`.
+pub(super) fn echo(crew: &mut Crew, config: &Config, no_rights: bool, report: &str) -> Result<(), Failure> {
+    // The system chooses a port that is free.
+    let free = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|listener| listener.local_addr());
+    let at = free.map_err(|error| Failure::failed(format_args!("no free port: {error}"), ""))?.to_string();
+    let rate = config.settings().robot.controller_rate_hz.to_string();
+    let mut end = |name, role, priority: u32, more: &[&str]| {
+        let mut end = words(&["ur-echo", role, "--at", &at, "--rate", &rate]);
+        end.extend(words(more));
+        if !no_rights {
+            end.push(format!("--priority={priority}"));
+        }
+        crew.start(name, &end)
+    };
+    let [controller, bridge] = ECHO;
+    end(controller, "controller", crate::ur_sim::PRIORITY, &["--json", report])?;
+    end(bridge, "bridge", crate::arm::ur::priority(config.settings()), &[])
+}
+
+/// Ends both, the one that reports first.
+pub(super) fn echo_ends(crew: &mut Crew) -> Result<(), Failure> {
+    ECHO.into_iter().try_for_each(|name| crew.end(name))
 }
 
 /// Options of the other arm do not go together with this one.
