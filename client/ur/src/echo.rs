@@ -142,8 +142,8 @@ impl Answers {
     }
 }
 
-/// Waits for a controller at `address` and answers every state of it with the next counter, until `goes_on` says no or the
-/// controller leaves.
+/// Waits for a controller at `address` and answers every state of it with the next counter, until `goes_on`
+/// says no or the controller leaves.
 ///
 /// # Errors
 ///
