@@ -9,7 +9,7 @@ use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
-use foretrace_shm::RejectReason;
+use foretrace_shm::{RejectReason, arm_flags};
 use tracing::{debug, info, warn};
 
 use super::refused;
@@ -112,6 +112,8 @@ pub struct Narrator {
     predictor: Option<PredictorKind>,
     /// The arm was reported slow.
     slow: bool,
+    /// That it moves without a dead-man was logged.
+    without_dead_man: bool,
     told: Troubles,
     told_at: Stamp,
     /// Time of the first event not logged yet.
@@ -155,9 +157,22 @@ impl Narrator {
             }
             self.predictor = Some(output.predictor);
         }
+        if let Some(news) = self.dead_man(facts) {
+            warn!(tick = facts.tick, "{news}");
+        }
         self.pace(facts);
         self.floods(facts);
         changed
+    }
+
+    /// Says once that an arm moves without a dead-man, and once that it no longer does.
+    fn dead_man(&mut self, facts: &TickFacts) -> Option<&'static str> {
+        let without = facts.ports.arm_line.flags & arm_flags::WITHOUT_DEAD_MAN != 0;
+        match (std::mem::replace(&mut self.without_dead_man, without), without) {
+            (false, true) => Some("the arm moves WITHOUT A DEAD-MAN, as whoever started it said"),
+            (true, false) => Some("the arm no longer moves without a dead-man"),
+            _ => None,
+        }
     }
 
     /// Logs once that the arm is slow, and once that it no longer is; with hysteresis.
@@ -302,6 +317,18 @@ mod tests {
             told.push(narrator.told.joints_rejected);
         }
         assert_eq!(told, [0, 1, 1, 3, 3]);
+    }
+
+    #[test]
+    fn an_arm_without_a_dead_man_is_logged_when_it_comes_and_when_it_goes() {
+        let mut narrator = Narrator::default();
+        let mut facts = facts(1);
+        let mut said = Vec::new();
+        for flags in [0, arm_flags::WITHOUT_DEAD_MAN, arm_flags::WITHOUT_DEAD_MAN, 0, 0] {
+            facts.ports.arm_line.flags = flags;
+            said.push(narrator.dead_man(&facts).map(|line| line.contains("WITHOUT A DEAD-MAN")));
+        }
+        assert_eq!(said, [None, Some(true), None, Some(false), None]);
     }
 
     #[test]
