@@ -23,6 +23,7 @@ const OWNER: u64 = 1;
 /// Both ends, the line between them, and a daemon that swings joint 5.
 pub(super) struct Scene {
     series: Series,
+    config: &'static Config,
     pub(super) world: World,
     pub(super) pilot: Option<Pilot>,
     program: Program,
@@ -44,7 +45,7 @@ pub(super) struct Scene {
 /// What somebody sees who watches the joints.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Watched {
-    q: Option<[f64; JOINTS]>,
+    pub(super) q: Option<[f64; JOINTS]>,
     qd: [f64; JOINTS],
     most_speed: f64,
     most_acceleration: f64,
@@ -82,7 +83,11 @@ fn config(series: Series) -> &'static Config {
 
 impl Scene {
     pub(super) fn new(series: Series) -> Self {
-        let config = config(series);
+        Self::with(series, config(series))
+    }
+
+    /// With other settings than the presets'.
+    pub(super) fn with(series: Series, config: &'static Config) -> Self {
         let registers = Registers::at(24).unwrap();
         let program =
             Program::new(&config.settings().robot.ur, &config.robot().limits, registers, series.cycle_s());
@@ -91,6 +96,7 @@ impl Scene {
         (0..100).for_each(|_| world.cycle());
         let mut scene = Self {
             series,
+            config,
             world,
             pilot: None,
             program,
@@ -110,7 +116,7 @@ impl Scene {
     }
 
     pub(super) fn start_bridge(&mut self, seed: u64) {
-        let limits = config(self.series).robot().limits;
+        let limits = self.config.robot().limits;
         let watchdog_s = 1.0 / self.program.watchdog_hz;
         let mut pilot = Pilot::new(limits, self.series.cycle_s(), watchdog_s, None, seed);
         pilot.connected();
@@ -156,7 +162,8 @@ impl Scene {
         qd[5] = speed;
         let begins = if std::mem::take(&mut self.begins) { command_flags::BEGINS } else { 0 };
         let mut command = JointCommand {
-            valid_until_ns: stamp_ns + 24_000_000,
+            valid_until_ns: stamp_ns
+                + u64::from(self.config.settings().control_loop.valid_periods) * 2_000_000,
             q,
             qd,
             mode: Mode::Following.into(),
@@ -246,7 +253,11 @@ impl Scene {
     }
 
     pub(super) fn following(series: Series) -> Self {
-        let mut scene = Self::new(series);
+        Self::new(series).follow()
+    }
+
+    pub(super) fn follow(self) -> Self {
+        let mut scene = self;
         scene.run(1.0);
         assert_eq!(scene.phase(), Phase::Ready, "{:?}", scene.reason());
         scene.arm();
@@ -258,7 +269,7 @@ impl Scene {
     /// Nobody pushes the arm beyond what the settings allow, with what a servo overshoots.
     pub(super) fn within_limits(&self, when: &str) {
         let Watched { most_speed, most_acceleration, .. } = self.watched;
-        let limits = config(self.series).robot().limits;
+        let limits = self.config.robot().limits;
         let [speed, acceleration] = [limits.velocity()[0], limits.acceleration()[0]];
         assert!(most_speed <= speed, "{when}: {most_speed} rad/s");
         assert!(most_acceleration <= 1.05 * acceleration, "{when}: {most_acceleration} rad/s²");

@@ -1,5 +1,8 @@
 //! What the arm does when things go wrong, seen by somebody who only watches its joints.
 
+use std::sync::LazyLock;
+
+use foretrace_config::Config;
 use proptest::prelude::*;
 
 use super::scene::{Scene, Watched};
@@ -225,5 +228,69 @@ proptest! {
         scene.run(1.5);
         prop_assert!(follows || scene.watched.rests(), "{:?}", scene.watched);
         scene.within_limits("");
+    }
+}
+
+/// Something goes wrong.
+type Spoil = fn(&mut Scene);
+
+/// Worst time \[s\] and way \[rad\] to rest over moments that are spread over a swing of joint 5.
+fn to_rest(series: Series, config: &'static Config, swing_rad: f64, fault: Spoil) -> (f64, f64) {
+    const MOMENTS: usize = 10;
+    let (mut longest, mut farthest) = (0.0f64, 0.0f64);
+    for moment in 0..MOMENTS {
+        let mut scene = Scene::with(series, config);
+        scene.swing_rad = swing_rad;
+        let mut scene = scene.follow();
+        // A swing lasts 2 s.
+        scene.run(2.0 * moment as f64 / MOMENTS as f64);
+        fault(&mut scene);
+        let (from_s, from) = (scene.now_s(), scene.world.robot.actual().q[5]);
+        let (mut rest_s, mut way) = (0.0, 0.0f64);
+        while scene.now_s() < from_s + 1.5 {
+            scene.cycle();
+            way = way.max((scene.world.robot.actual().q[5] - from).abs());
+            if !scene.watched.rests() {
+                rest_s = scene.now_s() - from_s;
+            }
+        }
+        assert!(scene.watched.rests(), "{series:?}, moment {moment}");
+        scene.within_limits("to rest");
+        (longest, farthest) = (longest.max(rest_s), farthest.max(way));
+    }
+    (longest, farthest)
+}
+
+#[test]
+fn the_document_tells_how_long_stops_take_with_each_preset() {
+    static PRESETS: LazyLock<[Config; 3]> = LazyLock::new(|| {
+        let text = |preset: &str| format!("preset = \"{preset}\"\n[loop]\nvalid_periods = 12\n");
+        let first_run = Config::preset("ur5-first-run").unwrap();
+        assert_eq!(first_run.settings().control_loop.valid_periods, 12, "the table is for 24 ms");
+        let parsed = |preset: &str| Config::parse(&text(preset), "t.toml", ".").unwrap();
+        [parsed("ur5"), parsed("ur5e"), first_run]
+    });
+    let [cb3, e, first_run] = &*PRESETS;
+    let page = include_str!("../../../../../docs/connect/ur.md");
+    let faults: [(&str, Spoil); 2] = [
+        ("the bridge dies, stands still, or the network is cut", |scene| scene.pilot = None),
+        ("the daemon dies, and the bridge brakes (commands valid for 24 ms)", |scene| {
+            scene.commanding = false
+        }),
+    ];
+    for (what, fault) in faults {
+        let told = |series, config, swing_rad| {
+            let (s, rad) = to_rest(series, config, swing_rad, fault);
+            format!("{:.0} ms, {rad:.3} rad", 1e3 * s)
+        };
+        // 0.63 rad/s, and 0.44 where 0.5 is the limit.
+        let row = format!(
+            "| {what} | {} | {} | {} | {} |",
+            told(Series::Cb3, cb3, 0.2),
+            told(Series::E, e, 0.2),
+            told(Series::Cb3, first_run, 0.14),
+            told(Series::E, first_run, 0.14),
+        );
+        assert!(page.contains(&row), "docs/connect/ur.md should have the row\n{row}");
     }
 }
