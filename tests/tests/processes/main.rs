@@ -17,6 +17,7 @@ mod snippets;
 mod snippets_shell;
 mod syscalls;
 mod train;
+mod ur_settings;
 mod wrong_input;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_foretrace-under-test");
