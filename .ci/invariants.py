@@ -23,6 +23,10 @@ ROOMS = {
         "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",
         "supervisor",
     ],
+    "client/record/src": [
+        "proto", "topics", "write", "read", "table", "repair", "record", "trace", "flight", "info", "explain", "law", "replay",
+        "what_if", "metrics",
+    ],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
@@ -80,6 +84,7 @@ def layers_point_downwards() -> None:
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-client"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
+        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
-    HeaderBounds, JointState, Message, PenSample, Rejections, ServiceError, Status, Subscriber, TickRecord,
-    monotonic_now_ns,
+    Assembly, HeaderBounds, JointState, Message, PenSample, Piece, Rejections, ServiceError, Status,
+    Subscriber, Thing, TickInput, TickRecord, monotonic_now_ns,
 };
 
 use crate::Foretrace;
@@ -41,7 +41,32 @@ pub struct JointWatch {
     _leaving: Arc<Leaving>,
 }
 
+/// Receives what every tick was given, and the settings, weights and states that a replay begins with.
+#[derive(Debug)]
+pub struct InputWatch {
+    inputs: Subscriber<TickInput>,
+    pieces: Subscriber<Piece>,
+    assembly: Assembly,
+    _leaving: Arc<Leaving>,
+}
+
 impl Foretrace {
+    /// The inputs of all ticks from now on, to be used in this thread: look every few milliseconds. The
+    /// daemon sends the settings in force, the newest weights and a state of the law to whoever begins to
+    /// listen.
+    ///
+    /// # Errors
+    ///
+    /// `NoPlace` when two others record already.
+    pub fn inputs(&self) -> Result<InputWatch, ServiceError> {
+        Ok(InputWatch {
+            inputs: self.services.inputs.subscriber(TickInput::QOS.buffer, HeaderBounds::DEFAULT)?,
+            pieces: self.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?,
+            assembly: Assembly::default(),
+            _leaving: self.leaving.clone(),
+        })
+    }
+
     /// The joint states from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at
     /// least twice per second.
     ///
@@ -96,6 +121,38 @@ impl Foretrace {
             newest: None,
             _leaving: self.leaving.clone(),
         })
+    }
+}
+
+impl InputWatch {
+    /// Every unread input, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_input: impl FnMut(&TickInput)) -> usize {
+        self.inputs.drain(monotonic_now_ns(), |input| use_input(&input))
+    }
+
+    /// Every thing that is complete.
+    pub fn things(&mut self, mut use_thing: impl FnMut(Thing)) {
+        let assembly = &mut self.assembly;
+        self.pieces.drain(monotonic_now_ns(), |piece| {
+            if let Some(thing) = assembly.add(&piece) {
+                use_thing(thing);
+            }
+        });
+    }
+
+    /// Inputs lost so far between the daemon's publisher and here.
+    pub fn lost(&self) -> u64 {
+        self.inputs.dropped()
+    }
+
+    /// Things of which a piece was lost.
+    pub fn things_broken(&self) -> u64 {
+        self.assembly.broken()
+    }
+
+    /// Inputs refused, by reason.
+    pub fn rejections(&self) -> &Rejections {
+        self.inputs.rejections()
     }
 }
 
@@ -157,6 +214,13 @@ impl JointWatch {
 }
 
 impl StatusReader {
+    /// The newest status, if one came since the last call.
+    pub fn newest_if_new(&mut self) -> Option<Status> {
+        let new = self.subscriber.latest(monotonic_now_ns());
+        self.newest = new.or(self.newest);
+        new
+    }
+
     /// The newest status received, unread or not.
     pub fn latest(&mut self) -> Option<&Status> {
         if let Some(status) = self.subscriber.latest(monotonic_now_ns()) {

@@ -29,6 +29,11 @@ mod play;
 mod gateway;
 mod tablet;
 mod record;
+mod flight;
+mod replay;
+mod explain;
+mod export;
+mod metrics;
 mod request;
 mod enable;
 mod move_home;
@@ -76,6 +81,11 @@ enum Command {
     Tablet(tablet::TabletArgs),
     Gateway(gateway::GatewayArgs),
     Record(record::RecordArgs),
+    Flight(flight::FlightArgs),
+    Replay(replay::ReplayArgs),
+    Explain(explain::ExplainArgs),
+    Export(export::ExportArgs),
+    Metrics(metrics::MetricsArgs),
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
@@ -140,6 +150,11 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Tablet(args) => tablet::run(args),
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
+        Command::Flight(args) => flight::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Explain(args) => explain::run(args),
+        Command::Export(args) => export::run(args),
+        Command::Metrics(args) => metrics::run(args),
         Command::Arm(command) => arm::run(command),
         Command::UrSim(args) => ur_sim::run(args),
         Command::UrEcho(args) => ur_echo::run(args),

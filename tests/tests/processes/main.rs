@@ -11,6 +11,7 @@ mod move_home;
 mod page_faults;
 mod places;
 mod record;
+mod recordings;
 mod refused;
 mod security;
 mod snippets;

@@ -1,10 +1,10 @@
-//! `foretrace record`: records the pen samples of a running instance.
+//! `foretrace record --pen`: records the pen samples of a running instance.
 //!
 //! Contract: every sample that the daemon receives is written, or counted as lost; the recording appears
 //! under its name when it is whole, and what was recorded until then is beside it. Ctrl-C is the ordinary
 //! end. Outlives the daemon.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Foretrace, PenWatch};
@@ -14,40 +14,12 @@ use serde::Serialize;
 use crate::attach::{Lookout, News, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::output::{JsonArgs, note, say};
-use crate::settings::InstanceArgs;
+use crate::output::{note, say};
+
+use super::RecordArgs;
 
 /// Between two looks; 256 samples are kept meanwhile.
 const NAP: Duration = Duration::from_millis(50);
-
-/// Record pen samples of a running daemon until Ctrl-C
-///
-/// The recording is CSV with the columns t_s,x_m,y_m,contact (metres in the pen's own plane) below a line
-/// with version, unit, rate and writer. It can be played, and a folder of recordings is a data set.
-#[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  foretrace record --pen anna-1.csv --writer anna\n  foretrace record --pen \
-                  test.csv --seconds 10"
-)]
-pub(crate) struct RecordArgs {
-    /// File of the recording; must not exist yet
-    #[arg(long, value_name = "FILE.csv")]
-    pen: PathBuf,
-
-    /// Name of the writer: one word
-    #[arg(long, value_name = "NAME", default_value = "")]
-    writer: String,
-
-    /// End after this many seconds
-    #[arg(long, value_name = "S", value_parser = crate::values::lasting)]
-    seconds: Option<f64>,
-
-    #[command(flatten)]
-    instance: InstanceArgs,
-
-    #[command(flatten)]
-    json: JsonArgs,
-}
 
 /// The result; keys are stable.
 #[derive(Debug, Default, Serialize)]
@@ -62,15 +34,15 @@ struct RecordReport {
     out_of_order: u64,
 }
 
-pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
+pub(super) fn run(args: &RecordArgs, pen: &Path) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let mut foretrace = args.instance.attach()?;
     let mut watch = foretrace.pen_watch().map_err(unattached)?;
-    let mut log = PenLog::create(&args.pen, &args.writer).map_err(|error| {
+    let mut log = PenLog::create(pen, &args.writer).map_err(|error| {
         Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
     })?;
-    note!("record: recording the pen into {} until Ctrl-C", args.pen.display());
+    note!("record: recording the pen into {} until Ctrl-C", pen.display());
     let part = log.part().to_path_buf();
     let kept = |error: std::io::Error| {
         let remedy = format!("what was recorded is in {}", part.display());
@@ -100,7 +72,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
     let report = RecordReport { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
     say!(
         "{}: {} samples, {:.1} s at {:.0} Hz, {} lost, {} out of order",
-        args.pen.display(),
+        pen.display(),
         report.samples,
         report.seconds,
         report.rate_hz,

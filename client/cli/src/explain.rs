@@ -1,0 +1,56 @@
+//! `foretrace explain`: what a tick of a recording saw, decided and cost, and which moments matter.
+
+use std::path::PathBuf;
+
+use foretrace_record::explain;
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::{JsonArgs, say};
+use crate::record::unrecorded;
+
+/// Say in plain words what happened in a recording
+///
+/// Without --tick, the ten moments that matter most: stops, late ticks, falls of trust, the largest error,
+/// what was lost or refused. With it, what that tick saw, decided and cost, and why trust was what it was.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  foretrace explain run.mcap\n  foretrace explain run.mcap --tick 1234")]
+pub(crate) struct ExplainArgs {
+    /// A recording of `foretrace record`
+    #[arg(value_name = "FILE.mcap")]
+    file: PathBuf,
+
+    /// Number of a tick
+    #[arg(long, value_name = "N")]
+    tick: Option<u64>,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+struct ExplainReport {
+    moments: Vec<explain::Moment>,
+    sentences: Vec<String>,
+}
+
+pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
+    args.json.claim()?;
+    let mut report = ExplainReport { moments: Vec::new(), sentences: Vec::new() };
+    match args.tick {
+        Some(tick) => {
+            report.sentences = explain::tick(&args.file, tick).map_err(unrecorded)?;
+            for sentence in &report.sentences {
+                say!("{sentence}");
+            }
+        }
+        None => {
+            report.moments = explain::moments(&args.file).map_err(unrecorded)?;
+            for moment in &report.moments {
+                say!("tick {:>8}  {:>9.3} s  {}", moment.tick, moment.after_s, moment.what);
+            }
+        }
+    }
+    args.json.write(&report)
+}

@@ -1,0 +1,109 @@
+//! `foretrace record FILE.mcap`: everything that a running instance sees and does.
+//!
+//! Contract: outlives the daemon. Ctrl-C is the ordinary end; what a killed recorder left is mended by the
+//! next one of the same name, under a name of its own.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use foretrace_client::Foretrace;
+use foretrace_record::record::{Counts, Options, Recorder, mend_leftover, unix_minus_monotonic};
+use foretrace_record::write::Facts;
+use foretrace_shm::layout::fnv1a;
+use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
+use serde::Serialize;
+
+use super::{RecordArgs, unrecorded};
+use crate::attach::{Lookout, News};
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::output::{note, say};
+
+/// Between two looks: pieces of a state wait for a quarter of a second at most.
+const NAP: Duration = Duration::from_millis(4);
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+struct RecordReport {
+    files: Vec<PathBuf>,
+    #[serde(flatten)]
+    counts: Counts,
+}
+
+pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
+    let interrupt = Interrupt::listen()?;
+    if let Some((place, mended)) = mend_leftover(file).map_err(unrecorded)? {
+        note!(
+            "record: an interrupted recording is mended: {}, {} messages",
+            place.display(),
+            mended.messages
+        );
+    }
+    let mut foretrace = args.instance.attach()?;
+    let options = Options {
+        target: file.to_path_buf(),
+        max_bytes: args.max_size,
+        max_files: args.max_files.map(usize::from),
+        facts: facts(&foretrace),
+    };
+    let mut recorder = Recorder::start(&foretrace, options).map_err(unrecorded)?;
+    note!("record: recording everything into {} until Ctrl-C", file.display());
+    let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
+    let mut lookout = Lookout::new();
+    while !interrupt.is_set() && !recorder.has_failed() {
+        if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            break;
+        }
+        let mut anew = recorder.hear();
+        match lookout.look(&mut foretrace) {
+            News::None | News::Back => {}
+            News::Gone => note!("record: the daemon is gone; waiting for another"),
+            News::Renewed => {
+                note!("record: a new daemon is there");
+                anew = true;
+            }
+        }
+        if anew && let Err(error) = recorder.listen_anew(&foretrace) {
+            lookout.again();
+            note!("record: {}", unrecorded(error));
+        }
+        std::thread::sleep(NAP);
+    }
+    let (files, counts) = recorder.finish().map_err(unrecorded)?;
+    let lost = counts.queue_lost + counts.inputs_lost + counts.ticks_lost;
+    say!(
+        "{}: {} ticks, {} inputs, {} states to replay from, {lost} messages lost",
+        files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", "),
+        counts.ticks,
+        counts.inputs,
+        counts.states,
+    );
+    args.json.write(&RecordReport { files, counts })
+}
+
+/// What the file says about itself.
+pub(crate) fn facts(foretrace: &Foretrace) -> Facts {
+    let daemon = foretrace.daemon();
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().trim().to_owned();
+    let layout = |hash: u64| format!("{hash:016x}");
+    [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("build", build_of(&format!("/proc/{}/exe", daemon.pid))),
+        ("layout.tick_input", layout(TickInput::LAYOUT_HASH)),
+        ("layout.tick_record", layout(TickRecord::LAYOUT_HASH)),
+        ("layout.status", layout(Status::LAYOUT_HASH)),
+        ("instance", foretrace.instance().number().to_string()),
+        ("daemon_pid", daemon.pid.to_string()),
+        ("host", read("/proc/sys/kernel/hostname")),
+        ("kernel", read("/proc/sys/kernel/osrelease")),
+        ("begun_unix_ns", monotonic_now_ns().wrapping_add(unix_minus_monotonic()).to_string()),
+        ("unix_minus_monotonic_ns", unix_minus_monotonic().to_string()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into()
+}
+
+/// Hash of the program at `path`; empty if it cannot be read.
+pub(crate) fn build_of(path: &str) -> String {
+    std::fs::read(path).map_or_else(|_| String::new(), |bytes| format!("{:016x}", fnv1a(&bytes)))
+}

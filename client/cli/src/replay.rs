@@ -1,0 +1,154 @@
+//! `foretrace replay`: a recording through the law once more, bit for bit.
+
+use std::path::PathBuf;
+
+use foretrace_record::replay::{Difference, End, Outcome, ReplayError, Start, replay};
+use foretrace_record::what_if::{Variant, WhatIfError, what_if};
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::{JsonArgs, say};
+use crate::record::everything::build_of;
+use crate::record::unrecorded;
+
+/// Run the recorded ticks again, and compare every command bit for bit
+///
+/// The same program gives the same commands. A replay begins at the daemon's first tick or at the first state
+/// in the recording, and ends at the first gap. Differences end with exit code 1.
+///
+/// With --what-if the same hand is put in front of another law: predictor, trust or any setting may differ.
+/// The arm is fitted to the recording, and the table says how far that model is from it.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  foretrace replay run.mcap\n  foretrace replay run.mcap --what-if predictor=dybm \
+                  --what-if trust=0\n  foretrace replay run.mcap --what-if predictor=hold,trust=1"
+)]
+pub(crate) struct ReplayArgs {
+    /// A recording of `foretrace record`
+    #[arg(value_name = "FILE.mcap")]
+    file: PathBuf,
+
+    /// Change these settings, and compare; may be repeated
+    #[arg(long, value_name = "KEY=VALUE,...")]
+    what_if: Vec<String>,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The result; keys are stable.
+#[derive(Debug, Serialize)]
+struct ReplayReport {
+    #[serde(flatten)]
+    outcome: Outcome,
+    /// Recorded from a daemon of exactly this program; `None`: unknown.
+    same_build: Option<bool>,
+}
+
+pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    args.json.claim()?;
+    if !args.what_if.is_empty() {
+        return compare(args);
+    }
+    let outcome = replay(&args.file).map_err(unreplayed)?;
+    let own = build_of("/proc/self/exe");
+    let known = !outcome.recorded_build.is_empty() && !own.is_empty();
+    let same_build = known.then(|| outcome.recorded_build == own);
+    let from = match outcome.start {
+        Start::FirstTick => "the first tick",
+        Start::State => "a state",
+    };
+    let end = match &outcome.end {
+        End::OfRecording => "the end of the recording".to_owned(),
+        End::Gap { next } => format!("a gap: tick {next} is the next one there"),
+        End::Incomplete => "a tick whose pen samples are missing".to_owned(),
+        End::NoWeights { version } => format!("a tick that was offered weights {version}, which are missing"),
+        End::OtherDaemon => "where another daemon took over".to_owned(),
+    };
+    say!(
+        "{}: {} ticks ({:.1} s) from tick {}, {from}, to {end}",
+        args.file.display(),
+        outcome.ticks,
+        outcome.seconds,
+        outcome.first_tick
+    );
+    let verdict = verdict(&outcome, same_build);
+    args.json.write(&ReplayReport { outcome, same_build })?;
+    verdict
+}
+
+/// Runs the variants and shows them beside the recording.
+fn compare(args: &ReplayArgs) -> Result<(), Failure> {
+    let variants: Result<Vec<_>, _> = args.what_if.iter().map(|text| Variant::parse(text)).collect();
+    let variants = variants.map_err(unanswered)?;
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let answer = what_if(&args.file, &variants, threads).map_err(unanswered)?;
+    say!(
+        "{}: {:.1} s, {} ticks of the longest armed stretch",
+        args.file.display(),
+        answer.seconds,
+        answer.ticks
+    );
+    say!(
+        "the arm: {:.1} ms of delay, {:.1} ms of servo, {:.1} ms of joint loop; under the recorded commands it is \
+         {:.3} mm rms from the recorded one",
+        1e3 * answer.arm.delay_s,
+        1e3 * answer.arm.filter_s,
+        1e3 * answer.arm.joint_loop_s,
+        answer.arm_misfit_mm
+    );
+    let width = answer.rows.iter().map(|row| row.name.chars().count()).max().unwrap_or(0);
+    say!("{:width$}   rms mm   max mm   lag ms  jerk m/s³  limited  worst stroke mm (at s)", "");
+    for row in &answer.rows {
+        let limited = row.saturated.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 1e2 * share));
+        let stopped = row.stopped.as_ref().map_or_else(String::new, |why| format!("  STOPPED {why}"));
+        say!(
+            "{:width$} {:8.3} {:8.3} {:8.1} {:10.1} {limited:>8} {:9.3} ({:.1}){stopped}",
+            row.name,
+            row.rms_mm,
+            row.max_mm,
+            row.lag_ms,
+            row.jerk_mps3,
+            row.worst_stroke_mm,
+            row.worst_stroke_at_s,
+        );
+    }
+    args.json.write(&answer)
+}
+
+fn unanswered(error: WhatIfError) -> Failure {
+    match error {
+        WhatIfError::File(error) => unrecorded(error),
+        error @ WhatIfError::Change { .. } => Failure::usage(error, ""),
+        other => Failure::bad_input(other, ""),
+    }
+}
+
+/// An error if anything differs, or nothing was compared.
+fn verdict(outcome: &Outcome, same_build: Option<bool>) -> Result<(), Failure> {
+    let Some(Difference { tick, field, recorded, replayed }) = &outcome.difference else {
+        if outcome.ticks == 0 {
+            return Err(Failure::failed("no tick could be run again", "record for a second at least"));
+        }
+        say!("every command is the same, bit for bit");
+        return Ok(());
+    };
+    let what = format!(
+        "tick {tick} differs first: {field} was {recorded}, is {replayed}; {} of {} ticks differ, joints by up \
+         to {:.3e} rad",
+        outcome.different_ticks, outcome.ticks, outcome.largest_rad
+    );
+    let why = match same_build {
+        Some(true) => "the program is the same: this is a fault, please report it with the recording",
+        Some(false) => "the daemon was another program: replay with that one",
+        None => "the daemon's program is unknown: replay with that one",
+    };
+    Err(Failure::failed(what, why))
+}
+
+fn unreplayed(error: ReplayError) -> Failure {
+    match error {
+        ReplayError::File(error) => unrecorded(error),
+        other => Failure::bad_input(other, ""),
+    }
+}

@@ -1,0 +1,387 @@
+//! In plain words: what a tick saw, decided and cost, and the moments of a recording that matter.
+//!
+//! Contract: says only what the tick records hold. Reads the file once, and keeps no more than two records
+//! and the moments found.
+
+use std::path::Path;
+
+use foretrace_shm::{
+    FaultReason, Mode, Rejections, Rung, Stage, TickRecord, TrustReason, guard_mask, health, pen_flags,
+};
+use serde::Serialize;
+
+use crate::RecordError;
+use crate::read::{Content, Entry, Reader};
+
+/// Moments that are told at most.
+const MOMENTS: usize = 10;
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Moment {
+    /// In this tick.
+    pub tick: u64,
+    /// After the first record \[s\].
+    pub after_s: f64,
+    /// What.
+    pub what: String,
+    /// The larger, the more it matters.
+    #[serde(skip)]
+    weight: f64,
+    /// Of one kind only the weightiest is kept, except for stops.
+    #[serde(skip)]
+    kind: &'static str,
+}
+
+/// The moments of `path` that matter most, in order of time.
+///
+/// # Errors
+///
+/// It is no recording of this program's layout, or holds no tick records.
+pub fn moments(path: &Path) -> Result<Vec<Moment>, RecordError> {
+    let mut found: Vec<Moment> = Vec::new();
+    let mut last: Option<Box<TickRecord>> = None;
+    let mut begin = 0;
+    each_tick(path, |record| {
+        if last.is_none() {
+            begin = record.release_ns;
+        }
+        for (kind, weight, what) in seen(last.as_deref(), &record) {
+            let after_s = record.release_ns.saturating_sub(begin) as f64 * 1e-9;
+            keep(&mut found, Moment { tick: record.tick, after_s, what, weight, kind });
+        }
+        last = Some(record);
+        true
+    })?;
+    if last.is_none() {
+        return Err(no_ticks(path));
+    }
+    found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    found.truncate(MOMENTS);
+    found.sort_by_key(|moment| moment.tick);
+    Ok(found)
+}
+
+/// What `tick` saw, decided and cost, as sentences.
+///
+/// # Errors
+///
+/// It is no recording of this program's layout, or does not hold that tick.
+pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
+    let (mut found, mut range): (Option<Box<TickRecord>>, Option<(u64, u64)>) = (None, None);
+    each_tick(path, |record| {
+        let (first, _) = range.unwrap_or((record.tick, 0));
+        range = Some((first, record.tick));
+        if record.tick == tick {
+            found = Some(record);
+        }
+        found.is_none()
+    })?;
+    match (found, range) {
+        (Some(record), _) => Ok(sentences(&record)),
+        (None, None) => Err(no_ticks(path)),
+        (None, Some((first, last))) => Err(RecordError::Format {
+            path: path.to_path_buf(),
+            why: format!("it has no record of tick {tick}; there are ticks {first} to {last}"),
+        }),
+    }
+}
+
+fn no_ticks(path: &Path) -> RecordError {
+    RecordError::Format { path: path.to_path_buf(), why: "it holds no tick records".to_owned() }
+}
+
+/// Calls `use_record` until it returns false.
+fn each_tick(path: &Path, mut use_record: impl FnMut(Box<TickRecord>) -> bool) -> Result<(), RecordError> {
+    let mut reader = Reader::open(path)?;
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        if let Content::Tick(record) = reader.content(&message)?
+            && !use_record(record)
+        {
+            break;
+        }
+    }
+    Ok(())
+}
+
+fn keep(found: &mut Vec<Moment>, moment: Moment) {
+    let same = found.iter().position(|other| other.kind == moment.kind && moment.kind != "stop");
+    if let Some(other) = same.and_then(|place| found.get_mut(place)) {
+        if moment.weight > other.weight {
+            *other = moment;
+        }
+    } else if found.len() < 64 {
+        // A recording of a life full of stops tells the first ones.
+        found.push(moment);
+    }
+}
+
+/// What `record` shows that `before` did not: kind, weight, words.
+fn seen(before: Option<&TickRecord>, record: &TickRecord) -> Vec<(&'static str, f64, String)> {
+    let mut told = Vec::new();
+    let mode = Mode::try_from(record.mode).unwrap_or(Mode::Idle);
+    let has = |bit: u32| record.health & bit != 0;
+    if has(health::OVERRUN) {
+        let late_us = -record.slack_ns as f64 * 1e-3;
+        told.push((
+            "overrun",
+            1e5 + late_us,
+            format!("the tick ended {late_us:.0} µs late: {}", costs(record)),
+        ));
+    }
+    if record.error_m >= 0.0 {
+        let error_mm = record.error_m * 1e3;
+        let ghost = if record.ghost_error_m >= 0.0 {
+            format!("; feedback alone would have been {:.2} mm off", record.ghost_error_m * 1e3)
+        } else {
+            String::new()
+        };
+        let words = format!("the tool was {error_mm:.2} mm off the pen, at {}{ghost}", trust(record));
+        told.push(("error", 1e3 + error_mm, words));
+    }
+    let Some(before) = before else { return told };
+    let missing = record.tick.saturating_sub(before.tick.saturating_add(1));
+    if missing > 0 {
+        told.push(("gap", 5e3 + missing as f64, format!("{missing} records before it are missing")));
+    }
+    if record.skipped_ticks > 0 {
+        let skipped = f64::from(record.skipped_ticks);
+        told.push((
+            "skipped",
+            8e4 + skipped,
+            format!("{skipped} whole periods passed before it without a tick"),
+        ));
+    }
+    if before.mode != record.mode {
+        if matches!(mode, Mode::Stopped | Mode::Fault) {
+            told.push(("stop", 1e6, stopped(record)));
+        } else {
+            let was = Mode::try_from(before.mode).map_or("unknown", Mode::label);
+            // Between following and holding the hand goes to and fro.
+            let weight = if matches!(mode, Mode::Armed | Mode::Idle | Mode::Homing) { 3e4 } else { 2e2 };
+            told.push((mode.label(), weight, format!("it went from {was} to {mode}")));
+        }
+    }
+    let follows = matches!(mode, Mode::Following);
+    let rung = Rung::try_from(record.rung).unwrap_or(Rung::Hold);
+    if follows && rung != Rung::FreshPlan && before.rung != record.rung {
+        told.push(("rung", 2e4, format!("no plan of its own: {rung}; {}", degraded(record))));
+    }
+    let fell = before.trust_target - record.trust_target;
+    if fell > 0.2 {
+        let words = format!(
+            "trust was to fall from {:.2} to {:.2}: {}",
+            before.trust_target,
+            record.trust_target,
+            reason(record)
+        );
+        told.push(("trust", 1e4 + fell, words));
+    }
+    if before.predictor != record.predictor {
+        told.push(("predictor", 6e3, format!("the predictor became {}", record.predictor)));
+    }
+    let now = &record.counters;
+    let then = &before.counters;
+    for (kind, new, words) in [
+        ("pen refused", refused(&now.pen_rejected, &then.pen_rejected), "pen samples were refused"),
+        (
+            "joints refused",
+            refused(&now.joint_state_rejected, &then.joint_state_rejected),
+            "joint states were refused",
+        ),
+        (
+            "pen lost",
+            now.pen_dropped.saturating_sub(then.pen_dropped),
+            "pen samples were lost before the tick",
+        ),
+        (
+            "joints lost",
+            now.joint_state_dropped.saturating_sub(then.joint_state_dropped),
+            "joint states were lost",
+        ),
+        (
+            "weights refused",
+            now.weights_refused.saturating_sub(then.weights_refused),
+            "sets of weights were refused",
+        ),
+    ] {
+        if new > 0 {
+            told.push((kind, 4e3 + new as f64, format!("{new} {words}")));
+        }
+    }
+    told
+}
+
+fn refused(now: &Rejections, then: &Rejections) -> u64 {
+    now.total().saturating_sub(then.total())
+}
+
+fn stopped(record: &TickRecord) -> String {
+    let reason = FaultReason::try_from(record.fault).map_or("unknown reason", FaultReason::label);
+    let detail = record.stop.to_string();
+    if detail.is_empty() {
+        format!("it stopped: {reason}")
+    } else {
+        format!("it stopped: {reason}; {detail}")
+    }
+}
+
+fn trust(record: &TickRecord) -> String {
+    format!("trust {:.2} ({})", record.trust, reason(record))
+}
+
+fn reason(record: &TickRecord) -> &'static str {
+    TrustReason::try_from(record.trust_reason).map_or("unknown reason", TrustReason::label)
+}
+
+fn degraded(record: &TickRecord) -> String {
+    let labels: Vec<_> = health::labels(record.health).collect();
+    if labels.is_empty() { "nothing degraded".to_owned() } else { labels.join(", ") }
+}
+
+/// The stages by cost, dearest first.
+fn costs(record: &TickRecord) -> String {
+    let stages = Stage::ALL.iter().filter(|stage| !matches!(stage, Stage::Step));
+    let mut stages: Vec<_> = stages.map(|stage| (record.stage(*stage), stage.label())).collect();
+    stages.sort_by_key(|(ns, _)| std::cmp::Reverse(*ns));
+    let told = stages.iter().take(3).map(|(ns, label)| format!("{label} {:.0} µs", f64::from(*ns) * 1e-3));
+    told.collect::<Vec<_>>().join(", ")
+}
+
+fn millimetres(place: &[f64; 3]) -> String {
+    let [x, y, z] = place.map(|m| m * 1e3);
+    format!("({x:.2}, {y:.2}, {z:.2}) mm")
+}
+
+fn age(ns: u64) -> String {
+    if ns == u64::MAX { "of unknown age".to_owned() } else { format!("{:.1} ms old", ns as f64 * 1e-6) }
+}
+
+fn sentences(record: &TickRecord) -> Vec<String> {
+    let mode = Mode::try_from(record.mode).map_or("unknown", Mode::label);
+    let rung = Rung::try_from(record.rung).map_or("unknown", Rung::label);
+    let touch = if record.pen_flags & pen_flags::CONTACT != 0 { "on the paper" } else { "lifted" };
+    let pen = if record.pen_sequence == 0 && record.pen_stamp_ns == 0 {
+        "It has never seen a pen sample.".to_owned()
+    } else {
+        format!(
+            "It got {} pen samples; the newest, number {}, was {}, at {}, {touch}.",
+            record.pen_samples,
+            record.pen_sequence,
+            age(record.chain.pen_age_ns),
+            millimetres(&record.pen_m),
+        )
+    };
+    let mut told = vec![
+        format!("Tick {} was {mode}.", record.tick),
+        pen,
+        format!("The arm's newest joint state was {}.", age(record.joint_state_age_ns)),
+        format!(
+            "Trust was {:.2}, on its way to {:.2}: {}.",
+            record.trust,
+            record.trust_target,
+            reason(record)
+        ),
+        format!(
+            "The predictor was {}, with weights {}; {}.",
+            record.predictor,
+            record.learner_version,
+            if record.predictor_band_m < 0.0 {
+                "how far off it may be is not known yet".to_owned()
+            } else {
+                format!("nine times of ten the pen is within {:.2} mm of it", record.predictor_band_m * 1e3)
+            }
+        ),
+    ];
+    if record.command_stamp_ns == 0 {
+        told.push("No command left: the loop is not in charge of the arm.".to_owned());
+    } else {
+        told.push(format!(
+            "The command came from: {rung}. Its reference was {}, the tool's place {}.",
+            millimetres(&record.reference_m),
+            millimetres(&record.tool_m),
+        ));
+        let limits: u32 = record.mpc_active.iter().sum();
+        told.push(format!(
+            "The plan took {} solver steps and ran into {limits} limits; inverse kinematics took {}.",
+            record.mpc_iterations.iter().sum::<u32>(),
+            record.ik_iterations,
+        ));
+        let guarded: Vec<_> = guard_mask::labels(record.guard_mask).collect();
+        if !guarded.is_empty() {
+            told.push(format!("The guard changed it: {}.", guarded.join(", ")));
+        }
+    }
+    if record.error_m >= 0.0 {
+        let ghost = if record.ghost_error_m >= 0.0 {
+            format!("; feedback alone would have been {:.2} mm off", record.ghost_error_m * 1e3)
+        } else {
+            String::new()
+        };
+        told.push(format!(
+            "A tenth of a second before, the tool was {:.2} mm off the pen{ghost}.",
+            record.error_m * 1e3
+        ));
+    }
+    let step_us = f64::from(record.stage(Stage::Step)) * 1e-3;
+    let slack_us = record.slack_ns as f64 * 1e-3;
+    told.push(format!(
+        "It cost {step_us:.0} µs and left {slack_us:.0} µs to its deadline: {}.",
+        costs(record)
+    ));
+    if record.shed != 0 {
+        told.push("It was told to shed the solve, for want of time.".to_owned());
+    }
+    if record.skipped_ticks > 0 {
+        told.push(format!("{} whole periods passed before it without a tick.", record.skipped_ticks));
+    }
+    if record.health != 0 {
+        told.push(format!("What degraded: {}.", degraded(record)));
+    }
+    if record.fault != 0 {
+        told.push(format!("{}.", stopped(record).replacen("it stopped", "A stop is latched", 1)));
+    }
+    told
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_an_overrun_and_a_fall_of_trust_are_moments() {
+        let before =
+            TickRecord { tick: 7, mode: Mode::Following.into(), trust_target: 0.9, ..Default::default() };
+        let record = TickRecord {
+            tick: 8,
+            mode: Mode::Stopped.into(),
+            fault: FaultReason::DeadMan.into(),
+            slack_ns: -250_000,
+            health: health::OVERRUN,
+            trust_target: 0.1,
+            error_m: -1.0,
+            ..Default::default()
+        };
+        let told = seen(Some(&before), &record);
+        let kinds: Vec<_> = told.iter().map(|(kind, ..)| *kind).collect();
+        assert_eq!(kinds, ["overrun", "stop", "trust"]);
+        let words: String = told.iter().map(|(_, _, words)| words.as_str()).collect();
+        for part in ["250 µs late", "it stopped: dead-man", "from 0.90 to 0.10"] {
+            assert!(words.contains(part), "{part} in {words}");
+        }
+        let quiet = TickRecord { tick: 8, error_m: -1.0, ..before };
+        assert_eq!(seen(Some(&before), &quiet), []);
+    }
+
+    #[test]
+    fn of_one_kind_the_weightiest_is_kept_and_stops_all() {
+        let mut found = Vec::new();
+        for (tick, kind, weight) in
+            [(1, "error", 1.0), (2, "error", 3.0), (3, "error", 2.0), (4, "stop", 9.0), (5, "stop", 9.0)]
+        {
+            keep(&mut found, Moment { tick, after_s: 0.0, what: String::new(), weight, kind });
+        }
+        assert_eq!(found.iter().map(|moment| moment.tick).collect::<Vec<_>>(), [2, 4, 5]);
+    }
+}

@@ -1,0 +1,369 @@
+//! The flight recorder: the last seconds of a running daemon in memory, written when something goes wrong.
+//!
+//! Contract: memory is bounded by the time that is kept. What is written can be replayed: a state of the law
+//! is asked for again and again, and inputs are kept from the newest state that is old enough. Files are few
+//! (the oldest goes) and far between; what that suppressed is counted.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Foretrace, InputWatch, Telemetry};
+use foretrace_shm::{Mode, PieceKind, Rung, Thing, TickInput, TickRecord, health};
+use serde::Serialize;
+
+use crate::record::{put_input, put_tick, unix_minus_monotonic};
+use crate::topics::{Topic, thing_bytes};
+use crate::trace;
+use crate::write::{Facts, Output};
+use crate::{RecordError, whole};
+
+/// Seconds after a trigger that are written too.
+const AFTER: Duration = Duration::from_secs(1);
+/// Sets of weights that are kept: more than the loop is offered in the longest time kept.
+const SETS: usize = 4096;
+
+/// What a flight recorder does.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder of the files.
+    pub folder: PathBuf,
+    /// Time before a trigger that is written.
+    pub keep: Duration,
+    /// Shortest time between two files.
+    pub apart: Duration,
+    /// Files that are kept, the newest ones.
+    pub max_files: usize,
+    /// What the files say about themselves.
+    pub facts: Facts,
+}
+
+/// Why a file was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Trigger {
+    /// A stop latched.
+    Stop,
+    /// A tick ended after its deadline.
+    Overrun,
+    /// The loop follows the pen without a plan of its own.
+    PlanFailed,
+    /// Somebody asked.
+    Request,
+}
+
+impl Trigger {
+    /// A word for file names and people.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Stop => "stop",
+            Self::Overrun => "overrun",
+            Self::PlanFailed => "plan-failed",
+            Self::Request => "request",
+        }
+    }
+
+    /// What `record` shows that `before` did not; a stop matters more than what led to it.
+    fn of(before: Option<&TickRecord>, record: &TickRecord) -> Option<Self> {
+        let stopped =
+            |tick: &TickRecord| tick.mode == u32::from(Mode::Stopped) || tick.mode == u32::from(Mode::Fault);
+        let before = before?;
+        if stopped(record) && !stopped(before) {
+            Some(Self::Stop)
+        } else if record.health & health::OVERRUN != 0 {
+            Some(Self::Overrun)
+        } else if record.mode == u32::from(Mode::Following) && record.rung != u32::from(Rung::FreshPlan) {
+            Some(Self::PlanFailed)
+        } else {
+            None
+        }
+    }
+}
+
+/// A file that was written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Written {
+    /// The recording.
+    pub recording: PathBuf,
+    /// The same as a Perfetto trace.
+    pub trace: PathBuf,
+    /// Why.
+    pub trigger: Trigger,
+    /// Ticks in it.
+    pub ticks: u64,
+}
+
+/// The recorder.
+#[derive(Debug)]
+pub struct Flight {
+    options: Options,
+    ears: Ears,
+    memory: Memory,
+    due: Option<(Instant, Trigger)>,
+    last: Option<Instant>,
+    suppressed: u64,
+    files: VecDeque<Written>,
+}
+
+#[derive(Debug)]
+struct Ears {
+    inputs: InputWatch,
+    telemetry: Telemetry,
+    since: Instant,
+}
+
+impl Ears {
+    fn open(foretrace: &Foretrace) -> Result<Self, RecordError> {
+        Ok(Self { inputs: foretrace.inputs()?, telemetry: foretrace.telemetry()?, since: Instant::now() })
+    }
+}
+
+/// The last seconds.
+#[derive(Debug, Default)]
+struct Memory {
+    settings: Option<Thing>,
+    states: VecDeque<Thing>,
+    sets: VecDeque<Thing>,
+    inputs: VecDeque<Box<TickInput>>,
+    ticks: VecDeque<Box<TickRecord>>,
+}
+
+impl Memory {
+    fn thing(&mut self, thing: Thing) {
+        match thing.kind {
+            PieceKind::Settings => self.settings = Some(thing),
+            PieceKind::State => self.states.push_back(thing),
+            PieceKind::Weights => {
+                // Whoever begins to listen anew gets the newest ones again.
+                let known = self
+                    .sets
+                    .iter()
+                    .any(|set| (set.daemon_id, set.number) == (thing.daemon_id, thing.number));
+                if !known {
+                    self.sets.push_back(thing);
+                }
+                if self.sets.len() > SETS {
+                    self.sets.pop_front();
+                }
+            }
+        }
+    }
+
+    /// Forgets what is older than `keep_ns`, but not what a replay needs to begin with.
+    fn forget(&mut self, keep_ns: u64) {
+        let Some(newest) = self.inputs.back() else { return };
+        let oldest_ns = newest.now_ns.saturating_sub(keep_ns);
+        let daemon = newest.daemon_id;
+        let oldest = self.inputs.iter().find(|input| input.now_ns >= oldest_ns && input.daemon_id == daemon);
+        let Some(oldest) = oldest.map(|input| input.tick) else { return };
+        // The newest state from which all of that can be run again.
+        let start = self.states.iter().rposition(|state| state.number < oldest && state.daemon_id == daemon);
+        let from = start.and_then(|start| {
+            self.states.drain(..start);
+            self.states.front().map(|state| state.number)
+        });
+        let needed = from.map_or(oldest, |from| from.min(oldest));
+        let old = |id: u64, tick: u64| id != daemon || tick < needed;
+        while self.inputs.front().is_some_and(|input| old(input.daemon_id, input.tick)) {
+            self.inputs.pop_front();
+        }
+        while self.ticks.front().is_some_and(|record| record.release_ns < oldest_ns) {
+            self.ticks.pop_front();
+        }
+        // A set that no kept tick was offered, nor the next ones will be.
+        let first =
+            self.inputs.iter().find_map(|input| (input.weights_used > 0).then_some(input.weights_used));
+        while self
+            .sets
+            .front()
+            .is_some_and(|set| set.daemon_id != daemon || first.is_some_and(|v| set.number < v))
+        {
+            self.sets.pop_front();
+        }
+    }
+
+    fn write(&self, output: &mut Output) -> Result<(), RecordError> {
+        let clock = unix_minus_monotonic();
+        let at = |ns: u64| ns.wrapping_add(clock);
+        let begin = at(self.inputs.front().map_or(0, |input| input.header.stamp_ns));
+        for thing in self.settings.iter().chain(&self.states).chain(&self.sets) {
+            output.put(Topic::Thing, begin, &thing_bytes(thing))?;
+        }
+        // In order of time, as they came.
+        let mut ticks = self.ticks.iter().peekable();
+        for input in &self.inputs {
+            while let Some(record) = ticks.next_if(|record| record.tick <= input.tick) {
+                put_tick(output, at(record.header.stamp_ns), record)?;
+            }
+            put_input(output, at(input.header.stamp_ns), input)?;
+        }
+        ticks.try_for_each(|record| put_tick(output, at(record.header.stamp_ns), record))
+    }
+}
+
+impl Flight {
+    /// Begins to listen.
+    ///
+    /// # Errors
+    ///
+    /// The folder cannot be made; no place for another listener.
+    pub fn start(foretrace: &Foretrace, options: Options) -> Result<Self, RecordError> {
+        std::fs::create_dir_all(&options.folder)
+            .map_err(|source| RecordError::Write { path: options.folder.clone(), source })?;
+        Ok(Self {
+            ears: Ears::open(foretrace)?,
+            options,
+            memory: Memory::default(),
+            due: None,
+            last: None,
+            suppressed: 0,
+            files: VecDeque::new(),
+        })
+    }
+
+    /// Another daemon has taken over.
+    ///
+    /// # Errors
+    ///
+    /// No place for another listener.
+    pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
+        self.ears = Ears::open(foretrace)?;
+        Ok(())
+    }
+
+    /// Somebody asks for a file.
+    pub fn ask(&mut self) {
+        self.trigger(Trigger::Request);
+    }
+
+    /// Triggers that came too soon after a file.
+    #[must_use]
+    pub const fn suppressed(&self) -> u64 {
+        self.suppressed
+    }
+
+    fn trigger(&mut self, trigger: Trigger) {
+        if self.due.is_some() {
+            return;
+        }
+        // Who asks has a reason.
+        let soon = self.last.is_some_and(|last| last.elapsed() < self.options.apart);
+        if soon && trigger != Trigger::Request {
+            self.suppressed += 1;
+            return;
+        }
+        self.due = Some((Instant::now() + AFTER, trigger));
+    }
+
+    /// Takes what has come; returns the file that was written, if one was due. Call this every few
+    /// milliseconds.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written; no place for another listener.
+    pub fn hear(&mut self, foretrace: &Foretrace) -> Result<Option<Written>, RecordError> {
+        let memory = &mut self.memory;
+        let mut found = None;
+        self.ears.telemetry.drain(|record| {
+            found = found.or(Trigger::of(memory.ticks.back().map(|last| &**last), record));
+            memory.ticks.push_back(Box::new(*record));
+        });
+        self.ears.inputs.drain(|input| memory.inputs.push_back(Box::new(*input)));
+        self.ears.inputs.things(|thing| memory.thing(thing));
+        memory.forget(u64::try_from(self.options.keep.as_nanos()).unwrap_or(u64::MAX));
+        if let Some(trigger) = found {
+            self.trigger(trigger);
+        }
+        // Whoever begins to listen gets a state.
+        if self.ears.since.elapsed() > self.options.keep / 2 {
+            self.ears = Ears::open(foretrace)?;
+        }
+        match self.due {
+            Some((at, trigger)) if Instant::now() >= at => {
+                self.due = None;
+                self.last = Some(Instant::now());
+                self.write(trigger).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// Writes what is in memory now.
+    fn write(&mut self, trigger: Trigger) -> Result<Written, RecordError> {
+        let unix = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        let name = format!("flight-{}-{}", unix.as_millis(), trigger.word());
+        let place = |extension: &str| self.options.folder.join(format!("{name}.{extension}"));
+        let mut facts = self.options.facts.clone();
+        facts.insert("trigger".to_owned(), trigger.word().to_owned());
+        let mut output = Output::create(&place("mcap"), &facts)?;
+        self.memory.write(&mut output)?;
+        let recording = output.finish(&Facts::new())?;
+        let trace = place("perfetto-trace");
+        whole(&trace, |file| trace::write(self.memory.ticks.iter().map(|tick| &**tick), file, &trace))?;
+        let ticks = self.memory.ticks.len() as u64;
+        let written = Written { recording, trace, trigger, ticks };
+        self.files.push_back(written.clone());
+        while self.files.len() > self.options.max_files.max(1) {
+            if let Some(old) = self.files.pop_front() {
+                remove(&old.recording)?;
+                remove(&old.trace)?;
+            }
+        }
+        Ok(written)
+    }
+}
+
+fn remove(path: &Path) -> Result<(), RecordError> {
+    std::fs::remove_file(path).map_err(|source| RecordError::Write { path: path.to_path_buf(), source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn input(tick: u64) -> Box<TickInput> {
+        Box::new(TickInput { tick, now_ns: tick * 1_000_000, daemon_id: 1, ..Default::default() })
+    }
+
+    fn state(number: u64) -> Thing {
+        Thing { kind: PieceKind::State, number, daemon_id: 1, bytes: Vec::new() }
+    }
+
+    #[test]
+    fn what_is_kept_begins_at_the_newest_state_that_is_old_enough() {
+        let mut memory = Memory::default();
+        for tick in 1..=1000 {
+            if tick % 100 == 50 {
+                memory.thing(state(tick - 1));
+            }
+            memory.inputs.push_back(input(tick));
+            memory.ticks.push_back(Box::new(TickRecord {
+                tick,
+                release_ns: tick * 1_000_000,
+                ..Default::default()
+            }));
+            memory.forget(300_000_000);
+        }
+        // 300 ms before tick 1000 is tick 700; the state before that is of tick 649.
+        assert_eq!(memory.states.front().unwrap().number, 649);
+        assert_eq!(memory.inputs.front().unwrap().tick, 649);
+        assert_eq!(memory.ticks.front().unwrap().tick, 700);
+        // Another daemon: nothing of the last one is of use.
+        memory.inputs.push_back(Box::new(TickInput { daemon_id: 2, ..*input(1001) }));
+        memory.forget(300_000_000);
+        assert_eq!(memory.inputs.len(), 1);
+    }
+
+    #[test]
+    fn triggers_are_stops_late_ticks_and_ticks_without_a_plan() {
+        let following = TickRecord { mode: Mode::Following.into(), ..Default::default() };
+        let of = |change: TickRecord| Trigger::of(Some(&following), &change);
+        assert_eq!(of(following), None);
+        assert_eq!(of(TickRecord { mode: Mode::Stopped.into(), ..following }), Some(Trigger::Stop));
+        assert_eq!(of(TickRecord { health: health::OVERRUN, ..following }), Some(Trigger::Overrun));
+        assert_eq!(of(TickRecord { rung: Rung::Stop.into(), ..following }), Some(Trigger::PlanFailed));
+        let stopped = TickRecord { mode: Mode::Stopped.into(), ..following };
+        assert_eq!(Trigger::of(Some(&stopped), &stopped), None);
+    }
+}

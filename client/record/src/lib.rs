@@ -1,0 +1,164 @@
+//! Recordings: everything that the loop saw and did, in one MCAP file that the tools of others open, and that
+//! this program replays bit for bit.
+//!
+//! Contract: a recorder is a reader of shared memory like any other and cannot disturb the loop. What it had
+//! to drop is counted, in the file too. Whatever a file holds, reading it ends with a result or a sentence.
+//!
+//! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
+//! `table`, `repair`, `record` (from a daemon into files), `trace`, `flight`, `info`, `explain`, `law`,
+//! `replay`, `what_if`, `metrics`.
+//!
+//! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod proto;
+pub mod topics;
+pub mod write;
+pub mod read;
+pub mod table;
+pub mod repair;
+pub mod record;
+mod trace;
+pub mod flight;
+pub mod info;
+pub mod explain;
+mod law;
+pub mod replay;
+pub mod what_if;
+pub mod metrics;
+
+use std::path::{Path, PathBuf};
+
+/// Why a recording cannot be written or read.
+#[derive(thiserror::Error)]
+pub enum RecordError {
+    /// Nothing is overwritten.
+    #[error("{} exists already; give a new name, or remove it", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Another recorder is at work.
+    #[error("{} is being written by another recorder; give another name", path.display())]
+    Busy {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The disk refuses.
+    #[error("cannot write {}: {source}; what was recorded until then can be mended with \
+             `foretrace record --repair`", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The disk refuses.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// Not a recording.
+    #[error("{} is no recording: {why}; give a file of `foretrace record`", path.display())]
+    NoRecording {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        why: String,
+    },
+    /// Made by another version.
+    #[error(
+        "{}: the messages of {topic} have another layout than this program's; use the version of foretrace \
+         that `--info` names", path.display()
+    )]
+    OtherLayout {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+    },
+    /// A message that no recorder wrote.
+    #[error("{}: a message of {topic} is damaged; mend the file with `foretrace record --repair`",
+            path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+    },
+    /// The format refuses.
+    #[error("{}: {why}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        why: String,
+    },
+    /// The daemon cannot be heard.
+    #[error(transparent)]
+    Service(#[from] foretrace_client::ServiceError),
+    /// The writing thread could not be started, or ended by a fault.
+    #[error("the thread that writes the recording failed: {0}")]
+    Thread(String),
+}
+
+foretrace_shm::debug_is_sentence!(RecordError);
+
+impl RecordError {
+    fn of_mcap(path: &Path, error: mcap::McapError) -> Self {
+        let path = path.to_path_buf();
+        match error {
+            mcap::McapError::Io(source) => Self::Write { path, source },
+            other => Self::Format { path, why: other.to_string() },
+        }
+    }
+}
+
+/// Gives the finished `part` its name, unless a file has that name.
+fn appear(part: &Path, target: &Path) -> Result<(), RecordError> {
+    // A link fails where a rename would overwrite.
+    match std::fs::hard_link(part, target) {
+        Ok(()) => {}
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+            return Err(RecordError::Exists { path: target.to_path_buf() });
+        }
+        // Some file systems have no links.
+        Err(_) if !target.exists() => {
+            return std::fs::rename(part, target)
+                .map_err(|source| RecordError::Write { path: target.to_path_buf(), source });
+        }
+        Err(source) => return Err(RecordError::Write { path: target.to_path_buf(), source }),
+    }
+    std::fs::remove_file(part).map_err(|source| RecordError::Write { path: part.to_path_buf(), source })
+}
+
+/// Writes the new file `target`, which appears whole or not at all.
+///
+/// # Errors
+///
+/// It exists, the folder cannot be written, or as `write`.
+pub fn whole<T>(
+    target: &Path,
+    write: impl FnOnce(&mut std::fs::File) -> Result<T, RecordError>,
+) -> Result<T, RecordError> {
+    let part = write::part_of(target);
+    if target.exists() {
+        return Err(RecordError::Exists { path: target.to_path_buf() });
+    }
+    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(&part);
+    let mut file = file.map_err(|source| match source.kind() {
+        std::io::ErrorKind::AlreadyExists => RecordError::Exists { path: part.clone() },
+        _ => RecordError::Write { path: part.clone(), source },
+    })?;
+    let done = write(&mut file).and_then(|done| appear(&part, target).map(|()| done));
+    if done.is_err() {
+        // Half a file helps nobody.
+        let _ = std::fs::remove_file(&part);
+    }
+    done
+}

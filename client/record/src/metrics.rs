@@ -1,0 +1,323 @@
+//! The status as Prometheus text, and the small server that hands it out.
+//!
+//! Contract: text of the exposition format 0.0.4: counters end in `_total`, durations are in seconds, unknown
+//! numbers are left out. The server answers a bounded number of peers at a time, each within a bounded time,
+//! whatever they send; it holds the newest text and no handle to the loop.
+//!
+//! Source: Prometheus, "Exposition formats", "Metric and label naming".
+
+use std::fmt::Write as _;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use foretrace_shm::{
+    Counters, FaultReason, LATENCY_BINS, Latency, Mode, REJECT_REASONS, RejectReason, Stage, Status,
+    TrustReason, Wire,
+};
+
+/// Peers that are answered at a time.
+const PEERS: usize = 8;
+/// How long a peer may take to ask, and to take the answer.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Bytes of a request at most.
+const LONGEST_REQUEST: usize = 8192;
+
+/// Adds a metric with its help, and one line per sample.
+fn metric(text: &mut String, name: &str, kind: &str, help: &str, samples: &[(String, f64)]) {
+    let known: Vec<_> = samples.iter().filter(|(_, value)| !value.is_nan()).collect();
+    if known.is_empty() {
+        return;
+    }
+    let _ = writeln!(text, "# HELP foretrace_{name} {help}\n# TYPE foretrace_{name} {kind}");
+    for (labels, value) in known {
+        let _ = writeln!(text, "foretrace_{name}{labels} {value}");
+    }
+}
+
+fn gauge(text: &mut String, name: &str, help: &str, value: f64) {
+    metric(text, name, "gauge", help, &[(String::new(), value)]);
+}
+
+/// NaN for what stands for unknown on the wire.
+fn known(value: f64) -> f64 {
+    if value < 0.0 { f64::NAN } else { value }
+}
+
+fn seconds(ns: u64) -> f64 {
+    if ns == u64::MAX { f64::NAN } else { ns as f64 * 1e-9 }
+}
+
+/// `status`, received at `now_ns`, as text; `None`: no daemon.
+#[must_use]
+pub fn text(status: Option<&Status>, now_ns: u64) -> String {
+    let mut text = String::new();
+    gauge(&mut text, "up", "1: a daemon sends its status.", f64::from(u8::from(status.is_some())));
+    let Some(status) = status else { return text };
+    let t = &mut text;
+    gauge(t, "status_age_seconds", "Age of the newest status.", seconds(status.header.age_ns(now_ns)));
+    gauge(t, "uptime_seconds", "Since the daemon started.", seconds(status.uptime_ns));
+    gauge(t, "rate_hertz", "Ticks per second, measured over the last second.", status.measured_rate_hz);
+    gauge(t, "rate_wanted_hertz", "Ticks per second, as set.", status.rate_hz);
+    let mode = Mode::ALL.iter().map(|mode| {
+        let here = f64::from(u8::from(u32::from(*mode) == status.mode));
+        (format!("{{mode=\"{mode}\"}}"), here)
+    });
+    metric(t, "mode", "gauge", "1 for the mode that the loop is in.", &mode.collect::<Vec<_>>());
+    let fault = FaultReason::ALL.iter().map(|reason| {
+        let here = f64::from(u8::from(u32::from(*reason) == status.fault));
+        (format!("{{reason=\"{reason}\"}}"), here)
+    });
+    metric(t, "stopped", "gauge", "1 for the reason of the latched stop.", &fault.collect::<Vec<_>>());
+    gauge(t, "trust", "Share of the preview that the plan follows.", status.trust);
+    gauge(t, "trust_target", "Where trust is heading.", status.trust_target);
+    let reason = TrustReason::ALL.iter().map(|reason| {
+        let here = f64::from(u8::from(u32::from(*reason) == status.trust_reason));
+        (format!("{{reason=\"{reason}\"}}"), here)
+    });
+    metric(t, "trust_reason", "gauge", "1 for the reason of the trust.", &reason.collect::<Vec<_>>());
+    gauge(t, "pen_age_seconds", "Age of the newest pen sample.", seconds(status.pen_age_ns));
+    gauge(t, "joint_state_age_seconds", "Age of the newest joint state.", seconds(status.joint_state_age_ns));
+    let lag = &status.arm_lag;
+    let lag_s = if lag.is_known() { lag.lag_s } else { f64::NAN };
+    gauge(t, "arm_lag_seconds", "The arm's measured lag.", lag_s);
+    gauge(t, "dead_time_seconds", "The plan's dead time.", seconds(lag.dead_time_ns));
+    gauge(
+        t,
+        "error_metres",
+        "Distance of the tool from the pen, recent rms.",
+        known(status.tracking.recent_rms_m),
+    );
+    gauge(t, "ghost_error_metres", "The same with feedback only.", known(status.ghost.recent_rms_m));
+    gauge(
+        t,
+        "predictor_error_metres",
+        "One-step error of the predictor, recent rms.",
+        known(status.predictor_rms_m),
+    );
+    gauge(t, "weights_age_seconds", "Age of the weights in use.", seconds(status.learner_age_ns));
+    gauge(t, "allocations_per_tick", "Heap allocations per tick after warm-up.", status.allocations_per_tick);
+
+    let stages = Stage::ALL.iter().zip(&status.stages).flat_map(|(stage, spread)| {
+        let of = [
+            ("0.5", spread.p50_ns),
+            ("0.99", spread.p99_ns),
+            ("0.999", spread.p99_9_ns),
+            ("1", spread.max_ns),
+        ];
+        of.map(|(quantile, ns)| {
+            (format!("{{stage=\"{stage}\",quantile=\"{quantile}\"}}"), f64::from(ns) * 1e-9)
+        })
+    });
+    metric(
+        t,
+        "stage_seconds",
+        "gauge",
+        "Cost of each stage of a tick since the start.",
+        &stages.collect::<Vec<_>>(),
+    );
+    for (name, help, latency) in [
+        ("pen_to_command_seconds", "From a pen sample to the first command with it.", &status.pen_to_command),
+        ("command_to_motion_seconds", "From a command to its motion.", &status.command_to_motion),
+    ] {
+        histogram(t, name, help, latency);
+    }
+
+    let mut counts = |name: &str, help: &str, value: u64| {
+        metric(t, &format!("{name}_total"), "counter", help, &[(String::new(), value as f64)]);
+    };
+    counts("learner_updates", "Grid steps learned from.", status.learner_updates);
+    counts("learner_promotions", "Sets of weights handed to the loop.", status.learner_promotions);
+    counts("learner_rollbacks", "Sets of weights rolled back.", status.learner_rollbacks);
+    counts("learner_refused", "Sets of weights not handed over.", status.learner_refused);
+    counters(t, &status.counters);
+    text
+}
+
+/// A histogram whose sum is not known: Prometheus takes it without.
+fn histogram(text: &mut String, name: &str, help: &str, latency: &Latency) {
+    let _ = writeln!(text, "# HELP foretrace_{name} {help}\n# TYPE foretrace_{name} histogram");
+    let mut below = 0_u64;
+    for (index, count) in latency.bins.iter().enumerate() {
+        below += u64::from(*count);
+        let edge = Latency::edge_us(index) * 1e-6;
+        let edge = if index + 1 < LATENCY_BINS { edge.to_string() } else { "+Inf".to_owned() };
+        let _ = writeln!(text, "foretrace_{name}_bucket{{le=\"{edge}\"}} {below}");
+    }
+    let _ = writeln!(text, "foretrace_{name}_count {below}");
+}
+
+/// Every counter of the wire under its own name.
+fn counters(text: &mut String, counters: &Counters) {
+    let mut bytes = Vec::new();
+    counters.put(&mut bytes);
+    for field in Counters::FIELDS {
+        let mut part = bytes.get(field.offset..field.offset + field.size).unwrap_or_default();
+        let help = "See `Counters` of foretrace-shm.";
+        let name = format!("{}_total", field.name);
+        if field.size == size_of::<u64>() {
+            let value = u64::get(&mut part).unwrap_or(0) as f64;
+            metric(text, &name, "counter", help, &[(String::new(), value)]);
+        } else {
+            let by_reason = <[u64; REJECT_REASONS]>::get(&mut part).unwrap_or_default();
+            let samples = RejectReason::ALL
+                .iter()
+                .zip(by_reason)
+                .map(|(reason, count)| (format!("{{reason=\"{reason}\"}}"), count as f64));
+            metric(text, &name, "counter", help, &samples.collect::<Vec<_>>());
+        }
+    }
+}
+
+/// The newest text, shared with the server.
+#[derive(Debug, Clone, Default)]
+pub struct Board(Arc<Mutex<String>>);
+
+impl Board {
+    /// Shows `text` from now on.
+    pub fn show(&self, text: String) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = text;
+    }
+
+    fn text(&self) -> String {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Answers on `listener` until the process ends.
+///
+/// # Errors
+///
+/// The system refuses another thread.
+pub fn serve(listener: TcpListener, board: Board) -> std::io::Result<()> {
+    std::thread::Builder::new().name("foretrace-http".to_owned()).spawn(move || {
+        let busy = Arc::new(AtomicUsize::new(0));
+        for peer in listener.incoming() {
+            let Ok(peer) = peer else { continue };
+            if busy.fetch_add(1, Ordering::AcqRel) >= PEERS {
+                busy.fetch_sub(1, Ordering::AcqRel);
+                continue;
+            }
+            let (board, left) = (board.clone(), busy.clone());
+            let started = std::thread::Builder::new().name("foretrace-peer".to_owned()).spawn(move || {
+                // A peer that went away has no use for an error.
+                let _ = answer(peer, &board);
+                left.fetch_sub(1, Ordering::AcqRel);
+            });
+            if started.is_err() {
+                busy.fetch_sub(1, Ordering::AcqRel);
+            }
+        }
+    })?;
+    Ok(())
+}
+
+fn answer(mut peer: TcpStream, board: &Board) -> std::io::Result<()> {
+    peer.set_read_timeout(Some(PATIENCE))?;
+    peer.set_write_timeout(Some(PATIENCE))?;
+    let until = std::time::Instant::now() + PATIENCE;
+    let (mut asked, mut room) = (Vec::new(), [0; 1024]);
+    while !asked.windows(4).any(|end| end == b"\r\n\r\n") && asked.len() < LONGEST_REQUEST {
+        let came = peer.read(&mut room)?;
+        if came == 0 || std::time::Instant::now() > until {
+            break;
+        }
+        asked.extend_from_slice(room.get(..came).unwrap_or_default());
+    }
+    let line = asked.split(|byte| *byte == b'\r').next().unwrap_or_default();
+    let mut words = line.split(|byte| *byte == b' ');
+    let (status, body) = match (words.next(), words.next()) {
+        (Some(b"GET"), Some(b"/metrics")) => ("200 OK", board.text()),
+        (Some(b"GET"), Some(_)) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
+        _ => ("400 Bad Request", "ask for GET /metrics\n".to_owned()),
+    };
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\nContent-Length: \
+         {}\r\nConnection: close\r\n\r\n",
+        body.len()
+    );
+    peer.write_all(head.as_bytes())?;
+    peer.write_all(body.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn full() -> Status {
+        let mut status = Status { mode: Mode::Following.into(), ..Status::default() };
+        status.counters.pen_rejected.by_reason[RejectReason::OutOfRange as usize] = 3;
+        status.counters.overruns = 7;
+        status.pen_to_command.bins[2] = 4;
+        status.pen_to_command.bins[LATENCY_BINS - 1] = 1;
+        status
+    }
+
+    #[test]
+    fn every_line_is_a_comment_or_a_sample_and_every_metric_has_its_type_once() {
+        let text = text(Some(&full()), 0);
+        let mut types = Vec::new();
+        for line in text.lines() {
+            if let Some(typed) = line.strip_prefix("# TYPE ") {
+                types.push(typed.split(' ').next().unwrap().to_owned());
+            } else if !line.starts_with("# HELP ") {
+                let (name, value) = line.rsplit_once(' ').unwrap();
+                assert!(name.starts_with("foretrace_") && value.parse::<f64>().is_ok(), "{line}");
+            }
+        }
+        let count = types.len();
+        types.sort();
+        types.dedup();
+        assert_eq!(types.len(), count);
+        for wanted in [
+            "foretrace_overruns_total 7",
+            "foretrace_pen_rejected_total{reason=\"out of range\"} 3",
+            "foretrace_mode{mode=\"following\"} 1",
+            "foretrace_pen_to_command_seconds_bucket{le=\"+Inf\"} 5",
+            "foretrace_pen_to_command_seconds_count 5",
+            "foretrace_up 1",
+        ] {
+            assert!(text.lines().any(|line| line == wanted), "{wanted} in {text}");
+        }
+        assert_eq!(super::text(None, 0).lines().last(), Some("foretrace_up 0"));
+    }
+
+    #[test]
+    fn rules_and_dashboard_name_metrics_that_there_are() {
+        let text = text(Some(&full()), 0);
+        for file in ["alerts.yml", "dashboard.json"] {
+            let path = format!("{}/../../docs/operate/metrics/{file}", env!("CARGO_MANIFEST_DIR"));
+            let content = std::fs::read_to_string(path).unwrap();
+            let words = content.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+            let named: Vec<_> = words.filter(|word| word.starts_with("foretrace_")).collect();
+            assert!(named.len() > 4, "{file}");
+            for name in named {
+                assert!(text.contains(&format!("\n{name}")) || text.starts_with(name), "{name} of {file}");
+            }
+        }
+    }
+
+    #[test]
+    fn peers_of_any_kind_get_an_answer_or_are_left() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let board = Board::default();
+        board.show("foretrace_up 0\n".to_owned());
+        serve(listener, board).unwrap();
+        let ask = |bytes: &[u8]| {
+            let mut peer = TcpStream::connect(address).unwrap();
+            peer.write_all(bytes).unwrap();
+            let mut told = String::new();
+            peer.read_to_string(&mut told).unwrap();
+            told
+        };
+        // Somebody who never asks holds up nobody.
+        let _silent: Vec<_> = (0..PEERS - 1).map(|_| TcpStream::connect(address).unwrap()).collect();
+        let told = ask(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
+        assert!(told.starts_with("HTTP/1.1 200 OK") && told.ends_with("foretrace_up 0\n"), "{told}");
+        assert!(ask(b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
+        assert!(ask(b"\xff\xff\xff\r\n\r\n").starts_with("HTTP/1.1 400"));
+    }
+}

@@ -1,0 +1,224 @@
+//! Protobuf, as far as a recording needs it: messages of numbers, text and other messages, and their
+//! descriptors.
+//!
+//! Contract: a [`Shape`] is the only place that says what a message is; its field `i` has the number `i + 1`.
+//! [`Encoder`] writes the fields in that order and refuses to leave one out; [`descriptor_set`] describes the
+//! shapes to readers that do not know them.
+//!
+//! Source: protobuf encoding guide; `google/protobuf/descriptor.proto`.
+
+/// Kind of a field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `uint64`
+    U64,
+    /// `int64`
+    I64,
+    /// `uint32`
+    U32,
+    /// `int32`
+    I32,
+    /// `double`
+    F64,
+    /// `bool`
+    Bool,
+    /// `string`
+    Text,
+    /// `repeated double`
+    F64s,
+    /// A message of this full name.
+    Part(&'static str),
+}
+
+impl Kind {
+    /// Number of the type, and of the label (1: one, 3: many), in a descriptor.
+    const fn codes(self) -> (u64, u64) {
+        match self {
+            Self::F64 => (1, 1),
+            Self::F64s => (1, 3),
+            Self::I64 => (3, 1),
+            Self::U64 => (4, 1),
+            Self::I32 => (5, 1),
+            Self::Bool => (8, 1),
+            Self::Text => (9, 1),
+            Self::Part(_) => (11, 1),
+            Self::U32 => (13, 1),
+        }
+    }
+}
+
+/// A message: its full name, and its fields in order of their numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Package and name.
+    pub name: &'static str,
+    /// Name and kind of each field.
+    pub fields: &'static [(&'static str, Kind)],
+}
+
+/// A `.proto` file: its name, what it imports, its messages.
+#[derive(Debug, Clone, Copy)]
+pub struct ProtoFile {
+    /// Path that others import it by.
+    pub name: &'static str,
+    /// Files that it needs.
+    pub imports: &'static [&'static str],
+    /// Its messages, all of one package.
+    pub messages: &'static [Shape],
+}
+
+/// Value of a field.
+#[derive(Debug, Clone, Copy)]
+pub enum Value<'a> {
+    /// See [`Kind`].
+    U64(u64),
+    /// See [`Kind`].
+    I64(i64),
+    /// See [`Kind`].
+    U32(u32),
+    /// See [`Kind`].
+    I32(i32),
+    /// See [`Kind`].
+    F64(f64),
+    /// See [`Kind`].
+    Bool(bool),
+    /// See [`Kind`].
+    Text(&'a str),
+    /// See [`Kind`].
+    F64s(&'a [f64]),
+    /// An encoded message of the kind's name.
+    Part(&'a [u8]),
+}
+
+/// `values` as a message of `shape`; `None` if they are not its fields.
+#[must_use]
+pub fn encode(shape: &Shape, values: &[Value<'_>]) -> Option<Vec<u8>> {
+    if shape.fields.len() != values.len() {
+        return None;
+    }
+    let mut bytes = Vec::with_capacity(16 * values.len());
+    for (number, ((_, kind), value)) in (1..).zip(shape.fields.iter().zip(values)) {
+        match (kind, *value) {
+            (Kind::U64, Value::U64(v)) => varint_field(&mut bytes, number, v),
+            (Kind::I64, Value::I64(v)) => varint_field(&mut bytes, number, v as u64),
+            (Kind::U32, Value::U32(v)) => varint_field(&mut bytes, number, v.into()),
+            (Kind::I32, Value::I32(v)) => varint_field(&mut bytes, number, i64::from(v) as u64),
+            (Kind::Bool, Value::Bool(v)) => varint_field(&mut bytes, number, v.into()),
+            (Kind::F64, Value::F64(v)) => double_field(&mut bytes, number, v),
+            (Kind::Text, Value::Text(v)) => sized(&mut bytes, number, v.as_bytes()),
+            (Kind::F64s, Value::F64s(v)) => {
+                let packed: Vec<u8> = v.iter().flat_map(|v| v.to_le_bytes()).collect();
+                sized(&mut bytes, number, &packed);
+            }
+            (Kind::Part(_), Value::Part(v)) => sized(&mut bytes, number, v),
+            _ => return None,
+        }
+    }
+    Some(bytes)
+}
+
+/// The `FileDescriptorSet` of `files`.
+#[must_use]
+pub fn descriptor_set(files: &[ProtoFile]) -> Vec<u8> {
+    let mut set = Vec::new();
+    for file in files {
+        let mut bytes = Vec::new();
+        sized(&mut bytes, 1, file.name.as_bytes());
+        let package = file.messages.first().and_then(|shape| shape.name.rsplit_once('.'));
+        sized(&mut bytes, 2, package.map_or("", |(package, _)| package).as_bytes());
+        for import in file.imports {
+            sized(&mut bytes, 3, import.as_bytes());
+        }
+        for shape in file.messages {
+            sized(&mut bytes, 4, &described(shape));
+        }
+        sized(&mut bytes, 12, b"proto3");
+        sized(&mut set, 1, &bytes);
+    }
+    set
+}
+
+fn described(shape: &Shape) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let name = shape.name.rsplit_once('.').map_or(shape.name, |(_, name)| name);
+    sized(&mut bytes, 1, name.as_bytes());
+    for (number, (name, kind)) in (1_u64..).zip(shape.fields) {
+        let mut field = Vec::new();
+        sized(&mut field, 1, name.as_bytes());
+        varint_field(&mut field, 3, number);
+        let (code, label) = kind.codes();
+        varint_field(&mut field, 4, label);
+        varint_field(&mut field, 5, code);
+        if let Kind::Part(of) = kind {
+            sized(&mut field, 6, format!(".{of}").as_bytes());
+        }
+        sized(&mut bytes, 2, &field);
+    }
+    bytes
+}
+
+/// Appends field `number` with this `double`.
+pub(crate) fn double_field(bytes: &mut Vec<u8>, number: u64, value: f64) {
+    key(bytes, number, 1);
+    bytes.extend_from_slice(&value.to_le_bytes());
+}
+
+fn key(bytes: &mut Vec<u8>, number: u64, wire: u64) {
+    varint(bytes, (number << 3) | wire);
+}
+
+/// Appends field `number` with this whole number.
+pub(crate) fn varint_field(bytes: &mut Vec<u8>, number: u64, value: u64) {
+    key(bytes, number, 0);
+    varint(bytes, value);
+}
+
+/// Appends field `number` with these bytes, text or message.
+pub(crate) fn sized(bytes: &mut Vec<u8>, number: u64, content: &[u8]) {
+    key(bytes, number, 2);
+    varint(bytes, content.len() as u64);
+    bytes.extend_from_slice(content);
+}
+
+fn varint(bytes: &mut Vec<u8>, mut value: u64) {
+    while value >= 0x80 {
+        bytes.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const THING: Shape =
+        Shape { name: "test.Thing", fields: &[("a", Kind::I32), ("b", Kind::Text), ("c", Kind::F64s)] };
+
+    #[test]
+    fn bytes_are_those_of_the_encoding_guide() {
+        // Source: protobuf.dev/programming-guides/encoding, "Test1" and "Test2".
+        let one = Shape { name: "t.Test1", fields: &[("a", Kind::I32)] };
+        assert_eq!(encode(&one, &[Value::I32(150)]).unwrap(), [0x08, 0x96, 0x01]);
+        let all = encode(&THING, &[Value::I32(-1), Value::Text("testing"), Value::F64s(&[1.0])]).unwrap();
+        let mut wanted = vec![0x08];
+        wanted.extend([0xff; 9]);
+        wanted.extend([0x01, 0x12, 7, b't', b'e', b's', b't', b'i', b'n', b'g', 0x1a, 8]);
+        wanted.extend(1.0_f64.to_le_bytes());
+        assert_eq!(all, wanted);
+    }
+
+    #[test]
+    fn values_that_are_not_the_fields_make_no_message() {
+        assert!(encode(&THING, &[Value::I32(1)]).is_none());
+        assert!(encode(&THING, &[Value::U64(1), Value::Text(""), Value::F64s(&[])]).is_none());
+    }
+
+    #[test]
+    fn a_descriptor_names_package_message_and_fields() {
+        let set = descriptor_set(&[ProtoFile { name: "test.proto", imports: &[], messages: &[THING] }]);
+        for text in ["test.proto", "Thing", "proto3"] {
+            assert!(set.windows(text.len()).any(|part| part == text.as_bytes()), "{text}");
+        }
+    }
+}

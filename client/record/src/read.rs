@@ -1,0 +1,381 @@
+//! Reading a recording, one record after the other, whatever became of the file.
+//!
+//! Contract: memory is bounded by the largest record, not by the file. A file that ends early yields
+//! everything before its end, and says so; a file that is no recording, or one of another layout, is an error
+//! that says what to do. No input panics.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read as _};
+use std::path::{Path, PathBuf};
+
+use mcap::records::{Record, op};
+
+use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
+
+use crate::RecordError;
+use crate::topics::{Topic, WIRE, thing_of};
+
+/// Bytes of a record at most, chunks included: far more than a recorder writes.
+const LARGEST_RECORD: u64 = 64 << 20;
+
+/// A channel of the file.
+#[derive(Debug, Clone)]
+pub struct Channel {
+    /// Its topic's name.
+    pub name: String,
+    /// Its encoding.
+    pub encoding: String,
+    /// Name, encoding and text of its schema.
+    pub schema: (String, String, Vec<u8>),
+    topic: Option<Topic>,
+    /// The layout is another one than ours.
+    foreign: bool,
+}
+
+/// A message.
+#[derive(Debug, Clone)]
+pub struct Message {
+    /// Number of its channel.
+    pub channel: u16,
+    /// Its number in its channel.
+    pub sequence: u32,
+    /// When it was recorded \[ns since 1970\].
+    pub time_ns: u64,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// What a record of the file is.
+#[derive(Debug, Clone)]
+pub enum Entry {
+    /// A message.
+    Message(Message),
+    /// Facts under a name.
+    Facts(String, BTreeMap<String, String>),
+}
+
+/// A message in our types.
+#[derive(Debug, Clone)]
+pub enum Content {
+    /// Input of a tick.
+    Input(Box<TickInput>),
+    /// Record of a tick.
+    Tick(Box<TickRecord>),
+    /// A status.
+    Status(Box<Status>),
+    /// Settings, weights or a state.
+    Thing(Thing),
+    /// Anything else.
+    Other,
+}
+
+/// How a file ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ended {
+    /// As its writer ended it.
+    Whole,
+    /// Too early, or damaged: after so many bytes, for this reason.
+    Cut {
+        /// Bytes read.
+        after: u64,
+        /// What was wrong.
+        why: String,
+    },
+}
+
+/// Reads one file.
+pub struct Reader {
+    path: PathBuf,
+    file: BufReader<File>,
+    /// Records of the open chunk, the next one from `at` on.
+    chunk: Vec<u8>,
+    at: usize,
+    /// The file ends in the middle of the open chunk.
+    torn: bool,
+    channels: BTreeMap<u16, Channel>,
+    schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
+    read: u64,
+    ended: Option<Ended>,
+}
+
+impl std::fmt::Debug for Reader {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reader").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+impl Reader {
+    /// Opens `path`.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or does not begin as a recording.
+    pub fn open(path: &Path) -> Result<Self, RecordError> {
+        let failed = |source| RecordError::Read { path: path.to_path_buf(), source };
+        let mut file = File::open(path).map_err(failed)?;
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(RecordError::NoRecording {
+                path: path.to_path_buf(),
+                why: "no ordinary file".into(),
+            });
+        }
+        let mut magic = [0; mcap::MAGIC.len()];
+        let whole = file.read_exact(&mut magic).is_ok();
+        if !whole || magic != *mcap::MAGIC {
+            let why = if whole { "it does not begin as an MCAP file" } else { "it is empty or too short" };
+            return Err(RecordError::NoRecording { path: path.to_path_buf(), why: why.into() });
+        }
+        Ok(Self {
+            path: path.to_path_buf(),
+            file: BufReader::with_capacity(1 << 16, file),
+            chunk: Vec::new(),
+            at: 0,
+            torn: false,
+            channels: BTreeMap::new(),
+            schemas: BTreeMap::new(),
+            read: magic.len() as u64,
+            ended: None,
+        })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Channels seen so far.
+    #[must_use]
+    pub const fn channels(&self) -> &BTreeMap<u16, Channel> {
+        &self.channels
+    }
+
+    /// How the file ended, once it has.
+    #[must_use]
+    pub const fn ended(&self) -> Option<&Ended> {
+        self.ended.as_ref()
+    }
+
+    /// The next message or facts; `None` at the end.
+    ///
+    /// # Errors
+    ///
+    /// The disk fails. A damaged file is not an error: it ends.
+    pub fn next_entry(&mut self) -> Result<Option<Entry>, RecordError> {
+        while self.ended.is_none() {
+            if let Some(entry) = self.next_in_chunk() {
+                return Ok(Some(entry));
+            }
+            if self.ended.is_none()
+                && let Some(entry) = self.next_in_file()?
+            {
+                return Ok(Some(entry));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The next entry of the open chunk; `None` at its end, or where it is damaged.
+    fn next_in_chunk(&mut self) -> Option<Entry> {
+        while self.at < self.chunk.len() {
+            let rest = self.chunk.get(self.at..).unwrap_or_default();
+            let Some((kind, body)) = split(rest) else {
+                self.at = self.chunk.len();
+                if !self.torn {
+                    self.cut("a record is longer than its chunk".to_owned());
+                }
+                break;
+            };
+            let parsed = wanted(kind).then(|| mcap::parse_record(kind, body).map(taken));
+            self.at += HEAD + body.len();
+            if let Some(entry) = parsed.and_then(|parsed| self.enter(parsed)) {
+                return Some(entry);
+            }
+            if self.ended.is_some() {
+                break;
+            }
+        }
+        if self.torn && self.ended.is_none() {
+            self.cut("the file ends in the middle of a chunk".to_owned());
+        }
+        None
+    }
+
+    /// The next entry outside of chunks, or a chunk to be looked into.
+    fn next_in_file(&mut self) -> Result<Option<Entry>, RecordError> {
+        let (mut head, failed) = ([0; HEAD], |source| RecordError::Read { path: self.path.clone(), source });
+        match self.file.read_exact(&mut head) {
+            Ok(()) => {}
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+                self.cut("the file has no end".to_owned());
+                return Ok(None);
+            }
+            Err(source) => return Err(failed(source)),
+        }
+        let [kind, length @ ..] = head;
+        let length = u64::from_le_bytes(length);
+        if kind == 0 || length > LARGEST_RECORD {
+            self.cut(format!("a record of kind {kind} with {length} bytes"));
+            return Ok(None);
+        }
+        // Grows as the bytes come, whatever the length says.
+        let mut body = Vec::new();
+        let came = (&mut self.file).take(length).read_to_end(&mut body).map_err(failed)? as u64;
+        self.read += HEAD as u64 + came;
+        if kind == op::CHUNK {
+            self.open_chunk(&body, came < length);
+            return Ok(None);
+        }
+        if came < length {
+            self.cut("the file ends in the middle of a record".to_owned());
+            return Ok(None);
+        }
+        if kind == op::FOOTER {
+            let mut end = [0; mcap::MAGIC.len()];
+            let whole = self.file.read_exact(&mut end).is_ok() && end == *mcap::MAGIC;
+            let without = || Ended::Cut { after: self.read, why: "the file has no end".to_owned() };
+            self.ended = Some(if whole { Ended::Whole } else { without() });
+            return Ok(None);
+        }
+        let parsed = wanted(kind).then(|| mcap::parse_record(kind, &body).map(taken));
+        Ok(parsed.and_then(|parsed| self.enter(parsed)))
+    }
+
+    /// Takes the records of a chunk, of which the end may be missing.
+    fn open_chunk(&mut self, body: &[u8], torn: bool) {
+        let Some((crc, compression, records, length)) = chunk_parts(body) else {
+            self.cut("a chunk without a beginning".to_owned());
+            return;
+        };
+        if !compression.is_empty() {
+            let how = String::from_utf8_lossy(compression).into_owned();
+            self.cut(format!("a chunk is compressed ({how}), which no recorder of foretrace does"));
+            return;
+        }
+        if !torn && records.len() as u64 != length {
+            self.cut("a chunk of another length than it says".to_owned());
+            return;
+        }
+        if !torn && crc != 0 && crc32fast::hash(records) != crc {
+            self.cut("the checksum of a chunk is wrong".to_owned());
+            return;
+        }
+        self.chunk.clear();
+        self.chunk.extend_from_slice(records);
+        (self.at, self.torn) = (0, torn);
+        if torn && records.is_empty() {
+            self.cut("the file ends in the middle of a chunk".to_owned());
+        }
+    }
+
+    /// Remembers schemas and channels, passes on what is an entry.
+    fn enter(&mut self, parsed: Result<Taken, mcap::McapError>) -> Option<Entry> {
+        match parsed {
+            Ok(Taken::Entry(entry)) => return Some(entry),
+            Ok(Taken::Schema(id, schema)) => {
+                self.schemas.insert(id, schema);
+            }
+            Ok(Taken::Channel { id, schema, name, encoding }) => {
+                let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
+                self.channels.insert(id, channel(name, encoding, schema));
+            }
+            Ok(Taken::Nothing) => {}
+            Err(error) => self.cut(error.to_string()),
+        }
+        None
+    }
+
+    /// `message` in our types.
+    ///
+    /// # Errors
+    ///
+    /// Another layout than this program's, or bytes that are no message.
+    pub fn content(&self, message: &Message) -> Result<Content, RecordError> {
+        let Some(channel) = self.channels.get(&message.channel) else { return Ok(Content::Other) };
+        if channel.foreign {
+            return Err(RecordError::OtherLayout { path: self.path.clone(), topic: channel.name.clone() });
+        }
+        let data = message.data.as_slice();
+        let content = match channel.topic {
+            Some(Topic::Input) => decoded::<TickInput>(data).map(|input| Content::Input(Box::new(input))),
+            Some(Topic::TickRaw) => decoded::<TickRecord>(data).map(|tick| Content::Tick(Box::new(tick))),
+            Some(Topic::StatusRaw) => decoded::<Status>(data).map(|status| Content::Status(Box::new(status))),
+            Some(Topic::Thing) => thing_of(data).map(Content::Thing),
+            _ => Some(Content::Other),
+        };
+        content.ok_or_else(|| RecordError::Damaged { path: self.path.clone(), topic: channel.name.clone() })
+    }
+
+    fn cut(&mut self, why: String) {
+        self.ended = Some(Ended::Cut { after: self.read, why });
+    }
+}
+
+/// Kind and length of a record.
+const HEAD: usize = 1 + size_of::<u64>();
+
+/// Kind and body of the record at the front of `bytes`; `None` if it is not all there.
+fn split(bytes: &[u8]) -> Option<(u8, &[u8])> {
+    let [kind, length @ ..] = *bytes.first_chunk::<HEAD>()?;
+    let length = usize::try_from(u64::from_le_bytes(length)).ok()?;
+    bytes.get(HEAD..HEAD.checked_add(length)?).map(|body| (kind, body))
+}
+
+/// Checksum, compression, the records that are there, and how many bytes of them there ought to be.
+fn chunk_parts(body: &[u8]) -> Option<(u32, &[u8], &[u8], u64)> {
+    // Two times and the size come before.
+    let mut rest = body.get(24..)?;
+    let crc = u32::get(&mut rest)?;
+    let named = u32::get(&mut rest)? as usize;
+    let compression = rest.get(..named)?;
+    rest = rest.get(named..)?;
+    let length = u64::get(&mut rest)?;
+    Some((crc, compression, rest, length))
+}
+
+/// Records that say something here; indexes repeat what is known.
+fn wanted(kind: u8) -> bool {
+    matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA)
+}
+
+enum Taken {
+    Entry(Entry),
+    Schema(u16, (String, String, Vec<u8>)),
+    Channel { id: u16, schema: u16, name: String, encoding: String },
+    Nothing,
+}
+
+fn taken(record: Record<'_>) -> Taken {
+    match record {
+        Record::Message { header, data } => Taken::Entry(Entry::Message(Message {
+            channel: header.channel_id,
+            sequence: header.sequence,
+            time_ns: header.log_time,
+            data: data.into_owned(),
+        })),
+        Record::Metadata(facts) => Taken::Entry(Entry::Facts(facts.name, facts.metadata)),
+        Record::Schema { header, data } => {
+            Taken::Schema(header.id, (header.name, header.encoding, data.into_owned()))
+        }
+        Record::Channel(channel) => Taken::Channel {
+            id: channel.id,
+            schema: channel.schema_id,
+            name: channel.topic,
+            encoding: channel.message_encoding,
+        },
+        _ => Taken::Nothing,
+    }
+}
+
+fn channel(name: String, encoding: String, schema: (String, String, Vec<u8>)) -> Channel {
+    let topic = Topic::from_name(&name);
+    let foreign = encoding == WIRE && topic.is_some_and(|topic| topic.schema().2 != schema.2);
+    Channel { name, encoding, schema, topic, foreign }
+}
+
+/// The message of exactly these bytes, if it is a legal one.
+fn decoded<T: Wire + Validate>(mut data: &[u8]) -> Option<T> {
+    let message = T::get(&mut data)?;
+    (data.is_empty() && message.validate().is_ok()).then_some(message)
+}

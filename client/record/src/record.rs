@@ -1,0 +1,405 @@
+//! From a running daemon into files: one loop listens, one thread writes.
+//!
+//! Contract: listening never waits for the disk. Between the two stands a bounded queue; what finds no room
+//! there, what shared memory overwrote and what was refused is counted, once a second in the file too. A file
+//! that has grown beyond its bound is ended and followed by the next, with a start of its own.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{Foretrace, InputWatch, StatusReader, Telemetry, monotonic_now_ns};
+use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord, Wire};
+
+use crate::RecordError;
+use crate::proto::{Value, encode};
+use crate::repair::{Mended, repair};
+use crate::topics::{RECORDER, Topic, frames, thing_bytes, tick};
+use crate::write::{Facts, Output, part_of};
+
+/// Messages that may wait for the disk: four seconds at 500 Hz.
+const QUEUE: usize = 4096;
+/// Work that a killed recorder loses at most, beside what waits in the queue.
+const FLUSH: Duration = Duration::from_millis(250);
+/// Between two messages about the recorder itself.
+const TELL: Duration = Duration::from_secs(1);
+/// A start that has not come whole after this time is asked for again.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Where to record.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The first file; later ones have a number before the extension.
+    pub target: PathBuf,
+    /// Bytes of messages in a file; `None`: one file.
+    pub max_bytes: Option<u64>,
+    /// Files that are kept, the newest ones; `None`: all.
+    pub max_files: Option<usize>,
+    /// What the files say about themselves.
+    pub facts: Facts,
+}
+
+/// What was recorded, and what was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Counts {
+    /// Ticks of which the input is there.
+    pub inputs: u64,
+    /// Tick records.
+    pub ticks: u64,
+    /// Settings, weights and states.
+    pub things: u64,
+    /// States, from which a replay can start.
+    pub states: u64,
+    /// Messages that found no room in the queue.
+    pub queue_lost: u64,
+    /// Inputs that shared memory overwrote, or the daemon could not send.
+    pub inputs_lost: u64,
+    /// Tick records that shared memory overwrote.
+    pub ticks_lost: u64,
+    /// Things of which a piece was lost.
+    pub things_broken: u64,
+    /// Messages that were refused.
+    pub refused: u64,
+}
+
+enum Job {
+    Input(Box<TickInput>),
+    Tick(Box<TickRecord>),
+    Status(Box<Status>),
+    Thing(Thing),
+    Counts(Counts),
+}
+
+/// What listener and writer share.
+#[derive(Debug, Default)]
+struct Shared {
+    /// A new file needs a start of its own.
+    renew: AtomicBool,
+    written: AtomicU64,
+}
+
+/// Mends what a killed recorder left of `target`, if anything; returns where it is now.
+///
+/// # Errors
+///
+/// Another recorder is at work on it; it cannot be read, or the mended file not be written.
+pub fn mend_leftover(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
+    let part = part_of(target);
+    let file = match std::fs::File::open(&part) {
+        Ok(file) => file,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(RecordError::Read { path: part, source }),
+    };
+    file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
+    let place = (1..).map(|number| numbered(target, &format!("interrupted-{number}")));
+    let place = place.into_iter().find(|place| !place.exists()).unwrap_or_else(|| target.to_path_buf());
+    let mended = repair(&part, &place)?;
+    std::fs::remove_file(&part).map_err(|source| RecordError::Write { path: part, source })?;
+    Ok(Some((place, mended)))
+}
+
+/// `name.mcap` with `word` before its extension.
+fn numbered(target: &Path, word: &str) -> PathBuf {
+    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
+    target.with_file_name(format!("{stem}.{word}{extension}"))
+}
+
+/// Listens to one daemon.
+#[derive(Debug)]
+struct Ears {
+    inputs: InputWatch,
+    telemetry: Telemetry,
+    status: StatusReader,
+    since: Instant,
+    /// The state has come.
+    started: bool,
+}
+
+impl Ears {
+    fn open(foretrace: &Foretrace) -> Result<Self, RecordError> {
+        Ok(Self {
+            inputs: foretrace.inputs()?,
+            telemetry: foretrace.telemetry()?,
+            status: foretrace.status()?,
+            since: Instant::now(),
+            started: false,
+        })
+    }
+}
+
+/// Records a daemon.
+#[derive(Debug)]
+pub struct Recorder {
+    jobs: Option<SyncSender<Job>>,
+    thread: Option<JoinHandle<Result<Vec<PathBuf>, RecordError>>>,
+    shared: Arc<Shared>,
+    ears: Ears,
+    /// Of ears that were replaced.
+    before: Counts,
+    counts: Counts,
+    told: Instant,
+}
+
+impl Recorder {
+    /// Begins to record what `foretrace` hears.
+    ///
+    /// # Errors
+    ///
+    /// The file exists or cannot be written; no place for another listener.
+    pub fn start(foretrace: &Foretrace, options: Options) -> Result<Self, RecordError> {
+        let ears = Ears::open(foretrace)?;
+        let output = Output::create(&options.target, &options.facts)?;
+        let (jobs, due) = sync_channel(QUEUE);
+        let shared = Arc::new(Shared::default());
+        let writer = FileWriter {
+            output,
+            options,
+            shared: shared.clone(),
+            finished: Vec::new(),
+            number: 1,
+            last: Counts::default(),
+            flushed: Instant::now(),
+            clock: unix_minus_monotonic(),
+        };
+        let thread = std::thread::Builder::new()
+            .name("foretrace-write".to_owned())
+            .spawn(move || writer.run(&due))
+            .map_err(|error| RecordError::Thread(error.to_string()))?;
+        let (before, counts) = (Counts::default(), Counts::default());
+        Ok(Self {
+            jobs: Some(jobs),
+            thread: Some(thread),
+            shared,
+            ears,
+            before,
+            counts,
+            told: Instant::now(),
+        })
+    }
+
+    /// Another daemon has taken over, or the start has to come again.
+    ///
+    /// # Errors
+    ///
+    /// No place for another listener.
+    pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
+        let new = Ears::open(foretrace)?;
+        self.before = self.counts();
+        self.ears = new;
+        Ok(())
+    }
+
+    /// Takes what has come. Returns whether to call [`Self::listen_anew`]; call this every few milliseconds.
+    pub fn hear(&mut self) -> bool {
+        let Some(jobs) = &self.jobs else { return false };
+        let (counts, ears) = (&mut self.counts, &mut self.ears);
+        let mut lost = 0;
+        let mut send = |job: Job, count: &mut u64| match jobs.try_send(job) {
+            Ok(()) => *count += 1,
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => lost += 1,
+        };
+        // Records first: an input without its record is of more use than the other way round.
+        ears.telemetry.drain(|record| send(Job::Tick(Box::new(*record)), &mut counts.ticks));
+        ears.inputs.drain(|input| send(Job::Input(Box::new(*input)), &mut counts.inputs));
+        let mut started = ears.started;
+        let mut things = Vec::new();
+        ears.inputs.things(|thing| things.push(thing));
+        for thing in things {
+            if thing.kind == PieceKind::State {
+                counts.states += 1;
+                started = true;
+            }
+            send(Job::Thing(thing), &mut counts.things);
+        }
+        ears.started = started;
+        let mut told = 0;
+        if let Some(status) = ears.status.newest_if_new() {
+            send(Job::Status(Box::new(status)), &mut told);
+        }
+        self.counts.queue_lost += lost;
+        if self.told.elapsed() >= TELL {
+            self.told = Instant::now();
+            let counts = self.counts();
+            if let Some(jobs) = &self.jobs {
+                // The next one, a second later, has all counts too.
+                let _ = jobs.try_send(Job::Counts(counts));
+            }
+        }
+        let broken = !self.ears.started && self.ears.since.elapsed() > PATIENCE;
+        self.shared.renew.swap(false, Ordering::AcqRel) || broken
+    }
+
+    /// Counts so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        let ears = &self.ears;
+        let before = &self.before;
+        Counts {
+            inputs_lost: before.inputs_lost + ears.inputs.lost(),
+            ticks_lost: before.ticks_lost + ears.telemetry.lost(),
+            things_broken: before.things_broken + ears.inputs.things_broken(),
+            refused: before.refused + ears.inputs.rejections().total() + ears.telemetry.rejections().total(),
+            ..self.counts
+        }
+    }
+
+    /// Messages on the disk or on their way to it.
+    #[must_use]
+    pub fn written(&self) -> u64 {
+        self.shared.written.load(Ordering::Relaxed)
+    }
+
+    /// The writer has ended by itself: [`Self::finish`] says why.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Ends the recording; returns its files and what is in them.
+    ///
+    /// # Errors
+    ///
+    /// The disk refused; what was written until then is in the part.
+    pub fn finish(mut self) -> Result<(Vec<PathBuf>, Counts), RecordError> {
+        self.hear();
+        let counts = self.counts();
+        if let Some(jobs) = self.jobs.take() {
+            let _ = jobs.send(Job::Counts(counts));
+        }
+        let thread = self.thread.take().map(JoinHandle::join);
+        match thread {
+            Some(Ok(files)) => files.map(|files| (files, counts)),
+            _ => Err(RecordError::Thread("it ended by a fault".to_owned())),
+        }
+    }
+}
+
+/// The writing thread.
+struct FileWriter {
+    output: Output,
+    options: Options,
+    shared: Arc<Shared>,
+    finished: Vec<PathBuf>,
+    number: usize,
+    last: Counts,
+    flushed: Instant,
+    /// From the monotonic clock to the time since 1970 \[ns\].
+    clock: u64,
+}
+
+impl FileWriter {
+    fn run(mut self, due: &Receiver<Job>) -> Result<Vec<PathBuf>, RecordError> {
+        loop {
+            match due.recv_timeout(Duration::from_millis(50)) {
+                Ok(job) => self.write(job)?,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if self.flushed.elapsed() >= FLUSH {
+                self.flushed = Instant::now();
+                self.output.flush()?;
+                self.turn_over()?;
+            }
+        }
+        let Self { output, mut finished, last, .. } = self;
+        finished.push(output.finish(&told(&last))?);
+        Ok(finished)
+    }
+
+    fn write(&mut self, job: Job) -> Result<(), RecordError> {
+        let output = &mut self.output;
+        let at = |stamp_ns: u64| stamp_ns.wrapping_add(self.clock);
+        let mut bytes = Vec::new();
+        match job {
+            Job::Input(input) => put_input(output, at(input.header.stamp_ns), &input)?,
+            Job::Tick(record) => put_tick(output, at(record.header.stamp_ns), &record)?,
+            Job::Status(status) => {
+                status.put(&mut bytes);
+                output.put(Topic::StatusRaw, at(status.header.stamp_ns), &bytes)?;
+            }
+            Job::Thing(thing) => output.put(Topic::Thing, at(monotonic_now_ns()), &thing_bytes(&thing))?,
+            Job::Counts(counts) => {
+                self.last = counts;
+                let values = [
+                    Value::U64(output.written()),
+                    Value::U64(counts.queue_lost),
+                    Value::U64(counts.inputs_lost),
+                    Value::U64(counts.ticks_lost),
+                    Value::U64(counts.things_broken),
+                    Value::U64(counts.refused),
+                ];
+                let counts = encode(&RECORDER, &values).unwrap_or_default();
+                output.put(Topic::Recorder, at(monotonic_now_ns()), &counts)?;
+            }
+        }
+        self.shared.written.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Ends a file that is large enough, and begins the next.
+    fn turn_over(&mut self) -> Result<(), RecordError> {
+        if self.options.max_bytes.is_none_or(|most| self.output.bytes() < most) {
+            return Ok(());
+        }
+        self.number += 1;
+        let next = numbered(&self.options.target, &self.number.to_string());
+        let next = Output::create(&next, &self.options.facts)?;
+        let full = std::mem::replace(&mut self.output, next);
+        self.finished.push(full.finish(&told(&self.last))?);
+        self.shared.renew.store(true, Ordering::Release);
+        if let Some(kept) = self.options.max_files {
+            while self.finished.len() + 1 > kept.max(1) {
+                let oldest = self.finished.remove(0);
+                std::fs::remove_file(&oldest)
+                    .map_err(|source| RecordError::Write { path: oldest.clone(), source })?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes one input at `time_ns` since 1970.
+pub(crate) fn put_input(output: &mut Output, time_ns: u64, input: &TickInput) -> Result<(), RecordError> {
+    let mut bytes = Vec::new();
+    input.put(&mut bytes);
+    output.put(Topic::Input, time_ns, &bytes)
+}
+
+/// Writes one tick record in all its encodings at `time_ns` since 1970.
+pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -> Result<(), RecordError> {
+    let mut bytes = Vec::new();
+    record.put(&mut bytes);
+    output.put(Topic::TickRaw, time_ns, &bytes)?;
+    output.put(Topic::Tick, time_ns, &tick(record))?;
+    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))
+}
+
+/// Counts as facts at the end of a file.
+fn told(counts: &Counts) -> Facts {
+    let all = [
+        ("inputs", counts.inputs),
+        ("ticks", counts.ticks),
+        ("things", counts.things),
+        ("states", counts.states),
+        ("queue_lost", counts.queue_lost),
+        ("inputs_lost", counts.inputs_lost),
+        ("ticks_lost", counts.ticks_lost),
+        ("things_broken", counts.things_broken),
+        ("refused", counts.refused),
+    ];
+    all.iter().map(|(key, count)| ((*key).to_owned(), count.to_string())).collect()
+}
+
+/// What to add to a stamp of the monotonic clock for the time since 1970 \[ns\].
+#[must_use]
+pub fn unix_minus_monotonic() -> u64 {
+    let unix = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(unix.as_nanos()).unwrap_or(0).wrapping_sub(monotonic_now_ns())
+}
+
+/// A piece at a time is enough: the largest thing has some hundred.
+const _: () = assert!(size_of::<Piece>() < 8192);

@@ -1,0 +1,351 @@
+//! Replay: the recorded inputs through the law of this program, compared with what was recorded.
+//!
+//! Contract: begins at the daemon's first tick or at the first state in the file, ends at the first gap and
+//! says so. The same build gives the same commands bit for bit; the first difference is named with tick,
+//! field and both values, and how far the joints came apart altogether.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use foretrace_config::Config;
+use foretrace_control::follower::FollowerError;
+use foretrace_control::pen::PenReading;
+use foretrace_control::predict::OnlineWeights;
+use foretrace_control::state::{self, StateError};
+use foretrace_shm::{PieceKind, Thing, TickInput};
+use foretraced::wire;
+use serde::Serialize;
+
+use crate::RecordError;
+use crate::law::{Law, law};
+use crate::read::{Content, Entry, Reader};
+
+/// Why a recording cannot be replayed.
+#[derive(thiserror::Error)]
+pub enum ReplayError {
+    /// The file.
+    #[error(transparent)]
+    File(#[from] RecordError),
+    /// No settings in it.
+    #[error("the recording holds no settings: it is too short; record for a second at least")]
+    NoSettings,
+    /// Nothing to start from.
+    #[error(
+        "the recording holds neither the first tick nor a state to start from: it is too short, or the \
+         daemon's solver is Clarabel, whose state cannot be written"
+    )]
+    NoStart,
+    /// Settings of another version.
+    #[error("the settings in the recording are not legal here: {0}")]
+    Settings(String),
+    /// The law cannot be built.
+    #[error("the law of the recording cannot be built: {0}")]
+    Law(#[from] FollowerError),
+    /// The state of another law.
+    #[error("the state in the recording does not fit: {0}")]
+    State(#[from] StateError),
+    /// A forged file.
+    #[error("tick {tick}: field {field} of the input has no meaning here")]
+    Input {
+        /// The tick.
+        tick: u64,
+        /// The field.
+        field: &'static str,
+    },
+    /// A forged file made the law panic.
+    #[error("the law cannot run with what the recording holds at tick {tick}: the file is forged or damaged")]
+    Forged {
+        /// The tick.
+        tick: u64,
+    },
+}
+
+foretrace_shm::debug_is_sentence!(ReplayError);
+
+/// Where a replay began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// At the daemon's first tick.
+    FirstTick,
+    /// At a state in the recording.
+    State,
+}
+
+/// Why a replay ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// All inputs were used.
+    OfRecording,
+    /// Ticks are missing: the next one there is `next`.
+    Gap {
+        /// The tick after the gap.
+        next: u64,
+    },
+    /// Pen samples of a tick are missing.
+    Incomplete,
+    /// A set of weights is missing.
+    NoWeights {
+        /// Its version.
+        version: u64,
+    },
+    /// Another daemon took over.
+    OtherDaemon,
+}
+
+/// A difference between recording and replay.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// The tick.
+    pub tick: u64,
+    /// The field of `TickInput`.
+    pub field: String,
+    /// Recorded value.
+    pub recorded: String,
+    /// Replayed value.
+    pub replayed: String,
+}
+
+/// Result of a replay.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Where it began.
+    pub start: Start,
+    /// The first tick that was run again.
+    pub first_tick: u64,
+    /// Ticks that were run again.
+    pub ticks: u64,
+    /// Time that they cover \[s\].
+    pub seconds: f64,
+    /// Why it ended.
+    pub end: End,
+    /// The first difference, if there is any.
+    pub difference: Option<Difference>,
+    /// Ticks with a difference.
+    pub different_ticks: u64,
+    /// Largest distance of a recorded and a replayed joint \[rad\].
+    pub largest_rad: f64,
+    /// What the recorder wrote about the daemon's program; empty: unknown.
+    pub recorded_build: String,
+}
+
+/// What a replay needs before the first tick.
+#[derive(Debug, Default)]
+struct Beginning {
+    build: String,
+    settings: Vec<Thing>,
+    states: Vec<Thing>,
+    sets: BTreeMap<(u64, u64), Vec<u8>>,
+    /// Daemon and number of the first tick.
+    first: Option<(u64, u64)>,
+}
+
+impl Beginning {
+    fn of(path: &Path) -> Result<Self, RecordError> {
+        let mut reader = Reader::open(path)?;
+        let mut found = Self::default();
+        while let Some(entry) = reader.next_entry()? {
+            let message = match entry {
+                Entry::Facts(name, facts) => {
+                    if name == "foretrace" {
+                        found.build = facts.get("build").cloned().unwrap_or_default();
+                    }
+                    continue;
+                }
+                Entry::Message(message) => message,
+            };
+            match reader.content(&message)? {
+                Content::Input(input) if found.first.is_none() => {
+                    found.first = Some((input.daemon_id, input.tick));
+                }
+                Content::Thing(thing) => match thing.kind {
+                    PieceKind::Settings => found.settings.push(thing),
+                    PieceKind::State => found.states.push(thing),
+                    PieceKind::Weights => {
+                        found.sets.insert((thing.daemon_id, thing.number), thing.bytes);
+                    }
+                },
+                _ => {}
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// Replays `path`.
+///
+/// # Errors
+///
+/// See [`ReplayError`].
+pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
+    let beginning = Beginning::of(path)?;
+    let (first_daemon, first_tick) = beginning.first.ok_or(ReplayError::NoStart)?;
+    let from_first = first_tick == 1;
+    let state = beginning.states.first().filter(|_| !from_first);
+    if !from_first && state.is_none() {
+        return Err(ReplayError::NoStart);
+    }
+    let daemon = state.map_or(first_daemon, |state| state.daemon_id);
+    let settings = beginning.settings.iter().find(|thing| thing.daemon_id == daemon);
+    let toml = settings.ok_or(ReplayError::NoSettings)?;
+    let toml = std::str::from_utf8(&toml.bytes).map_err(|error| ReplayError::Settings(error.to_string()))?;
+    let config = Config::parse(toml, "the recording", ".")
+        .map_err(|error| ReplayError::Settings(error.to_string()))?;
+    let mut law = law(config.follower_settings(), config.settings().mpc.horizon)?;
+    if let Some(state) = state {
+        law.restore(&state.bytes)?;
+    }
+    let after = state.map_or(0, |state| state.number);
+    let mut run = Run {
+        law,
+        daemon,
+        blank: config.follower_settings().weights,
+        sets: &beginning.sets,
+        next: after + 1,
+        pen: Vec::new(),
+        times: None,
+        outcome: Outcome {
+            start: if state.is_some() { Start::State } else { Start::FirstTick },
+            first_tick: after + 1,
+            ticks: 0,
+            seconds: 0.0,
+            end: End::OfRecording,
+            difference: None,
+            different_ticks: 0,
+            largest_rad: 0.0,
+            recorded_build: beginning.build.clone(),
+        },
+    };
+    let mut reader = Reader::open(path)?;
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        let Content::Input(input) = reader.content(&message)? else { continue };
+        // Inputs of before the state may come after it in the file, and the other way round.
+        if input.daemon_id == daemon && input.tick <= after {
+            continue;
+        }
+        if let Some(end) = run.take(&input)? {
+            run.outcome.end = end;
+            break;
+        }
+    }
+    if let Some((from, to)) = run.times {
+        run.outcome.seconds = to.saturating_sub(from) as f64 * 1e-9;
+    }
+    Ok(run.outcome)
+}
+
+/// A replay under way.
+struct Run<'a> {
+    law: Box<dyn Law>,
+    daemon: u64,
+    blank: OnlineWeights,
+    sets: &'a BTreeMap<(u64, u64), Vec<u8>>,
+    next: u64,
+    pen: Vec<PenReading>,
+    times: Option<(u64, u64)>,
+    outcome: Outcome,
+}
+
+impl Run<'_> {
+    /// Runs the tick that `input` completes; returns why there is no next one.
+    fn take(&mut self, input: &TickInput) -> Result<Option<End>, ReplayError> {
+        if input.daemon_id != self.daemon {
+            return Ok(Some(End::OtherDaemon));
+        }
+        if input.tick != self.next {
+            return Ok(Some(End::Gap { next: input.tick }));
+        }
+        self.pen.extend(input.pen().iter().map(wire::pen_of));
+        if input.part.saturating_add(1) < input.parts {
+            return Ok(None);
+        }
+        let tick = input.tick;
+        let given = wire::given(input).map_err(|field| ReplayError::Input { tick, field })?;
+        if !given.complete || self.pen.len() != given.pen_samples as usize {
+            return Ok(Some(End::Incomplete));
+        }
+        let mut set = None;
+        if let Some(version) = given.weights {
+            let Some(bytes) = self.sets.get(&(self.daemon, version)) else {
+                return Ok(Some(End::NoWeights { version }));
+            };
+            let mut weights = self.blank;
+            state::read(&mut weights, bytes)?;
+            set = Some(weights);
+        }
+        let (law, pen) = (&mut self.law, &self.pen);
+        let output =
+            catch_unwind(AssertUnwindSafe(|| law.tick(&given.step_input(pen, set.as_ref()), given.budget)))
+                .map_err(|_| ReplayError::Forged { tick })?;
+        self.pen.clear();
+        self.next += 1;
+        self.compare(input, &wire::tick_input(tick, input.daemon_id, &given, &output));
+        let (from, _) = self.times.unwrap_or((input.now_ns, 0));
+        self.times = Some((from, input.now_ns));
+        Ok(None)
+    }
+
+    fn compare(&mut self, recorded: &TickInput, replayed: &TickInput) {
+        let outcome = &mut self.outcome;
+        outcome.ticks += 1;
+        for (a, b) in recorded.q.iter().zip(&replayed.q) {
+            outcome.largest_rad = outcome.largest_rad.max((a - b).abs());
+        }
+        let difference = first_difference(recorded, replayed);
+        outcome.different_ticks += u64::from(difference.is_some());
+        outcome.difference = outcome.difference.take().or(difference);
+    }
+}
+
+/// The first field of the tick's results that differs in any bit.
+fn first_difference(recorded: &TickInput, replayed: &TickInput) -> Option<Difference> {
+    let both = [recorded, replayed];
+    let mut rows: Vec<(String, [u64; 2], [String; 2])> = Vec::new();
+    let mut whole = |name: &str, of: fn(&TickInput) -> u64| {
+        let values = both.map(of);
+        rows.push((name.to_owned(), values, values.map(|value| value.to_string())));
+    };
+    whole("mode", |tick| tick.mode.into());
+    whole("fault", |tick| tick.fault.into());
+    whole("rung", |tick| tick.rung.into());
+    whole("health", |tick| tick.health.into());
+    whole("flags", |tick| tick.flags.into());
+    whole("weights_used", |tick| tick.weights_used);
+    whole("command_ns", |tick| tick.command_ns);
+    whole("valid_until_ns", |tick| tick.valid_until_ns);
+    let mut number = |name: String, values: [f64; 2]| {
+        rows.push((name, values.map(f64::to_bits), values.map(|value| format!("{value:?}"))));
+    };
+    number("trust".to_owned(), both.map(|tick| tick.trust));
+    for (joint, (a, b)) in recorded.q.iter().zip(&replayed.q).enumerate() {
+        number(format!("q[{joint}]"), [*a, *b]);
+    }
+    for (joint, (a, b)) in recorded.qd.iter().zip(&replayed.qd).enumerate() {
+        number(format!("qd[{joint}]"), [*a, *b]);
+    }
+    let (field, _, [recorded_text, replayed_text]) = rows.into_iter().find(|(_, [a, b], _)| a != b)?;
+    Some(Difference { tick: recorded.tick, field, recorded: recorded_text, replayed: replayed_text })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_is_named_with_tick_field_and_both_values() {
+        let recorded = TickInput { tick: 7, q: [0.0, 0.1, 0.2, 0.3, 0.4, 0.5], ..Default::default() };
+        assert_eq!(first_difference(&recorded, &recorded), None);
+        let mut replayed = recorded;
+        replayed.q[3] = f64::from_bits(0.3_f64.to_bits() + 1);
+        let found = first_difference(&recorded, &replayed).unwrap();
+        assert_eq!((found.tick, found.field.as_str()), (7, "q[3]"));
+        assert_eq!((found.recorded.as_str(), found.replayed.as_str()), ("0.3", "0.30000000000000004"));
+        // Zero and minus zero are different bits.
+        replayed = recorded;
+        replayed.q[0] = -0.0;
+        assert_eq!(first_difference(&recorded, &replayed).unwrap().field, "q[0]");
+    }
+}

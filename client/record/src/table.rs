@@ -1,0 +1,201 @@
+//! Raw topics as tables of numbers, by the layout that the file itself names.
+//!
+//! Contract: needs nothing of this program's layouts, so that recordings of other versions are read too. What
+//! is no number (names, nested messages) is left out.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry as Slot;
+use std::io::Write;
+
+use crate::RecordError;
+use crate::read::{Channel, Entry, Reader};
+use crate::topics::WIRE;
+
+/// A column of numbers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Column {
+    /// Field, with an index for arrays, and unit.
+    pub name: String,
+    offset: usize,
+    number: Number,
+}
+
+impl Column {
+    /// Its field, without index and unit.
+    fn field(&self) -> &str {
+        self.name.split([' ', '[']).next().unwrap_or_default()
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Number {
+    U8,
+    U16,
+    U32,
+    U64,
+    I32,
+    I64,
+    F32,
+    F64,
+}
+
+impl Number {
+    fn of(text: &str) -> Option<(Self, usize)> {
+        Some(match text {
+            "u8" => (Self::U8, 1),
+            "u16" => (Self::U16, 2),
+            "u32" => (Self::U32, 4),
+            "u64" => (Self::U64, 8),
+            "i32" => (Self::I32, 4),
+            "i64" => (Self::I64, 8),
+            "f32" => (Self::F32, 4),
+            "f64" => (Self::F64, 8),
+            _ => return None,
+        })
+    }
+
+    /// The number at the front of `bytes` as text; `None` if there are too few.
+    fn text(self, bytes: &[u8]) -> Option<String> {
+        Some(match self {
+            Self::U8 => u8::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::U16 => u16::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::U32 => u32::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::U64 => u64::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::I32 => i32::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::I64 => i64::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::F32 => f32::from_le_bytes(*bytes.first_chunk()?).to_string(),
+            Self::F64 => f64::from_le_bytes(*bytes.first_chunk()?).to_string(),
+        })
+    }
+}
+
+/// Entries of an array that become columns at most; longer ones are histograms and byte strings.
+const LONGEST_ARRAY: usize = 16;
+/// Columns of one topic at most: a forged table must not fill the memory.
+const MOST_COLUMNS: usize = 4096;
+
+/// The columns of a raw channel; `None` if it is not one, or its table is damaged.
+#[must_use]
+pub fn columns(channel: &Channel) -> Option<Vec<Column>> {
+    let (_, encoding, table) = &channel.schema;
+    if encoding != WIRE {
+        return None;
+    }
+    let mut columns = Vec::new();
+    for line in std::str::from_utf8(table).ok()?.lines().skip(1) {
+        let mut words = line.split(' ');
+        let (name, offset, _, kind) = (words.next()?, words.next()?, words.next()?, words.next()?);
+        let offset: usize = offset.parse().ok()?;
+        let (kind, count) = kind.split_once('*').map_or((kind, Some(1)), |(kind, n)| (kind, n.parse().ok()));
+        let (Some((number, size)), Some(count)) = (Number::of(kind), count) else { continue };
+        if count > LONGEST_ARRAY || columns.len() > MOST_COLUMNS {
+            continue;
+        }
+        for index in 0..count {
+            let field = if count == 1 { name.to_owned() } else { format!("{name}[{index}]") };
+            let name = format!("{field} [{}]", unit(name));
+            columns.push(Column { name, offset: offset.checked_add(index * size)?, number });
+        }
+    }
+    Some(columns)
+}
+
+/// The unit of a field, which is the end of its name for most.
+fn unit(field: &str) -> &'static str {
+    match field {
+        "q" | "joints_q" | "measured_q" => "rad",
+        "qd" | "joints_qd" => "rad/s",
+        _ => match field.rsplit('_').next() {
+            Some("ns") => "ns",
+            Some("s") => "s",
+            Some("m") => "m",
+            Some("mps") => "m/s",
+            Some("mps2") => "m/s²",
+            Some("mps3") => "m/s³",
+            Some("rad") => "rad",
+            Some("radps") => "rad/s",
+            Some("hz") => "Hz",
+            _ => "1",
+        },
+    }
+}
+
+/// The columns of `channel` whose field is in `fields`, or all.
+fn chosen(channel: &Channel, fields: &[String]) -> Result<Vec<Column>, String> {
+    let topic = &channel.name;
+    let all =
+        columns(channel).ok_or_else(|| format!("{topic} has no table of numbers; raw topics have one"))?;
+    let known: Vec<&str> = all.iter().map(Column::field).collect();
+    if let Some(unknown) = fields.iter().find(|field| !known.contains(&field.as_str())) {
+        let mut names = known.clone();
+        names.dedup();
+        return Err(format!("{topic} has no field {unknown}; there are: {}", names.join(", ")));
+    }
+    let wanted = |column: &Column| fields.is_empty() || fields.iter().any(|field| field == column.field());
+    Ok(all.into_iter().filter(wanted).collect())
+}
+
+/// Writes every `every`-th message of the raw topic `topic` as CSV, with the columns whose field is in
+/// `fields`, or all. Returns how many rows there are.
+///
+/// # Errors
+///
+/// No such topic or field; the file or the output fails.
+pub fn csv(
+    reader: &mut Reader,
+    topic: &str,
+    every: u64,
+    fields: &[String],
+    out: &mut impl Write,
+) -> Result<u64, RecordError> {
+    let path = reader.path().to_path_buf();
+    let wrong = |why: String| RecordError::Format { path: path.clone(), why };
+    let failed = |source| RecordError::Write { path: "the CSV".into(), source };
+    let mut tables: BTreeMap<u16, Vec<Column>> = BTreeMap::new();
+    let mut header: Option<Vec<String>> = None;
+    let (mut seen, mut rows) = (0_u64, 0);
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        let Some(channel) = reader.channels().get(&message.channel) else { continue };
+        if channel.name != topic {
+            continue;
+        }
+        let table = match tables.entry(message.channel) {
+            Slot::Occupied(known) => known.into_mut(),
+            Slot::Vacant(new) => {
+                let table = chosen(channel, fields).map_err(wrong)?;
+                let names: Vec<String> = table.iter().map(|column| column.name.clone()).collect();
+                match &header {
+                    None => {
+                        writeln!(out, "time [ns since 1970],{}", names.join(",")).map_err(failed)?;
+                        header = Some(names);
+                    }
+                    Some(first) if *first == names => {}
+                    Some(_) => {
+                        return Err(wrong(format!("{topic} changes its layout in the middle of the file")));
+                    }
+                }
+                new.insert(table)
+            }
+        };
+        seen += 1;
+        if !(seen - 1).is_multiple_of(every.max(1)) {
+            continue;
+        }
+        let mut row = message.time_ns.to_string();
+        for column in table.iter() {
+            let bytes = message.data.get(column.offset..).unwrap_or_default();
+            row.push(',');
+            row.push_str(&column.number.text(bytes).unwrap_or_default());
+        }
+        writeln!(out, "{row}").map_err(failed)?;
+        rows += 1;
+    }
+    out.flush().map_err(failed)?;
+    if header.is_none() {
+        return Err(wrong(format!(
+            "it holds no message of {topic}; `foretrace record --info` lists its topics"
+        )));
+    }
+    Ok(rows)
+}

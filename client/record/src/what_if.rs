@@ -1,0 +1,493 @@
+//! What if: the hand of a recording in front of another law, behind an arm as the recording shows it.
+//!
+//! Contract: pen samples, their stamps and the ticks are those of the recording; the learner runs in step
+//! with the loop, so that results depend on no machine's speed. The arm is a delay and a servo fitted to the
+//! recorded commands and joint states; how far it is from the recorded arm is part of the result. Absent: the
+//! arm's own limits, late ticks, requests but the first arming.
+
+use std::path::Path;
+
+use foretrace_config::{Config, Draft};
+use foretrace_control::follower::{
+    Budget, EnableReading, FollowerSettings, JointReading, Mode, Request, StepInput,
+};
+use foretrace_control::learn::{LearnError, Learner};
+use foretrace_control::pen::PenReading;
+use foretrace_control::predict::OnlineWeights;
+use foretrace_control::stop::StopReason;
+use foretrace_control::units::Stamp;
+use foretrace_shm::{FaultReason, JOINTS, PieceKind, TickInput, input_flags};
+use foretrace_sim::arm::{ArmModel, ArmSettings, DelaySettings};
+use foretrace_sim::lag::{LagError, Sample, Servo, Verdict, identify};
+use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, motion, tracking};
+use foretrace_sim::path::PathSample;
+use foretraced::wire;
+use serde::Serialize;
+
+use crate::RecordError;
+use crate::law::law;
+use crate::read::{Content, Entry, Reader};
+
+/// Why there is no answer.
+#[derive(thiserror::Error)]
+pub enum WhatIfError {
+    /// The file.
+    #[error(transparent)]
+    File(#[from] RecordError),
+    /// Settings, recorded or changed.
+    #[error("{variant}: {why}")]
+    Settings {
+        /// Which.
+        variant: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// Not `key=value`.
+    #[error("{text:?} is no change of a setting; write KEY=VALUE, for example predictor=dybm or trust=0")]
+    Change {
+        /// What was given.
+        text: String,
+    },
+    /// Too little in the file.
+    #[error("the recording has {what}; record an armed loop whose arm follows a pen for some seconds")]
+    TooLittle {
+        /// What it lacks.
+        what: &'static str,
+    },
+    /// The arm's answer cannot be fitted.
+    #[error("the arm's answer cannot be told from the recording: {0}")]
+    Arm(#[from] LagError),
+    /// The law cannot be built.
+    #[error("{variant}: the law cannot be built: {why}")]
+    Law {
+        /// Which.
+        variant: String,
+        /// Why.
+        why: String,
+    },
+}
+
+foretrace_shm::debug_is_sentence!(WhatIfError);
+
+/// A tick of the recorded life.
+#[derive(Debug, Clone)]
+struct Tick {
+    now: Stamp,
+    pen: Vec<PenReading>,
+    measured: Option<(Stamp, [f64; JOINTS])>,
+    command: Option<(Stamp, [f64; JOINTS])>,
+}
+
+/// How a law did.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Score {
+    /// Name of the row.
+    pub name: String,
+    /// Distance of tool and pen while it writes, rms \[mm\].
+    pub rms_mm: f64,
+    /// The largest \[mm\].
+    pub max_mm: f64,
+    /// Lag of the tool behind the pen \[ms\].
+    pub lag_ms: f64,
+    /// Jerk of the tool, rms \[m/s³\].
+    pub jerk_mps3: f64,
+    /// Share of the ticks whose plan ran into a limit; `None`: not known of a recorded run.
+    pub saturated: Option<f64>,
+    /// Rms of the worst stroke \[mm\].
+    pub worst_stroke_mm: f64,
+    /// When that stroke began, from the beginning \[s\].
+    pub worst_stroke_at_s: f64,
+    /// When and why a stop latched.
+    pub stopped: Option<String>,
+}
+
+/// The result.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Answer {
+    /// Time that was run again \[s\].
+    pub seconds: f64,
+    /// Ticks in it.
+    pub ticks: usize,
+    /// The arm that was fitted.
+    pub arm: Servo,
+    /// From the modelled to the recorded tool under the recorded commands, rms \[mm\].
+    pub arm_misfit_mm: f64,
+    /// As it was recorded; with the recorded settings behind the modelled arm; then the variants.
+    pub rows: Vec<Score>,
+}
+
+/// A variant: its name and its changes of settings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Variant {
+    /// As it was written.
+    pub name: String,
+    changes: Vec<(String, String)>,
+}
+
+impl Variant {
+    /// Reads `KEY=VALUE[,KEY=VALUE...]`; `predictor` and `trust` are short for what they mean.
+    ///
+    /// # Errors
+    ///
+    /// Not of that form.
+    pub fn parse(text: &str) -> Result<Self, WhatIfError> {
+        let mut changes = Vec::new();
+        for pair in text.split(',') {
+            let wrong = || WhatIfError::Change { text: pair.to_owned() };
+            let (key, value) = pair.split_once('=').ok_or_else(wrong)?;
+            let (key, value) = (key.trim(), value.trim());
+            if key.is_empty() || value.is_empty() {
+                return Err(wrong());
+            }
+            let mut change = |key: &str, value: &str| changes.push((key.to_owned(), value.to_owned()));
+            match (key, value) {
+                ("predictor", kind) => change("predictor.kind", kind),
+                ("trust", "auto") => change("trust.mode", "auto"),
+                ("trust", alpha) => {
+                    change("trust.mode", "manual");
+                    // A whole number is no number with a point in TOML.
+                    let alpha = if alpha.contains('.') { alpha.to_owned() } else { format!("{alpha}.0") };
+                    change("trust.value", &alpha);
+                }
+                (key, value) => change(key, value),
+            }
+        }
+        Ok(Self { name: text.to_owned(), changes })
+    }
+
+    fn config(&self, toml: &str) -> Result<Config, WhatIfError> {
+        let mut draft = Draft::text(toml, "the recording", ".");
+        for (key, value) in &self.changes {
+            draft = draft.set(key, value);
+        }
+        let failed = |why: String| WhatIfError::Settings { variant: self.name.clone(), why };
+        draft.finish().map_err(|error| failed(error.to_string()))
+    }
+}
+
+/// Runs the longest armed stretch of `path` with each of `variants`; `threads` at a time.
+///
+/// # Errors
+///
+/// See [`WhatIfError`].
+pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answer, WhatIfError> {
+    let (toml, life) = lived(path)?;
+    let recorded = Variant { name: "recorded settings".to_owned(), changes: Vec::new() };
+    let all: Vec<&Variant> = std::iter::once(&recorded).chain(variants).collect();
+    // All settings are judged before the first is run.
+    let mut jobs = Vec::new();
+    for variant in all {
+        jobs.push((variant, variant.config(&toml)?));
+    }
+    let Some((_, config)) = jobs.first() else { return Err(WhatIfError::TooLittle { what: "no settings" }) };
+    let settings = config.follower_settings();
+    let pen = pen_path(&life, &settings);
+    let arm = fitted(&life)?;
+    let first = life.first().and_then(|tick| tick.measured);
+    let start = first.ok_or(WhatIfError::TooLittle { what: "no joint state" })?.1;
+    let origin_s = life.first().map_or(0.0, |tick| seconds(tick.now));
+
+    let measured: Vec<ToolSample> = life
+        .iter()
+        .filter_map(|tick| Some(tool(&settings, seconds(tick.measured?.0), &tick.measured?.1)))
+        .collect();
+    let misfit = misfit_mm(&life, &settings, &arm, start);
+    let mut rows = vec![scored("as recorded", &pen, &measured, origin_s, None)?];
+    let mut results: Vec<Option<Result<Score, WhatIfError>>> = jobs.iter().map(|_| None).collect();
+    let (life, pen, arm_of) = (&life, &pen, &arm);
+    for (batch, places) in jobs.chunks(threads.max(1)).zip(results.chunks_mut(threads.max(1))) {
+        std::thread::scope(|scope| {
+            let running: Vec<_> = batch
+                .iter()
+                .map(|(variant, config)| {
+                    // A whole law is too large for an ordinary stack.
+                    std::thread::Builder::new().stack_size(32 << 20).spawn_scoped(scope, move || {
+                        let run = run(&variant.name, config, life, arm_of, start)?;
+                        let mut score = scored(&variant.name, pen, &run.tool, origin_s, Some(run.saturated))?;
+                        score.stopped = run.stopped;
+                        Ok(score)
+                    })
+                })
+                .collect();
+            for (place, thread) in places.iter_mut().zip(running) {
+                *place = Some(match thread.map(std::thread::ScopedJoinHandle::join) {
+                    Ok(Ok(result)) => result,
+                    _ => Err(WhatIfError::TooLittle { what: "inputs that the law cannot run with" }),
+                });
+            }
+        });
+    }
+    for result in results.into_iter().flatten() {
+        rows.push(result?);
+    }
+    let last_s = life.last().map_or(origin_s, |tick| seconds(tick.now));
+    Ok(Answer { seconds: last_s - origin_s, ticks: life.len(), arm, arm_misfit_mm: misfit, rows })
+}
+
+fn seconds(stamp: Stamp) -> f64 {
+    stamp.0 as f64 * 1e-9
+}
+
+/// The settings, and the longest stretch without a gap in which the loop was in charge.
+fn lived(path: &Path) -> Result<(String, Vec<Tick>), WhatIfError> {
+    let mut reader = Reader::open(path)?;
+    let (mut toml, mut best, mut life) = (None, Vec::new(), Vec::new());
+    let (mut last, mut pen) = (0, Vec::new());
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        match reader.content(&message)? {
+            Content::Thing(thing) if thing.kind == PieceKind::Settings && toml.is_none() => {
+                toml = String::from_utf8(thing.bytes).ok();
+            }
+            Content::Input(input) => {
+                if input.part == 0 {
+                    pen.clear();
+                }
+                pen.extend(input.pen().iter().map(wire::pen_of));
+                if input.part.saturating_add(1) < input.parts {
+                    continue;
+                }
+                let follows = input.command_ns != 0 && input.fault == u32::from(FaultReason::None);
+                if !follows || input.tick != last + 1 {
+                    longer(&mut best, &mut life);
+                }
+                last = input.tick;
+                if follows {
+                    life.push(tick_of(&input, std::mem::take(&mut pen)));
+                }
+            }
+            _ => {}
+        }
+    }
+    longer(&mut best, &mut life);
+    let toml = toml.ok_or(WhatIfError::TooLittle { what: "no settings" })?;
+    if best.is_empty() {
+        return Err(WhatIfError::TooLittle { what: "no armed loop" });
+    }
+    Ok((toml, best))
+}
+
+fn longer(best: &mut Vec<Tick>, life: &mut Vec<Tick>) {
+    // It begins where the arm is known.
+    let known = life.iter().position(|tick| tick.measured.is_some()).unwrap_or(life.len());
+    life.drain(..known);
+    if life.len() > best.len() {
+        std::mem::swap(best, life);
+    }
+    life.clear();
+}
+
+fn tick_of(input: &TickInput, pen: Vec<PenReading>) -> Tick {
+    let measured =
+        (input.flags & input_flags::JOINTS != 0).then_some((Stamp(input.joints_ns), input.joints_q));
+    let command = (input.command_ns != 0).then_some((Stamp(input.command_ns), input.q));
+    Tick { now: Stamp(input.now_ns), pen, measured, command }
+}
+
+/// The pen on the paper.
+fn pen_path(life: &[Tick], settings: &FollowerSettings<JOINTS>) -> Vec<PathSample> {
+    let mut path: Vec<PathSample> = Vec::new();
+    for reading in life.iter().flat_map(|tick| &tick.pen) {
+        let [x_m, y_m] = settings.plane.from_pen(reading.position);
+        let sample = PathSample { t_s: seconds(reading.stamp), x_m, y_m, contact: reading.contact };
+        if x_m.is_finite() && y_m.is_finite() && path.last().is_none_or(|last| sample.t_s > last.t_s) {
+            path.push(sample);
+        }
+    }
+    path
+}
+
+/// The arm's answer to its commands, at the joint states' stamps.
+fn fitted(life: &[Tick]) -> Result<Servo, WhatIfError> {
+    let of = |pair: Option<(Stamp, [f64; JOINTS])>| pair.map(|(stamp, q)| Sample { t_s: seconds(stamp), q });
+    let commands: Vec<_> = life.iter().filter_map(|tick| of(tick.command)).collect();
+    let states: Vec<_> = life.iter().filter_map(|tick| of(tick.measured)).collect();
+    let found = identify(&commands, &states)?;
+    Ok(match found.verdict {
+        Verdict::Servo => found.servo,
+        Verdict::PureDelay => Servo {
+            delay_s: found.shift.delay_s,
+            filter_s: 0.0,
+            joint_loop_s: 0.0,
+            rms_rad: found.shift.rms_rad,
+        },
+    })
+}
+
+fn arm_model(arm: &Servo, period_s: f64, start: [f64; JOINTS]) -> ArmModel {
+    let settings = ArmSettings {
+        cycle_s: period_s,
+        // A cycle of delay is part of every simulated arm.
+        delay: DelaySettings::constant((arm.delay_s - period_s).max(0.0)),
+        look_ahead_s: arm.filter_s.max(0.0),
+        joint_loop_s: arm.joint_loop_s.max(0.0),
+        ..ArmSettings::delayed(period_s, period_s)
+    };
+    ArmModel::at_rest(settings, start)
+}
+
+fn tool(settings: &FollowerSettings<JOINTS>, t_s: f64, q: &[f64; JOINTS]) -> ToolSample {
+    let place = settings.plane.point_from_base(&settings.chain.forward(q).position);
+    ToolSample { t_s, x_m: place.x, y_m: place.y }
+}
+
+/// Distance of the modelled from the recorded tool, both under the recorded commands \[mm\].
+fn misfit_mm(life: &[Tick], settings: &FollowerSettings<JOINTS>, arm: &Servo, start: [f64; JOINTS]) -> f64 {
+    let period_s = settings.period_ns as f64 * 1e-9;
+    let mut model = arm_model(arm, period_s, start);
+    let (mut target, mut sum, mut count) = (start, 0.0, 0_u32);
+    let mut modelled: Option<ToolSample> = None;
+    for tick in life {
+        if let (Some((stamp, q)), Some(now)) = (tick.measured, modelled) {
+            // The model's state is that of the release; the arm's is a little older, and both are smooth.
+            let real = tool(settings, seconds(stamp), &q);
+            if (real.t_s - now.t_s).abs() < 2.0 * period_s {
+                sum += (real.x_m - now.x_m).powi(2) + (real.y_m - now.y_m).powi(2);
+                count += 1;
+            }
+        }
+        let joints = model.cycle(target);
+        modelled = Some(tool(settings, seconds(tick.now) + period_s, &joints.q));
+        // The command of this tick holds at the next release.
+        target = tick.command.map_or(target, |(_, q)| q);
+    }
+    1e3 * (sum / f64::from(count.max(1))).sqrt()
+}
+
+/// What a run leaves.
+struct Lived {
+    tool: Vec<ToolSample>,
+    saturated: f64,
+    stopped: Option<String>,
+}
+
+fn run(
+    name: &str,
+    config: &Config,
+    life: &[Tick],
+    arm: &Servo,
+    start: [f64; JOINTS],
+) -> Result<Lived, WhatIfError> {
+    let failed = |why: String| WhatIfError::Law { variant: name.to_owned(), why };
+    let settings = config.follower_settings();
+    let period_s = settings.period_ns as f64 * 1e-9;
+    let mut law =
+        law(settings.clone(), config.settings().mpc.horizon).map_err(|error| failed(error.to_string()))?;
+    let learner = Learner::new(config.learner_settings(), config.models());
+    let mut learner = learner.map_err(|error: LearnError| failed(error.to_string()))?;
+    let learns = config.settings().learner.enabled;
+    let mut model = arm_model(arm, period_s, start);
+    let (mut target, mut joints) = (start, foretrace_sim::arm::Joints { q: start, qd: [0.0; JOINTS] });
+    let mut fresh: Option<Box<OnlineWeights>> = None;
+    let mut lived = Lived { tool: Vec::with_capacity(life.len()), saturated: 0.0, stopped: None };
+    let (mut limited, mut planned, mut armed) = (0_u32, 0_u32, false);
+    let origin = life.first().map_or(Stamp(0), |tick| tick.now);
+    for tick in life {
+        let now = tick.now;
+        let reading = JointReading { stamp: now, q: joints.q, qd: joints.qd, motion_allowed: true };
+        let weights = fresh.take();
+        let input = StepInput {
+            pen: &tick.pen,
+            joints: Some(&reading),
+            enable: Some(EnableReading { stamp: now, stop: false }),
+            // Until it is accepted: the arm has to stand for a moment first.
+            request: (!armed).then_some(Request::Arm),
+            weights: weights.as_deref(),
+            ..StepInput::nothing(now)
+        };
+        let output = law.tick(&input, Budget::default());
+        armed |= output.mode != Mode::Idle;
+        if output.stop_reason != StopReason::None && armed && lived.stopped.is_none() {
+            let at_s = now.since(origin) as f64 * 1e-9;
+            let reason = wire::fault(output.stop_reason);
+            lived.stopped = Some(format!("after {at_s:.1} s: {reason}"));
+        }
+        for step in output.learn.iter().take(output.learn_count).filter(|_| learns) {
+            if learner.learn(step).hand_over {
+                fresh = Some(Box::new(*learner.weights()));
+            }
+        }
+        if output.mode == Mode::Following {
+            planned += 1;
+            limited += u32::from(output.axes.iter().any(|axis| axis.active.total() > 0));
+        }
+        // From release to release: the target is what the last command wants now.
+        joints = model.cycle(target);
+        target = output.command.map_or(target, |command| command.q);
+        lived.tool.push(tool(&settings, seconds(now) + period_s, &joints.q));
+    }
+    lived.saturated = f64::from(limited) / f64::from(planned.max(1));
+    Ok(lived)
+}
+
+fn scored(
+    name: &str,
+    pen: &[PathSample],
+    tool: &[ToolSample],
+    origin_s: f64,
+    saturated: Option<f64>,
+) -> Result<Score, WhatIfError> {
+    let all = tracking(pen, tool).ok_or(WhatIfError::TooLittle { what: "no pen that writes" })?;
+    let (worst, at_s) = worst_stroke(&error_series(pen, tool));
+    Ok(Score {
+        name: name.to_owned(),
+        rms_mm: 1e3 * all.rmse_m,
+        max_mm: 1e3 * all.max_m,
+        lag_ms: all.lag_ms,
+        jerk_mps3: motion(tool).rms_jerk_mps3,
+        saturated,
+        worst_stroke_mm: 1e3 * worst,
+        worst_stroke_at_s: at_s - origin_s,
+        stopped: None,
+    })
+}
+
+/// Rms error of the worst stroke \[m\], and when it begins \[s\].
+fn worst_stroke(errors: &[ErrorSample]) -> (f64, f64) {
+    let mut worst = (0.0, errors.first().map_or(0.0, |error| error.t_s));
+    let (mut sum, mut count, mut begin_s) = (0.0, 0_u32, 0.0);
+    let lift = ErrorSample { t_s: f64::INFINITY, error_m: 0.0, contact: false };
+    for error in errors.iter().chain(std::iter::once(&lift)) {
+        if error.contact {
+            begin_s = if count == 0 { error.t_s } else { begin_s };
+            sum += error.error_m * error.error_m;
+            count += 1;
+        } else if count > 0 {
+            let rms = f64::sqrt(sum / f64::from(count));
+            worst = if rms > worst.0 { (rms, begin_s) } else { worst };
+            (sum, count) = (0.0, 0);
+        }
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_words_mean_settings_and_nonsense_is_refused() {
+        let variant = Variant::parse("predictor=dybm, trust=0,mpc.velocity_lead_ms=20").unwrap();
+        let changes: Vec<_> = variant.changes.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
+        assert_eq!(
+            changes,
+            [
+                ("predictor.kind", "dybm"),
+                ("trust.mode", "manual"),
+                ("trust.value", "0.0"),
+                ("mpc.velocity_lead_ms", "20"),
+            ]
+        );
+        for wrong in ["", "trust", "=1", "a=", "a=1,,b=2"] {
+            assert!(matches!(Variant::parse(wrong), Err(WhatIfError::Change { .. })), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_worst_stroke_is_a_stroke_and_not_a_moment() {
+        let error = |k: u32, error_m, contact| ErrorSample { t_s: f64::from(k), error_m, contact };
+        let errors = [error(0, 1.0, true), error(1, 1.0, true), error(2, 9.0, false), error(3, 2.0, true)];
+        assert_eq!(worst_stroke(&errors), (2.0, 3.0));
+        assert_eq!(worst_stroke(&[]), (0.0, 0.0));
+    }
+}

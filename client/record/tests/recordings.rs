@@ -1,0 +1,457 @@
+//! Recordings as files: written, replayed, damaged in every way, mended.
+
+use std::io::{Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use foretrace_config::Config;
+use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+use foretrace_control::learn::Learner;
+use foretrace_control::pen::PenReading;
+use foretrace_control::predict::OnlineWeights;
+use foretrace_control::state;
+use foretrace_control::units::Stamp;
+use foretrace_record::RecordError;
+use foretrace_record::info::info;
+use foretrace_record::read::{Ended, Reader};
+use foretrace_record::repair::repair;
+use foretrace_record::replay::{End, Outcome, ReplayError, Start, replay};
+use foretrace_record::table;
+use foretrace_record::topics::{Topic, thing_bytes};
+use foretrace_record::what_if::{Variant, what_if};
+use foretrace_record::write::{Facts, Output, part_of};
+use foretrace_shm::{PieceKind, Thing, TickInput, Wire};
+use foretrace_sim::arm::{ArmModel, ArmSettings};
+use foretraced::wire::{self, Given};
+use tempfile::TempDir;
+
+const DAEMON: u64 = 5;
+const TICKS: u64 = 400;
+/// The tick after which the state in the recording was taken.
+const CUT: u64 = 150;
+
+/// A run of the law with an arm that obeys, as inputs; the state after [`CUT`], and the settings.
+struct Lived {
+    inputs: Vec<TickInput>,
+    state: Thing,
+    settings: Thing,
+}
+
+fn lived() -> Lived {
+    let config = Config::preset("ur5").unwrap();
+    let settings = config.follower_settings();
+    let (period, home) = (settings.period_ns, settings.ik.home);
+    let weights = settings.weights;
+    let mut follower = Follower::<20, 6>::new(settings).unwrap();
+    let thing = |kind, number, bytes| Thing { kind, number, daemon_id: DAEMON, bytes };
+    let mut joints = JointReading { stamp: Stamp(0), q: home, qd: [0.0; 6], motion_allowed: true };
+    let mut lived = Lived {
+        inputs: Vec::new(),
+        state: thing(PieceKind::State, CUT, Vec::new()),
+        settings: thing(PieceKind::Settings, 0, config.render().into_bytes()),
+    };
+    for tick in 1..=TICKS {
+        let now = Stamp(10_000_000_000 + tick * period);
+        joints.stamp = now;
+        let t = tick as f64 * period as f64 * 1e-9;
+        let mut pen = Vec::new();
+        if tick.is_multiple_of(3) && tick > 20 {
+            // A burst of more than one part fits now and then.
+            for copy in 0..(if tick.is_multiple_of(60) { 11 } else { 1 }) {
+                let position = [0.02 * (3.0 * t).sin(), 0.015 * (5.0 * t).sin()];
+                pen.push(PenReading::new(Stamp(now.0 - 20_000 + copy * 1000), position, true));
+            }
+        }
+        let request = (tick == 10).then_some(Request::Arm);
+        let given = Given {
+            now,
+            budget: Budget { shed: tick.is_multiple_of(50), ..Budget::default() },
+            joints: Some(joints),
+            enable: None,
+            request,
+            halt: None,
+            weights: (tick == 200).then_some(weights.version),
+            pen_samples: pen.len() as u32,
+            complete: true,
+        };
+        let input = StepInput {
+            pen: &pen,
+            joints: given.joints.as_ref(),
+            request,
+            weights: given.weights.map(|_| &weights),
+            ..StepInput::nothing(now)
+        };
+        let output = follower.step(&input, given.budget, &mut NoClock);
+        if let Some(command) = output.command {
+            (joints.q, joints.qd) = (command.q, command.qd);
+        }
+        let mut sent = wire::tick_input(tick, DAEMON, &given, &output);
+        for part in 0..sent.parts as usize {
+            wire::pen_part(&mut sent, part, pen.chunks(foretrace_shm::PEN_PER_PART).nth(part).unwrap_or(&[]));
+            sent.header.stamp_ns = now.0;
+            lived.inputs.push(sent);
+        }
+        if tick == CUT {
+            lived.state.bytes = state::bytes_of(&follower).unwrap();
+        }
+    }
+    lived
+}
+
+/// Sets of weights that ticks are offered.
+fn offered() -> Thing {
+    let weights = Config::preset("ur5").unwrap().follower_settings().weights;
+    let bytes = state::bytes_of(&weights).unwrap();
+    Thing { kind: PieceKind::Weights, number: weights.version, daemon_id: DAEMON, bytes }
+}
+
+/// Writes things and inputs; returns the file.
+fn written<'a>(
+    place: &TempDir,
+    name: &str,
+    things: &[&Thing],
+    inputs: impl IntoIterator<Item = &'a TickInput>,
+) -> PathBuf {
+    let target = place.path().join(name);
+    let facts = Facts::from([("build".to_owned(), "abc".to_owned())]);
+    let mut output = Output::create(&target, &facts).unwrap();
+    for thing in things {
+        output.put(Topic::Thing, 1, &thing_bytes(thing)).unwrap();
+    }
+    for (index, input) in inputs.into_iter().enumerate() {
+        let mut bytes = Vec::new();
+        input.put(&mut bytes);
+        output.put(Topic::Input, input.now_ns, &bytes).unwrap();
+        if index % 100 == 99 {
+            output.flush().unwrap();
+        }
+    }
+    output.finish(&Facts::new()).unwrap()
+}
+
+fn replayed(file: &Path) -> Outcome {
+    replay(file).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn a_recording_replays_bit_for_bit_from_the_first_tick_and_from_a_state() {
+    let (place, lived, set) = (TempDir::new().unwrap(), lived(), offered());
+    let whole = written(&place, "whole.mcap", &[&lived.settings, &set], &lived.inputs);
+    let outcome = replayed(&whole);
+    assert_eq!((outcome.start, outcome.ticks, &outcome.end), (Start::FirstTick, TICKS, &End::OfRecording));
+    assert_eq!((outcome.difference, outcome.largest_rad), (None, 0.0));
+    assert_eq!(outcome.recorded_build, "abc");
+
+    let late = lived.inputs.iter().filter(|input| input.tick > CUT - 20);
+    let late = written(&place, "late.mcap", &[&lived.settings, &lived.state, &set], late);
+    let outcome = replayed(&late);
+    assert_eq!((outcome.start, outcome.ticks, outcome.difference), (Start::State, TICKS - CUT, None));
+    assert!(lived.inputs.iter().any(|input| input.parts > 1), "no burst");
+    assert!(lived.inputs.last().unwrap().q != lived.inputs.first().unwrap().q, "it did not move");
+}
+
+#[test]
+fn the_first_difference_is_named_and_measured() {
+    let (place, mut lived, set) = (TempDir::new().unwrap(), lived(), offered());
+    let at = lived.inputs.iter().position(|input| input.tick == 301).unwrap();
+    let q = &mut lived.inputs[at].q[2];
+    *q = f64::from_bits(q.to_bits() ^ 1);
+    lived.inputs[at + 3].q[0] += 1e-3;
+    let file = written(&place, "run.mcap", &[&lived.settings, &set], &lived.inputs);
+    let outcome = replayed(&file);
+    let difference = outcome.difference.unwrap();
+    assert_eq!((difference.tick, difference.field.as_str()), (301, "q[2]"));
+    assert_ne!(difference.recorded, difference.replayed);
+    assert_eq!((outcome.ticks, outcome.different_ticks), (TICKS, 2));
+    assert!((outcome.largest_rad - 1e-3).abs() < 1e-9, "{}", outcome.largest_rad);
+}
+
+#[test]
+fn what_is_missing_ends_a_replay_and_is_said() {
+    let (place, lived, set) = (TempDir::new().unwrap(), lived(), offered());
+    let end = |name: &str, things: &[&Thing], inputs: Vec<TickInput>| {
+        let outcome = replayed(&written(&place, name, things, &inputs));
+        assert_eq!(outcome.difference, None);
+        (outcome.ticks, outcome.end)
+    };
+    let all = || lived.inputs.clone();
+    let gap = all().into_iter().filter(|input| input.tick != 222).collect();
+    assert_eq!(end("gap", &[&lived.settings, &set], gap), (221, End::Gap { next: 223 }));
+    let no_set = end("set", &[&lived.settings], all());
+    assert_eq!(no_set, (199, End::NoWeights { version: set.number }));
+    let lost_part = all().into_iter().filter(|input| !(input.tick == 120 && input.part == 0)).collect();
+    assert_eq!(end("part", &[&lived.settings, &set], lost_part), (119, End::Incomplete));
+    let mut other = all();
+    other.iter_mut().filter(|input| input.tick > 250).for_each(|input| input.daemon_id = 6);
+    assert_eq!(end("other", &[&lived.settings, &set], other), (250, End::OtherDaemon));
+
+    let late: Vec<_> = all().into_iter().filter(|input| input.tick > 30).collect();
+    let file = written(&place, "start", &[&lived.settings, &set], &late);
+    assert!(matches!(replay(&file), Err(ReplayError::NoStart)));
+    let file = written(&place, "settings", &[&set], &all());
+    assert!(matches!(replay(&file), Err(ReplayError::NoSettings)));
+    let told = info(&written(&place, "told", &[&lived.settings, &lived.state], &late)).unwrap();
+    assert_eq!((told.ticks, told.missing_ticks, told.states), (Some((31, TICKS)), 0, vec![CUT]));
+    assert_eq!((told.damage, told.begin["build"].as_str()), (None, "abc"));
+}
+
+#[test]
+fn a_killed_recording_keeps_all_but_its_last_chunk_and_can_be_mended() {
+    let (place, lived, set) = (TempDir::new().unwrap(), lived(), offered());
+    let whole = written(&place, "whole.mcap", &[&lived.settings, &set], &lived.inputs);
+    let bytes = std::fs::read(&whole).unwrap();
+    let mut most = 0;
+    // The last tenth is index and end.
+    for (number, cut) in (bytes.len() / 2..bytes.len()).step_by(bytes.len() / 40).enumerate() {
+        let killed = place.path().join(format!("{number}.mcap.part"));
+        std::fs::write(&killed, &bytes[..cut]).unwrap();
+        let mended = place.path().join(format!("{number}.mended.mcap"));
+        let result = repair(&killed, &mended).unwrap();
+        assert!(result.damage.is_some(), "cut at {cut}");
+        let outcome = replayed(&mended);
+        assert_eq!(outcome.difference, None);
+        // Chunks of a hundred inputs, and what can be read of an open one.
+        let complete = cut as f64 / bytes.len() as f64 * TICKS as f64;
+        assert!(outcome.ticks as f64 > complete - 140.0, "{} ticks of {complete}", outcome.ticks);
+        most = most.max(outcome.ticks);
+        assert_eq!(info(&mended).unwrap().damage, None, "the mended one is whole");
+    }
+    assert!(most > TICKS - 40, "{most} ticks at most");
+    assert!(matches!(repair(&whole, &whole), Err(RecordError::Exists { .. })));
+    let again = place.path().join("again.mcap");
+    assert_eq!(repair(&whole, &again).unwrap().damage, None);
+    assert_eq!(replayed(&again).ticks, TICKS);
+}
+
+#[test]
+fn nothing_is_overwritten_and_two_recorders_do_not_share_a_file() {
+    let place = TempDir::new().unwrap();
+    let target = place.path().join("a.mcap");
+    let first = Output::create(&target, &Facts::new()).unwrap();
+    assert!(matches!(Output::create(&target, &Facts::new()), Err(RecordError::Exists { .. })));
+    let busy = foretrace_record::record::mend_leftover(&target);
+    assert!(matches!(busy, Err(RecordError::Busy { .. })), "{busy:?}");
+    std::fs::write(&target, "mine").unwrap();
+    assert!(matches!(first.finish(&Facts::new()), Err(RecordError::Exists { .. })));
+    assert_eq!(std::fs::read(&target).unwrap(), b"mine");
+    assert!(part_of(&target).exists(), "what was recorded is still there");
+
+    let other = place.path().join("b.mcap");
+    drop(Output::create(&other, &Facts::new()).unwrap());
+    let (mended, _) = foretrace_record::record::mend_leftover(&other).unwrap().unwrap();
+    assert_eq!(mended, place.path().join("b.interrupted-1.mcap"));
+    assert!(!part_of(&other).exists() && info(&mended).is_ok());
+    assert_eq!(foretrace_record::record::mend_leftover(&other).unwrap(), None);
+}
+
+#[test]
+fn a_file_that_is_no_recording_gets_a_sentence() {
+    let place = TempDir::new().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = place.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let huge = file("huge", b"");
+    std::fs::File::options().write(true).open(&huge).unwrap().set_len(1 << 40).unwrap();
+    let cases = [
+        (file("empty", b""), "is empty or too short"),
+        (file("text", b"t_s,x_m,y_m,contact\n"), "does not begin as an MCAP file"),
+        (huge, "does not begin as an MCAP file"),
+        (place.path().to_path_buf(), "no ordinary file"),
+        (place.path().join("nowhere"), "cannot read"),
+    ];
+    for (path, words) in cases {
+        for told in [
+            info(&path).unwrap_err().to_string(),
+            replay(&path).unwrap_err().to_string(),
+            repair(&path, &place.path().join("mended")).unwrap_err().to_string(),
+        ] {
+            assert!(told.contains(words) && !told.contains('{'), "{told}");
+        }
+    }
+    assert!(!part_of(&place.path().join("mended")).exists());
+
+    // Begins as a recording, and then a terabyte of holes.
+    let sparse = file("sparse", mcap::MAGIC);
+    let mut holes = std::fs::File::options().write(true).open(&sparse).unwrap();
+    holes.seek(SeekFrom::Start(1 << 40)).unwrap();
+    holes.write_all(b"x").unwrap();
+    assert!(info(&sparse).unwrap().damage.is_some());
+}
+
+#[test]
+fn another_layout_is_refused_by_name_and_still_listed_and_tabled() {
+    let (place, path) = (TempDir::new().unwrap(), "old.mcap");
+    let path = place.path().join(path);
+    // What an older version may have written: fewer fields, and one of another name.
+    let table = b"layout 0123456789abcdef size 24\ntick 0 8 u64\njoints_us 8 8 u64\nq 16 8 f32*2\n";
+    let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
+    let schema = writer.add_schema("TickInput", "foretrace.wire", table).unwrap();
+    let channel = writer.add_channel(schema, "/raw/input", "foretrace.wire", &Facts::new()).unwrap();
+    for tick in 1..=4_u64 {
+        let mut data = tick.to_le_bytes().to_vec();
+        data.extend((tick * 1000).to_le_bytes());
+        data.extend(0.5_f32.to_le_bytes());
+        data.extend((-1.5_f32).to_le_bytes());
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 0,
+            log_time: tick,
+            publish_time: tick,
+        };
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    writer.finish().unwrap();
+    let told = info(&path).unwrap();
+    assert_eq!((told.foreign, told.topics["/raw/input"]), (vec!["/raw/input".to_owned()], 4));
+    let refused = replay(&path).unwrap_err().to_string();
+    assert!(refused.contains("/raw/input have another layout"), "{refused}");
+    let mut out = Vec::new();
+    let mut reader = Reader::open(&path).unwrap();
+    assert_eq!(table::csv(&mut reader, "/raw/input", 2, &[], &mut out).unwrap(), 2);
+    let text = String::from_utf8(out).unwrap();
+    assert_eq!(
+        text,
+        "time [ns since 1970],tick [1],joints_us [1],q[0] [rad],q[1] [rad]\n1,1,1000,0.5,-1.5\n3,3,3000,0.5,-1.5\n"
+    );
+    let mut reader = Reader::open(&path).unwrap();
+    let unknown = table::csv(&mut reader, "/raw/input", 1, &["qd".to_owned()], &mut Vec::new());
+    assert!(unknown.unwrap_err().to_string().contains("there are: tick, joints_us, q"));
+}
+
+/// Seven seconds of a hand in front of the preset, behind a servo of 30 ms, with a learner in step.
+fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
+    let config = Config::preset("ur5").unwrap();
+    let settings = config.follower_settings();
+    let (period, home) = (settings.period_ns, settings.ik.home);
+    let period_s = period as f64 * 1e-9;
+    let mut follower = Follower::<20, 6>::new(settings).unwrap();
+    let servo = ArmSettings::ur5(period_s, 0.03);
+    let mut arm = ArmModel::at_rest(servo, home);
+    let (mut target, mut q, mut qd) = (home, home, [0.0; 6]);
+    let mut learner = Learner::new(config.learner_settings(), config.models()).unwrap();
+    let mut fresh: Option<Box<OnlineWeights>> = None;
+    let mut inputs = Vec::new();
+    for tick in 1..=(7.0 / period_s) as u64 {
+        let now = Stamp(10_000_000_000 + tick * period);
+        let t = tick as f64 * period_s;
+        let mut pen = Vec::new();
+        if tick.is_multiple_of(3) && t > 0.2 {
+            // Strokes with lifts, so that there is a worst one.
+            let position = [0.03 * (4.0 * t).sin() + 0.01 * (11.0 * t).sin(), 0.025 * (6.3 * t).cos()];
+            pen.push(PenReading::new(now, position, t % 1.7 > 0.2));
+        }
+        let joints = JointReading { stamp: now, q, qd, motion_allowed: true };
+        let given = Given {
+            now,
+            budget: Budget::default(),
+            joints: Some(joints),
+            enable: None,
+            request: (tick == 5).then_some(Request::Arm),
+            halt: None,
+            weights: None,
+            pen_samples: pen.len() as u32,
+            complete: true,
+        };
+        let weights = fresh.take();
+        let input = given.step_input(&pen, weights.as_deref());
+        let output = follower.step(&input, given.budget, &mut NoClock);
+        for step in output.learn.iter().take(output.learn_count) {
+            if learner.learn(step).hand_over {
+                fresh = Some(Box::new(*learner.weights()));
+            }
+        }
+        let mut sent = wire::tick_input(tick, DAEMON, &given, &output);
+        wire::pen_part(&mut sent, 0, &pen);
+        sent.header.stamp_ns = now.0;
+        inputs.push(sent);
+        let moved = arm.cycle(target);
+        (q, qd) = (moved.q, moved.qd);
+        target = output.command.map_or(target, |command| command.q);
+    }
+    let settings = Thing {
+        kind: PieceKind::Settings,
+        number: 0,
+        daemon_id: DAEMON,
+        bytes: config.render().into_bytes(),
+    };
+    (inputs, servo.group_delay_s(), settings)
+}
+
+#[test]
+fn another_law_is_judged_by_the_same_hand_behind_the_arm_of_the_recording() {
+    let place = TempDir::new().unwrap();
+    let (inputs, lag_s, settings) = behind_a_servo();
+    let file = written(&place, "run.mcap", &[&settings], &inputs);
+    let variants: Vec<_> =
+        ["predictor=hold", "trust=0", "trust=1"].map(|text| Variant::parse(text).unwrap()).into();
+    let answer = what_if(&file, &variants, 2).unwrap_or_else(|error| panic!("{error}"));
+    let rms = |row: usize| answer.rows[row].rms_mm;
+    let names: Vec<_> = answer.rows.iter().map(|row| row.name.as_str()).collect();
+    assert_eq!(names, ["as recorded", "recorded settings", "predictor=hold", "trust=0", "trust=1"]);
+    println!("{answer:#?}");
+    assert!((answer.arm.lag_s() - lag_s).abs() < 3e-3, "{} for {lag_s}", answer.arm.lag_s());
+    assert!(answer.arm_misfit_mm < 0.2, "{} mm", answer.arm_misfit_mm);
+    // The same law behind the modelled arm does as it did behind the real one.
+    assert!((rms(1) / rms(0) - 1.0).abs() < 0.05, "{} {}", rms(0), rms(1));
+    // Nothing predicted is worse on such a hand, and nothing refined either much worse.
+    assert!(rms(2) > 1.02 * rms(1) && rms(3) > 2.0 * rms(1), "{} {} {}", rms(1), rms(2), rms(3));
+    assert!(answer.rows.iter().all(|row| row.worst_stroke_mm >= 0.9 * row.rms_mm && row.stopped.is_none()));
+    // The same on every machine, however many threads there are.
+    assert_eq!(what_if(&file, &variants, 1).unwrap(), answer);
+
+    let wrong = Variant::parse("mpc.horizon=7").unwrap();
+    let told = what_if(&file, &[wrong], 1).unwrap_err().to_string();
+    assert!(told.contains("mpc.horizon") && told.contains("10, 20"), "{told}");
+    let short = written(&place, "short.mcap", &[&settings], &inputs[..40]);
+    let told = what_if(&short, &variants, 1).unwrap_err().to_string();
+    assert!(
+        told.contains("cannot be told from the recording") || told.contains("the recording has"),
+        "{told}"
+    );
+}
+
+#[test]
+fn damaged_bytes_never_panic_and_reading_them_ends() {
+    let (place, lived, set) = (TempDir::new().unwrap(), lived(), offered());
+    let few = &lived.inputs[..60];
+    let whole = written(&place, "whole.mcap", &[&lived.settings, &set], few);
+    let bytes = std::fs::read(&whole).unwrap();
+    let cases = std::env::var("FORETRACE_FUZZ_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(300_u64);
+    let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut next = || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        seed
+    };
+    let mut cut = 0;
+    for case in 0..cases {
+        let mut bad = bytes.clone();
+        for _ in 0..1 + case % 4 {
+            let at = next() as usize % bad.len();
+            // Lengths and operation codes stand at the beginning: be there more often.
+            let at = if case.is_multiple_of(2) { at % 4096 } else { at };
+            bad[at] = next() as u8;
+        }
+        if case.is_multiple_of(7) {
+            bad.truncate(next() as usize % bytes.len());
+        }
+        let path = place.path().join("bad.mcap");
+        std::fs::write(&path, &bad).unwrap();
+        if let Ok(mut reader) = Reader::open(&path) {
+            while let Ok(Some(_)) = reader.next_entry() {}
+            cut += u64::from(matches!(reader.ended(), Some(Ended::Cut { .. })));
+        }
+        let _ = info(&path);
+        if case.is_multiple_of(10) {
+            let _ = replay(&path);
+            let mended = place.path().join("mended.mcap");
+            let _ = std::fs::remove_file(&mended);
+            if repair(&path, &mended).is_ok() {
+                assert_eq!(info(&mended).unwrap().damage, None);
+            }
+        }
+    }
+    assert!(cut > cases / 10, "only {cut} of {cases} were seen to be damaged");
+}

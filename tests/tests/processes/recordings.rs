@@ -1,0 +1,161 @@
+//! `foretrace record FILE.mcap` and `foretrace replay`: what a running instance did is in the file, replays
+//! bit for bit, and survives a killed recorder.
+
+use foretrace_tests::{World, assert_refused, json, told, until};
+use serde_json::Value;
+
+use crate::PROGRAM;
+
+/// Messages on the disk: the part grows with every chunk.
+fn size(world: &World, name: &str) -> u64 {
+    std::fs::metadata(world.file(name)).map_or(0, |file| file.len())
+}
+
+/// `foretrace replay FILE` must find no difference; returns its report.
+fn replayed(world: &World, file: &str) -> Value {
+    let output = world.run_plain(&["replay", file, "--json", "-"]);
+    assert!(output.status.success(), "{}", told(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["difference"], &report["different_ticks"]), (&Value::Null, &0.into()), "{report}");
+    assert_eq!(report["same_build"], true, "{report}");
+    report
+}
+
+#[test]
+fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let recorder = world.start(0, &["record", "run.mcap", "--json", "report.json"]);
+    until("the recorder writes", || (size(&world, "run.mcap.part") > 300_000).then_some(()));
+    let played = world.run(0, &["play", "glyphs:Kx"]);
+    assert!(played.status.success(), "{}", told(&played));
+    let stopped = world.run(0, &["request", "stop"]);
+    assert!(stopped.status.success(), "{}", told(&stopped));
+    recorder.end();
+    arm.end();
+    daemon.end();
+
+    let report = json(&world.file("report.json"));
+    assert!(report["inputs"].as_u64() > Some(500) && report["states"].as_u64() >= Some(1), "{report}");
+    let file = world.file("run.mcap").display().to_string();
+    let output = world.run_plain(&["record", "--info", &file, "--json", "-"]);
+    let info: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["damage"], Value::Null);
+    assert_eq!(info["topics"]["/raw/tick"], report["ticks"], "{info}");
+    assert_eq!(info["topics"]["/tick"], report["ticks"], "{info}");
+    assert_eq!(info["end"]["queue_lost"], "0", "{info}");
+    let again = replayed(&world, &file);
+    assert_eq!(again["start"], "state");
+    // On a busy machine the recorder may lose some: then the replay ends there, and says so.
+    let lost = report["inputs_lost"].as_u64().unwrap() + report["queue_lost"].as_u64().unwrap();
+    assert!(again["ticks"].as_u64() > Some(300), "{again}");
+    assert!(lost > 0 || again["end"] == "of_recording", "{again} {report}");
+
+    let output = world.run_plain(&["explain", &file]);
+    assert!(output.status.success() && told(&output).contains("tick "), "{}", told(&output));
+    let tick = (again["first_tick"].as_u64().unwrap() + 100).to_string();
+    let output = world.run_plain(&["explain", &file, "--tick", &tick]);
+    assert!(told(&output).contains("Trust was"), "{}", told(&output));
+    let csv = world.file("run.csv").display().to_string();
+    let output = world.run_plain(&["export", &file, "--csv", &csv, "--every", "10", "--fields", "tick,q"]);
+    assert!(output.status.success(), "{}", told(&output));
+    let text = std::fs::read_to_string(&csv).unwrap();
+    let columns =
+        "time [ns since 1970],tick [1],q[0] [rad],q[1] [rad],q[2] [rad],q[3] [rad],q[4] [rad],q[5] [rad]";
+    assert_eq!(text.lines().next(), Some(columns));
+    let rows = report["ticks"].as_u64().unwrap().div_ceil(10);
+    assert_eq!(text.lines().count() as u64, 1 + rows);
+    let pen = world.file("pen.csv").display().to_string();
+    let output = world.run_plain(&["export", &file, "--pen", &pen]);
+    assert!(output.status.success(), "{}", told(&output));
+    assert!(std::fs::read_to_string(&pen).unwrap().lines().count() > 100);
+
+    // One bit of one joint.
+    let mut bytes = std::fs::read(world.file("run.mcap")).unwrap();
+    let at = bytes.len() / 2;
+    bytes[at] ^= 1;
+    std::fs::write(world.file("flipped.mcap"), bytes).unwrap();
+    let flipped = world.file("flipped.mcap").display().to_string();
+    let output = world.run_plain(&["record", "--info", &flipped]);
+    assert!(told(&output).contains("it ends early"), "{}", told(&output));
+}
+
+#[test]
+fn a_killed_recorder_loses_its_last_moments_only_and_the_next_one_mends_the_file() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let _arm = world.armed_arm(0, &[]);
+    let recorder = world.start(0, &["record", "run.mcap"]);
+    until("the recorder writes", || (size(&world, "run.mcap.part") > 2_000_000).then_some(()));
+    recorder.kill();
+    let lost_at = size(&world, "run.mcap.part");
+
+    let next = world.run(0, &["record", "run.mcap", "--seconds", "1"]);
+    assert!(next.status.success(), "{}", told(&next));
+    assert!(told(&next).contains("run.interrupted-1.mcap"), "{}", told(&next));
+    let mended = world.file("run.interrupted-1.mcap").display().to_string();
+    let info = world.run_plain(&["record", "--info", &mended, "--json", "-"]);
+    let info: Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert_eq!(info["damage"], Value::Null, "{info}");
+    assert!(size(&world, "run.interrupted-1.mcap") > lost_at / 2, "{info}");
+    assert!(replayed(&world, &mended)["ticks"].as_u64() > Some(100));
+    replayed(&world, &world.file("run.mcap").display().to_string());
+
+    let refused = world.run(0, &["record", "run.mcap"]);
+    assert_refused(&refused, 5, &["run.mcap exists already"]);
+    daemon.end();
+}
+
+#[test]
+fn a_recording_goes_on_in_further_files_and_each_can_be_replayed() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let words = ["record", "run.mcap", "--max-size", "1M", "--max-files", "2", "--json", "report.json"];
+    let recorder = world.start(0, &words);
+    until("a third file", || world.file("run.3.mcap.part").exists().then_some(()));
+    until("it has a start of its own", || (size(&world, "run.3.mcap.part") > 400_000).then_some(()));
+    recorder.end();
+    daemon.end();
+    let report = json(&world.file("report.json"));
+    let files = report["files"].as_array().unwrap();
+    assert_eq!(files.len(), 2, "{report}");
+    assert!(!world.file("run.mcap").exists(), "the oldest is gone");
+    for file in files {
+        let file = world.file(file.as_str().unwrap()).display().to_string();
+        assert!(replayed(&world, &file)["ticks"].as_u64() > Some(0));
+    }
+}
+
+#[test]
+fn a_stop_leaves_its_last_seconds_behind_as_recording_and_trace() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let _arm = world.armed_arm(0, &[]);
+    let flight = world.start(0, &["flight", "box", "--keep", "3", "--apart", "0", "--json", "flight.json"]);
+    let played = world.run(0, &["play", "glyphs:Kx"]);
+    assert!(played.status.success(), "{}", told(&played));
+    let found = |word: &str| {
+        let files = std::fs::read_dir(world.file("box")).ok()?;
+        let mut names = files.flatten().map(|file| file.path());
+        names.find(|path| path.to_string_lossy().ends_with(&format!("{word}.mcap")))
+    };
+    // A busy machine may have stopped the loop before: then there is none until it is armed again.
+    let recording = until("the stop is written", || {
+        let _ = world.run(0, &["request", "arm"]);
+        let _ = world.run(0, &["request", "stop"]);
+        found("stop")
+    });
+    flight.signal("-USR1");
+    until("a file on request", || found("request"));
+    flight.end();
+    daemon.end();
+    let report = json(&world.file("flight.json"));
+    assert!(report["files"].as_array().unwrap().len() >= 2, "{report}");
+    let file = recording.display().to_string();
+    assert!(replayed(&world, &file)["ticks"].as_u64() > Some(100));
+    let output = world.run_plain(&["explain", &file]);
+    assert!(told(&output).contains("it stopped: "), "{}", told(&output));
+    let trace = std::fs::read(recording.with_extension("perfetto-trace")).unwrap();
+    assert!(trace.len() > 10_000 && trace[0] == 0x0a, "{} bytes", trace.len());
+}
