@@ -27,6 +27,7 @@ ROOMS = {
         "proto", "topics", "write", "read", "table", "repair", "record", "trace", "flight", "info", "explain", "law", "replay",
         "what_if", "metrics",
     ],
+    "client/console/src": ["guard", "http", "page", "message", "board", "scene", "frame", "link", "session", "server"],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
@@ -83,6 +84,7 @@ def layers_point_downwards() -> None:
         "foretrace-client": {"foretrace-shm"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-client"},
+        "foretrace-console": {"foretrace-client", "foretrace-config", "foretrace-control"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
         "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},

@@ -69,6 +69,7 @@ fn of_this_program(line: &str) -> Option<Vec<String>> {
     let said: Vec<&str> = words.iter().map(String::as_str).collect();
     let (first, rest): (&[&str], _) = match said.as_slice() {
         ["cargo", "demo", rest @ ..] => (&["foretrace", "demo"], rest),
+        ["cargo", "console", rest @ ..] => (&["foretrace", "console", "--sim"], rest),
         ["cargo", "foretrace", rest @ ..] => (&["foretrace"], rest),
         ["foretrace", rest @ ..] if !rest.is_empty() => (&["foretrace"], rest),
         _ => return None,

@@ -28,6 +28,7 @@ mod punctual;
 mod play;
 mod gateway;
 mod tablet;
+mod console;
 mod record;
 mod flight;
 mod replay;
@@ -79,6 +80,7 @@ enum Command {
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
     Tablet(tablet::TabletArgs),
+    Console(console::ConsoleArgs),
     Gateway(gateway::GatewayArgs),
     Record(record::RecordArgs),
     Flight(flight::FlightArgs),
@@ -148,6 +150,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Daemon(args) => daemon::run(args),
         Command::Play(args) => play::run(args),
         Command::Tablet(args) => tablet::run(args),
+        Command::Console(args) => console::run(args),
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Flight(args) => flight::run(args),

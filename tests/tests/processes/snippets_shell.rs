@@ -11,7 +11,8 @@ use std::process::Command;
 use crate::snippets::{blocks_of, documents};
 
 /// What a line may begin with besides cargo, python3 and scripts of the repository.
-const PROGRAMS: [&str; 7] = ["foretrace", "sudo", "cyclictest", "xacro", "mdbook", "docker", "nice"];
+const PROGRAMS: [&str; 9] =
+    ["foretrace", "sudo", "cyclictest", "xacro", "mdbook", "docker", "nice", "ssh", "adb"];
 
 /// The crates of the workspace: their folder, and their targets by kind.
 fn packages() -> BTreeMap<String, (PathBuf, BTreeSet<(String, String)>)> {
@@ -58,6 +59,7 @@ fn wrong_with_cargo(words: &[&str]) -> Option<String> {
         "doc",
         "fmt",
         "demo",
+        "console",
         "foretrace",
         "deny",
         "tree",

@@ -3,8 +3,8 @@
 //! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and
 //! everything is cleaned up whatever happens. The numbers come from the processes' own records.
 
-mod scratch;
-mod children;
+pub(crate) mod scratch;
+pub(crate) mod children;
 mod crew;
 mod gathered;
 mod figures;

@@ -1,0 +1,198 @@
+// The page: its socket, its controls, and what goes where.
+
+import { Pad } from "./pad.js";
+import { Arm } from "./arm.js";
+import { State } from "./state.js";
+
+const byId = (id) => document.getElementById(id);
+const token = location.hash.slice(1);
+// The token stays out of the history and of pictures of the screen.
+history.replaceState(null, "", location.pathname);
+
+// The server's monotonic clock by the pings with the shortest way there and back.
+class Clock {
+  constructor() { this.offsetUs = null; this.uncertaintyMs = null; this.pings = []; }
+  take(sentMs, serverUs, nowMs) {
+    const rtt = nowMs - sentMs;
+    this.pings.push({ rtt, offset: serverUs - 1000 * (sentMs + rtt / 2), at: nowMs });
+    // Two clocks of one machine drift apart by less than 50 µs per second, also while one of them is slewed.
+    const worth = (ping) => ping.rtt / 2 + 0.00005 * (nowMs - ping.at);
+    this.pings = this.pings.sort((a, b) => worth(a) - worth(b)).slice(0, 60);
+    this.offsetUs = this.pings[0].offset;
+    this.uncertaintyMs = worth(this.pings[0]);
+  }
+  stampUs(eventMs) { return this.offsetUs === null ? null : eventMs * 1000 + this.offsetUs; }
+}
+
+const clock = new Clock();
+const state = new State({ figures: byId("figures"), errors: byId("errors"), now: byId("error-now"),
+  mode: byId("mode"), stopped: byId("stopped"), refused: byId("refused") });
+let socket = null;
+let mine = false;
+let arm = null;
+let frames = 0;
+// This page had the control when its link broke: it asks again until the console has noticed that.
+let wanted = 0;
+
+function send(message) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+const pad = new Pad(byId("pad"), clock, {
+  send: (samples) => { if (mine) send({ pen: samples }); },
+  rate: (words) => { byId("pad-rate").textContent = words; },
+});
+
+function answer(done, words) {
+  const line = document.createElement("li");
+  line.textContent = words;
+  if (!done) line.className = "no";
+  const list = byId("answers");
+  list.prepend(line);
+  while (list.children.length > 4) list.lastChild.remove();
+}
+
+function controls(now, refused) {
+  if (mine && !now) hold.letGo();
+  mine = now;
+  byId("bound").disabled = !mine;
+  byId("control").textContent = mine ? "give it back" : "take control";
+  if (mine) wanted = 0;
+  if (refused && wanted > 0) {
+    wanted -= 1;
+    setTimeout(() => send({ control: token }), 1000);
+  } else if (refused) answer(false, refused);
+  pad.enabled(mine);
+}
+
+function hear(text) {
+  const said = JSON.parse(text);
+  if (said.pong) clock.take(said.pong[0], said.pong[1], performance.now());
+  if (said.reply) answer(said.reply.done, said.reply.words);
+  if (said.control) controls(said.control.mine, said.control.refused);
+  if (said.scene) begin(said.scene);
+  if (said.frame) {
+    frames += 1;
+    show(said.frame);
+  }
+}
+
+function begin(scene) {
+  pad.paper(scene.plane);
+  const list = byId("predictor");
+  list.replaceChildren(...scene.predictors.map((name) => new Option(name, name)));
+  try {
+    arm = arm ?? new Arm(byId("arm"));
+    arm.scene(scene);
+  } catch (error) {
+    // Without WebGL the pad and the controls work on.
+    byId("arm").replaceWith(Object.assign(document.createElement("p"),
+      { className: "note", textContent: `this browser shows no 3-D picture: ${error.message}` }));
+    arm = null;
+  }
+}
+
+function show(frame) {
+  pad.points(frame.points);
+  if (arm) arm.frame(frame);
+  state.frame(frame);
+  const here = frame.here;
+  const predictor = byId("predictor");
+  if (frame.state && document.activeElement !== predictor) predictor.value = frame.state.predictor;
+  const trust = byId("trust");
+  if (frame.state && document.activeElement !== trust) trust.value = frame.state.trust;
+  byId("link").textContent = here.daemon
+    ? `pen: ${here.pen ?? "nobody"} · dead-man switch: ${here.dead_man ?? "nobody"}`
+    : "no daemon runs";
+  const other = here.controller && !mine ? `the page of ${here.controller} controls` : "";
+  byId("control-note").textContent = mine ? "this page controls" : other || "this page only watches";
+  byId("pad-note").textContent = note(here);
+  hold.shown(here.held && mine);
+}
+
+function note(here) {
+  if (!mine) return "Take control to write here.";
+  if (here.pen_note) return here.pen_note;
+  if (here.hold_note) return here.hold_note;
+  if (here.writing) return "The built-in writer writes.";
+  return "Write with pen, finger or mouse. The paper's borders are the workspace.";
+}
+
+// Hold-to-run: said again and again while it is held, so that silence lets it go.
+const hold = {
+  timer: null,
+  button: byId("hold"),
+  press() {
+    if (this.timer || !mine) return;
+    send({ hold: true });
+    this.timer = setInterval(() => send({ hold: true }), 40);
+  },
+  letGo() {
+    if (!this.timer) return;
+    clearInterval(this.timer);
+    this.timer = null;
+    send({ hold: false });
+  },
+  shown(held) { this.button.classList.toggle("held", held); },
+};
+hold.button.addEventListener("pointerdown", (event) => {
+  hold.button.setPointerCapture(event.pointerId);
+  hold.press();
+});
+for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) {
+  hold.button.addEventListener(name, () => hold.letGo());
+}
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) { hold.letGo(); pad.leave(); }
+});
+addEventListener("blur", () => hold.letGo());
+
+byId("stop").addEventListener("click", () => send({ stop: true }));
+byId("control").addEventListener("click", () => send(mine ? { release: true } : { control: token }));
+byId("take-pen").addEventListener("click", () => send({ take_pen: true }));
+for (const button of document.querySelectorAll("[data-ask]")) {
+  button.addEventListener("click", () => send({ ask: JSON.parse(button.dataset.ask) }));
+}
+byId("trust").addEventListener("change", (event) => send({ ask: { trust: Number(event.target.value) } }));
+byId("predictor").addEventListener("change", (event) => send({ ask: { predictor: event.target.value } }));
+byId("write").addEventListener("submit", (event) => {
+  event.preventDefault();
+  send({ write: byId("text").value });
+});
+for (const button of document.querySelectorAll("[data-view]")) {
+  button.addEventListener("click", () => {
+    if (arm) arm.view(button.dataset.view);
+    for (const other of document.querySelectorAll("[data-view]")) {
+      other.setAttribute("aria-pressed", String(other === button));
+    }
+  });
+}
+
+const typing = (event) => ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
+addEventListener("keydown", (event) => {
+  if (typing(event) || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.key === "s" || event.key === "S") send({ stop: true });
+  if (event.key === " ") { event.preventDefault(); if (!event.repeat) hold.press(); }
+});
+addEventListener("keyup", (event) => { if (event.key === " ") hold.letGo(); });
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket.onopen = () => {
+    for (let count = 0; count < 8; count += 1) setTimeout(() => send({ ping: performance.now() }), 30 * count);
+    if (token) send({ control: token });
+  };
+  socket.onmessage = (event) => hear(event.data);
+  socket.onclose = () => {
+    if (mine) wanted = 20;
+    controls(false, null);
+    byId("link").textContent = "the console is gone; trying again";
+    byId("mode").textContent = "no link";
+    setTimeout(connect, 1000);
+  };
+}
+setInterval(() => send({ ping: performance.now() }), 1000);
+connect();
+
+// For tests: what a person would see, in numbers.
+globalThis.foretrace = { pad, clock, state, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };

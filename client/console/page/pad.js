@@ -1,0 +1,208 @@
+// The pad: every sample that the browser gives, in metres of the pen's plane, stamped on the server's clock.
+
+const CONTACT = 1, IN_RANGE = 2, BUTTON_1 = 4, BUTTON_2 = 8, ERASER = 32;
+// A pen at rest is sent again, because silence means that it is gone.
+const REPEAT_MS = 20;
+// Repeated samples are stamped this long ago, so that an event on its way stays later than they.
+const MARGIN_MS = 4;
+const TRACE = 4000;
+
+// A lifted pen leaves one point, however long it hovers.
+function keep(trace, point) {
+  if (!point[2] && trace.length && !trace[trace.length - 1][2]) trace.pop();
+  trace.push(point);
+  if (trace.length > TRACE) trace.splice(0, trace.length - TRACE);
+}
+
+export class Pad {
+  constructor(canvas, clock, { send, rate }) {
+    this.canvas = canvas;
+    this.clock = clock;
+    this.send = send;
+    this.rate = rate;
+    this.may = false;
+    this.plane = null;
+    this.last = null;
+    this.lastUs = 0;
+    this.sent = 0;
+    this.pending = [];
+    this.intervals = [];
+    this.ink = [];
+    this.tool = [];
+    this.ghost = [];
+    this.tick = 0;
+    // What a browser lacks outside of a secure context, or at all.
+    this.raw = "onpointerrawupdate" in window;
+    this.coalesced = typeof PointerEvent !== "undefined" && "getCoalescedEvents" in PointerEvent.prototype;
+    const moves = this.raw ? "pointerrawupdate" : "pointermove";
+    canvas.addEventListener(moves, (event) => this.moved(event));
+    canvas.addEventListener("pointerdown", (event) => {
+      event.preventDefault();
+      canvas.focus({ preventScroll: true });
+      canvas.setPointerCapture(event.pointerId);
+      this.one(event);
+      this.flush();
+    });
+    canvas.addEventListener("pointerup", (event) => { this.one(event); this.flush(); });
+    canvas.addEventListener("pointerleave", () => this.leave());
+    canvas.addEventListener("pointercancel", () => this.leave());
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    setInterval(() => this.rest(), REPEAT_MS / 2);
+    setInterval(() => this.tell(), 500);
+    new ResizeObserver(() => this.draw()).observe(canvas);
+  }
+
+  paper(plane) { this.plane = plane; this.draw(); }
+  enabled(may) { this.may = may; if (!may) this.leave(); this.draw(); }
+
+  // The paper on the canvas: as large as fits, in CSS pixels.
+  frame() {
+    const box = this.canvas.getBoundingClientRect();
+    const [[x0, x1], [y0, y1]] = this.plane.workspace;
+    const scale = 0.94 * Math.min(box.width / (x1 - x0), box.height / (y1 - y0));
+    return { box, scale, cx: (x0 + x1) / 2, cy: (y0 + y1) / 2 };
+  }
+
+  moved(event) {
+    const all = this.coalesced ? event.getCoalescedEvents() : [];
+    for (const one of all.length ? all : [event]) this.one(one);
+    this.flush();
+  }
+
+  one(event) {
+    if (!this.plane) return;
+    const { box, scale, cx, cy } = this.frame();
+    // Plane metres, then the pen's own.
+    const x = cx + (event.clientX - box.left - box.width / 2) / scale;
+    const y = cy - (event.clientY - box.top - box.height / 2) / scale;
+    const [ox, oy] = this.plane.pen_origin;
+    const contact = (event.buttons & 1) === 1 || (event.buttons & 32) === 32;
+    let flags = IN_RANGE;
+    if (contact) flags |= CONTACT;
+    if (event.buttons & 2) flags |= BUTTON_1;
+    if (event.buttons & 4) flags |= BUTTON_2;
+    if (event.buttons & 32) flags |= ERASER;
+    const pressure = event.pointerType === "pen" ? event.pressure : -1;
+    const rad = Math.PI / 180;
+    this.put({ at: event.timeStamp, x: ox + x / this.plane.scale, y: oy + y / this.plane.scale, flags, pressure,
+      tilt: [event.tiltX * rad, -event.tiltY * rad] });
+    if (this.lastEvent !== undefined) this.intervals.push(event.timeStamp - this.lastEvent);
+    this.lastEvent = event.timeStamp;
+    keep(this.ink, [x, y, contact]);
+  }
+
+  put(reading) {
+    const us = this.clock.stampUs(reading.at);
+    if (us === null) return;
+    // Of two events within the clock's grain the second one is later all the same.
+    this.lastUs = Math.max(us, this.lastUs + 1);
+    this.last = reading;
+    this.pending.push([this.lastUs, reading.x, reading.y, reading.flags, reading.pressure, ...reading.tilt]);
+  }
+
+  flush() {
+    if (!this.pending.length) return;
+    if (this.may) { this.send(this.pending); this.sent += this.pending.length; }
+    this.pending = [];
+    this.ask();
+  }
+
+  rest() {
+    if (!this.last || !this.may) return;
+    const at = performance.now() - MARGIN_MS;
+    const us = this.clock.stampUs(at);
+    if (us === null || us < this.lastUs + REPEAT_MS * 1000) return;
+    this.put({ ...this.last, at });
+    this.flush();
+  }
+
+  leave() {
+    if (!this.last) return;
+    const last = { ...this.last, at: performance.now() - MARGIN_MS, flags: this.last.flags & ~(CONTACT | IN_RANGE) };
+    this.put(last);
+    this.flush();
+    this.last = null;
+    this.lastEvent = undefined;
+  }
+
+  tell() {
+    // Samples of one burst share their moment nearly: only the whole time says the rate.
+    const moving = this.intervals.filter((ms) => ms >= 0 && ms < 100);
+    this.intervals = [];
+    const clock = this.clock.uncertaintyMs === null ? "clock not known yet"
+      : `clock ± ${this.clock.uncertaintyMs.toFixed(2)} ms`;
+    const why = !isSecureContext ? "; this address is not secure: only one sample per picture, use localhost"
+      : !this.coalesced ? "; this browser gives one sample per picture"
+      : !this.raw ? "; this browser gives samples once per picture, late" : "";
+    const lasted = moving.reduce((sum, ms) => sum + ms, 0);
+    if (moving.length > 5 && lasted > 50) {
+      const hz = (1000 * moving.length) / lasted;
+      this.shown = `${hz.toFixed(0)} samples/s${hz < 100 ? ", as fast as this device and browser give them" : ""}`;
+    }
+    this.rate(`${this.shown ?? "move to see the rate"}; ${clock}${why}`);
+  }
+
+  // The arm's tool and the ghost, drawn under the hand's own ink.
+  points(points) {
+    // Another daemon counts from 1 again.
+    if (points.length && points[points.length - 1][0] < this.tick) this.tick = 0;
+    for (const [tick, , , , x, y, z, gx, gy] of points) {
+      if (tick <= this.tick) continue;
+      // A gap in what was heard is a gap in the line.
+      const writes = z < 0.002 && tick - this.tick <= 60;
+      this.tick = tick;
+      keep(this.tool, [x, y, writes]);
+      keep(this.ghost, [gx, gy, writes && (gx !== 0 || gy !== 0)]);
+    }
+    this.ask();
+  }
+
+  // At most one picture per picture of the screen.
+  ask() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => { this.asked = false; this.draw(); });
+  }
+
+  draw() {
+    const { canvas } = this;
+    const ratio = devicePixelRatio || 1;
+    const box = canvas.getBoundingClientRect();
+    const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    const pen = canvas.getContext("2d");
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, box.width, box.height);
+    if (!this.plane) return;
+    const { scale, cx, cy } = this.frame();
+    const css = getComputedStyle(document.documentElement);
+    const colour = (name) => css.getPropertyValue(name).trim();
+    const at = (x, y) => [box.width / 2 + (x - cx) * scale, box.height / 2 - (y - cy) * scale];
+    const [[x0, x1], [y0, y1]] = this.plane.workspace;
+    const [left, top] = at(x0, y1);
+    pen.strokeStyle = colour("--line");
+    pen.lineWidth = 1;
+    pen.strokeRect(left, top, (x1 - x0) * scale, (y1 - y0) * scale);
+    const trace = (points, style, thick) => {
+      pen.strokeStyle = style;
+      pen.lineWidth = thick;
+      pen.beginPath();
+      let down = false;
+      for (const [x, y, contact] of points) {
+        const [px, py] = at(x, y);
+        if (contact && down) pen.lineTo(px, py);
+        else pen.moveTo(px, py);
+        down = contact;
+      }
+      pen.stroke();
+    };
+    trace(this.ghost, colour("--ghost"), 1);
+    trace(this.tool, colour("--tool"), 2);
+    trace(this.ink, colour("--pen"), 2);
+    if (!this.may) {
+      pen.fillStyle = colour("--soft");
+      pen.textAlign = "center";
+      pen.fillText("watching", box.width / 2, box.height - 8);
+    }
+  }
+}

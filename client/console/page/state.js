@@ -1,0 +1,110 @@
+// The state in words and figures, and the errors over time.
+
+const SECONDS = 20;
+const number = (value, digits, unit) => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`);
+
+export class State {
+  constructor(parts) {
+    this.parts = parts;
+    this.errors = [];
+    this.tick = 0;
+    new ResizeObserver(() => this.plot()).observe(parts.errors);
+  }
+
+  frame({ state, errors, here }) {
+    const now = performance.now();
+    // Another daemon counts from 1 again.
+    if (errors.length && errors[errors.length - 1][0] < this.tick) this.tick = 0;
+    for (const [tick, error, ghost] of errors) {
+      if (tick <= this.tick) continue;
+      this.tick = tick;
+      this.errors.push([now, error / 1000, ghost === null ? null : ghost / 1000]);
+    }
+    while (this.errors.length && now - this.errors[0][0] > SECONDS * 1000) this.errors.shift();
+    if (state) this.words(state, here);
+    this.plot();
+  }
+
+  words(state, here) {
+    const { mode, stopped, refused, now } = this.parts;
+    mode.textContent = here.daemon ? state.mode ?? "unknown" : "no daemon";
+    mode.className = `mode ${here.daemon ? state.mode ?? "" : ""}`;
+    stopped.hidden = !state.stopped;
+    if (state.stopped) {
+      stopped.textContent = `${state.stopped.why}${state.stopped.evidence ? `: ${state.stopped.evidence}` : ""}. ${state.stopped.remedy}`;
+    }
+    now.textContent = state.error_mm === null ? `not compared (${state.ghost_state})`
+      : `${state.error_mm.toFixed(2)} mm rms; feedback alone ${state.ghost_mm === null ? "not known" : `${state.ghost_mm.toFixed(2)} mm`}`;
+    const chain = state.chain_ms;
+    const rows = [
+      ["trust", `${state.trust.toFixed(2)} → ${state.trust_target.toFixed(2)} (${state.trust_reason})`],
+      ["predictor", state.predictor],
+      ["pen → command", number(state.pen_to_command_ms, 2, "ms")],
+      ["command → motion", number(state.command_to_motion_ms, 1, "ms")],
+      ["reader, transport", `${number(chain.reader, 2, "ms")}, ${number(chain.transport, 2, "ms")}`],
+      ["compute, to the arm", `${number(chain.compute, 2, "ms")}, ${number(chain.to_arm, 2, "ms")}`],
+      ["arm's lag", number(chain.lag, 1, "ms")],
+      ["loop", `${state.rate_hz.toFixed(1)} Hz, ${state.overruns} overruns, ${state.shed} shed`],
+      ["pen", `${number(state.pen_age_ms, 0, "ms old")}, ${state.pen_samples} samples, ${state.pen_rejected} rejected`],
+      ["arm", number(state.arm_age_ms, 0, "ms old")],
+      ...state.stages_us.map(([name, p50, p99]) => [name, `${p50.toFixed(0)} µs, p99 ${p99.toFixed(0)}`]),
+    ];
+    const list = this.parts.figures;
+    while (list.children.length < 2 * rows.length) {
+      list.append(document.createElement("dt"), document.createElement("dd"));
+    }
+    rows.forEach(([name, words], index) => {
+      list.children[2 * index].textContent = name;
+      list.children[2 * index + 1].textContent = words;
+    });
+    const fresh = state.refused.filter((one) => one.ago_s < 10);
+    refused.replaceChildren(...fresh.map((one) => {
+      const line = document.createElement("li");
+      line.textContent = `refused ${one.who}: ${one.why}`;
+      return line;
+    }));
+  }
+
+  plot() {
+    const canvas = this.parts.errors;
+    const ratio = devicePixelRatio || 1;
+    const { clientWidth: width, clientHeight: height } = canvas;
+    if (!width || !height) return;
+    [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    const css = getComputedStyle(document.documentElement);
+    const colour = (name) => css.getPropertyValue(name).trim();
+    const most = Math.max(2, ...this.errors.map(([, error, ghost]) => Math.max(error ?? 0, ghost ?? 0))) * 1.1;
+    const now = performance.now();
+    const at = (time, value) => [width - 4 - ((now - time) / (SECONDS * 1000)) * (width - 34), height - 14 - (value / most) * (height - 20)];
+    pen.font = "11px system-ui, sans-serif";
+    pen.fillStyle = colour("--soft");
+    pen.strokeStyle = colour("--line");
+    pen.beginPath();
+    for (const value of [0, most / 2.2, most / 1.1]) {
+      const [, y] = at(now, value);
+      pen.moveTo(30, y);
+      pen.lineTo(width - 4, y);
+      pen.fillText(value.toFixed(1), 2, y + 4);
+    }
+    pen.stroke();
+    pen.fillText("mm off the pen, last 20 s", 34, height - 2);
+    const trace = (index, style) => {
+      pen.strokeStyle = style;
+      pen.lineWidth = 1.5;
+      pen.beginPath();
+      let before = null;
+      for (const sample of this.errors) {
+        if (sample[index] === null) continue;
+        const [x, y] = at(sample[0], sample[index]);
+        if (before !== null && sample[0] - before < 500) pen.lineTo(x, y);
+        else pen.moveTo(x, y);
+        before = sample[0];
+      }
+      pen.stroke();
+    };
+    trace(2, colour("--ghost"));
+    trace(1, colour("--tool"));
+  }
+}

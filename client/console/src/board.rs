@@ -1,0 +1,278 @@
+//! What all pages and the daemon's link share.
+//!
+//! Contract: locks are held for copies only. Channels are bounded; what finds no room is counted.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Sender, SyncSender, TrySendError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use foretrace_client::{PenSample, monotonic_now_ns};
+use serde::Serialize;
+
+use crate::guard::Token;
+use crate::message::Request;
+
+/// A hold-to-run button that was not heard of for this long is let go [ns].
+pub(crate) const HOLD_LASTS_NS: u64 = 150_000_000;
+
+/// What a page asked for, and where the answer goes.
+#[derive(Debug)]
+pub(crate) struct Order {
+    pub(crate) what: What,
+    pub(crate) reply: Sender<Reply>,
+}
+
+/// Things that are carried out elsewhere than at the page's own thread.
+#[derive(Debug)]
+pub(crate) enum What {
+    Ask(Request),
+    Write(String),
+    TakePen,
+}
+
+/// An answer for people.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Reply {
+    pub(crate) done: bool,
+    pub(crate) words: String,
+}
+
+/// What came and went; keys are stable.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// Pages that were connected.
+    pub pages: u64,
+    /// Requests, messages and connections that were refused, by reason.
+    pub refused: BTreeMap<&'static str, u64>,
+    /// Pen samples that were passed on.
+    pub samples: u64,
+    /// Pen samples that were refused, by reason.
+    pub samples_refused: BTreeMap<&'static str, u64>,
+    /// Frames that a page was too slow for.
+    pub frames_dropped: u64,
+    /// Stops that were asked for.
+    pub stops: u64,
+}
+
+/// Tells the person at the console's shell.
+pub(crate) type Log = Box<dyn Fn(&str) + Send + Sync>;
+
+/// Shared by all threads of a console.
+pub(crate) struct Board {
+    pub(crate) token: Token,
+    log: Log,
+    /// None before the link is up.
+    scene: Mutex<Option<Arc<str>>>,
+    frame: Mutex<(u64, Arc<str>)>,
+    /// The page that controls, and its address.
+    controller: Mutex<Option<(u64, String)>>,
+    held_ns: AtomicU64,
+    pens: SyncSender<PenSample>,
+    orders: SyncSender<Order>,
+    tally: Mutex<Tally>,
+    pages: AtomicUsize,
+    over: AtomicBool,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Board {
+    pub(crate) fn new(
+        token: Token,
+        log: Log,
+        pens: SyncSender<PenSample>,
+        orders: SyncSender<Order>,
+    ) -> Self {
+        Self {
+            token,
+            log,
+            scene: Mutex::new(None),
+            frame: Mutex::new((0, "{}".into())),
+            controller: Mutex::new(None),
+            held_ns: AtomicU64::new(0),
+            pens,
+            orders,
+            tally: Mutex::new(Tally::default()),
+            pages: AtomicUsize::new(0),
+            over: AtomicBool::new(false),
+        }
+    }
+
+    pub(crate) fn note(&self, words: &str) {
+        (self.log)(words);
+    }
+
+    pub(crate) fn show_scene(&self, scene: Arc<str>) {
+        *locked(&self.scene) = Some(scene);
+    }
+
+    pub(crate) fn scene(&self) -> Option<Arc<str>> {
+        locked(&self.scene).clone()
+    }
+
+    /// The newest frame takes the place of the one before.
+    pub(crate) fn show(&self, frame: Arc<str>) {
+        let mut place = locked(&self.frame);
+        *place = (place.0 + 1, frame);
+    }
+
+    /// The newest frame and its number.
+    pub(crate) fn frame(&self) -> (u64, Arc<str>) {
+        locked(&self.frame).clone()
+    }
+
+    pub(crate) fn count(&self, change: impl FnOnce(&mut Tally)) {
+        change(&mut locked(&self.tally));
+    }
+
+    pub(crate) fn refuse(&self, reason: &'static str) {
+        self.count(|tally| *tally.refused.entry(reason).or_default() += 1);
+    }
+
+    pub(crate) fn tally(&self) -> Tally {
+        locked(&self.tally).clone()
+    }
+
+    /// Gives the control to page `id`.
+    ///
+    /// # Errors
+    ///
+    /// Who has it, or that the token is wrong; in words.
+    pub(crate) fn take_control(&self, id: u64, address: &str, token: &str) -> Result<(), String> {
+        if !self.token.is(token) {
+            self.refuse("wrong token");
+            return Err("the token is wrong: open the address that `foretrace console` printed".to_owned());
+        }
+        let mut controller = locked(&self.controller);
+        match &*controller {
+            Some((other, at)) if *other != id => {
+                let words = format!("the page of {at} controls: give the control back there first");
+                drop(controller);
+                self.refuse("another page controls");
+                Err(words)
+            }
+            _ => {
+                *controller = Some((id, address.to_owned()));
+                Ok(())
+            }
+        }
+    }
+
+    pub(crate) fn controls(&self, id: u64) -> bool {
+        locked(&self.controller).as_ref().is_some_and(|(holder, _)| *holder == id)
+    }
+
+    /// The address of the page that controls.
+    pub(crate) fn controller(&self) -> Option<String> {
+        locked(&self.controller).as_ref().map(|(_, address)| address.clone())
+    }
+
+    /// Takes the control back from page `id`, and with it the hold-to-run button.
+    pub(crate) fn release(&self, id: u64) -> bool {
+        let mut controller = locked(&self.controller);
+        let was = controller.as_ref().is_some_and(|(holder, _)| *holder == id);
+        if was {
+            *controller = None;
+            self.held_ns.store(0, Ordering::Release);
+        }
+        was
+    }
+
+    /// The hold-to-run button was held, or let go, at `now_ns`.
+    pub(crate) fn hold(&self, held: bool, now_ns: u64) {
+        self.held_ns.store(if held { now_ns } else { 0 }, Ordering::Release);
+    }
+
+    /// Whether it is held at `now_ns`: by a page that controls, and heard of a moment ago.
+    pub(crate) fn is_held(&self, now_ns: u64) -> bool {
+        let held_ns = self.held_ns.load(Ordering::Acquire);
+        held_ns != 0 && now_ns.saturating_sub(held_ns) < HOLD_LASTS_NS
+    }
+
+    /// Passes a sample on to the link.
+    pub(crate) fn pen(&self, sample: PenSample) {
+        if let Err(TrySendError::Full(_)) = self.pens.try_send(sample) {
+            self.count(|tally| *tally.samples_refused.entry("no room").or_default() += 1);
+        }
+    }
+
+    /// Passes an order on; `false`: there is no room for it.
+    pub(crate) fn order(&self, order: Order) -> bool {
+        let placed = self.orders.try_send(order).is_ok();
+        if !placed {
+            self.refuse("too many orders");
+        }
+        placed
+    }
+
+    /// A page came; `false`: there are as many as there may be.
+    pub(crate) fn enter(&self, most: usize) -> bool {
+        let one_more = |pages: usize| (pages < most).then_some(pages + 1);
+        self.pages.fetch_update(Ordering::AcqRel, Ordering::Acquire, one_more).is_ok()
+    }
+
+    pub(crate) fn leave(&self) {
+        self.pages.fetch_sub(1, Ordering::AcqRel);
+    }
+
+    /// Everything ends.
+    pub(crate) fn finish(&self) {
+        self.over.store(true, Ordering::Release);
+        self.held_ns.store(0, Ordering::Release);
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        self.over.load(Ordering::Acquire)
+    }
+}
+
+/// Now, on the monotonic clock \[ns\].
+pub(crate) fn now_ns() -> u64 {
+    monotonic_now_ns()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::sync_channel;
+
+    fn board() -> Board {
+        Board::new(Token::random().unwrap(), Box::new(|_| {}), sync_channel(2).0, sync_channel(2).0)
+    }
+
+    #[test]
+    fn one_page_controls_and_only_with_the_token() {
+        let board = board();
+        let token = board.token.text().to_owned();
+        assert!(board.take_control(1, "here", "x").unwrap_err().contains("token is wrong"));
+        board.take_control(1, "here", &token).unwrap();
+        assert!(board.take_control(2, "there", &token).unwrap_err().contains("the page of here controls"));
+        assert!(board.controls(1) && !board.controls(2) && !board.release(2));
+        assert!(board.release(1));
+        board.take_control(2, "there", &token).unwrap();
+        assert_eq!(board.tally().refused.values().sum::<u64>(), 2);
+    }
+
+    #[test]
+    fn a_button_is_held_only_while_it_is_heard_of_and_its_page_controls() {
+        let board = board();
+        board.take_control(1, "here", board.token.text()).unwrap();
+        board.hold(true, 1000);
+        assert!(board.is_held(1000) && board.is_held(999 + HOLD_LASTS_NS));
+        assert!(!board.is_held(1000 + HOLD_LASTS_NS));
+        board.hold(true, 2000);
+        board.release(1);
+        assert!(!board.is_held(2001));
+    }
+
+    #[test]
+    fn no_more_pages_enter_than_may() {
+        let board = board();
+        assert!(board.enter(2) && board.enter(2) && !board.enter(2));
+        board.leave();
+        assert!(board.enter(2));
+    }
+}

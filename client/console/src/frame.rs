@@ -1,0 +1,205 @@
+//! What a page is told many times per second: the arm, the traces, the state.
+//!
+//! Contract: a frame is whole by itself but for the traces, which overlap, so that a page that misses a frame
+//! misses no point unless it misses many.
+
+use std::collections::VecDeque;
+
+use foretrace_client::{
+    FaultReason, GhostState, Holder, Latency, Mode, Stage, Status, TickRecord, Tracking, TrustReason,
+    monotonic_now_ns, pen_flags,
+};
+use foretrace_config::Config;
+use serde_json::{Value, json};
+
+use crate::scene::placed;
+
+/// One of so many ticks is a point of the traces.
+const STRIDE: u64 = 5;
+/// Points that a frame carries: 0.4 s at 500 Hz.
+const POINTS: usize = 40;
+/// Comparisons with the ghost that a frame carries.
+const ERRORS: usize = 20;
+
+/// What frames are made of.
+pub(crate) struct Frames {
+    config: Config,
+    newest: Option<TickRecord>,
+    points: VecDeque<Value>,
+    errors: VecDeque<Value>,
+}
+
+/// What only the link knows.
+pub(crate) struct Here {
+    pub(crate) pen: Option<Holder>,
+    pub(crate) dead_man: Option<Holder>,
+    pub(crate) held: bool,
+    pub(crate) controller: Option<String>,
+    /// Why the page's pen is not passed on.
+    pub(crate) pen_note: Option<String>,
+    /// Why the page's hold-to-run button does nothing.
+    pub(crate) hold_note: Option<String>,
+    pub(crate) daemon: bool,
+    pub(crate) writing: bool,
+    pub(crate) samples: u64,
+}
+
+impl Frames {
+    pub(crate) fn new(config: Config) -> Self {
+        Self { config, newest: None, points: VecDeque::new(), errors: VecDeque::new() }
+    }
+
+    /// Takes in the record of a tick.
+    pub(crate) fn take(&mut self, record: &TickRecord) {
+        if record.tick.is_multiple_of(STRIDE) {
+            let point = json!([
+                record.tick,
+                metres(record.pen_m[0]),
+                metres(record.pen_m[1]),
+                record.pen_flags & (pen_flags::CONTACT | pen_flags::IN_RANGE),
+                metres(record.tool_m[0]),
+                metres(record.tool_m[1]),
+                metres(record.tool_m[2]),
+                metres(record.ghost_tool_m[0]),
+                metres(record.ghost_tool_m[1]),
+            ]);
+            push(&mut self.points, point, POINTS);
+        }
+        if record.compared_ns != 0 && record.error_m >= 0.0 {
+            let error = json!([record.tick, micro(record.error_m), micro(record.ghost_error_m)]);
+            push(&mut self.errors, error, ERRORS);
+        }
+        self.newest = Some(*record);
+    }
+
+    /// A daemon went, or another came.
+    pub(crate) fn begin_anew(&mut self) {
+        self.newest = None;
+        self.points.clear();
+        self.errors.clear();
+    }
+
+    /// The frame of this moment.
+    pub(crate) fn frame(
+        &self,
+        status: Option<&Status>,
+        here: &Here,
+        remedy: fn(FaultReason) -> &'static str,
+    ) -> Value {
+        let chain = &self.config.robot().chain;
+        let arm = self.newest.map(|record| {
+            json!({
+                "measured": placed(chain, &record.measured_q),
+                "commanded": placed(chain, &record.q),
+                "known": record.joint_state_age_ns != u64::MAX,
+            })
+        });
+        json!({ "frame": {
+            "arm": arm,
+            "points": self.points,
+            "errors": self.errors,
+            "state": status.map(|status| state(status, remedy)),
+            "here": {
+                "daemon": here.daemon,
+                "pen": here.pen.as_ref().map(ToString::to_string),
+                "dead_man": here.dead_man.as_ref().map(ToString::to_string),
+                "held": here.held,
+                "controller": here.controller,
+                "pen_note": here.pen_note,
+                "hold_note": here.hold_note,
+                "writing": here.writing,
+                "samples": here.samples,
+            },
+        } })
+    }
+}
+
+fn push(list: &mut VecDeque<Value>, value: Value, most: usize) {
+    if list.len() == most {
+        list.pop_front();
+    }
+    list.push_back(value);
+}
+
+/// Metres to a hundredth of a millimetre; what is not finite is null in JSON.
+fn metres(value: f64) -> f64 {
+    (value * 1e5).round() * 1e-5
+}
+
+/// Metres in whole micrometres; none below zero.
+fn micro(value: f64) -> Option<f64> {
+    (value >= 0.0).then_some((value * 1e6).round())
+}
+
+fn state(status: &Status, remedy: fn(FaultReason) -> &'static str) -> Value {
+    let mode = Mode::try_from(status.mode).ok();
+    let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+    let stopped = matches!(mode, Some(Mode::Stopped | Mode::Fault));
+    let ms = |ns: u64| (ns != u64::MAX).then_some(ns as f64 * 1e-6);
+    let stages = [Stage::Wakeup, Stage::Predict, Stage::Mpc, Stage::Ik, Stage::Step].map(|stage| {
+        let spread = status.stage(stage);
+        json!([stage.label(), f64::from(spread.p50_ns) * 1e-3, f64::from(spread.p99_ns) * 1e-3])
+    });
+    let refusals = [
+        ("pen", &status.pen_refused),
+        ("joint state", &status.joints_refused),
+        ("dead man", &status.enable_refused),
+        ("echo", &status.echo_refused),
+    ];
+    let now_ns = monotonic_now_ns();
+    let refused: Vec<Value> = refusals
+        .into_iter()
+        .filter(|(_, refused)| refused.at_ns != 0)
+        .map(|(who, refused)| {
+            json!({
+                "who": who,
+                "why": refused.to_string(),
+                "ago_s": now_ns.saturating_sub(refused.at_ns) as f64 * 1e-9,
+            })
+        })
+        .collect();
+    json!({
+        "mode": mode.map(|mode| mode.to_string()),
+        "stopped": stopped.then(|| json!({
+            "why": fault.to_string(),
+            "evidence": status.stop.to_string(),
+            "remedy": remedy(fault),
+        })),
+        "age_ms": ms(status.header.age_ns(now_ns)),
+        "rate_hz": status.measured_rate_hz,
+        "overruns": status.counters.overruns,
+        "skipped": status.counters.skipped_ticks,
+        "shed": status.counters.shed_ticks,
+        "trust": status.trust,
+        "trust_target": status.trust_target,
+        "trust_reason": TrustReason::try_from(status.trust_reason).map(|reason| reason.to_string()).ok(),
+        "predictor": status.predictor.as_str(),
+        "pen_age_ms": ms(status.pen_age_ns),
+        "pen_samples": status.counters.pen_received,
+        "pen_rejected": status.counters.pen_rejected.total(),
+        "arm_age_ms": ms(status.joint_state_age_ns),
+        "chain_ms": {
+            "reader": ms(status.chain.pen_reader_ns),
+            "transport": ms(status.chain.pen_transport_ns),
+            "compute": ms(status.chain.compute_ns),
+            "to_arm": ms(status.chain.command_transport_ns),
+            "lag": status.arm_lag.is_known().then_some(status.arm_lag.lag_s * 1e3),
+        },
+        "pen_to_command_ms": median(&status.pen_to_command),
+        "command_to_motion_ms": median(&status.command_to_motion),
+        "stages_us": stages,
+        "error_mm": rms(&status.tracking),
+        "ghost_mm": rms(&status.ghost),
+        "ghost_state": GhostState::try_from(status.ghost_state).map(|state| state.to_string()).ok(),
+        "refused": refused,
+    })
+}
+
+fn median(latency: &Latency) -> Option<f64> {
+    (latency.count > 0).then(|| f64::from(latency.percentiles.p50_ns) * 1e-6)
+}
+
+fn rms(tracking: &Tracking) -> Option<f64> {
+    let rms = tracking.recent_rms_m;
+    (rms >= 0.0).then_some(rms * 1e3)
+}

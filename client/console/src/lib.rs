@@ -1,0 +1,29 @@
+//! A page in a browser: a pad to write on, the arm that follows, its state and its controls.
+//!
+//! Contract: what a browser sends is judged before anything is done with it: host and origin, size, form,
+//! token, and each pen sample by the gateway's admission. Without the token a page can watch and stop, and
+//! move nothing. One page controls at a time. Connections, memory and every wait are bounded; frames for a
+//! page that reads slowly are dropped, never queued. Plain threads, no asynchronous runtime.
+//!
+//! In the order of a message's way: `http` and `guard` let a page in, `message` reads what it says, `session`
+//! is one page, `board` is what all pages share, `link` is the only thread that talks to the daemon; `scene`
+//! and `frame` are what a page is told.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod guard;
+mod http;
+mod page;
+mod message;
+mod board;
+mod scene;
+mod frame;
+mod link;
+mod session;
+mod server;
+
+pub use board::Tally;
+pub use guard::Token;
+pub use link::{Link, LinkError, Point, Writer};
+pub use server::{Console, ConsoleError};

@@ -1,0 +1,459 @@
+//! The only thread that talks to the daemon: the pen, the hold-to-run button, telemetry and status.
+//!
+//! Contract: it outlives the daemon. Nothing that a page sends makes it wait, but a request to take the pen
+//! over, which waits for its holder for a bounded time. The places of pen and dead-man switch are taken when
+//! they are needed, in the browser's name, and given back with the control.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use foretrace_client::admission::Admission;
+use foretrace_client::{
+    Attachment, Claimant, DeadMan, FaultReason, FeedError, Foretrace, HolderKind, Instance, PenFeed,
+    PenReading, PenSample, Place, RequestError, ServiceError, StatusReader, Telemetry, pen_flags,
+};
+use foretrace_config::Config;
+
+use crate::board::{Board, Order, Reply, What, now_ns};
+use crate::frame::{Frames, Here};
+use crate::message::Request;
+use crate::scene::scene;
+
+/// Longest wait for a sample, and so between two looks at everything else.
+const LOOK_EVERY: Duration = Duration::from_millis(4);
+/// Thirty frames per second.
+const FRAME_EVERY: Duration = Duration::from_millis(33);
+/// Between two attempts to get a place or a daemon.
+const AGAIN: Duration = Duration::from_millis(500);
+/// How long a holder has to give the pen up.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long the daemon has to answer.
+const ANSWER: Duration = Duration::from_secs(3);
+/// The gateway's bounds: samples per second in the long run, and at once.
+const RATE: u32 = 2000;
+const BURST: u32 = 400;
+
+/// Why a console has no link.
+#[derive(thiserror::Error)]
+pub enum LinkError {
+    /// The daemon cannot be attached to.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// A thread cannot be started.
+    #[error("no thread can be started: {0}: raise `ulimit -u`")]
+    Thread(std::io::Error),
+}
+
+impl std::fmt::Debug for LinkError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// A point of the built-in writer: seconds from the begin, x and y \[m\], contact.
+pub type Point = (f64, f64, f64, bool);
+
+/// The path of a text by the built-in writer, or why there is none.
+pub type Writer = Box<dyn Fn(&str) -> Result<Vec<Point>, String> + Send>;
+
+/// What the link needs to know, and to be told.
+pub struct Link {
+    /// The daemon's instance.
+    pub instance: Instance,
+    /// The daemon's settings.
+    pub config: Config,
+    /// The path of a text, by the built-in writer.
+    pub writer: Writer,
+    /// What to do about a stop.
+    pub remedy: fn(FaultReason) -> &'static str,
+}
+
+impl std::fmt::Debug for Link {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Link").field("instance", &self.instance).finish_non_exhaustive()
+    }
+}
+
+/// The pages' side of the link.
+pub(crate) struct Inbox {
+    pub(crate) pens: Receiver<PenSample>,
+    pub(crate) orders: Receiver<Order>,
+}
+
+impl Link {
+    /// Serves the pages of `board` until it is over.
+    pub(crate) fn run(self, board: &Arc<Board>, inbox: &Inbox) -> Result<(), LinkError> {
+        let foretrace = Foretrace::attach_within(&self.instance, Duration::ZERO)?;
+        board.show_scene(serde_json::json!({ "scene": scene(&self.config) }).to_string().into());
+        let mut running = Running {
+            telemetry: foretrace.telemetry()?,
+            status: foretrace.status()?,
+            frames: Frames::new(self.config.clone()),
+            hand: Hand::new(board.clone()),
+            asks: asks(&self.instance)?,
+            foretrace,
+            link: self,
+            daemon: true,
+            writing: None,
+        };
+        let (mut looked, mut shown) = (Instant::now(), Instant::now());
+        while !board.is_over() {
+            match inbox.pens.recv_timeout(LOOK_EVERY) {
+                Ok(sample) => {
+                    running.pen(&sample);
+                    while let Ok(sample) = inbox.pens.try_recv() {
+                        running.pen(&sample);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            while let Ok(order) = inbox.orders.try_recv() {
+                running.carry_out(order);
+            }
+            running.go_on();
+            if looked.elapsed() >= AGAIN {
+                looked = Instant::now();
+                running.follow();
+            }
+            if shown.elapsed() >= FRAME_EVERY {
+                shown = Instant::now();
+                running.show();
+            }
+        }
+        running.hand.let_go();
+        Ok(())
+    }
+}
+
+/// The link at work.
+struct Running {
+    link: Link,
+    foretrace: Foretrace,
+    telemetry: Telemetry,
+    status: StatusReader,
+    frames: Frames,
+    hand: Hand,
+    asks: Sender<(Request, Sender<Reply>)>,
+    daemon: bool,
+    writing: Option<Writing>,
+}
+
+/// A text that is being written.
+struct Writing {
+    points: Vec<Point>,
+    next: usize,
+    begin_ns: u64,
+}
+
+impl Running {
+    fn pen(&mut self, sample: &PenSample) {
+        if self.writing.is_none() {
+            self.hand.pen(&self.foretrace, sample);
+        }
+    }
+
+    fn carry_out(&mut self, Order { what, reply }: Order) {
+        let answer = match what {
+            What::Ask(request) => {
+                // The thread behind answers by itself; it lives as long as this one.
+                let _ = self.asks.send((request, reply));
+                return;
+            }
+            What::Write(text) => self.write(&text),
+            What::TakePen => self.hand.take_over(&self.foretrace),
+        };
+        // The page may be gone.
+        let _ = reply.send(match answer {
+            Ok(words) => Reply { done: true, words },
+            Err(words) => Reply { done: false, words },
+        });
+    }
+
+    fn write(&mut self, text: &str) -> Result<String, String> {
+        if self.writing.is_some() {
+            return Err("the writer is at work: wait until it has finished".to_owned());
+        }
+        let points = (self.link.writer)(text)?;
+        self.hand.claim(&self.foretrace)?;
+        let seconds = points.last().map_or(0.0, |(at, ..)| *at);
+        // The loop gets a moment to hear the pen before it writes.
+        self.writing = Some(Writing { points, next: 0, begin_ns: now_ns() + 50_000_000 });
+        Ok(format!("the writer writes for {seconds:.0} s"))
+    }
+
+    /// Everything that time asks for.
+    fn go_on(&mut self) {
+        let now = now_ns();
+        if let Some(writing) = &mut self.writing {
+            let mut over = self.hand.feed.is_none();
+            while let Some((at_s, x_m, y_m, contact)) = writing.points.get(writing.next).copied() {
+                let due = writing.begin_ns + (at_s * 1e9) as u64;
+                if due > now {
+                    break;
+                }
+                writing.next += 1;
+                let more_flags = pen_flags::IN_RANGE;
+                let reading = PenReading {
+                    device_stamp_ns: due,
+                    x_m,
+                    y_m,
+                    contact,
+                    more_flags,
+                    ..PenReading::default()
+                };
+                over |= !self.hand.send(reading);
+            }
+            if over || writing.next >= writing.points.len() {
+                self.writing = None;
+            }
+        }
+        self.hand.go_on(&self.foretrace, now);
+        let frames = &mut self.frames;
+        self.telemetry.drain(|record| frames.take(record));
+        self.status.latest();
+    }
+
+    /// Follows the daemon when it goes and comes back.
+    fn follow(&mut self) {
+        match self.foretrace.reattach_if_needed() {
+            Ok(Attachment::Unchanged) => self.daemon = true,
+            Ok(found) => {
+                self.daemon = true;
+                self.frames.begin_anew();
+                if found == Attachment::Renewed {
+                    // The old handles hold the places that the new ones need.
+                    self.hand.let_go();
+                    let renewed = self.foretrace.telemetry().and_then(|telemetry| {
+                        (self.telemetry, self.status) = (telemetry, self.foretrace.status()?);
+                        Ok(())
+                    });
+                    if let Err(error) = renewed {
+                        self.hand.board.note(&error.to_string());
+                    }
+                }
+            }
+            Err(_) => self.daemon = false,
+        }
+    }
+
+    fn show(&mut self) {
+        let hand = &self.hand;
+        let here = Here {
+            pen: self.link.instance.holder(Place::Pen),
+            dead_man: self.link.instance.holder(Place::DeadMan),
+            held: hand.board.is_held(now_ns()),
+            controller: hand.board.controller(),
+            pen_note: hand.pen_note.clone(),
+            hold_note: hand.hold_note.clone(),
+            daemon: self.daemon,
+            writing: self.writing.is_some(),
+            samples: hand.board.tally().samples,
+        };
+        let status = self.status.latest().copied();
+        let frame = self.frames.frame(status.as_ref(), &here, self.link.remedy);
+        hand.board.show(frame.to_string().into());
+    }
+}
+
+/// The pen and the hold-to-run button, in the name of the page that controls.
+struct Hand {
+    board: Arc<Board>,
+    admission: Admission,
+    feed: Option<PenFeed>,
+    dead_man: Option<DeadMan>,
+    held: bool,
+    beaten: Instant,
+    next_pen: Instant,
+    next_dead_man: Instant,
+    pen_note: Option<String>,
+    hold_note: Option<String>,
+}
+
+impl Hand {
+    fn new(board: Arc<Board>) -> Self {
+        let now = Instant::now();
+        Self {
+            board,
+            admission: Admission::new(RATE, BURST, now_ns()),
+            feed: None,
+            dead_man: None,
+            held: false,
+            beaten: now,
+            next_pen: now,
+            next_dead_man: now,
+            pen_note: None,
+            hold_note: None,
+        }
+    }
+
+    fn who(&self) -> Claimant {
+        Claimant::new(HolderKind::Browser, &self.board.controller().unwrap_or_else(|| "console".to_owned()))
+    }
+
+    /// A sample of the page that controls.
+    fn pen(&mut self, foretrace: &Foretrace, sample: &PenSample) {
+        let refusal = match self.admission.judge(sample, now_ns()) {
+            Ok(()) if self.feed.is_none() && Instant::now() < self.next_pen => Some("the pen is held"),
+            Ok(()) if self.feed.is_none() && self.claim(foretrace).is_err() => Some("the pen is held"),
+            Ok(()) => None,
+            Err(refusal) => Some(refusal.label()),
+        };
+        if let Some(label) = refusal {
+            self.board.count(|tally| *tally.samples_refused.entry(label).or_default() += 1);
+            return;
+        }
+        match self.feed.as_mut().map(|feed| feed.send_sample(*sample)) {
+            Some(Ok(_)) => self.board.count(|tally| tally.samples += 1),
+            Some(Err(FeedError::HandedOver)) => self.handed_over(),
+            Some(Err(_)) | None => {
+                self.board.count(|tally| *tally.samples_refused.entry("not sent").or_default() += 1);
+            }
+        }
+    }
+
+    /// A reading of the writer; `false`: the pen is gone.
+    fn send(&mut self, reading: PenReading) -> bool {
+        match self.feed.as_mut().map(|feed| feed.send(reading)) {
+            Some(Err(FeedError::HandedOver)) | None => {
+                self.handed_over();
+                false
+            }
+            Some(_) => true,
+        }
+    }
+
+    fn claim(&mut self, foretrace: &Foretrace) -> Result<(), String> {
+        if self.feed.is_none() {
+            self.next_pen = Instant::now() + AGAIN;
+            match foretrace.pen_feed_as(&self.who()) {
+                Ok(feed) => (self.feed, self.pen_note) = (Some(feed), None),
+                Err(error) => {
+                    self.pen_note = Some(error.to_string());
+                    return Err(error.to_string());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn take_over(&mut self, foretrace: &Foretrace) -> Result<String, String> {
+        if self.feed.is_some() {
+            return Ok("this page has the pen already".to_owned());
+        }
+        match foretrace.take_pen_feed(&self.who(), PATIENCE) {
+            Ok(feed) => {
+                (self.feed, self.pen_note) = (Some(feed), None);
+                Ok("this page has the pen".to_owned())
+            }
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    fn handed_over(&mut self) {
+        let to = self.feed.as_mut().and_then(|feed| feed.handed_to().map(ToString::to_string));
+        if let Some(to) = to {
+            self.board.note(&format!("the pen was handed to {to}"));
+            self.pen_note = Some(format!("the pen was handed to {to}, which asked for it"));
+        }
+        self.feed = None;
+        // Whoever asked gets the time to take it.
+        self.next_pen = Instant::now() + PATIENCE;
+    }
+
+    fn go_on(&mut self, foretrace: &Foretrace, now: u64) {
+        if self.board.controller().is_none() {
+            self.let_go();
+            return;
+        }
+        if self.feed.as_mut().is_some_and(|feed| feed.handed_to().is_some()) {
+            self.handed_over();
+        }
+        self.button(foretrace, self.board.is_held(now));
+    }
+
+    fn button(&mut self, foretrace: &Foretrace, held: bool) {
+        if held && self.dead_man.is_none() && Instant::now() >= self.next_dead_man {
+            self.next_dead_man = Instant::now() + AGAIN;
+            match foretrace.dead_man_as(&self.who()) {
+                Ok(dead_man) => (self.dead_man, self.hold_note) = (Some(dead_man), None),
+                Err(error) => self.hold_note = Some(error.to_string()),
+            }
+        }
+        let was = std::mem::replace(&mut self.held, held);
+        let sent = match (&mut self.dead_man, held) {
+            (Some(dead_man), true) if !was || self.beaten.elapsed() >= DeadMan::INTERVAL => {
+                self.beaten = Instant::now();
+                dead_man.beat()
+            }
+            // Silence stops as well.
+            (Some(dead_man), false) if was => dead_man.stop(),
+            (Some(dead_man), false) => match dead_man.handed_to() {
+                Some(_) => Err(foretrace_client::DeadManError::HandedOver),
+                None => Ok(()),
+            },
+            _ => Ok(()),
+        };
+        if let Err(error) = sent {
+            self.hold_note = Some(error.to_string());
+            self.dead_man = None;
+        }
+    }
+
+    /// Gives pen and button back; a button that was held says stop.
+    fn let_go(&mut self) {
+        if let (true, Some(dead_man)) = (self.held, &mut self.dead_man) {
+            let _ = dead_man.stop();
+        }
+        self.held = false;
+        (self.feed, self.dead_man) = (None, None);
+        (self.pen_note, self.hold_note) = (None, None);
+    }
+}
+
+/// A thread that asks the daemon, one request after another; it ends when nobody can ask it any more.
+fn asks(instance: &Instance) -> Result<Sender<(Request, Sender<Reply>)>, LinkError> {
+    let mut foretrace = Foretrace::attach_within(instance, Duration::ZERO)?;
+    let (sender, asked) = std::sync::mpsc::channel::<(Request, Sender<Reply>)>();
+    let answers = move || {
+        while let Ok((request, reply)) = asked.recv() {
+            let _ = foretrace.reattach_if_needed();
+            // The page may be gone.
+            let _ = reply.send(ask(&foretrace, &request));
+        }
+    };
+    std::thread::Builder::new().name("console-asks".to_owned()).spawn(answers).map_err(LinkError::Thread)?;
+    Ok(sender)
+}
+
+fn ask(foretrace: &Foretrace, request: &Request) -> Reply {
+    let refused = |words: String| Reply { done: false, words };
+    let mut requests = match foretrace.requests() {
+        Ok(requests) => requests,
+        Err(error) => return refused(error.to_string()),
+    };
+    let answer: Result<_, RequestError> = match request {
+        Request::Arm(_) => requests.arm(ANSWER),
+        Request::Disarm(_) => requests.disarm(ANSWER),
+        Request::Home(_) => requests.move_home(ANSWER),
+        Request::TrustAuto(_) => requests.trust_auto(ANSWER),
+        Request::FreezeTrust(_) => requests.freeze_trust(ANSWER),
+        Request::Trust(value) => requests.set_trust(*value, ANSWER),
+        Request::Predictor(name) => requests.switch_predictor(name, ANSWER),
+        Request::Reload(_) => requests.reload(ANSWER),
+    };
+    match answer {
+        Ok(response) => {
+            let text = response.text();
+            Reply { done: true, words: if text.is_empty() { "done".to_owned() } else { text } }
+        }
+        Err(error) => refused(error.to_string()),
+    }
+}
+
+/// Room between the pages and the link.
+pub(crate) fn channels() -> (SyncSender<PenSample>, SyncSender<Order>, Inbox) {
+    let ((pen, pens), (order, orders)) = (sync_channel(1024), sync_channel(16));
+    (pen, order, Inbox { pens, orders })
+}

@@ -1,0 +1,45 @@
+//! The files of the page. Everything that it needs is here: nothing is loaded from elsewhere.
+
+/// A file: its content and type.
+pub(crate) struct File {
+    pub(crate) kind: &'static str,
+    pub(crate) body: &'static [u8],
+}
+
+/// The file under `path`.
+pub(crate) fn file(path: &str) -> Option<File> {
+    let script = "text/javascript; charset=utf-8";
+    let (kind, body): (_, &[u8]) = match path {
+        "/" => ("text/html; charset=utf-8", include_bytes!("../page/index.html")),
+        "/console.css" => ("text/css; charset=utf-8", include_bytes!("../page/console.css")),
+        "/console.js" => (script, include_bytes!("../page/console.js")),
+        "/pad.js" => (script, include_bytes!("../page/pad.js")),
+        "/arm.js" => (script, include_bytes!("../page/arm.js")),
+        "/state.js" => (script, include_bytes!("../page/state.js")),
+        "/three.js" => (script, include_bytes!("../page/three.bundle.js")),
+        "/icon.svg" => ("image/svg+xml", include_bytes!("../page/icon.svg")),
+        _ => return None,
+    };
+    Some(File { kind, body })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_page_names_is_there_and_nothing_comes_from_elsewhere() {
+        let index = String::from_utf8(file("/").unwrap().body.to_vec()).unwrap();
+        let named = ["/console.css", "/console.js", "/icon.svg"];
+        assert!(named.iter().all(|path| index.contains(&path[1..]) && file(path).is_some()));
+        for path in ["/", "/console.js", "/pad.js", "/arm.js", "/state.js", "/console.css"] {
+            let text = String::from_utf8(file(path).unwrap().body.to_vec()).unwrap();
+            for line in text.lines().filter(|line| line.contains("import ") && line.contains(" from ")) {
+                let path = line.split('"').nth(1).unwrap_or_default().trim_start_matches('.');
+                assert!(file(path).is_some(), "{line}");
+            }
+            assert!(!text.contains("https://") && !text.contains("http://"), "{path}");
+        }
+        assert!(file("/../Cargo.toml").is_none() && file("/none").is_none());
+    }
+}

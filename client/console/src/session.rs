@@ -1,0 +1,258 @@
+//! One page: its messages in, scene, frames and answers out.
+//!
+//! Contract: every wait is bounded. A page that sends too much, or reads too slowly for too long, or falls
+//! silent is let go, and with it whatever it held.
+
+use std::net::TcpStream;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use foretrace_client::Instance;
+use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::{Error, Message as Packet, WebSocket};
+
+use crate::board::{Board, Order, Reply, What, now_ns};
+use crate::message::{MESSAGE_BYTES, Message, sample};
+
+/// Longest wait for a message, and so between two looks at new frames.
+const WAIT: Duration = Duration::from_millis(5);
+/// Longest time for which one write may hold the page's thread up.
+const WRITE: Duration = Duration::from_millis(20);
+/// A page is let go that takes in nothing for this long.
+const STUCK: Duration = Duration::from_secs(3);
+/// A page is let go that says nothing for this long: it measures its clock every second.
+const SILENT: Duration = Duration::from_secs(15);
+/// Most messages per second; a pen of 1000 Hz sends one per sample at most.
+const MESSAGES: u32 = 1500;
+/// Longest wait for the confirmation of a stop.
+const STOP: Duration = Duration::from_secs(2);
+
+/// Serves the page until it ends; `stream` has been upgraded.
+pub(crate) fn serve(board: &Arc<Board>, instance: &Instance, stream: TcpStream, id: u64, address: &str) {
+    let timeouts = stream
+        .set_read_timeout(Some(WAIT))
+        .and_then(|()| stream.set_write_timeout(Some(WRITE)))
+        .and_then(|()| stream.set_nodelay(true));
+    if timeouts.is_err() {
+        return;
+    }
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(MESSAGE_BYTES))
+        .max_frame_size(Some(MESSAGE_BYTES))
+        .write_buffer_size(0)
+        .max_write_buffer_size(1 << 20);
+    let (replies, answers) = channel();
+    let mut page = Page {
+        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
+        board,
+        instance,
+        id,
+        address,
+        replies,
+        answers,
+        stuck_since: None,
+        shown: 0,
+        has_scene: false,
+        heard: Instant::now(),
+        second: (Instant::now(), 0),
+    };
+    let reason = page.talk();
+    // It may be gone.
+    let _ = page.socket.close(None);
+    let _ = page.socket.flush();
+    if board.release(id) {
+        board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
+    }
+}
+
+struct Page<'a> {
+    socket: WebSocket<TcpStream>,
+    board: &'a Arc<Board>,
+    instance: &'a Instance,
+    id: u64,
+    address: &'a str,
+    replies: Sender<Reply>,
+    answers: Receiver<Reply>,
+    /// Since when something waits to be read by the page.
+    stuck_since: Option<Instant>,
+    /// Number of the last frame that was shown.
+    shown: u64,
+    has_scene: bool,
+    heard: Instant,
+    /// Begin of this second, and messages in it.
+    second: (Instant, u32),
+}
+
+impl Page<'_> {
+    /// Until it ends, and why.
+    fn talk(&mut self) -> &'static str {
+        while !self.board.is_over() {
+            match self.socket.read() {
+                Ok(Packet::Text(text)) => {
+                    if let Err(reason) = self.hear(text.as_str()) {
+                        return reason;
+                    }
+                }
+                Ok(Packet::Binary(_)) => self.board.refuse("binary message"),
+                Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return "closed",
+                Ok(_) => {}
+                Err(Error::Io(error)) if would_block(&error) => {}
+                Err(Error::Capacity(_)) => {
+                    self.board.refuse("message too long");
+                    return "message too long";
+                }
+                Err(_) => return "connection broke",
+            }
+            while let Ok(reply) = self.answers.try_recv() {
+                self.send(&serde_json::json!({ "reply": reply }).to_string());
+            }
+            if let Some(reason) = self.show() {
+                return reason;
+            }
+            if self.heard.elapsed() > SILENT {
+                self.board.refuse("silent page");
+                return "silent";
+            }
+        }
+        "the console ends"
+    }
+
+    /// Shows the newest frame, unless an older one still waits to be read.
+    fn show(&mut self) -> Option<&'static str> {
+        if let Some(since) = self.stuck_since {
+            match self.socket.flush() {
+                Ok(()) => self.stuck_since = None,
+                Err(_) if since.elapsed() > STUCK => {
+                    self.board.refuse("page reads too slowly");
+                    return Some("read too slowly");
+                }
+                Err(_) => {}
+            }
+        }
+        // A page may come before the daemon was attached to.
+        if let (false, Some(scene)) = (self.has_scene, self.board.scene()) {
+            self.send(&scene);
+            self.has_scene = true;
+        }
+        let (number, frame) = self.board.frame();
+        if number != self.shown {
+            let missed = number.saturating_sub(self.shown + 1);
+            if self.stuck_since.is_some() {
+                self.board.count(|tally| tally.frames_dropped += 1);
+            } else {
+                if self.shown != 0 {
+                    self.board.count(|tally| tally.frames_dropped += missed);
+                }
+                self.send(&frame);
+            }
+            self.shown = number;
+        }
+        None
+    }
+
+    fn send(&mut self, text: &str) {
+        match self.socket.send(Packet::text(text)) {
+            Ok(()) => {}
+            // What could not be written waits in the socket's buffer, of bounded size.
+            Err(_) => drop(self.stuck_since.get_or_insert_with(Instant::now)),
+        }
+    }
+
+    /// Does what the page says, if it may.
+    fn hear(&mut self, text: &str) -> Result<(), &'static str> {
+        self.heard = Instant::now();
+        if self.second.0.elapsed() >= Duration::from_secs(1) {
+            self.second = (Instant::now(), 0);
+        }
+        self.second.1 += 1;
+        if self.second.1 > MESSAGES {
+            self.board.refuse("too many messages");
+            return Err("too many messages");
+        }
+        let message = match Message::read(text) {
+            Ok(message) => message,
+            Err(reason) => {
+                self.board.refuse(reason);
+                return Ok(());
+            }
+        };
+        if message.needs_control() && !self.board.controls(self.id) {
+            self.board.refuse("without control");
+            if !matches!(message, Message::Pen(_) | Message::Hold(_)) {
+                self.tell(false, "this page only watches: take the control first".to_owned());
+            }
+            return Ok(());
+        }
+        self.carry_out(message);
+        Ok(())
+    }
+
+    fn carry_out(&mut self, message: Message) {
+        match message {
+            Message::Ping(at) => {
+                let pong = serde_json::json!({ "pong": [at, now_ns() as f64 * 1e-3] });
+                self.send(&pong.to_string());
+            }
+            Message::Control(token) => {
+                let taken = self.board.take_control(self.id, self.address, &token);
+                if taken.is_ok() {
+                    self.board.note(&format!("the page of {} controls", self.address));
+                }
+                self.controls(taken.err());
+            }
+            Message::Release(_) => {
+                self.board.release(self.id);
+                self.controls(None);
+            }
+            Message::Stop(_) => self.stop(),
+            Message::Pen(samples) => samples.into_iter().map(sample).for_each(|one| self.board.pen(one)),
+            Message::Hold(held) => self.board.hold(held, now_ns()),
+            Message::Ask(request) => self.order(What::Ask(request)),
+            Message::Write(text) => self.order(What::Write(text)),
+            Message::TakePen(_) => self.order(What::TakePen),
+        }
+    }
+
+    /// Anybody may stop the arm, in the way that needs no middleware.
+    fn stop(&mut self) {
+        self.board.count(|tally| tally.stops += 1);
+        self.board.note(&format!("stop, asked for by the page of {}", self.address));
+        let (instance, replies) = (self.instance.clone(), self.replies.clone());
+        let stops = move || {
+            let reply = match foretrace_client::stop(&instance, STOP) {
+                Ok(_) => Reply { done: true, words: "the arm stops".to_owned() },
+                Err(error) => Reply { done: false, words: format!("{error}: use the arm's own stop button") },
+            };
+            let _ = replies.send(reply);
+        };
+        // A stop waits for its confirmation; the page goes on meanwhile.
+        if std::thread::Builder::new().name("console-stop".to_owned()).spawn(stops).is_err() {
+            let stopped = foretrace_client::stop(self.instance, STOP).is_ok();
+            self.tell(
+                stopped,
+                if stopped { "the arm stops" } else { "use the arm's own stop button" }.to_owned(),
+            );
+        }
+    }
+
+    fn order(&mut self, what: What) {
+        if !self.board.order(Order { what, reply: self.replies.clone() }) {
+            self.tell(false, "too much is asked for at once: try again".to_owned());
+        }
+    }
+
+    fn controls(&mut self, refused: Option<String>) {
+        let mine = self.board.controls(self.id);
+        self.send(&serde_json::json!({ "control": { "mine": mine, "refused": refused } }).to_string());
+    }
+
+    fn tell(&mut self, done: bool, words: String) {
+        self.send(&serde_json::json!({ "reply": Reply { done, words } }).to_string());
+    }
+}
+
+fn would_block(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+}

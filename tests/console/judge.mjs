@@ -1,0 +1,228 @@
+// A pen in a real browser: what it draws reaches the daemon, what a person sees is there, and who may not, may not.
+
+import { spawn } from "node:child_process";
+import { once } from "node:events";
+import { readFileSync } from "node:fs";
+import { createInterface } from "node:readline";
+import { chromium } from "playwright-core";
+
+const { CHROMIUM, PROGRAM, SCRATCH, PICTURES } = process.env;
+const root = [`--root=${SCRATCH}/root`, "--instance=7"];
+const children = [];
+let passed = 0;
+
+function check(name, holds, evidence = "") {
+  if (!holds) throw new Error(`${name}: ${evidence}`);
+  passed += 1;
+  console.log(`ok  ${name}${evidence === "" ? "" : ` (${evidence})`}`);
+}
+
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+
+function start(...words) {
+  const child = spawn(PROGRAM, [...words, ...root], { stdio: ["ignore", "pipe", "pipe"], cwd: SCRATCH });
+  child.told = "";
+  child.stderr.on("data", (bytes) => { child.told += bytes; });
+  child.words = words.join(" ");
+  children.push(child);
+  return child;
+}
+
+async function run(...words) {
+  const child = start(...words);
+  let out = "";
+  child.stdout.on("data", (bytes) => { out += bytes; });
+  const [code] = await once(child, "exit");
+  return { code, out, told: child.told };
+}
+
+async function until(what, test, seconds = 60) {
+  const end = Date.now() + 1000 * seconds;
+  for (;;) {
+    const found = await test();
+    if (found) return found;
+    if (Date.now() > end) throw new Error(`${what} did not come about within ${seconds} s`);
+    await pause(50);
+  }
+}
+
+async function end(child) {
+  child.kill("SIGINT");
+  if (child.exitCode === null) await once(child, "exit");
+}
+
+async function open(browser, address, options = {}) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 720 }, colorScheme: "light", ...options });
+  const page = await context.newPage();
+  page.faults = [];
+  page.on("pageerror", (error) => page.faults.push(String(error)));
+  page.on("console", (line) => { if (line.type() === "error") page.faults.push(line.text()); });
+  await page.goto(address);
+  await page.waitForFunction(() => globalThis.foretrace?.frames > 3, null, { timeout: 60000 });
+  return page;
+}
+
+// Draws a figure with a pen, in bursts, as a fast pen does. `figure` gives metres of the plane.
+async function draw(page, figure, count) {
+  const at = await page.evaluate(() => {
+    const { box, scale, cx, cy } = globalThis.foretrace.pad.frame();
+    return { left: box.left + box.width / 2, top: box.top + box.height / 2, scale, cx, cy };
+  });
+  const cdp = await page.context().newCDPSession(page);
+  const point = (index) => {
+    const [x, y] = figure(index / count);
+    return { x: at.left + (x - at.cx) * at.scale, y: at.top - (y - at.cy) * at.scale };
+  };
+  const pen = (type, index, buttons) => cdp.send("Input.dispatchMouseEvent", {
+    type, ...point(index), button: type === "mouseMoved" ? "none" : "left", buttons, pointerType: "pen",
+    force: buttons ? 0.6 : 0, tiltX: 20, tiltY: -10,
+  });
+  await pen("mouseMoved", 0, 0);
+  await pen("mousePressed", 0, 1);
+  for (let index = 1; index < count; index += 5) {
+    const burst = [];
+    for (let one = index; one < Math.min(index + 5, count); one += 1) burst.push(pen("mouseMoved", one, 1));
+    await Promise.all(burst);
+    await pause(20);
+  }
+  await pen("mouseReleased", count - 1, 0);
+  await cdp.detach();
+}
+
+// Arms again what a busy machine has stopped: that is not what is judged here.
+async function awake() {
+  await until("an armed loop", async () => {
+    const { out } = await run("status", "--json=-");
+    if (["armed", "following", "holding"].includes(JSON.parse(out).mode)) return true;
+    await run("request", "disarm");
+    await pause(500);
+    await run("request", "arm");
+    return false;
+  });
+}
+
+const circle = (share) => [0.03 * Math.cos(2 * Math.PI * share), 0.03 * Math.sin(2 * Math.PI * share)];
+
+async function judge(browser) {
+  // A busy machine starves the simulated arm for longer than the preset allows.
+  const daemon = start("daemon", "--no-rights", "--set=safety.joint_state_timeout_ms=500");
+  await until("the daemon", async () => (await run("status")).code === 0);
+  start("arm", "sim");
+  await until("arming", async () => (await run("request", "arm")).code === 0);
+  const console_ = start("console", "--port=0");
+  const [line] = await once(createInterface({ input: console_.stdout }), "line");
+  const address = line.replace("open ", "");
+  check("the console prints an address with a token", /^http:\/\/127\.0\.0\.1:\d+\/#[0-9a-f]{32}$/.test(address));
+
+  const page = await open(browser, address);
+  await page.waitForFunction(() => globalThis.foretrace.mine && globalThis.foretrace.clock.uncertaintyMs !== null);
+  check("the token does not stay in the address", !page.url().includes("#"));
+  check("the page is isolated", await page.evaluate(() => crossOriginIsolated && isSecureContext));
+  const uncertainty = () => page.evaluate(() => globalThis.foretrace.clock.uncertaintyMs);
+  // One ping a second; a busy machine delays most of them.
+  await until("clocks that agree", async () => (await uncertainty()) < 10);
+  check("the clocks agree within 10 ms", true, `± ${(await uncertainty()).toFixed(2)} ms`);
+
+  const record = start("record", "--pen", `${SCRATCH}/pen.csv`);
+  await pause(1000);
+  const before = await page.evaluate(() => globalThis.foretrace.pad.sent);
+  await draw(page, circle, 200);
+  await pause(300);
+  await page.evaluate(() => globalThis.foretrace.pad.leave());
+  await pause(500);
+  const sent = await page.evaluate(() => globalThis.foretrace.pad.sent) - before;
+  await end(record);
+  const rows = readFileSync(`${SCRATCH}/pen.csv`, "utf8").trim().split("\n").filter((row) => /^[\d-]/.test(row))
+    .map((row) => row.split(",").map(Number));
+  check("every sample of the pen reaches the daemon", rows.length === sent && sent >= 200, `${rows.length} of ${sent}`);
+  check("in the order of their stamps", rows.every((row, index) => index === 0 || row[0] > rows[index - 1][0]));
+  const ink = rows.filter((row) => row[3] === 1);
+  const off = Math.max(...ink.map(([, x, y]) => Math.abs(Math.hypot(x, y) - 0.03)));
+  check("the circle is within 0.1 mm where it was drawn", off < 1e-4, `${(off * 1e3).toFixed(4)} mm`);
+
+  await awake();
+  const mode = () => page.evaluate(() => document.getElementById("mode").textContent);
+  await until("the mode on the page", async () => ["following", "holding", "armed"].includes(await mode()), 20);
+  check("the mode is shown", true, await mode());
+  const pen = await page.evaluate(() => document.getElementById("link").textContent);
+  check("the holder of the pen is named", pen.includes("the browser 127.0.0.1"), pen);
+  check("the arm is drawn", await page.evaluate(() => globalThis.foretrace.arm?.drawn > 5));
+  await page.fill("#text", "Hello");
+  await page.click("#write button");
+  await page.waitForFunction(() => document.getElementById("answers").textContent.includes("the writer writes"));
+  await until("the writer's text", () => page.evaluate(() => globalThis.foretrace.state.errors.length > 50));
+  await pause(4000);
+  for (const [width, height] of [[1280, 720], [800, 1280]]) {
+    for (const scheme of ["light", "dark"]) {
+      await page.setViewportSize({ width, height });
+      await page.emulateMedia({ colorScheme: scheme });
+      await pause(700);
+      await page.screenshot({ path: `${PICTURES}/console-${width}x${height}-${scheme}.png` });
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      check(`nothing is cut off at the side at ${width} by ${height}, ${scheme}`, wide <= 0, `${wide} px`);
+    }
+  }
+  await page.setViewportSize({ width: 1280, height: 720 });
+  await page.emulateMedia({ colorScheme: "light" });
+
+  const watcher = await open(browser, address.replace(/#.*/, "#00000000000000000000000000000000"));
+  await pause(300);
+  check("a wrong token only watches", !(await watcher.evaluate(() => globalThis.foretrace.mine)));
+  const second = await open(browser, address);
+  await pause(300);
+  check("a second page does not get the control", !(await second.evaluate(() => globalThis.foretrace.mine)));
+  await second.context().close();
+
+  await awake();
+  await page.bringToFront();
+  await page.waitForFunction(() => globalThis.foretrace.mine);
+  const held = () => page.evaluate(() => document.getElementById("hold").classList.contains("held"));
+  const button = await page.locator("#hold").boundingBox();
+  await page.mouse.move(button.x + 5, button.y + 5);
+  await page.mouse.down();
+  await until("the held button", held, 10);
+  await page.evaluate(() => {
+    Object.defineProperty(document, "hidden", { value: true, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  });
+  await until("the release by a hidden page", async () => !(await held()), 10);
+  await page.mouse.up();
+  await until("the stop after the release", async () =>
+    (await page.evaluate(() => document.getElementById("mode").textContent)) === "stopped", 20);
+  check("hiding the page lets the button go, and the arm stops", true);
+  const told = await page.evaluate(() => document.getElementById("stopped").textContent);
+  check("the stop is told with its remedy", told.includes("dead-man"), told);
+  await page.click('[data-ask=\'{"disarm":true}\']');
+  await pause(500);
+  await page.click('[data-ask=\'{"arm":true}\']');
+  await until("arming by the page", async () =>
+    ["armed", "following", "holding"].includes(await page.evaluate(() => document.getElementById("mode").textContent)), 20);
+  await watcher.click("#stop");
+  await until("the stop by a page that only watches", async () =>
+    (await page.evaluate(() => document.getElementById("mode").textContent)) === "stopped", 20);
+  check("a page without token can stop the arm", true);
+  const faults = [...page.faults, ...watcher.faults];
+  check("no page reports an error of its own", faults.length === 0, faults.join("; "));
+  await watcher.context().close();
+  await page.context().close();
+  await end(console_);
+  check("the stop is logged with its address", /stop, asked for by the page of 127\.0\.0\.1:\d+/.test(console_.told), "");
+  check("the daemon runs on", daemon.exitCode === null);
+}
+
+const browser = await chromium.launch({
+  executablePath: CHROMIUM, args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+});
+let failed = 0;
+try {
+  await judge(browser);
+} catch (error) {
+  failed = 1;
+  console.log(`FAILED  ${error.message}`);
+  for (const child of children) if (child.exitCode === null || child.exitCode > 0) console.log(`${child.words}: ${child.told.slice(-600)}`);
+} finally {
+  await browser.close();
+  for (const child of children.reverse()) if (child.exitCode === null) await end(child);
+}
+console.log(`${passed} passed, ${failed} failed`);
+process.exit(failed);
