@@ -159,9 +159,9 @@ impl<P: Handed> AnyCourse for Course<P> {
         let moving = self.shadow.settle(step.x);
         self.since = self.since.saturating_add(u32::from(moving));
         if learnable {
-            self.candidate.learn(step.x);
+            self.candidate.learn_pen(step.x, step.touch());
         } else {
-            self.candidate.observe(step.x);
+            self.candidate.observe_pen(step.x, step.touch());
         }
         if self.candidate.parameters().validate().is_err() {
             self.counters.poisoned += 1;

@@ -85,9 +85,35 @@ pub struct GridStep {
     pub motion: Motion,
     /// The samples on both sides of k·Δ touch the paper.
     pub contact: bool,
+    /// Steps since the pen came to touch the paper or left it; counted anew from a start or a jump.
+    pub contact_steps: u32,
 }
 
-state! { whole [] GridStep { index, position, displacement, motion, contact } }
+/// Whether the pen touches the paper, and since when: hover is motion of its own kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Touch {
+    /// The pen touches the paper.
+    pub contact: bool,
+    /// Steps since it came to touch the paper or left it; [`u32::MAX`]: since the history began.
+    pub steps: u32,
+}
+
+state! { whole [] Touch { contact, steps } }
+
+impl Touch {
+    /// Of recordings that hold ink only.
+    pub const INK: Self = Self { contact: true, steps: u32::MAX };
+}
+
+impl GridStep {
+    /// Whether the pen touches the paper, and since when.
+    #[must_use]
+    pub const fn touch(&self) -> Touch {
+        Touch { contact: self.contact, steps: self.contact_steps }
+    }
+}
+
+state! { whole [] GridStep { index, position, displacement, motion, contact, contact_steps } }
 
 /// Why a reading was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 //! effect, a real jump is followed one sample late, and an ordinary sample is never delayed.
 
 use super::queue::StepQueue;
-use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt};
+use super::{GridStep, Motion, PenError, PenReading, PenRefusal, PenRejection, PenSettings, Receipt, Touch};
 use crate::state::state;
 use crate::units::Stamp;
 
@@ -77,8 +77,8 @@ pub struct PenTracker {
     settings: PenSettings,
     newest: Option<PenReading>,
     suspect: Option<PenReading>,
-    /// Position of the newest closed grid point since the last restart.
-    closed: Option<[f64; 2]>,
+    /// Position of the newest closed grid point since the last restart, and the pen's touch there.
+    closed: Option<([f64; 2], Touch)>,
     /// A jump happened since the newest closed grid point.
     jumped: bool,
     queue: StepQueue,
@@ -270,13 +270,19 @@ impl PenTracker {
     fn close(&mut self, index: u64, position: [f64; 2], contact: bool) {
         let (motion, displacement) = match self.closed {
             None => (Motion::Start, [0.0; 2]),
-            Some(before) if self.jumped => (Motion::Jump, difference(position, before)),
-            Some(before) => (Motion::Continues, difference(position, before)),
+            Some((before, _)) if self.jumped => (Motion::Jump, difference(position, before)),
+            Some((before, _)) => (Motion::Continues, difference(position, before)),
         };
-        self.closed = Some(position);
+        let contact_steps = match self.closed {
+            Some((_, touch)) if motion == Motion::Continues && touch.contact == contact => {
+                touch.steps.saturating_add(1)
+            }
+            _ => 0,
+        };
+        self.closed = Some((position, Touch { contact, steps: contact_steps }));
         self.jumped = false;
-        self.counters.overwritten +=
-            self.queue.push(GridStep { index, position, displacement, motion, contact });
+        let step = GridStep { index, position, displacement, motion, contact, contact_steps };
+        self.counters.overwritten += self.queue.push(step);
     }
 }
 

@@ -6,6 +6,7 @@ use std::fmt::Debug;
 use super::online::WeightsError;
 use super::taught::Handed;
 use super::{OnlineWeights, Predictor};
+use crate::pen::Touch;
 use crate::state::{Reader, State, StateError, Writer};
 
 /// A predictor of any type, for any thread.
@@ -69,6 +70,10 @@ macro_rules! predicts_as_its_own {
         impl<P: Predictor> Predictor for $wrapper<P> {
             fn observe(&mut self, x: [f64; 2]) {
                 self.0.observe(x);
+            }
+
+            fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
+                self.0.observe_pen(x, touch);
             }
 
             fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

@@ -37,6 +37,8 @@ pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
 pub use step::LearnStep;
 pub use taught::{Handed, Learning, Pace, Parameters, Taught};
 
+use crate::pen::Touch;
+
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;
 
@@ -44,6 +46,11 @@ pub const MAX_PREVIEW: usize = 64;
 pub trait Predictor {
     /// Remembers one real normalised displacement.
     fn observe(&mut self, x: [f64; 2]);
+
+    /// As `observe`, with what the pen knows besides. For predictors that look at contact.
+    fn observe_pen(&mut self, x: [f64; 2], _touch: Touch) {
+        self.observe(x);
+    }
 
     /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed
     /// one.

@@ -8,7 +8,7 @@ use std::fmt::Debug;
 
 use thiserror::Error;
 
-use crate::pen::TARGET_RMS;
+use crate::pen::{TARGET_RMS, Touch};
 
 /// A displacement with a component beyond this \[per axis\] is no motion in any unit: its square would swamp
 /// or overflow a learner's sums.
@@ -85,6 +85,16 @@ pub trait OnlineModel {
 
     /// Remembers a displacement without learning from it.
     fn observe(&mut self, x: [f64; 2]);
+
+    /// As `learn`, with what the pen knows besides. For models that look at contact.
+    fn learn_pen(&mut self, x: [f64; 2], _touch: Touch) -> [f64; 2] {
+        self.learn(x)
+    }
+
+    /// As `observe`, with what the pen knows besides.
+    fn observe_pen(&mut self, x: [f64; 2], _touch: Touch) {
+        self.observe(x);
+    }
 
     /// Forgets the history; parameters and accumulators stay.
     fn reset_state(&mut self);

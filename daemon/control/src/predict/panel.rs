@@ -7,6 +7,8 @@
 use super::member::{Member, Plain};
 use super::models::REGISTRY;
 use super::online::WeightsError;
+use crate::pen::Touch;
+
 use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind};
 use crate::state::{Reader, State, StateError, Writer, load_part, save_part};
 
@@ -63,10 +65,10 @@ impl Panel {
         Ok(Self { members, knows: false })
     }
 
-    /// Remembers one real normalised displacement.
-    pub fn observe(&mut self, x: [f64; 2]) {
+    /// Remembers one real normalised displacement, with the pen's touch after it.
+    pub fn observe(&mut self, x: [f64; 2], touch: Touch) {
         for member in self.members.iter_mut().flatten() {
-            member.observe(x);
+            member.observe_pen(x, touch);
         }
         self.knows = true;
     }

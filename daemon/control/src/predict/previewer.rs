@@ -14,7 +14,7 @@ use thiserror::Error;
 use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
 use super::{Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
-use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
+use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS, Touch};
 use crate::predict::LearnStep;
 
 /// What a previewer needs to start.
@@ -167,7 +167,7 @@ impl Previewer {
         let x = if motion == Motion::Continues {
             self.scale.observe(step);
             let x = self.scale.normalise(step.displacement);
-            self.remember(x);
+            self.remember(x, step.touch());
             x
         } else {
             self.forget();
@@ -180,6 +180,7 @@ impl Previewer {
             x,
             motion,
             contact: step.contact,
+            contact_steps: step.contact_steps,
             scale_m,
             limit: self.limit(),
             level: bands::level(self.level_square),
@@ -300,12 +301,12 @@ impl Previewer {
         self.scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST_OBSERVED)
     }
 
-    fn remember(&mut self, x: [f64; 2]) {
+    fn remember(&mut self, x: [f64; 2], touch: Touch) {
         self.history = self.history.saturating_add(1);
         let [dx, dy] = x;
         self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
         self.level_square = bands::level_square(self.level_square, x);
-        self.panel.observe(x);
+        self.panel.observe(x, touch);
     }
 }
 

@@ -7,6 +7,8 @@
 
 use std::fmt::Debug;
 
+use crate::pen::Touch;
+
 use super::online::{ModelParameters, OnlineModel, WeightsError};
 use super::{Models, OnlineWeights, Predictor};
 use crate::state::State;
@@ -102,6 +104,10 @@ pub struct Learning<M>(pub M);
 impl<M: OnlineModel> Predictor for Learning<M> {
     fn observe(&mut self, x: [f64; 2]) {
         self.0.learn(x);
+    }
+
+    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
+        self.0.learn_pen(x, touch);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

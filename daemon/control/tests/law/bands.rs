@@ -69,7 +69,14 @@ fn the_share_of_misses_obeys_its_bound_whatever_the_pen_does() {
         let displacement = [length * angle.cos(), length * angle.sin()];
         position = [position[0] + displacement[0], position[1] + displacement[1]];
         let motion = if index == 0 { Motion::Start } else { Motion::Continues };
-        learner.learn(&previewer.observe(&GridStep { index, position, displacement, motion, contact: true }));
+        learner.learn(&previewer.observe(&GridStep {
+            index,
+            position,
+            displacement,
+            motion,
+            contact: true,
+            ..GridStep::default()
+        }));
     }
     for kind in PredictorKind::LIVE {
         for lead in [1, 8, BAND_LEADS] {

@@ -100,6 +100,33 @@ fn a_grid_that_begins_on_a_sample_has_its_index_and_place() {
 }
 
 #[test]
+fn the_time_since_the_pen_touched_or_left_the_paper_is_on_the_grid() {
+    let mut pen = tracker();
+    // Down for 30 ms, hovering for 40 ms, down again; a gap, and a jump.
+    let contact = |step: u32| !(4..8).contains(&step);
+    for step in 0..12_u32 {
+        let at = reading(f64::from(step) * 10.0 + 1000.0, 0.001 * f64::from(step), 0.0);
+        assert_eq!(feed(&mut pen, PenReading { contact: contact(step), ..at }), Receipt::Accepted);
+    }
+    let seen: Vec<_> = drain(&mut pen).iter().map(|s| (s.contact, s.contact_steps)).collect();
+    let expected: Vec<_> =
+        (0..12_u32).map(|step| (contact(step), if step < 4 { step } else { step % 4 })).collect();
+    assert_eq!(seen, expected);
+    // A gap begins anew, and so does a jump that two samples confirm.
+    feed(&mut pen, reading(1500.0, 0.0, 0.0));
+    feed(&mut pen, reading(1510.0, 0.001, 0.0));
+    feed(&mut pen, reading(1520.0, 0.5, 0.0));
+    feed(&mut pen, reading(1530.0, 0.501, 0.0));
+    feed(&mut pen, reading(1540.0, 0.502, 0.0));
+    let seen: Vec<_> = drain(&mut pen).iter().map(|s| (s.motion, s.contact_steps)).collect();
+    let jump = seen.iter().rposition(|(motion, _)| *motion == Motion::Jump).unwrap();
+    assert_eq!(seen[0], (Motion::Start, 0));
+    assert_eq!(seen[1], (Motion::Continues, 1));
+    assert_eq!(seen[jump].1, 0, "{seen:?}");
+    assert_eq!(seen.last(), Some(&(Motion::Continues, (seen.len() - 1 - jump) as u32)), "{seen:?}");
+}
+
+#[test]
 fn a_single_glitch_costs_nothing_but_its_own_sample() {
     let mut with = tracker();
     let mut without = tracker();
@@ -323,6 +350,7 @@ proptest! {
             let step = GridStep {
                 index: index as u64, position: [0.0; 2], displacement, motion: Motion::Continues,
                     contact: true,
+                ..GridStep::default()
             };
             let in_other = displacement.map(|d| d * unit);
             one.observe(&step);
@@ -335,7 +363,14 @@ proptest! {
 fn moving(index: u64, amplitude: f64) -> GridStep {
     let phase = index as f64 * 0.7;
     let displacement = [amplitude * phase.cos(), amplitude * (1.3 * phase).sin()];
-    GridStep { index, position: [0.0; 2], displacement, motion: Motion::Continues, contact: true }
+    GridStep {
+        index,
+        position: [0.0; 2],
+        displacement,
+        motion: Motion::Continues,
+        contact: true,
+        ..GridStep::default()
+    }
 }
 
 fn settled(scale: &mut SpeedScale, amplitude: f64, steps: u64) -> f64 {

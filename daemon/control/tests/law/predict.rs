@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
+use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings, Touch};
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
@@ -31,7 +31,14 @@ fn previewer(weights: DybmWeights) -> Previewer {
 }
 
 fn start(index: u64, position: [f64; 2]) -> GridStep {
-    GridStep { index, position, displacement: [0.0; 2], motion: Motion::Start, contact: true }
+    GridStep {
+        index,
+        position,
+        displacement: [0.0; 2],
+        motion: Motion::Start,
+        contact: true,
+        ..GridStep::default()
+    }
 }
 
 /// A circle of 2 cm at about 0.13 m/s, one step per index.
@@ -40,7 +47,7 @@ fn circle(index: u64) -> GridStep {
     let (now, before) = (at(index as f64), at(index as f64 - 1.0));
     let displacement = [now[0] - before[0], now[1] - before[1]];
     let motion = if index == 0 { Motion::Start } else { Motion::Continues };
-    GridStep { index, position: now, displacement, motion, contact: true }
+    GridStep { index, position: now, displacement, motion, contact: true, ..GridStep::default() }
 }
 
 #[test]
@@ -54,6 +61,7 @@ fn hold_stays_and_constant_velocity_goes_on() {
         displacement,
         motion: Motion::Continues,
         contact: true,
+        ..GridStep::default()
     };
     previewer.observe(&step);
     let mut out = [[0.0; 2]; 3];
@@ -281,7 +289,8 @@ proptest! {
         let mut out = [[0.0; 2]; 20];
         for (advance, x, y, motion) in steps {
             index += advance;
-            let step = GridStep { index, position: [0.1, 0.2], displacement: [x, y], motion, contact: true };
+            let start = GridStep { index, position: [0.1, 0.2], contact: true, ..GridStep::default() };
+            let step = GridStep { displacement: [x, y], motion, ..start };
             let learned = previewer.observe(&step);
             prop_assert!(learned.x.iter().all(|x| x.is_finite()));
             for kind in PredictorKind::LIVE {
@@ -317,7 +326,9 @@ fn what_was_forgotten_is_in_no_preview() {
     let models = support::models_with_network();
     let fresh = Panel::new(&models, &models.initial_weights()).unwrap();
     let mut used = fresh.clone();
-    (0..60).map(f64::from).for_each(|t| used.observe([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
+    (0..60).map(f64::from).for_each(|t| {
+        used.observe([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()], Touch::INK);
+    });
     let path = |panel: &Panel, kind| {
         let mut path = [[0.0; 2]; 12];
         panel.roll_out(kind, 100.0, 1e-4, [0.01, 0.02], &mut path);
@@ -333,8 +344,8 @@ fn what_was_forgotten_is_in_no_preview() {
         for kind in PredictorKind::LIVE {
             assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
         }
-        used.observe(x);
-        first.observe(x);
+        used.observe(x, Touch::INK);
+        first.observe(x, Touch::INK);
     }
 }
 

@@ -183,7 +183,7 @@ fn roll_out(damping: &Damping, mut x: [f64; 2], limit: f64, out: &mut [[f64; 2]]
 mod tests {
     use super::*;
     use crate::learn::{Learner, LearnerSettings};
-    use crate::pen::Motion;
+    use crate::pen::{Motion, Touch};
     use crate::predict::{LearnStep, ModelSettings, Networks, Panel, PredictorKind};
 
     #[test]
@@ -201,14 +201,14 @@ mod tests {
             if learner.learn(&step).hand_over {
                 panel.set_weights(learner.weights()).unwrap();
             }
-            panel.observe(x);
+            panel.observe(x, Touch::INK);
         }
         let learned = learner.weights().learned_damping;
         assert!(learned.version > 0 && learner.counters_of(kind).promotions > 0, "{learned:?}");
         assert!((0.6..0.95).contains(&learned.rho), "{learned:?}");
         let mut next = [[0.0; 2]];
         panel.forget();
-        panel.observe([10.0, 0.0]);
+        panel.observe([10.0, 0.0], Touch::INK);
         panel.roll_out(kind, f64::INFINITY, 1.0, [0.0; 2], &mut next);
         assert_eq!(next, [[10.0 * learned.rho, 0.0]]);
     }

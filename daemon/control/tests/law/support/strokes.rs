@@ -36,7 +36,14 @@ pub(crate) fn path(displacements: &[[f64; 2]]) -> Vec<GridStep> {
         .map(|(index, displacement)| {
             position = [position[0] + displacement[0], position[1] + displacement[1]];
             let motion = if index == 0 { Motion::Start } else { Motion::Continues };
-            GridStep { index, position, displacement: *displacement, motion, contact: true }
+            GridStep {
+                index,
+                position,
+                displacement: *displacement,
+                motion,
+                contact: true,
+                ..GridStep::default()
+            }
         })
         .collect()
 }
