@@ -232,7 +232,9 @@ impl Draft {
             if let Some(mut settings) = settings {
                 settings.robot.urdf =
                     resolved(&settings.robot.urdf, &folder, |name| presets::robot(name).is_some());
-                for network in [&mut settings.predictor.lstm, &mut settings.predictor.mixture.network] {
+                let predictor = &mut settings.predictor;
+                let (mixture, foresight) = (&mut predictor.mixture.network, &mut predictor.mixture.foresight);
+                for network in [&mut predictor.lstm, mixture, foresight] {
                     let known = |name: &str| name == NO_NETWORK || shipped(name).is_some();
                     *network = network.take().map(|name| resolved(&name, &folder, known));
                 }

@@ -11,12 +11,11 @@ use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::ReservoirSettings;
 use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{
-    DybmSettings, InitialWeights, LstmWeights, MixtureSettings, ModelSettings, Models, Networks, Optimiser,
-    PredictorKind,
+    DybmSettings, InitialWeights, MixtureSettings, ModelSettings, Models, Networks, Optimiser, PredictorKind,
 };
 
 use crate::check::Findings;
-use crate::models::{LstmModel, SHIPPED_PRIOR, find_prior, shipped};
+use crate::models::{ForesightModel, LstmModel, ModelError, SHIPPED_PRIOR, find_prior, shipped};
 use crate::problem::Problem;
 use crate::schema::Rule;
 use crate::settings::{self, Settings, TraceChoice};
@@ -45,10 +44,22 @@ pub(crate) const NO_NETWORK: &str = "none";
 /// Builds what the predictors are made of; `None` when something was reported.
 pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<Models> {
     let section = &settings.predictor;
-    let lstm = network("predictor.lstm", section.lstm.as_deref(), "lstm10", settings, report);
+    let step_ns = settings.step_ns();
+    let lstm = |name: &str| {
+        let model = LstmModel::find(name)?;
+        model.fits(step_ns).map(|()| model.weights)
+    };
+    let foresight = |name: &str| {
+        let model = ForesightModel::find(name)?;
+        model.fits(step_ns).map(|()| model.weights)
+    };
+    let named = &section.mixture;
+    let alone = network("predictor.lstm", section.lstm.as_deref(), "lstm10", lstm, settings, report);
     let mixture =
-        network("predictor.mixture.network", section.mixture.network.as_deref(), "mixture", settings, report);
-    let networks = Networks { lstm: lstm?, mixture: mixture? };
+        network("predictor.mixture.network", named.network.as_deref(), "mixture", lstm, settings, report);
+    let key = "predictor.mixture.foresight";
+    let foresight = network(key, named.foresight.as_deref(), "foresight", foresight, settings, report);
+    let networks = Networks { lstm: alone?, mixture: mixture?, foresight: foresight? };
     match Models::new(model_settings(settings), networks) {
         Ok(models) if models.has(section.kind) => Some(models),
         Ok(_) => {
@@ -76,13 +87,14 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
 
 /// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there
 /// is one. `None` when something was reported.
-fn network(
+fn network<W>(
     key: &str,
     name: Option<&str>,
     family: &str,
+    load: impl Fn(&str) -> Result<Arc<W>, ModelError>,
     settings: &Settings,
     report: &mut Findings<'_>,
-) -> Option<Option<Arc<LstmWeights>>> {
+) -> Option<Option<Arc<W>>> {
     let suited = format!("{family}-{}ms", settings.pen.step_ms);
     let name = match name {
         Some(NO_NETWORK) => return Some(None),
@@ -90,9 +102,8 @@ fn network(
         None if shipped(&suited).is_some() => &suited,
         None => return Some(None),
     };
-    let loaded = LstmModel::find(name).and_then(|model| model.fits(settings.step_ns()).map(|()| model));
-    match loaded {
-        Ok(model) => Some(Some(model.weights)),
+    match load(name) {
+        Ok(weights) => Some(Some(weights)),
         Err(error) => {
             report.conflict(
                 key,

@@ -67,19 +67,8 @@ impl LstmModel {
     ///
     /// See [`ModelError`].
     pub fn load_assuming(path: &Path, assumed: Assumed) -> Result<Self, ModelError> {
-        let file = path.display().to_string();
-        let failed = |error: &std::io::Error| ModelError::File {
-            file: file.clone(),
-            what: "read",
-            why: error.to_string(),
-            remedy: format!("name a readable .safetensors file, or a shipped model ({})", shipped_names()),
-        };
-        let bytes = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
-        if bytes > MAX_BYTES {
-            return Err(ModelError::TooLarge { file, bytes, limit: MAX_BYTES });
-        }
-        let bytes = std::fs::read(path).map_err(|error| failed(&error))?;
-        Self::parse(&file, &bytes, assumed)
+        let bytes = read_bounded(path)?;
+        Self::parse(&path.display().to_string(), &bytes, assumed)
     }
 
     /// Reads a file's bytes; `file` is what messages call it.
@@ -140,7 +129,23 @@ impl LstmModel {
     }
 }
 
-fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+/// The bytes of a model file of a size that models have.
+pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, ModelError> {
+    let file = path.display().to_string();
+    let failed = |error: &std::io::Error| ModelError::File {
+        file: file.clone(),
+        what: "read",
+        why: error.to_string(),
+        remedy: format!("name a readable .safetensors file, or a shipped model ({})", shipped_names()),
+    };
+    let bytes = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
+    if bytes > MAX_BYTES {
+        return Err(ModelError::TooLarge { file, bytes, limit: MAX_BYTES });
+    }
+    std::fs::read(path).map_err(|error| failed(&error))
+}
+
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.partial", std::process::id()));
     let partial = path.with_file_name(name);

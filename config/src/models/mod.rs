@@ -19,16 +19,22 @@
 //! | `residual` | `true`: outputs are added to the newest clipped input; absent = `false` |
 //! | `leads` | K, steps predicted directly; absent = 1, rolled out |
 //!
+//! A file of `foresight` holds `layers.N.weight` (outputs x inputs) and `layers.N.bias` for N from 0 to 3,
+//! and in its metadata `kind` = `foresight`, `input_scale`, `step_ns`, and `block`, the steps of a block of
+//! its history.
+//!
 //! Other keys are notes and kept. Other tensors are refused, but for those whose names begin with `extra.`,
 //! which are ignored.
 
 mod container;
 mod problem;
 mod lstm;
+mod foresight;
 mod shipped;
 mod prior;
 
 pub use container::{Container, DType, Tensor, container_bytes};
+pub use foresight::ForesightModel;
 pub use lstm::{Assumed, LstmModel};
 pub use prior::{SHIPPED_PRIOR, ShippedPrior, find_prior, parse_prior};
 pub use problem::ModelError;

@@ -2,6 +2,7 @@
 //! remedy.
 
 use foretrace_control::predict::LstmError;
+use foretrace_control::predict::models::foresight::ForesightError;
 use foretrace_control::predict::refine::PriorError;
 
 /// Why a model was not loaded or saved.
@@ -95,6 +96,25 @@ pub enum ModelError {
         wanted: String,
         /// What to do.
         remedy: &'static str,
+    },
+    /// The network that sees contact, direction and time, and must not reach the loop.
+    #[error("{file}: {why}")]
+    RefusedForesight {
+        /// The file.
+        file: String,
+        /// The bound that is broken.
+        why: ForesightError,
+    },
+    /// Another kind of model.
+    #[error(
+        "{file}: metadata key `{key}` is missing: take a network that `foretrace lab train --model foresight` \
+         made"
+    )]
+    NoForesight {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
     },
     /// Metadata that must be there.
     #[error(

@@ -135,13 +135,18 @@ section! {
 }
 
 section! {
-    /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out, a
-    /// trained network, and that network corrected online, reweighted at every step and for every lead.
+    /// The mixture (predictor.kind = "mixture"): constant velocity, least squares, a reservoir's read-out,
+    /// trained networks, and each of them corrected online, reweighted at every step and for every lead.
     pub struct MixtureSection {
         /// The network: a shipped one by name, or a .safetensors file relative to the settings file, with 24
         /// direct leads, made for this pen.step_ms. Not set: the shipped one for this step; where there is
         /// none, or with "none", the mixture does without.
         network: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
+        /// The network that also sees contact, direction and time: a shipped one by name, or a .safetensors
+        /// file relative to the settings file that "foretrace lab train --model foresight" made for this
+        /// pen.step_ms. Not set: the shipped one for this step; where there is none, or with "none", the
+        /// mixture does without.
+        foresight: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// Factor per step by which the past loses weight in the read-outs.
         forgetting: f64 = Between(0.99, 1.0), Default("0.99985"), AtStart, "0.99985";
         /// How fast the weights of the experts follow their errors.

@@ -3,6 +3,7 @@
 
 mod closed_loop;
 mod figures;
+mod inputs;
 mod table;
 mod table1;
 mod train;
@@ -58,11 +59,16 @@ pub(crate) enum LabCommand {
     /// Your own predictors take part as an LSTM (lstm:FILE.safetensors) or as predictions
     /// (file:PREDICTIONS.csv) for the targets that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
-    /// Train an LSTM on recorded handwriting
+    /// Train a network on recorded handwriting
     ///
     /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same
     /// seed, data and options give the same file. An interrupted training continues with --resume.
     Train(train::TrainArgs),
+    /// Measure what each kind of input is worth to the network foresight
+    ///
+    /// Trains it with all inputs, with each kind left out, with more context up to being told the letter, and
+    /// with each set left out of the training, and judges every network on other writers.
+    Inputs(inputs::InputsArgs),
     /// Make every picture of README and docs again
     ///
     /// Runs the demo for its pictures; pictures of recordings need --recordings, the folder of the data sets.
@@ -120,6 +126,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),
         LabCommand::Train(args) => train::run(args),
+        LabCommand::Inputs(args) => inputs::run(args),
         LabCommand::Pictures(args) => pictures::run(args),
     }
 }

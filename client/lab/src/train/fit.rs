@@ -210,7 +210,7 @@ impl Fit {
 }
 
 /// A seed of its own for each (epoch, place): three rounds of SplitMix64's finaliser.
-fn mixed(seed: u64, epoch: u64, place: u64) -> u64 {
+pub(super) fn mixed(seed: u64, epoch: u64, place: u64) -> u64 {
     [epoch, place].into_iter().fold(stirred(seed), |state, word| stirred(state ^ stirred(word)))
 }
 

@@ -18,6 +18,7 @@ mod fit;
 pub mod checkpoint;
 mod curve;
 mod model;
+pub mod foresight;
 pub mod bench;
 
 pub use adam::{Adam, AdamSettings, Schedule, limit_norm};

@@ -14,4 +14,5 @@ mod shared;
 mod soak;
 mod stop_duration;
 mod train_fit;
+mod train_foresight;
 mod train_gradients;

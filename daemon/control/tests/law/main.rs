@@ -17,6 +17,7 @@ mod skill;
 mod state;
 mod skill_onset;
 mod skill_regression;
+mod foresight;
 mod follower;
 mod follower_evidence;
 mod follower_far;

@@ -33,12 +33,15 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
         ));
     }
     let (batch, epochs) = (args.batch.unwrap_or(16) as usize, args.epochs.unwrap_or(EPOCHS) as usize);
-    note!("lab: lstm{}, batches of {batch}, {} sequences, one thread", args.model, sequences.len());
-    let result = bench(sequences, args.model, batch, epochs, args.seed);
+    note!("lab: lstm{}, batches of {batch}, {} sequences, one thread", args.cells(), sequences.len());
+    let result = bench(sequences, args.cells(), batch, epochs, args.seed);
     let mut times = result.us_per_step.clone();
     times.sort_by(f64::total_cmp);
     let (least, median) = (times[0], times[times.len() / 2]);
-    say!("training lstm{} {median:.3} us per step (median of {epochs} epochs; least {least:.3})", args.model);
+    say!(
+        "training lstm{} {median:.3} us per step (median of {epochs} epochs; least {least:.3})",
+        args.cells()
+    );
     if let Some(file) = &args.exchange {
         let unwritten = |error: &dyn std::fmt::Display| {
             Failure::failed(
@@ -50,7 +53,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
         std::fs::write(file, text).map_err(|error| unwritten(&error))?;
     }
     args.json.write(&json!({
-        "model": format!("lstm{}", args.model),
+        "model": format!("lstm{}", args.cells()),
         "batch": batch,
         "steps": result.steps,
         "us_per_step": { "median": median, "least": least, "epochs": result.us_per_step },

@@ -1,22 +1,24 @@
-//! `foretrace lab train`: an LSTM from recorded handwriting, as a file that the tables and the loop load.
+//! `foretrace lab train`: a network from recorded handwriting, as a file that the tables and the loop load.
 //!
 //! Contract: the model appears at `--out` whole and only when it is finished. After every epoch a checkpoint
 //! beside it (`OUT.checkpoint`) holds all that `--resume` needs to continue bit for bit; the finished model
 //! removes it.
 
 mod bench;
+mod checkpoint;
+mod foresight;
 mod options;
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use foretrace_config::models::DType;
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_lab::train::corpus::{self, Item};
-use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, checkpoint, citation, curve, model};
+use foretrace_lab::train::{Fit, FitError, Setup, Strokes, Units, citation, curve, model};
 use foretrace_sim::data::DataSet;
 use serde_json::json;
 
@@ -24,8 +26,11 @@ use super::progress::Progress;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
-use options::Choice;
+use checkpoint::Checkpoint;
+pub(in crate::lab) use foresight::usual as foresight_plan;
 pub(crate) use options::TrainArgs;
+pub(in crate::lab) use options::threads;
+use options::{Choice, Model};
 
 pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     args.json.claim()?;
@@ -33,10 +38,14 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
         return bench::run(args);
     }
     let Some(out) = &args.out else { return Err(Failure::new(Cause::Usage, "no --out", "give --out FILE")) };
+    if args.model == Model::Foresight {
+        return foresight::run(args, out);
+    }
+    args.only_of_lstm()?;
     let interrupt = Interrupt::listen()?;
     let choice = args.choice()?;
     let data = Data::load(args)?;
-    let checkpoint = Checkpoint::beside(out, args, &choice, &data)?;
+    let checkpoint = Checkpoint::beside(out, data.plan(&choice), args.resume)?;
     let setup = Setup { network: choice.network, objective: choice.objective.clone(), scale: data.scale };
     let state = checkpoint.continued(setup.network.shape.count())?;
     data.announce(args, &choice);
@@ -49,14 +58,14 @@ pub(super) fn run(args: &TrainArgs) -> Result<(), Failure> {
     progress.skip(earlier * fit.batches_per_epoch());
     while !fit.is_finished() {
         epoch(&mut fit, &interrupt, &choice, &progress)?;
-        checkpoint.save(&fit)?;
+        checkpoint.save(fit.state())?;
     }
     drop(progress);
     let made = fit.state().history.len() - earlier;
     let us_per_step = (made > 0)
         .then(|| begin.elapsed().as_secs_f64() * 1e6 / (made * fit.steps_per_epoch()).max(1) as f64);
     // Where that fails, --resume goes through it once more.
-    finish(args, out, &choice, &data, &setup, &fit, us_per_step, &checkpoint.file)?;
+    finish(args, out, &choice, &data, &setup, &fit, us_per_step, checkpoint.file())?;
     checkpoint.remove();
     Ok(())
 }
@@ -147,8 +156,14 @@ impl Data {
         )
     }
 
+    /// One line per thing that must be the same to continue.
+    fn plan(&self, choice: &Choice) -> String {
+        let Choice { network, objective, plan, .. } = choice;
+        format!("{network:?}\n{objective:?}\n{plan:?}\nscale {}\ndata {:x}", self.scale, self.fingerprint())
+    }
+
     fn announce(&self, args: &TrainArgs, choice: &Choice) {
-        note!("lab: lstm{} by the {} recipe, {} threads", args.model, choice.recipe.name(), args.threads());
+        note!("lab: lstm{} by the {} recipe, {} threads", args.cells(), choice.recipe.name(), args.threads());
         note!("lab: {}", self.title());
     }
 
@@ -161,77 +176,6 @@ impl Data {
             }
         }
         hash
-    }
-}
-
-/// Where a training goes on from.
-struct Checkpoint {
-    file: PathBuf,
-    out: PathBuf,
-    plan: String,
-    resume: bool,
-}
-
-impl Checkpoint {
-    fn beside(out: &Path, args: &TrainArgs, choice: &Choice, data: &Data) -> Result<Self, Failure> {
-        let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if out.file_name().is_none() || out.is_dir() || !folder.is_dir() {
-            let what = format_args!("{} is not a file in a folder that exists", out.display()).to_string();
-            return Err(Failure::bad_input(what, "give --out FILE.safetensors in an existing folder"));
-        }
-        let mut name = out.file_name().unwrap_or_default().to_os_string();
-        name.push(".checkpoint");
-        // One line per thing that must be the same to continue.
-        let Choice { network, objective, plan, .. } = choice;
-        let plan = format!(
-            "{network:?}\n{objective:?}\n{plan:?}\nscale {}\ndata {:x}",
-            data.scale,
-            data.fingerprint()
-        );
-        Ok(Self { file: out.with_file_name(name), out: out.to_owned(), plan, resume: args.resume })
-    }
-
-    fn continued(&self, count: usize) -> Result<Option<foretrace_lab::train::State>, Failure> {
-        let there = self.file.exists();
-        if !self.resume {
-            if there {
-                note!("lab: {} of an earlier training will be overwritten", self.file.display());
-            }
-            return Ok(None);
-        }
-        if !there && self.out.exists() {
-            let what =
-                format_args!("{} is finished, there is nothing to continue", self.out.display()).to_string();
-            return Err(Failure::bad_input(what, "train anew without --resume"));
-        }
-        if !there {
-            note!("lab: no {} yet, starting from the beginning", self.file.display());
-            return Ok(None);
-        }
-        let state =
-            checkpoint::load(&self.file, &self.plan, count).map_err(|error| Failure::bad_input(error, ""))?;
-        note!("lab: continuing after epoch {}", state.history.len());
-        Ok(Some(state))
-    }
-
-    fn save(&self, fit: &Fit) -> Result<(), Failure> {
-        checkpoint::save(&self.file, &self.plan, fit.state()).map_err(|error| {
-            let epochs = fit.state().history.len().saturating_sub(1);
-            let remedy = "make room, or give --out in a writable folder";
-            if epochs > 0 && self.file.exists() {
-                let kept = self.file.display();
-                let remedy = format!(
-                    "{remedy}; the first {epochs} epochs are saved in {kept}: --resume goes on from there"
-                );
-                return Failure::failed(error, remedy);
-            }
-            Failure::failed(error, remedy)
-        })
-    }
-
-    fn remove(&self) {
-        // A left-over is only untidy: the model is there.
-        let _ = std::fs::remove_file(&self.file);
     }
 }
 
@@ -261,7 +205,7 @@ fn finish(
         )
     })?;
     let picture = out.with_extension("svg");
-    let title = format!("lstm{}, {} recipe, seed {}", args.model, choice.recipe.name(), args.seed);
+    let title = format!("lstm{}, {} recipe, seed {}", args.cells(), choice.recipe.name(), args.seed);
     // From here on the model is saved, and every failure says so.
     curve(&picture, &title, &data.title(), history).map_err(|error| {
         let saved = out.display();
@@ -290,7 +234,7 @@ fn finish(
         })
         .collect();
     args.json.write(&json!({
-        "model": format!("lstm{}", args.model),
+        "model": format!("lstm{}", args.cells()),
         "recipe": choice.recipe.name(),
         "data": data.names,
         "sequences": data.train.len(),

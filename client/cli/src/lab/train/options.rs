@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use foretrace_lab::train::foresight::Without;
 use foretrace_lab::train::{Augment, Network, Objective, Padding, Penalty, Plan, Recipe, Schedule, Units};
 use foretrace_sim::data::Split;
 
@@ -12,9 +13,10 @@ use crate::output::JsonArgs;
 // So that a negative number gets the message with the legal range.
 #[command(allow_negative_numbers = true)]
 pub(crate) struct TrainArgs {
-    /// Network to train: lstm10, lstm32 or lstm64, with as many cells
-    #[arg(long, value_name = "NAME", default_value = "lstm10", value_parser = cells)]
-    pub(super) model: usize,
+    /// Network to train: lstm10, lstm32 or lstm64, with as many cells; or foresight, the expert of the
+    /// mixture that sees contact, direction and time
+    #[arg(long, value_name = "NAME", default_value = "lstm10", value_parser = model)]
+    pub(super) model: Model,
 
     /// Data-set folder; may be given several times
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
@@ -38,15 +40,15 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "NAME", value_parser = recipe)]
     pub(super) recipe: Option<Recipe>,
 
-    /// Passes over the train sequences [default: 40; robust: 60, 40 or 30 by size]
+    /// Passes over the train sequences [default: 40; robust: 60, 40 or 30 by size; foresight: 24]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(super) epochs: Option<u32>,
 
-    /// Sequences per step of Adam [default: 16; robust: 32]
+    /// Sequences per step of Adam, with foresight grid steps [default: 16; robust: 32; foresight: 1024]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub(super) batch: Option<u32>,
 
-    /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2]
+    /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2; foresight: 3e-3]
     #[arg(long, value_name = "RATE", value_parser = rate)]
     pub(super) rate: Option<f64>,
 
@@ -59,7 +61,7 @@ pub(crate) struct TrainArgs {
     pub(super) threads: Option<u32>,
 
     /// Step to train at [ms]: whole multiples of the device's step use every phase of its samples [default:
-    /// its own]
+    /// its own; foresight: 10]
     #[arg(long, value_name = "MS", value_parser = crate::play::source::positive)]
     pub(super) step_ms: Option<f64>,
 
@@ -107,6 +109,10 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "LIST")]
     pub(super) augment: Option<Augment>,
 
+    /// Leave inputs of foresight out: contact, direction, time, comma-separated
+    #[arg(long, value_name = "LIST", value_parser = super::foresight::without)]
+    pub(super) without: Option<Without>,
+
     /// Share of the writers held out to choose the best epoch
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = share)]
     pub(super) hold_out: f64,
@@ -139,6 +145,15 @@ pub(crate) struct TrainArgs {
     pub(super) json: JsonArgs,
 }
 
+/// The networks that can be trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Model {
+    /// With as many cells.
+    Lstm(usize),
+    /// The expert that sees contact, direction and time.
+    Foresight,
+}
+
 /// A number or `none`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Maybe(Option<f64>);
@@ -152,11 +167,51 @@ pub(super) struct Choice {
 }
 
 impl TrainArgs {
+    /// Cells of the LSTM.
+    pub(super) fn cells(&self) -> usize {
+        match self.model {
+            Model::Lstm(cells) => cells,
+            Model::Foresight => 0,
+        }
+    }
+
+    /// No option is given that only `foresight` has.
+    pub(super) fn only_of_lstm(&self) -> Result<(), Failure> {
+        match self.without {
+            Some(_) => Err(Failure::usage("--without is an option of foresight", "give --model foresight")),
+            None => Ok(()),
+        }
+    }
+
+    /// No option is given that only the LSTMs have.
+    pub(super) fn only_of_foresight(&self) -> Result<(), Failure> {
+        let given = [
+            ("--recipe", self.recipe.is_some()),
+            ("--units", self.units.is_some()),
+            ("--leads", self.leads.is_some()),
+            ("--clip", self.clip.is_some()),
+            ("--residual", self.residual.is_some()),
+            ("--huber", self.huber.is_some()),
+            ("--padding", self.padding.is_some()),
+            ("--gate", self.gate.is_some()),
+            ("--reset-at-jump", self.reset_at_jump.is_some()),
+            ("--limit-norm", self.limit_norm.is_some()),
+            ("--augment", self.augment.is_some()),
+            ("--patience", self.patience.is_some()),
+        ];
+        let given: Vec<_> = given.iter().filter(|(_, is)| *is).map(|(name, _)| *name).collect();
+        if given.is_empty() {
+            return Ok(());
+        }
+        let what = format!("foresight has no {}", given.join(", "));
+        Err(Failure::usage(what, "leave it out, or give --model lstm10, lstm32 or lstm64"))
+    }
+
     pub(super) fn choice(&self) -> Result<Choice, Failure> {
         let recipe = self.recipe();
         let leads = self.leads.map_or(recipe.leads(), |k| k as usize);
         let augment = self.augment.unwrap_or(recipe.augment());
-        let mut network = recipe.network(self.model, leads);
+        let mut network = recipe.network(self.cells(), leads);
         if let Some(Maybe(clip)) = self.clip {
             network.clip = clip;
         }
@@ -178,7 +233,7 @@ impl TrainArgs {
         let patient = matches!(schedule, Schedule::Constant { .. }).then_some(10);
         let plan = Plan {
             schedule,
-            epochs: self.epochs.map_or(recipe.epochs(self.model), |n| n as usize),
+            epochs: self.epochs.map_or(recipe.epochs(self.cells()), |n| n as usize),
             batch: self.batch.map_or(recipe.batch(), |n| n as usize),
             seed: self.seed,
             limit_norm: self.limit_norm.or(recipe.limit_norm()),
@@ -190,7 +245,7 @@ impl TrainArgs {
     }
 
     fn recipe(&self) -> Recipe {
-        let usual = if self.model == 10 { Recipe::Paper } else { Recipe::Robust };
+        let usual = if self.cells() == 10 { Recipe::Paper } else { Recipe::Robust };
         self.recipe.unwrap_or(usual)
     }
 
@@ -199,21 +254,27 @@ impl TrainArgs {
     }
 
     pub(super) fn threads(&self) -> usize {
-        let machine = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.threads.map_or_else(machine, |n| n as usize)
+        threads(self.threads)
     }
 }
 
-fn cells(text: &str) -> Result<usize, String> {
+/// As asked for, else the machine's.
+pub(in crate::lab) fn threads(asked: Option<u32>) -> usize {
+    let machine = || std::thread::available_parallelism().map_or(1, usize::from);
+    asked.map_or_else(machine, |n| n as usize)
+}
+
+fn model(text: &str) -> Result<Model, String> {
     match text {
-        "lstm10" => Ok(10),
-        "lstm32" => Ok(32),
-        "lstm64" => Ok(64),
-        _ if text.starts_with("dybm") => {
-            Err("lstm10, lstm32 or lstm64; DyBM models learn online and are trained inside lab table1"
-                .to_owned())
-        }
-        _ => Err("lstm10, lstm32 or lstm64".to_owned()),
+        "lstm10" => Ok(Model::Lstm(10)),
+        "lstm32" => Ok(Model::Lstm(32)),
+        "lstm64" => Ok(Model::Lstm(64)),
+        "foresight" => Ok(Model::Foresight),
+        _ if text.starts_with("dybm") => Err(
+            "lstm10, lstm32, lstm64 or foresight; DyBM models learn online and are trained inside lab table1"
+                .to_owned(),
+        ),
+        _ => Err("lstm10, lstm32, lstm64 or foresight".to_owned()),
     }
 }
 

@@ -5,6 +5,7 @@ pub mod activation;
 pub mod ar_rls;
 pub mod dybm;
 pub mod esn;
+pub mod foresight;
 pub mod lstm;
 pub mod mixture;
 mod constant_velocity;

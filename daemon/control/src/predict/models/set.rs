@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::predict::models::dybm::{DybmShape, TraceInput};
 use crate::predict::models::esn::{Reservoir, ReservoirSettings};
+use crate::predict::models::foresight::{ForesightError, ForesightWeights};
 use crate::predict::models::lstm::{LstmError, LstmWeights};
 use crate::predict::online::WeightsError;
 use crate::predict::{ArRlsSettings, DybmSettings, MixtureSettings, OnlineWeights, Optimiser, PredictorKind};
@@ -80,6 +81,9 @@ pub enum ModelsError {
     /// A trained network.
     #[error(transparent)]
     Lstm(#[from] LstmError),
+    /// The trained network that sees contact, direction and time.
+    #[error(transparent)]
+    Foresight(#[from] ForesightError),
 }
 
 /// Settings, reservoir and trained networks; clones share the large parts.
@@ -97,6 +101,8 @@ pub struct Networks {
     pub lstm: Option<Arc<LstmWeights>>,
     /// The expert of `mixture`, with a direct output per lead; without it the mixture starts cold.
     pub mixture: Option<Arc<LstmWeights>>,
+    /// Its expert that sees contact, direction and time; without it the mixture does without.
+    pub foresight: Option<Arc<ForesightWeights>>,
 }
 
 impl Models {
@@ -107,6 +113,9 @@ impl Models {
     /// Settings outside their bounds, or a network of another kind or trained for another loop.
     pub fn new(settings: ModelSettings, networks: Networks) -> Result<Self, ModelsError> {
         for network in networks.lstm.iter().chain(&networks.mixture) {
+            network.fits(settings.step_ns)?;
+        }
+        if let Some(network) = &networks.foresight {
             network.fits(settings.step_ns)?;
         }
         let models =

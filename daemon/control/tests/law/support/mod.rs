@@ -131,7 +131,7 @@ pub(crate) fn models() -> Models {
 
 /// Untrained networks: one step ahead, and direct leads.
 pub(crate) fn networks(step_ns: u64) -> Networks {
-    Networks { lstm: Some(network(step_ns, 1)), mixture: Some(network(step_ns, 24)) }
+    Networks { lstm: Some(network(step_ns, 1)), mixture: Some(network(step_ns, 24)), foresight: None }
 }
 
 /// A network of 10 cells with small numbers from a fixed seed.

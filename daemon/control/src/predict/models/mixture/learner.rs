@@ -2,14 +2,13 @@
 //!
 //! The same function serves the daemon's learner thread, replay and the tables.
 
-use std::sync::Arc;
-
-use crate::pen::TARGET_RMS;
-use crate::predict::LstmWeights;
+use crate::pen::{TARGET_RMS, Touch};
 use crate::predict::models::ar_rls::{ArRlsLearner, ArRlsSettings};
+use crate::predict::models::foresight::READ;
 use crate::predict::models::mixture::mixer::{Mixer, MixerRule};
-use crate::predict::models::mixture::readout::{RlsReadout, RlsRule};
-use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Trunk, is_motion};
+use crate::predict::models::mixture::parameters::taking_part;
+use crate::predict::models::mixture::readout::{PLANE, RlsReadout, RlsRule};
+use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Trained, Trunk, is_motion};
 use crate::predict::models::mixture::{EXPERTS, LEADS, MixtureParameters, Path, preview};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 
@@ -45,6 +44,9 @@ impl MixtureSettings {
     }
 }
 
+/// P₀ of the read-out of `foresight`, over that of a unit matrix.
+const FORESIGHT_START: f64 = 1.0;
+
 /// Parameters that learn, with their own trunk, memory and accumulators.
 #[derive(Debug, Clone)]
 pub struct MixtureLearner {
@@ -54,6 +56,7 @@ pub struct MixtureLearner {
     ar: ArRlsLearner,
     plain: RlsReadout<PLAIN>,
     full: RlsReadout<ALL>,
+    foresight: RlsReadout<READ>,
     mixer: Mixer,
     /// The last displacements summed: `shown[h − 1]` = the newest h.
     shown: [[f64; 2]; LEADS],
@@ -66,16 +69,15 @@ impl MixtureLearner {
     ///
     /// # Errors
     ///
-    /// Invalid settings or parameters, or an LSTM of another kind.
+    /// Invalid settings or parameters, or a network of another kind.
     pub fn new(
         settings: MixtureSettings,
-        lstm: Option<Arc<LstmWeights>>,
+        trained: impl Into<Trained>,
         parameters: MixtureParameters,
     ) -> Result<Self, WeightsError> {
         settings.validate()?;
         parameters.validate()?;
-        let trunk = Trunk::new(lstm)?;
-        let taking_part = if trunk.trained() { EXPERTS } else { EXPERTS - 2 };
+        let trunk = Trunk::new(trained.into())?;
         let rule = |start| RlsRule { forgetting: settings.forgetting, start, ceiling: 100.0, huber: 4.0 };
         let mixing = MixerRule { rate: settings.rate, share: settings.share, cap: 20.0 };
         Ok(Self {
@@ -84,7 +86,8 @@ impl MixtureLearner {
             parameters: Box::new(parameters),
             plain: RlsReadout::new(rule(10.0)),
             full: RlsReadout::new(rule(1.0)),
-            mixer: Mixer::new(mixing, taking_part),
+            foresight: RlsReadout::new(rule(FORESIGHT_START)),
+            mixer: Mixer::new(mixing, taking_part(trunk.present())),
             shown: [[0.0; 2]; LEADS],
             expected: [0.0; 2],
             trunk,
@@ -110,10 +113,13 @@ impl MixtureLearner {
     }
 
     fn keep(&mut self, paths: &[Path; EXPERTS]) {
-        let [constant, _, _, lstm, _] = *paths;
-        self.plain.keep(self.memory.plain(), constant);
-        if self.trunk.trained() {
-            self.full.keep(&self.memory.features, lstm);
+        let [constant, _, _, lstm, ..] = *paths;
+        self.plain.keep(self.memory.plain(), constant, PLANE);
+        if self.trunk.present().lstm {
+            self.full.keep(&self.memory.features, lstm, PLANE);
+        }
+        if let Some(said) = &self.memory.foresight {
+            self.foresight.keep(&said.read, said.path, said.frame);
         }
         self.mixer.keep(paths);
     }
@@ -124,27 +130,38 @@ impl OnlineModel for MixtureLearner {
     type Memory = MixtureMemory;
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
+        self.learn_pen(x, Touch::INK)
+    }
+
+    fn learn_pen(&mut self, x: [f64; 2], touch: Touch) -> [f64; 2] {
         let predicted = self.expected;
         if is_motion(x) {
             self.show(x);
             self.mixer.settle(&mut self.parameters.shares, &self.shown);
             self.plain.settle(&mut self.parameters.plain, &self.shown);
-            if self.trunk.trained() {
+            if self.trunk.present().lstm {
                 self.full.settle(&mut self.parameters.full, &self.shown);
+            }
+            if self.trunk.present().foresight {
+                self.foresight.settle(&mut self.parameters.foresight, &self.shown);
             }
             self.ar.learn(x);
             self.parameters.ar = *self.ar.parameters();
         }
-        self.observe(x);
+        self.observe_pen(x, touch);
         predicted
     }
 
     fn observe(&mut self, x: [f64; 2]) {
+        self.observe_pen(x, Touch::INK);
+    }
+
+    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
         let motion = is_motion(x);
         if !motion {
             self.reset_state();
         }
-        self.trunk.observe(&mut self.memory, x);
+        self.trunk.observe(&mut self.memory, x, touch);
         let paths = self.parameters.experts(&self.memory);
         if motion {
             self.keep(&paths);
@@ -158,6 +175,7 @@ impl OnlineModel for MixtureLearner {
         self.ar.reset_state();
         self.plain.interrupt();
         self.full.interrupt();
+        self.foresight.interrupt();
         self.mixer.interrupt();
         self.shown = [[0.0; 2]; LEADS];
         self.expected = [0.0; 2];
@@ -184,6 +202,7 @@ impl OnlineModel for MixtureLearner {
         self.ar.restart_from(&parameters.ar)?;
         self.plain.restart();
         self.full.restart();
+        self.foresight.restart();
         self.mixer.restart();
         Ok(())
     }

@@ -25,7 +25,7 @@ pub(super) struct MixerRule {
 pub(super) struct Mixer {
     rule: MixerRule,
     /// Experts that take part.
-    taking_part: usize,
+    taking_part: [bool; EXPERTS],
     pending: Box<[[Path; EXPERTS]]>,
     newest: usize,
     seen: usize,
@@ -43,7 +43,7 @@ const MEAN_RATE: f64 = 0.003;
 const MEAN_CAP: f64 = 10.0;
 
 impl Mixer {
-    pub(super) fn new(rule: MixerRule, taking_part: usize) -> Self {
+    pub(super) fn new(rule: MixerRule, taking_part: [bool; EXPERTS]) -> Self {
         let pending = vec![[[[0.0; 2]; NODE_COUNT]; EXPERTS]; KEPT].into();
         let mean = NODES.map(|node| FIRST_MEAN * (node * node) as f64);
         Self { rule, taking_part, pending, newest: 0, seen: 0, mean }
@@ -85,7 +85,7 @@ impl Mixer {
             if own.is_finite() {
                 *mean += MEAN_RATE * (own.min(MEAN_CAP * *mean) - *mean);
             }
-            self.rule.reweigh(*lead, shares, &losses, mean.max(LEAST_MEAN), self.taking_part);
+            self.rule.reweigh(*lead, shares, &losses, mean.max(LEAST_MEAN), &self.taking_part);
         }
     }
 
@@ -109,13 +109,13 @@ impl MixerRule {
         shares: &mut [f32; EXPERTS],
         losses: &[f64; EXPERTS],
         mean: f64,
-        taking_part: usize,
+        taking_part: &[bool; EXPERTS],
     ) {
         // Errors of far leads overlap from step to step, so each carries less information.
         let rate = self.rate * (1.0 + NEAR / lead as f64);
         let mut weighed = [0.0; EXPERTS];
-        let entries = weighed.iter_mut().zip(shares.iter()).zip(losses).take(taking_part);
-        for ((weighed, share), loss) in entries {
+        let entries = weighed.iter_mut().zip(shares.iter()).zip(losses).zip(taking_part);
+        for (((weighed, share), loss), _) in entries.filter(|(_, takes)| **takes) {
             // A NaN loss counts as the largest.
             let bounded = if *loss < self.cap * mean { *loss / mean } else { self.cap };
             *weighed = f64::from(*share) * (-rate * bounded).exp();
@@ -124,8 +124,8 @@ impl MixerRule {
         if !(total > 0.0) {
             return;
         }
-        let dealt = self.share / taking_part as f64;
-        for (share, weighed) in shares.iter_mut().zip(weighed).take(taking_part) {
+        let dealt = self.share / taking_part.iter().filter(|takes| **takes).count() as f64;
+        for ((share, weighed), _) in shares.iter_mut().zip(weighed).zip(taking_part).filter(|(_, t)| **t) {
             *share = ((1.0 - self.share) * weighed / total + dealt) as f32;
         }
     }
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn weights_follow_the_errors_of_what_was_predicted_for_now() {
         let mut rng = Pcg64::seed_from_u64(21);
-        let mut mixer = Mixer::new(RULE, PART);
+        let mut mixer = Mixer::new(RULE, std::array::from_fn(|e| e < PART));
         let even = std::array::from_fn(|e| if e < PART { 1.0 / PART as f32 } else { 0.0 });
         let (mut shares, mut expected) = ([even; NODE_COUNT], [even; NODE_COUNT]);
         let mut means = NODES.map(|node| 4.0 * (node * node) as f64);

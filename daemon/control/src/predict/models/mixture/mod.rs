@@ -1,4 +1,4 @@
-//! `mixture`: five experts, and a mixture of them that learns online, separately for every lead.
+//! `mixture`: up to seven experts, and a mixture of them that learns online, separately for every lead.
 //!
 //! The experts' features of the pen are made once per step by the [`Trunk`]: the last 8 displacements, a
 //! fixed random reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with
@@ -12,9 +12,12 @@
 //! | DyBM+ESN | constant velocity + read-out of FIFO and reservoir | read-out, by RLS |
 //! | LSTM | its direct outputs | nothing |
 //! | corrected LSTM | LSTM + read-out of FIFO, reservoir and cells | read-out, by RLS |
+//! | foresight | the way to every node ([`crate::predict::models::foresight`]) | nothing |
+//! | corrected foresight | foresight + read-out of its last layer | read-out, by RLS |
 //!
 //! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on
-//! realised position errors. Without an LSTM (`mixture-cold`) the first three remain.
+//! realised position errors. Without an LSTM (`mixture-cold`) its two experts are left out,
+//! and so are those of `foresight` without that network.
 //!
 //! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a
 //! jump, not motion: memory is cleared, and nothing is learned from it or across it. Parameters, memory and
@@ -27,18 +30,17 @@ mod readout;
 mod trunk;
 
 use crate::state::state;
-use std::sync::Arc;
 
 pub use learner::{MixtureLearner, MixtureSettings};
 pub use parameters::MixtureParameters;
-pub use trunk::{MixtureMemory, Trunk};
+pub use trunk::{MixtureMemory, Present, Trained, Trunk, is_motion};
 
-use crate::pen::TARGET_RMS;
+use crate::pen::{TARGET_RMS, Touch};
 use crate::predict::models::lstm::FADE;
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{Entry, LstmWeights, Models, Pace, Predictor, Taught, shortened};
+use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
 
-pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of five experts to believe");
+pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of its experts to believe");
 
 /// Leads that are learned \[steps\]; those between are interpolated, those beyond decay.
 pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
@@ -47,12 +49,12 @@ pub const NODE_COUNT: usize = 16;
 /// The farthest of them, and the number of direct outputs that the LSTM must have.
 pub const LEADS: usize = 24;
 /// Experts of the mixture.
-pub const EXPERTS: usize = 5;
+pub const EXPERTS: usize = 7;
 /// Displacements longer than this (normalised, in the plane) are jumps: five ordinary steps.
 pub const GATE: f64 = 7.0 * TARGET_RMS;
 
 /// Summed displacements at the nodes (normalised): the future positions relative to the present one.
-pub(super) type Path = [[f64; 2]; NODE_COUNT];
+pub(in crate::predict) type Path = [[f64; 2]; NODE_COUNT];
 
 /// The predictor: trunk, memory and parameters.
 #[derive(Debug, Clone)]
@@ -65,14 +67,14 @@ pub struct Mixture {
 state! { [] Mixture { trunk, memory, parameters } }
 
 impl Mixture {
-    /// Starts with empty memory; `lstm` has [`LEADS`] direct outputs, or is absent (`mixture-cold`).
+    /// Starts with empty memory.
     ///
     /// # Errors
     ///
-    /// Invalid parameters, or an LSTM that is not of this kind.
-    pub fn new(lstm: Option<Arc<LstmWeights>>, parameters: MixtureParameters) -> Result<Self, WeightsError> {
+    /// Invalid parameters, or an LSTM with other than [`LEADS`] direct outputs.
+    pub fn new(trained: impl Into<Trained>, parameters: MixtureParameters) -> Result<Self, WeightsError> {
         parameters.validate()?;
-        Ok(Self { trunk: Trunk::new(lstm)?, memory: MixtureMemory::EMPTY, parameters })
+        Ok(Self { trunk: Trunk::new(trained.into())?, memory: MixtureMemory::EMPTY, parameters })
     }
 
     /// The memory.
@@ -88,15 +90,15 @@ impl Taught for Mixture {
     type Learner = MixtureLearner;
 
     fn start(models: &Models) -> MixtureParameters {
-        MixtureParameters::untrained(models.settings().step_ns, models.networks().mixture.is_some())
+        MixtureParameters::untrained(models.settings().step_ns, &trained(models))
     }
 
     fn predictor(models: &Models, weights: &MixtureParameters) -> Result<Self, WeightsError> {
-        Self::new(models.networks().mixture.clone(), *weights)
+        Self::new(trained(models), *weights)
     }
 
     fn learner(models: &Models, weights: &MixtureParameters) -> Result<MixtureLearner, WeightsError> {
-        MixtureLearner::new(models.settings().mixture, models.networks().mixture.clone(), *weights)
+        MixtureLearner::new(models.settings().mixture, trained(models), *weights)
     }
 
     fn weights(&self) -> &MixtureParameters {
@@ -113,7 +115,11 @@ impl Taught for Mixture {
 
 impl Predictor for Mixture {
     fn observe(&mut self, x: [f64; 2]) {
-        self.trunk.observe(&mut self.memory, x);
+        self.observe_pen(x, Touch::INK);
+    }
+
+    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
+        self.trunk.observe(&mut self.memory, x, touch);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
@@ -123,6 +129,12 @@ impl Predictor for Mixture {
     fn reset(&mut self) {
         self.trunk.reset(&mut self.memory);
     }
+}
+
+/// The networks of the mixture.
+fn trained(models: &Models) -> Trained {
+    let networks = models.networks();
+    Trained { lstm: networks.mixture.clone(), foresight: networks.foresight.clone() }
 }
 
 /// Displacement per step of the mixture, none longer than `limit`.

@@ -3,8 +3,9 @@
 use crate::pen::TARGET_RMS;
 use crate::predict::ArRlsWeights;
 use crate::predict::models::ar_rls;
+use crate::predict::models::foresight::{READ, turned_back};
 use crate::predict::models::mixture::readout::Readout;
-use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN};
+use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Present};
 use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
 use crate::predict::online::{ModelParameters, WeightsError};
 use crate::state::state;
@@ -20,31 +21,37 @@ pub struct MixtureParameters {
     pub(super) plain: Readout<PLAIN>,
     /// Read-out of all features, added to the LSTM.
     pub(super) full: Readout<ALL>,
+    /// Read-out of the last layer of `foresight`, added to it, in the frame of motion.
+    pub(super) foresight: Readout<READ>,
     /// Weight of each expert at each node; a row sums to 1.
     pub(super) shares: [[f32; EXPERTS]; NODE_COUNT],
-    /// Whether the experts with an LSTM take part.
-    pub(super) trained: bool,
+    /// Which networks' experts take part.
+    pub(super) present: Present,
 }
 
-state! { [] MixtureParameters { version, ar, plain, full, shares, trained } }
+state! { [] MixtureParameters { version, ar, plain, full, foresight, shares, present } }
 
 impl MixtureParameters {
     /// Nothing learned yet: read-outs zero, equal weights for the experts that take part.
     #[must_use]
-    pub fn untrained(step_ns: u64, with_lstm: bool) -> Self {
-        let taking_part = if with_lstm { EXPERTS } else { EXPERTS - 2 };
-        let equal = std::array::from_fn(|e| if e < taking_part { 1.0 / taking_part as f32 } else { 0.0 });
+    pub fn untrained(step_ns: u64, present: impl Into<Present>) -> Self {
+        let present = present.into();
+        let taking_part = taking_part(present);
+        let equal = 1.0 / taking_part.iter().filter(|takes| **takes).count() as f32;
+        let equal = taking_part.map(|takes| if takes { equal } else { 0.0 });
         Self {
             version: 0,
             ar: ArRlsWeights::constant_velocity(step_ns),
             plain: Readout::ZERO,
             full: Readout::ZERO,
+            foresight: Readout::ZERO,
             shares: [equal; NODE_COUNT],
-            trained: with_lstm,
+            present,
         }
     }
 
-    /// Weight of each expert (constant velocity, AR-RLS, DyBM+ESN, LSTM, corrected LSTM) at each node.
+    /// Weight of each expert (constant velocity, AR-RLS, DyBM+ESN, LSTM, corrected LSTM, foresight, corrected
+    /// foresight) at each node.
     #[must_use]
     pub fn shares(&self) -> &[[f32; EXPERTS]; NODE_COUNT] {
         &self.shares
@@ -58,12 +65,18 @@ impl MixtureParameters {
         ar_rls::roll_out(&self.ar, memory.recent, f64::INFINITY, &mut steps);
         let rolled = crate::predict::models::mixture::trunk::summed(&steps);
         let plain = sum(&constant, &self.plain.of(memory.plain()));
-        match &memory.lstm {
-            Some(lstm) if self.trained => {
-                [constant, rolled, plain, *lstm, sum(lstm, &self.full.of(&memory.features))]
+        let [lstm, full] = match &memory.lstm {
+            Some(lstm) if self.present.lstm => [*lstm, sum(lstm, &self.full.of(&memory.features))],
+            _ => [constant; 2],
+        };
+        let [foresight, corrected] = match &memory.foresight {
+            Some(said) if self.present.foresight => {
+                let turned = self.foresight.of(&said.read).map(|way| turned_back(said.frame, way));
+                [said.path, sum(&said.path, &turned)]
             }
-            _ => [constant, rolled, plain, constant, constant],
-        }
+            _ => [constant; 2],
+        };
+        [constant, rolled, plain, lstm, full, foresight, corrected]
     }
 
     /// The weighted mean of the experts.
@@ -81,6 +94,12 @@ impl MixtureParameters {
         }
         mixed
     }
+}
+
+/// Which experts take part.
+pub(super) fn taking_part(present: Present) -> [bool; EXPERTS] {
+    let Present { lstm, foresight } = present;
+    [true, true, true, lstm, lstm, foresight, foresight]
 }
 
 fn sum(a: &Path, b: &Path) -> Path {
@@ -118,6 +137,7 @@ impl ModelParameters for MixtureParameters {
         self.ar.validate()?;
         WeightsError::all_within(Self::MODEL, LARGEST, self.plain.numbers())?;
         WeightsError::all_within(Self::MODEL, LARGEST, self.full.numbers())?;
+        WeightsError::all_within(Self::MODEL, LARGEST, self.foresight.numbers())?;
         for shares in &self.shares {
             for share in shares {
                 WeightsError::bounded(Self::MODEL, "weight of an expert", f64::from(*share), 0.0, 1.0)?;
@@ -130,7 +150,9 @@ impl ModelParameters for MixtureParameters {
 
     fn accepts(&self, other: &Self) -> Result<(), WeightsError> {
         self.ar.accepts(&other.ar)?;
-        let (got, wanted) = (f64::from(u8::from(other.trained)), f64::from(u8::from(self.trained)));
-        WeightsError::bounded(Self::MODEL, "use of an LSTM", got, wanted, wanted)
+        let flags = |of: &Self| [of.present.lstm, of.present.foresight].map(|is| f64::from(u8::from(is)));
+        let ([lstm, foresight], [wanted_lstm, wanted]) = (flags(other), flags(self));
+        WeightsError::bounded(Self::MODEL, "use of an LSTM", lstm, wanted_lstm, wanted_lstm)?;
+        WeightsError::bounded(Self::MODEL, "use of foresight", foresight, wanted, wanted)
     }
 }

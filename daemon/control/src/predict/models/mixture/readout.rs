@@ -5,6 +5,7 @@
 //! this is exact recursive least squares in order of time, delayed by its own lead only.
 
 use crate::predict::models::covariance::Covariance;
+use crate::predict::models::foresight::turned;
 use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
 use crate::state::state;
 
@@ -72,6 +73,9 @@ impl<const D: usize> Readout<D> {
     }
 }
 
+/// The frame of the plane itself.
+pub(super) const PLANE: [f64; 2] = [1.0, 0.0];
+
 /// How a read-out learns.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RlsRule {
@@ -91,6 +95,7 @@ struct Pending<const D: usize> {
     features: [f32; D],
     gain: [f32; D],
     base: Path,
+    frame: [f64; 2],
 }
 
 /// A read-out that learns.
@@ -109,7 +114,8 @@ pub(super) struct RlsReadout<const D: usize> {
 
 impl<const D: usize> RlsReadout<D> {
     pub(super) fn new(rule: RlsRule) -> Self {
-        let empty = Pending { features: [0.0; D], gain: [0.0; D], base: [[0.0; 2]; NODE_COUNT] };
+        let empty =
+            Pending { features: [0.0; D], gain: [0.0; D], base: [[0.0; 2]; NODE_COUNT], frame: PLANE };
         Self {
             rule,
             covariance: Box::new(Covariance::new(rule.start, rule.ceiling)),
@@ -143,7 +149,8 @@ impl<const D: usize> RlsReadout<D> {
             };
             let [bx, by] = pending.base.get(node).copied().unwrap_or_default();
             let [wx, wy] = readout.at(node, &pending.features);
-            let (ex, ey) = (sx - bx - wx, sy - by - wy);
+            let [rx, ry] = turned(pending.frame, [sx - bx, sy - by]);
+            let (ex, ey) = (rx - wx, ry - wy);
             let length = ex.hypot(ey);
             let bound = self.rule.huber * *typical;
             *typical += TYPICAL_RATE * (length.min(TYPICAL_CAP * *typical) - *typical);
@@ -154,13 +161,13 @@ impl<const D: usize> RlsReadout<D> {
         }
     }
 
-    /// Keeps a step until its targets are known.
-    pub(super) fn keep(&mut self, features: &[f32; D], base: Path) {
+    /// Keeps a step until its targets are known; the read-out speaks in `frame` (cosine and sine of its x).
+    pub(super) fn keep(&mut self, features: &[f32; D], base: Path, frame: [f64; 2]) {
         self.newest = (self.newest + 1) % KEPT;
         self.seen = (self.seen + 1).min(KEPT);
         let gain = self.gain(features);
         if let Some(slot) = self.pending.get_mut(self.newest) {
-            *slot = Pending { features: *features, gain, base };
+            *slot = Pending { features: *features, gain, base, frame };
         }
     }
 
@@ -224,7 +231,7 @@ mod tests {
                 shown.iter_mut().for_each(|[a, b]| (*a, *b) = (*a + x, *b + y));
                 learner.settle(&mut readout, &shown);
             }
-            learner.keep(&step(t).0, [[0.0; 2]; NODE_COUNT]);
+            learner.keep(&step(t).0, [[0.0; 2]; NODE_COUNT], PLANE);
         }
         for (node, lead) in NODES.iter().enumerate() {
             let expected = textbook(*lead, STEPS);

@@ -6,9 +6,10 @@
 use crate::state::state;
 use std::sync::Arc;
 
-use crate::pen::TARGET_RMS;
+use crate::pen::{TARGET_RMS, Touch};
 use crate::predict::models::ar_rls::{ArRlsState, REGRESSORS};
 use crate::predict::models::esn::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
+use crate::predict::models::foresight::{Foreseen, Foresight, ForesightWeights, History};
 use crate::predict::models::lstm::MAX_HIDDEN;
 use crate::predict::models::mixture::{GATE, LEADS, NODES, Path};
 use crate::predict::{Lstm, LstmWeights, Predictor, WeightsError};
@@ -32,9 +33,13 @@ pub struct MixtureMemory {
     pub(super) features: [f32; ALL],
     /// The LSTM's prediction, summed up to each node; absent without an LSTM.
     pub(super) lstm: Option<Path>,
+    /// What `foresight` sees.
+    history: History,
+    /// What it said; absent without it.
+    pub(super) foresight: Option<Foreseen>,
 }
 
-state! { [] MixtureMemory { recent, reservoir, features, lstm } }
+state! { [] MixtureMemory { recent, reservoir, features, lstm, history, foresight } }
 
 impl MixtureMemory {
     /// Nothing seen yet.
@@ -43,6 +48,8 @@ impl MixtureMemory {
         reservoir: [0.0; UNITS],
         features: [0.0; ALL],
         lstm: None,
+        history: History::EMPTY,
+        foresight: None,
     };
 
     /// The newest displacement; zero after a reset.
@@ -58,53 +65,99 @@ impl MixtureMemory {
     }
 }
 
-/// Reservoir and LSTM. Clones share their matrices.
+/// Networks trained offline; those that are absent leave their experts out.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trained {
+    /// With [`LEADS`] direct outputs.
+    pub lstm: Option<Arc<LstmWeights>>,
+    /// The network that sees contact, direction and time.
+    pub foresight: Option<Arc<ForesightWeights>>,
+}
+
+impl From<Option<Arc<LstmWeights>>> for Trained {
+    fn from(lstm: Option<Arc<LstmWeights>>) -> Self {
+        Self { lstm, foresight: None }
+    }
+}
+
+/// Which of them are there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Present {
+    /// The LSTM.
+    pub lstm: bool,
+    /// The network that sees contact, direction and time.
+    pub foresight: bool,
+}
+
+state! { [] Present { lstm, foresight } }
+
+impl From<bool> for Present {
+    fn from(lstm: bool) -> Self {
+        Self { lstm, foresight: false }
+    }
+}
+
+impl From<&Trained> for Present {
+    fn from(trained: &Trained) -> Self {
+        Self { lstm: trained.lstm.is_some(), foresight: trained.foresight.is_some() }
+    }
+}
+
+/// Reservoir and networks. Clones share their matrices.
 #[derive(Debug, Clone)]
 pub struct Trunk {
     reservoir: Arc<Reservoir>,
     lstm: Option<Lstm>,
+    foresight: Option<Foresight>,
 }
 
-state! { [] Trunk {} present { lstm } fixed { reservoir } }
+state! { [] Trunk {} present { lstm } fixed { reservoir, foresight } }
 
 impl Trunk {
-    /// The reservoir of seed 0, and an LSTM with [`LEADS`] direct outputs.
+    /// The reservoir of seed 0, and the networks.
     ///
     /// # Errors
     ///
-    /// An LSTM with fewer or more outputs.
-    pub fn new(lstm: Option<Arc<LstmWeights>>) -> Result<Self, WeightsError> {
+    /// An LSTM with fewer or more than [`LEADS`] outputs.
+    pub fn new(trained: Trained) -> Result<Self, WeightsError> {
+        let Trained { lstm, foresight } = trained;
         if let Some(lstm) = &lstm {
             let leads = lstm.spec().leads as f64;
             WeightsError::bounded("mixture", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
         }
         let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
-        Ok(Self { reservoir, lstm: lstm.map(Lstm::new) })
+        let foresight = foresight.map(|weights| Foresight::new(&weights));
+        Ok(Self { reservoir, lstm: lstm.map(Lstm::new), foresight })
     }
 
-    /// An LSTM is there.
+    /// Which networks are there.
     #[must_use]
-    pub fn trained(&self) -> bool {
-        self.lstm.is_some()
+    pub fn present(&self) -> Present {
+        Present { lstm: self.lstm.is_some(), foresight: self.foresight.is_some() }
     }
 
-    /// Takes in one displacement; a jump (or NaN) clears the memory and counts as rest, as in training.
-    pub fn observe(&mut self, memory: &mut MixtureMemory, x: [f64; 2]) {
+    /// Takes in one displacement and the touch after it; a jump (or NaN) clears the memory and counts as
+    /// rest, as in training.
+    pub fn observe(&mut self, memory: &mut MixtureMemory, x: [f64; 2], touch: Touch) {
         if is_motion(x) {
-            self.take_in(memory, x);
+            self.take_in(memory, x, touch);
         } else {
             self.reset(memory);
-            self.take_in(memory, [0.0; 2]);
+            self.take_in(memory, [0.0; 2], touch);
         }
     }
 
-    fn take_in(&mut self, memory: &mut MixtureMemory, x: [f64; 2]) {
+    fn take_in(&mut self, memory: &mut MixtureMemory, x: [f64; 2], touch: Touch) {
         memory.recent.observe(x);
         self.reservoir.observe(&mut memory.reservoir, x);
         let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
         let plain = fifo.chain(memory.reservoir);
         for (feature, value) in memory.features.iter_mut().zip(plain) {
             *feature = value as f32;
+        }
+        if let Some(foresight) = &self.foresight {
+            memory.history.observe(x, touch);
+            memory.foresight = Some(foresight.foresee(&memory.history));
         }
         let Some(lstm) = &mut self.lstm else { return };
         lstm.observe(x);
@@ -124,11 +177,13 @@ impl Trunk {
             // At rest until the first displacement.
             memory.lstm = Some([[0.0; 2]; NODES.len()]);
         }
+        memory.foresight = self.foresight.is_some().then_some(Foreseen::NOTHING);
     }
 }
 
-/// `x` is no longer than the gate; NaN is not motion.
-pub(super) fn is_motion(x: [f64; 2]) -> bool {
+/// `x` is no longer than the gate ([`GATE`]); NaN is not motion.
+#[must_use]
+pub fn is_motion(x: [f64; 2]) -> bool {
     let [a, b] = x;
     a * a + b * b <= GATE * GATE
 }

@@ -1,0 +1,191 @@
+//! Recorded hands to train on, hover included, and changed copies of them.
+
+use std::path::Path;
+
+use std::collections::BTreeSet;
+
+use foretrace_config::Config;
+use foretrace_sim::data::{DataSet, SetError, Split, median_glyph_height};
+use foretrace_sim::path::{Lift, PathError, PathSample};
+use rand::seq::SliceRandom as _;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64;
+
+use crate::closed_loop::{BenchArm, hands};
+use crate::train::CorpusError;
+
+/// What one writer wrote in one file.
+#[derive(Debug, Clone)]
+pub struct Writing {
+    /// Set and writer.
+    pub writer: String,
+    /// Device samples per second.
+    pub rate_hz: f64,
+    /// Label and samples of each character, in order.
+    pub sequences: Vec<(String, Vec<PathSample>)>,
+}
+
+/// A set that cannot be trained on.
+#[derive(Debug, thiserror::Error)]
+pub enum WritingError {
+    /// Its files.
+    #[error(transparent)]
+    Set(#[from] SetError),
+    /// No ink of any height.
+    #[error("{0}: no character has ink of positive height; give a set of positions or velocities")]
+    NoInk(String),
+    /// Its paths.
+    #[error(transparent)]
+    Path(#[from] PathError),
+    /// The preset.
+    #[error("the preset cannot be read: {0}")]
+    Preset(String),
+}
+
+/// The hands of a part of a set, a median character 0.1 m high; also the files left out, each with why.
+///
+/// # Errors
+/// [`WritingError`].
+pub fn writings(
+    folder: &Path,
+    split: &Split,
+    strict: bool,
+) -> Result<(String, Vec<Writing>, Vec<String>), WritingError> {
+    let config = Config::preset("ur5").map_err(|error| WritingError::Preset(error.to_string()))?;
+    let set = DataSet::load(folder, split, strict)?;
+    let height =
+        median_glyph_height(set.characters()).ok_or_else(|| WritingError::NoInk(set.name.clone()))?;
+    let (hands, left_out) = hands(&set, height, BenchArm::Ideal, &config, Lift::Leap)?;
+    let mut remarks: Vec<String> = set.errors.iter().map(ToString::to_string).collect();
+    if left_out > 0 {
+        remarks.push(format!("{}: {left_out} characters do not fit or have one sample", set.name));
+    }
+    let writing = |hand: crate::closed_loop::Hand| Writing {
+        writer: format!("{}/{}", set.name, hand.writer),
+        rate_hz: hand.sequences.first().map_or(0.0, |sequence| sequence.path.rate_hz),
+        sequences: hand.sequences.into_iter().map(|s| (s.label, s.path.samples)).collect(),
+    };
+    let writings = hands.into_iter().map(writing).collect();
+    Ok((set.name, writings, remarks))
+}
+
+/// Parts the writings by writer: (train, held out), `share` of the writers (at least one) held out as `seed`
+/// draws them.
+///
+/// # Errors
+/// [`CorpusError::Writers`] with a single writer.
+pub fn hold_out(
+    writings: Vec<Writing>,
+    share: f64,
+    seed: u64,
+) -> Result<(Vec<Writing>, Vec<Writing>), CorpusError> {
+    let writers: BTreeSet<String> = writings.iter().map(|writing| writing.writer.clone()).collect();
+    let mut writers: Vec<String> = writers.into_iter().collect();
+    if writers.len() < 2 {
+        return Err(CorpusError::Writers { writers: writers.len() });
+    }
+    let count = ((writers.len() as f64 * share).round() as usize).clamp(1, writers.len() - 1);
+    writers.shuffle(&mut Pcg64::seed_from_u64(seed));
+    let held: BTreeSet<String> = writers.into_iter().take(count).collect();
+    Ok(writings.into_iter().partition(|writing| !held.contains(&writing.writer)))
+}
+
+/// How a copy of a hand's samples is changed: other devices, other hands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// x and y from x and y.
+    matrix: [[f64; 2]; 2],
+    /// Duration over that of the recording.
+    time: f64,
+    /// Period of another device \[s\]; 0: that of the recording.
+    period_s: f64,
+    /// Pitch of the device's grid \[m\]; 0: none.
+    pitch_m: f64,
+    /// First sample after a grid point \[s\].
+    pub phase_s: f64,
+}
+
+impl Change {
+    /// As recorded.
+    pub const NONE: Self =
+        Self { matrix: [[1.0, 0.0], [0.0, 1.0]], time: 1.0, period_s: 0.0, pitch_m: 0.0, phase_s: 0.0 };
+
+    /// Drawn from `seed`, for a grid of `step_s` \[s\]: most copies are those of the hand itself, in another
+    /// size and phase; a share of `changed` is turned, sheared, mirrored, stretched in time, and seen by
+    /// slower and coarser tablets.
+    #[must_use]
+    pub fn drawn(seed: u64, step_s: f64, changed: f64) -> Self {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut between = |low: f64, high: f64| rng.random_range(low..high);
+        let size = (between(-1.4, 0.2)).exp();
+        let phase_s = between(0.0, step_s);
+        let own = between(0.0, 1.0) >= changed;
+        let kinds = [0; 5].map(|_| between(0.0, 1.0));
+        let angle = if kinds[0] < 0.15 { between(-180.0, 180.0) } else { between(-12.0, 12.0) };
+        let shear = between(-0.2, 0.2);
+        let aspect = between(-0.15, 0.15).exp();
+        let mirror = if kinds[1] < 0.1 { -1.0 } else { 1.0 };
+        let time = between(-0.3, 0.3).exp();
+        let period_s = if kinds[2] < 0.3 { 1.0 / between(75.0, 190.0) } else { 0.0 };
+        let pitch = if kinds[3] < 0.4 { between(-7.0, -3.7).exp() } else { 0.0 };
+        if own {
+            return Self { matrix: [[size, 0.0], [0.0, size]], phase_s, ..Self::NONE };
+        }
+        let (s, c) = angle.to_radians().sin_cos();
+        let (wide, high) = (size * aspect * mirror, size / aspect);
+        // Mirrored and sheared first, then turned.
+        let matrix = [[c * wide, c * shear * high - s * high], [s * wide, s * shear * high + c * high]];
+        Self { matrix, time, period_s, pitch_m: 0.1 * size * pitch, phase_s }
+    }
+
+    /// The changed copy of `samples`.
+    #[must_use]
+    pub fn apply(&self, samples: &[PathSample]) -> Vec<PathSample> {
+        let [[xx, xy], [yx, yy]] = self.matrix;
+        let first_s = samples.first().map_or(0.0, |sample| sample.t_s);
+        let moved = samples.iter().map(|sample| PathSample {
+            t_s: (sample.t_s - first_s) * self.time,
+            x_m: xx * sample.x_m + xy * sample.y_m,
+            y_m: yx * sample.x_m + yy * sample.y_m,
+            contact: sample.contact,
+        });
+        let mut copy: Vec<PathSample> = moved.collect();
+        if self.period_s > 0.0 {
+            copy = slower(&copy, self.period_s);
+        }
+        if self.pitch_m > 0.0 {
+            for sample in &mut copy {
+                sample.x_m = (sample.x_m / self.pitch_m).round() * self.pitch_m;
+                sample.y_m = (sample.y_m / self.pitch_m).round() * self.pitch_m;
+            }
+        }
+        copy
+    }
+}
+
+/// As a device of another period would have seen it: on straight lines between neighbouring samples, and
+/// nothing where nothing was seen.
+fn slower(samples: &[PathSample], period_s: f64) -> Vec<PathSample> {
+    /// Samples further apart than this many periods are a gap.
+    const GAP: f64 = 2.5;
+    let Some(first) = samples.first() else { return Vec::new() };
+    let mut copy = vec![*first];
+    let mut next_s = first.t_s + period_s;
+    for (a, b) in samples.iter().zip(samples.iter().skip(1)) {
+        let span_s = b.t_s - a.t_s;
+        while next_s <= b.t_s {
+            let part = (next_s - a.t_s) / span_s;
+            let (x, y) = (b.x_m - a.x_m, b.y_m - a.y_m);
+            if span_s <= GAP * period_s {
+                copy.push(PathSample {
+                    t_s: next_s,
+                    x_m: a.x_m + part * x,
+                    y_m: a.y_m + part * y,
+                    contact: if part < 1.0 { a.contact && b.contact } else { b.contact },
+                });
+            }
+            next_s += period_s;
+        }
+    }
+    copy
+}

@@ -1,0 +1,177 @@
+//! What a hand's samples teach: features at every step of the loop's grid, and the way that followed.
+//!
+//! The samples go through the loop's own pen grid and running scale, cold at first, so that the network sees
+//! in training what it will see in the loop. A target is known as long as no jump, gap or end of the
+//! recording lies before it.
+
+use foretrace_control::pen::{
+    Motion, PenReading, PenSettings, PenTracker, SpeedScale, SpeedScaleSettings, TARGET_RMS, Touch,
+};
+use foretrace_control::predict::models::foresight::{FEATURES, History, OUTPUTS, turned, unit};
+use foretrace_control::predict::models::mixture::{NODES, is_motion};
+use foretrace_control::units::Stamp;
+use foretrace_sim::path::PathSample;
+
+use super::study::{Study, Teller};
+
+/// Rest between two sequences, for which the grid begins anew \[s\].
+const REST_S: f64 = 2.0;
+/// When the first sequence begins \[s\].
+const BEGIN_S: f64 = 10.0;
+/// Displacements of more than this many RMS per axis are no motion to the loop.
+const LARGEST: f64 = 1000.0 * TARGET_RMS;
+
+/// Features and targets, one row per step.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Examples {
+    /// Inputs of the network, a row of the study's width per example.
+    pub features: Vec<f32>,
+    /// Way to every node in the frame of motion, in units of ordinary motion.
+    pub targets: Vec<[f32; OUTPUTS]>,
+    /// How many nodes of each are known.
+    pub known: Vec<u8>,
+}
+
+impl Examples {
+    /// How many.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.known.len()
+    }
+
+    /// There is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.known.is_empty()
+    }
+
+    /// Appends `others`.
+    pub fn extend(&mut self, others: &Self) {
+        self.features.extend_from_slice(&others.features);
+        self.targets.extend_from_slice(&others.targets);
+        self.known.extend_from_slice(&others.known);
+    }
+}
+
+/// One closed step.
+struct Step {
+    displacement: [f64; 2],
+    scale_m: f64,
+    frame: [f64; 2],
+    /// The displacement continues the one before.
+    follows: bool,
+}
+
+/// The examples of one hand's `sequences`, each with its label, on a grid of `step_ns` \[ns\]; the first
+/// sample stands `phase_s` \[s\] after a grid point.
+#[must_use]
+pub fn examples<'a>(
+    sequences: impl IntoIterator<Item = (&'a str, &'a [PathSample])>,
+    step_ns: u64,
+    phase_s: f64,
+    study: &Study,
+) -> Examples {
+    let settings = PenSettings {
+        step_ns,
+        max_speed_mps: 10.0,
+        position_min_m: [-10.0; 2],
+        position_max_m: [10.0; 2],
+        ..PenSettings::default()
+    };
+    let scale = SpeedScale::new(SpeedScaleSettings::default());
+    let (Ok(mut tracker), Ok(mut scale)) = (PenTracker::new(settings), scale) else {
+        return Examples::default();
+    };
+    let step_s = step_ns as f64 * 1e-9;
+    let block = study.block(step_s);
+    let mut history = History::EMPTY;
+    let mut steps: Vec<Step> = Vec::new();
+    let mut examples = Examples::default();
+    let mut begin_s = BEGIN_S + phase_s;
+    let mut newest = None;
+    for (label, samples) in sequences {
+        let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
+        let mut teller = Teller::new(label);
+        for sample in samples {
+            let stamp = Stamp(((begin_s + sample.t_s - first_s) * 1e9).round() as u64);
+            let reading = PenReading::new(stamp, [sample.x_m, sample.y_m], sample.contact);
+            tracker.ingest(stamp, &reading);
+            while let Some(step) = tracker.next_step() {
+                let follows = newest.is_some_and(|newest: u64| newest + 1 == step.index);
+                newest = Some(step.index);
+                let plausible = || scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST);
+                if step.motion != Motion::Continues || !follows || !plausible() {
+                    history = History::EMPTY;
+                    teller.interrupt();
+                    steps.push(Step {
+                        displacement: [0.0; 2],
+                        scale_m: 1.0,
+                        frame: [1.0, 0.0],
+                        follows: false,
+                    });
+                    examples.known.push(0);
+                    examples.targets.push([0.0; OUTPUTS]);
+                    examples.features.resize(examples.known.len() * study.inputs(), 0.0);
+                    continue;
+                }
+                scale.observe(&step);
+                let x = scale.normalise(step.displacement);
+                let touch: Touch = step.touch();
+                history.observe(x, touch);
+                let look = history.look(step_s, block);
+                teller.observe(x, touch, step_s);
+                let mut row = vec![0.0; study.inputs()];
+                row[..FEATURES].copy_from_slice(&look.features);
+                study.amend(&mut row, &teller, look.frame);
+                examples.features.extend_from_slice(&row);
+                examples.known.push(1);
+                examples.targets.push([0.0; OUTPUTS]);
+                steps.push(Step {
+                    displacement: step.displacement,
+                    scale_m: scale.metres_per_unit(),
+                    frame: look.frame,
+                    follows: is_motion(x),
+                });
+            }
+        }
+        let duration_s = samples.last().map_or(0.0, |sample| sample.t_s - first_s);
+        begin_s += duration_s + REST_S;
+    }
+    look_ahead(&steps, &mut examples);
+    examples
+}
+
+/// Fills in targets, and drops examples without any.
+fn look_ahead(steps: &[Step], examples: &mut Examples) {
+    let width = examples.features.len() / examples.known.len().max(1);
+    let mut kept = Examples::default();
+    for (t, now) in steps.iter().enumerate() {
+        if examples.known[t] == 0 {
+            continue;
+        }
+        let mut target = [0.0; OUTPUTS];
+        let mut way = [0.0; 2];
+        let mut known = 0;
+        let mut nodes = NODES.iter().zip(target.as_chunks_mut::<2>().0);
+        let mut next = nodes.next();
+        for (ahead, step) in steps.iter().skip(t + 1).enumerate() {
+            if !step.follows {
+                break;
+            }
+            way = [way[0] + step.displacement[0], way[1] + step.displacement[1]];
+            let Some((node, place)) = &mut next else { break };
+            if ahead + 1 == **node {
+                let normalised = turned(now.frame, way.map(|x| x / now.scale_m));
+                **place = normalised.map(|x| (x / unit(**node)) as f32);
+                known += 1;
+                next = nodes.next();
+            }
+        }
+        if known > 0 {
+            kept.known.push(known);
+            kept.targets.push(target);
+            kept.features.extend_from_slice(&examples.features[t * width..][..width]);
+        }
+    }
+    *examples = kept;
+}

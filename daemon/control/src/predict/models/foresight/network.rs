@@ -1,0 +1,221 @@
+//! One pass through the network, in `f32`.
+//!
+//! Contract: no allocation; the same bits with every set of vector instructions. Every output is summed over
+//! its inputs in their order, without fused multiply-add, so that the width of the registers changes nothing
+//! but the time. That is why the choice between them may be made at run time.
+
+use multiversion::multiversion;
+
+use super::features::FEATURES;
+use super::weights::{ForesightWeights, HIDDEN, LAYERS, OUTPUTS, SHAPES};
+
+/// Outputs that are summed together: as many as fit the registers of every machine.
+const LANES: usize = 32;
+/// Units of the last hidden layer.
+pub const LAST: usize = {
+    let [.., last] = HIDDEN;
+    last
+};
+/// Units of the widest layer.
+const WIDEST: usize = 128;
+
+const _: () = {
+    assert!(FEATURES <= WIDEST && OUTPUTS <= WIDEST);
+    let mut rest: &[(usize, usize)] = &SHAPES;
+    while let [(_, outputs), others @ ..] = rest {
+        assert!(*outputs <= WIDEST && outputs.is_multiple_of(LANES));
+        rest = others;
+    }
+};
+
+/// A network in the order in which it is read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    /// Per layer and block of outputs: the biases and a row per input, one after another.
+    rows: Box<[[f32; LANES]]>,
+}
+
+/// What comes out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Answer {
+    /// The last hidden layer.
+    pub hidden: [f32; LAST],
+    /// The outputs.
+    pub outputs: [f32; OUTPUTS],
+}
+
+impl Network {
+    /// Packs checked weights.
+    #[must_use]
+    pub fn new(weights: &ForesightWeights) -> Self {
+        let mut rows = Vec::new();
+        for (layer, (inputs, outputs)) in weights.layers().iter().zip(SHAPES) {
+            for block in 0..outputs / LANES {
+                let output = |lane: usize| block * LANES + lane;
+                let bias = |lane: usize| layer.bias.get(output(lane)).copied().unwrap_or(0.0) as f32;
+                rows.push(std::array::from_fn(bias));
+                for input in 0..inputs {
+                    let weight = |lane: usize| {
+                        layer.weight.get(output(lane) * inputs + input).copied().unwrap_or(0.0) as f32
+                    };
+                    rows.push(std::array::from_fn(weight));
+                }
+            }
+        }
+        Self { rows: rows.into() }
+    }
+
+    /// One pass.
+    #[must_use]
+    pub fn answer(&self, features: &[f32; FEATURES]) -> Answer {
+        let mut answer = Answer { hidden: [0.0; LAST], outputs: [0.0; OUTPUTS] };
+        pass(&self.rows, features, &mut answer);
+        answer
+    }
+
+    /// The same with the instructions that every machine of this kind has.
+    #[cfg(test)]
+    fn plain_answer(&self, features: &[f32; FEATURES]) -> Answer {
+        let mut answer = Answer { hidden: [0.0; LAST], outputs: [0.0; OUTPUTS] };
+        run(&self.rows, features, &mut answer);
+        answer
+    }
+}
+
+#[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn pass(rows: &[[f32; LANES]], features: &[f32; FEATURES], answer: &mut Answer) {
+    run(rows, features, answer);
+}
+
+#[inline(always)]
+fn run(rows: &[[f32; LANES]], features: &[f32; FEATURES], answer: &mut Answer) {
+    let mut values = [0.0_f32; WIDEST];
+    for (value, feature) in values.iter_mut().zip(features) {
+        *value = *feature;
+    }
+    let mut rows = rows;
+    for (index, (inputs, outputs)) in SHAPES.into_iter().enumerate() {
+        let mut next = [0.0_f32; WIDEST];
+        let given = values.get(..inputs).unwrap_or_default();
+        for sums in next.as_chunks_mut::<LANES>().0.iter_mut().take(outputs / LANES) {
+            let Some((block, rest)) = rows.split_at_checked(inputs + 1) else { return };
+            rows = rest;
+            let [bias, weights @ ..] = block else { return };
+            let mut own = *bias;
+            for (row, value) in weights.iter().zip(given) {
+                for (sum, weight) in own.iter_mut().zip(row) {
+                    *sum += weight * value;
+                }
+            }
+            *sums = own;
+        }
+        if index + 1 < LAYERS {
+            for value in &mut next {
+                *value = activation(*value);
+            }
+        }
+        if index + 2 == LAYERS {
+            for (out, value) in answer.hidden.iter_mut().zip(&next) {
+                *out = *value;
+            }
+        }
+        values = next;
+    }
+    for (out, value) in answer.outputs.iter_mut().zip(&values) {
+        *out = *value;
+    }
+}
+
+/// x · clamp(x/6 + 1/2, 0, 1): smooth enough to train, without an exponential (Howard et al. 2019,
+/// "Searching for MobileNetV3").
+#[must_use]
+#[inline(always)]
+pub fn activation(x: f32) -> f32 {
+    let gate = x * (1.0 / 6.0) + 0.5;
+    let gate = if gate > 0.0 { gate } else { 0.0 };
+    x * if gate < 1.0 { gate } else { 1.0 }
+}
+
+/// Its derivative.
+#[must_use]
+#[inline(always)]
+pub fn slope(x: f32) -> f32 {
+    let inside = x * (1.0 / 3.0) + 0.5;
+    let inside = if x > -3.0 { inside } else { 0.0 };
+    if x < 3.0 { inside } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::weights::{Dense, ForesightSpec};
+    use super::*;
+
+    /// Numbers without order, of order 1.
+    fn number(seed: usize) -> f64 {
+        let stirred = (seed as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
+        stirred as f64 / (1_u64 << 53) as f64 - 0.5
+    }
+
+    fn weights() -> ForesightWeights {
+        let mut seed = 0;
+        let layers = SHAPES.map(|(inputs, outputs)| {
+            let mut numbers = |count: usize| {
+                seed += count;
+                (0..count).map(|at| 0.4 * number(seed + at)).collect::<Vec<_>>()
+            };
+            Dense { weight: numbers(inputs * outputs), bias: numbers(outputs) }
+        });
+        ForesightWeights::new(ForesightSpec { step_ns: 10_000_000, input_scale: 10.0, block: 2 }, layers)
+            .unwrap()
+    }
+
+    fn features(seed: usize) -> [f32; FEATURES] {
+        std::array::from_fn(|at| (4.0 * number(seed * FEATURES + at)) as f32)
+    }
+
+    #[test]
+    fn every_set_of_instructions_gives_the_same_bits() {
+        let network = Network::new(&weights());
+        for seed in 0..50 {
+            let (chosen, plain) = (network.answer(&features(seed)), network.plain_answer(&features(seed)));
+            let bits = |answer: Answer| answer.outputs.map(f32::to_bits);
+            assert_eq!(bits(chosen), bits(plain));
+            assert_eq!(chosen.hidden.map(f32::to_bits), plain.hidden.map(f32::to_bits));
+        }
+    }
+
+    #[test]
+    fn the_answer_is_that_of_the_formula_in_double_precision() {
+        let weights = weights();
+        let network = Network::new(&weights);
+        for seed in 0..20 {
+            let features = features(seed);
+            let mut values: Vec<f64> = features.iter().map(|f| f64::from(*f)).collect();
+            for (index, (layer, (inputs, outputs))) in weights.layers().iter().zip(SHAPES).enumerate() {
+                values = (0..outputs)
+                    .map(|o| {
+                        let row = &layer.weight[o * inputs..][..inputs];
+                        layer.bias[o] + row.iter().zip(&values).map(|(w, v)| w * v).sum::<f64>()
+                    })
+                    .map(|x| if index + 1 < LAYERS { x * (x / 6.0 + 0.5).clamp(0.0, 1.0) } else { x })
+                    .collect();
+            }
+            for (got, expected) in network.answer(&features).outputs.iter().zip(values) {
+                assert!((f64::from(*got) - expected).abs() < 1e-4, "{got} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_slope_is_that_of_the_activation() {
+        for step in -400..400_i16 {
+            let x = f32::from(step) * 0.0125 + 0.003;
+            let measured = (activation(x + 1e-3) - activation(x - 1e-3)) / 2e-3;
+            // The corners at ±3 have two slopes.
+            if (x.abs() - 3.0).abs() > 2e-3 {
+                assert!((measured - slope(x)).abs() < 2e-3, "{x}: {measured} {}", slope(x));
+            }
+        }
+        assert_eq!((activation(-4.0), activation(4.0)), (0.0, 4.0));
+    }
+}
