@@ -101,6 +101,8 @@ pub struct Flight {
     ears: Ears,
     memory: Memory,
     due: Option<(Instant, Trigger)>,
+    /// Somebody asked while a file was due.
+    asked: bool,
     last: Option<Instant>,
     suppressed: u64,
     files: VecDeque<Written>,
@@ -216,6 +218,7 @@ impl Flight {
             options,
             memory: Memory::default(),
             due: None,
+            asked: false,
             last: None,
             suppressed: 0,
             files: VecDeque::new(),
@@ -245,6 +248,8 @@ impl Flight {
 
     fn trigger(&mut self, trigger: Trigger) {
         if self.due.is_some() {
+            // Nobody who asks is forgotten.
+            self.asked |= trigger == Trigger::Request;
             return;
         }
         // Who asks has a reason.
@@ -281,7 +286,7 @@ impl Flight {
         }
         match self.due {
             Some((at, trigger)) if Instant::now() >= at => {
-                self.due = None;
+                self.due = std::mem::take(&mut self.asked).then(|| (Instant::now(), Trigger::Request));
                 self.last = Some(Instant::now());
                 self.write(trigger).map(Some)
             }

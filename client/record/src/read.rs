@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::{Record, op};
 
-use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
+use foretrace_shm::{PenInput, Status, Thing, TickInput, TickRecord, Validate, Wire};
 
 use crate::RecordError;
 use crate::topics::{Topic, WIRE, thing_of};
@@ -337,6 +337,22 @@ fn chunk_parts(body: &[u8]) -> Option<(u32, &[u8], &[u8], u64)> {
 /// Records that say something here; indexes repeat what is known.
 fn wanted(kind: u8) -> bool {
     matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA)
+}
+
+/// Calls `use_sample` for every pen sample that a tick of `path` was given, in order.
+///
+/// # Errors
+///
+/// It is no recording of this program's layout, or the disk fails.
+pub fn pen_samples(path: &Path, mut use_sample: impl FnMut(&PenInput)) -> Result<(), RecordError> {
+    let mut reader = Reader::open(path)?;
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        if let Content::Input(input) = reader.content(&message)? {
+            input.pen().iter().for_each(&mut use_sample);
+        }
+    }
+    Ok(())
 }
 
 enum Taken {

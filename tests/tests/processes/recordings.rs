@@ -71,6 +71,18 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     assert!(output.status.success(), "{}", told(&output));
     assert!(std::fs::read_to_string(&pen).unwrap().lines().count() > 100);
 
+    let sent = world.file("sent.csv").display().to_string();
+    let second = world.daemon(1);
+    let played = world.run(1, &["play", &file, "--record", &sent]);
+    assert!(played.status.success(), "{}", told(&played));
+    let rows = |name: &str| {
+        let text = std::fs::read_to_string(world.file(name)).unwrap();
+        let rows = text.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
+        rows.map(|line| line.split_once(',').unwrap().1.to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(rows("sent.csv"), rows("pen.csv"), "its pen is played as it was");
+    second.end();
+
     // One bit of one joint.
     let mut bytes = std::fs::read(world.file("run.mcap")).unwrap();
     let at = bytes.len() / 2;

@@ -7,6 +7,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use foretrace_config::Settings;
+use foretrace_record::read::pen_samples;
 use foretrace_sim::data::{
     Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height,
 };
@@ -14,8 +15,10 @@ use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathSample, PenPath, Placem
 use foretrace_sim::writer::text_path;
 
 use crate::failure::Failure;
+use crate::record::unrecorded;
 
-const REMEDY: &str = "give a recording, a data-set folder, a CSV with t_s,x_m,y_m,contact, or glyphs:TEXT";
+const REMEDY: &str =
+    "give a recording, a data-set folder, a CSV with t_s,x_m,y_m,contact, an .mcap file, or glyphs:TEXT";
 
 /// Placement of ink in the plane.
 #[derive(Debug, Clone, clap::Args)]
@@ -69,6 +72,9 @@ pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Re
         [text] if text.starts_with("glyphs:") => {
             glyphs(text.trim_start_matches("glyphs:"), args, &workspace)?
         }
+        [file] if has_extension(file, "mcap") => {
+            Source { path: recorded_pen(Path::new(file))?, notes: Vec::new() }
+        }
         [file] if has_extension(file, "csv") => {
             Source { path: load_csv(Path::new(file)).map_err(wrong)?, notes: Vec::new() }
         }
@@ -76,6 +82,26 @@ pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Re
     };
     source.path = scaled(source.path, args.scale, workspace.centre_m).time_scaled(args.speed);
     Ok(source)
+}
+
+/// The pen of a recording of everything, as the ticks were given it.
+fn recorded_pen(file: &Path) -> Result<PenPath, Failure> {
+    let mut samples: Vec<PathSample> = Vec::new();
+    let mut first_ns = None;
+    pen_samples(file, |sample| {
+        let from = *first_ns.get_or_insert(sample.stamp_ns);
+        let t_s = sample.stamp_ns.saturating_sub(from) as f64 * 1e-9;
+        let rises = samples.last().is_none_or(|last| t_s > last.t_s);
+        if rises && sample.x_m.is_finite() && sample.y_m.is_finite() {
+            samples.push(PathSample { t_s, x_m: sample.x_m, y_m: sample.y_m, contact: sample.contact != 0 });
+        }
+    })
+    .map_err(unrecorded)?;
+    if samples.len() < 2 {
+        let what = format!("{}: it holds {} pen samples, a path needs 2", file.display(), samples.len());
+        return Err(Failure::bad_input(what, "give a recording made while the pen wrote"));
+    }
+    Ok(PenPath::from_samples(samples))
 }
 
 /// The writing workspace in metres of the pen's own plane.
