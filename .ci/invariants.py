@@ -25,7 +25,7 @@ ROOMS = {
     ],
     "client/record/src": [
         "proto", "topics", "write", "read", "table", "repair", "record", "trace", "flight", "info", "explain", "law", "replay",
-        "what_if", "metrics",
+        "modelled", "what_if", "metrics",
     ],
     "client/console/src": ["guard", "http", "page", "message", "board", "scene", "frame", "link", "session", "server"],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],

@@ -6,7 +6,7 @@
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
 //! `table`, `repair`, `record` (from a daemon into files), `trace`, `flight`, `info`, `explain`, `law`,
-//! `replay`, `what_if`, `metrics`.
+//! `replay`, `modelled`, `what_if`, `metrics`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -26,6 +26,7 @@ pub mod info;
 pub mod explain;
 mod law;
 pub mod replay;
+mod modelled;
 pub mod what_if;
 pub mod metrics;
 

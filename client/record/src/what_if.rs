@@ -17,7 +17,6 @@ use foretrace_control::predict::OnlineWeights;
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{FaultReason, JOINTS, PieceKind, TickInput, input_flags};
-use foretrace_sim::arm::{ArmModel, ArmSettings, DelaySettings};
 use foretrace_sim::lag::{LagError, Sample, Servo, Verdict, identify};
 use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, motion, tracking};
 use foretrace_sim::path::PathSample;
@@ -26,6 +25,7 @@ use serde::Serialize;
 
 use crate::RecordError;
 use crate::law::law;
+use crate::modelled::{Arm, Command};
 use crate::read::{Content, Entry, Reader};
 
 /// Why there is no answer.
@@ -75,7 +75,7 @@ struct Tick {
     now: Stamp,
     pen: Vec<PenReading>,
     measured: Option<(Stamp, [f64; JOINTS])>,
-    command: Option<(Stamp, [f64; JOINTS])>,
+    command: Option<Command>,
 }
 
 /// How a law did.
@@ -280,7 +280,13 @@ fn longer(best: &mut Vec<Tick>, life: &mut Vec<Tick>) {
 fn tick_of(input: &TickInput, pen: Vec<PenReading>) -> Tick {
     let measured =
         (input.flags & input_flags::JOINTS != 0).then_some((Stamp(input.joints_ns), input.joints_q));
-    let command = (input.command_ns != 0).then_some((Stamp(input.command_ns), input.q));
+    let command = (input.command_ns != 0).then_some(Command {
+        stamp: Stamp(input.command_ns),
+        valid_until: Stamp(input.valid_until_ns),
+        q: input.q,
+        qd: input.qd,
+        enabled: input.flags & input_flags::ENABLED != 0,
+    });
     Tick { now: Stamp(input.now_ns), pen, measured, command }
 }
 
@@ -300,7 +306,8 @@ fn pen_path(life: &[Tick], settings: &FollowerSettings<JOINTS>) -> Vec<PathSampl
 /// The arm's answer to its commands, at the joint states' stamps.
 fn fitted(life: &[Tick]) -> Result<Servo, WhatIfError> {
     let of = |pair: Option<(Stamp, [f64; JOINTS])>| pair.map(|(stamp, q)| Sample { t_s: seconds(stamp), q });
-    let commands: Vec<_> = life.iter().filter_map(|tick| of(tick.command)).collect();
+    let commands: Vec<_> =
+        life.iter().filter_map(|tick| of(tick.command.map(|command| (command.stamp, command.q)))).collect();
     let states: Vec<_> = life.iter().filter_map(|tick| of(tick.measured)).collect();
     let found = identify(&commands, &states)?;
     Ok(match found.verdict {
@@ -314,18 +321,6 @@ fn fitted(life: &[Tick]) -> Result<Servo, WhatIfError> {
     })
 }
 
-fn arm_model(arm: &Servo, period_s: f64, start: [f64; JOINTS]) -> ArmModel {
-    let settings = ArmSettings {
-        cycle_s: period_s,
-        // A cycle of delay is part of every simulated arm.
-        delay: DelaySettings::constant((arm.delay_s - period_s).max(0.0)),
-        look_ahead_s: arm.filter_s.max(0.0),
-        joint_loop_s: arm.joint_loop_s.max(0.0),
-        ..ArmSettings::delayed(period_s, period_s)
-    };
-    ArmModel::at_rest(settings, start)
-}
-
 fn tool(settings: &FollowerSettings<JOINTS>, t_s: f64, q: &[f64; JOINTS]) -> ToolSample {
     let place = settings.plane.point_from_base(&settings.chain.forward(q).position);
     ToolSample { t_s, x_m: place.x, y_m: place.y }
@@ -333,23 +328,20 @@ fn tool(settings: &FollowerSettings<JOINTS>, t_s: f64, q: &[f64; JOINTS]) -> Too
 
 /// Distance of the modelled from the recorded tool, both under the recorded commands \[mm\].
 fn misfit_mm(life: &[Tick], settings: &FollowerSettings<JOINTS>, arm: &Servo, start: [f64; JOINTS]) -> f64 {
-    let period_s = settings.period_ns as f64 * 1e-9;
-    let mut model = arm_model(arm, period_s, start);
-    let (mut target, mut sum, mut count) = (start, 0.0, 0_u32);
-    let mut modelled: Option<ToolSample> = None;
+    let begin = life.first().map_or(Stamp(0), |tick| tick.now);
+    let mut modelled = Arm::new(arm, settings.period_ns, start, begin);
+    let (mut sum, mut count) = (0.0, 0_u32);
     for tick in life {
-        if let (Some((stamp, q)), Some(now)) = (tick.measured, modelled) {
-            // The model's state is that of the release; the arm's is a little older, and both are smooth.
-            let real = tool(settings, seconds(stamp), &q);
-            if (real.t_s - now.t_s).abs() < 2.0 * period_s {
-                sum += (real.x_m - now.x_m).powi(2) + (real.y_m - now.y_m).powi(2);
-                count += 1;
-            }
+        modelled.move_to(tick.now);
+        // Joint states are a little older than the release; both motions are smooth.
+        if let Some((_, q)) =
+            tick.measured.filter(|(stamp, _)| stamp.since(tick.now).unsigned_abs() < 4_000_000)
+        {
+            let (real, model) = (tool(settings, 0.0, &q), tool(settings, 0.0, &modelled.joints.q));
+            sum += (real.x_m - model.x_m).powi(2) + (real.y_m - model.y_m).powi(2);
+            count += 1;
         }
-        let joints = model.cycle(target);
-        modelled = Some(tool(settings, seconds(tick.now) + period_s, &joints.q));
-        // The command of this tick holds at the next release.
-        target = tick.command.map_or(target, |(_, q)| q);
+        modelled.command = tick.command.or(modelled.command);
     }
     1e3 * (sum / f64::from(count.max(1))).sqrt()
 }
@@ -370,21 +362,21 @@ fn run(
 ) -> Result<Lived, WhatIfError> {
     let failed = |why: String| WhatIfError::Law { variant: name.to_owned(), why };
     let settings = config.follower_settings();
-    let period_s = settings.period_ns as f64 * 1e-9;
     let mut law =
         law(settings.clone(), config.settings().mpc.horizon).map_err(|error| failed(error.to_string()))?;
     let learner = Learner::new(config.learner_settings(), config.models());
     let mut learner = learner.map_err(|error: LearnError| failed(error.to_string()))?;
     let learns = config.settings().learner.enabled;
-    let mut model = arm_model(arm, period_s, start);
-    let (mut target, mut joints) = (start, foretrace_sim::arm::Joints { q: start, qd: [0.0; JOINTS] });
+    let begin = life.first().map_or(Stamp(0), |tick| tick.now);
+    let mut arm = Arm::new(arm, settings.period_ns, start, begin);
     let mut fresh: Option<Box<OnlineWeights>> = None;
     let mut lived = Lived { tool: Vec::with_capacity(life.len()), saturated: 0.0, stopped: None };
     let (mut limited, mut planned, mut armed) = (0_u32, 0_u32, false);
     let origin = life.first().map_or(Stamp(0), |tick| tick.now);
     for tick in life {
         let now = tick.now;
-        let reading = JointReading { stamp: now, q: joints.q, qd: joints.qd, motion_allowed: true };
+        arm.move_to(now);
+        let reading = JointReading { stamp: now, q: arm.joints.q, qd: arm.joints.qd, motion_allowed: true };
         let weights = fresh.take();
         let input = StepInput {
             pen: &tick.pen,
@@ -411,10 +403,8 @@ fn run(
             planned += 1;
             limited += u32::from(output.axes.iter().any(|axis| axis.active.total() > 0));
         }
-        // From release to release: the target is what the last command wants now.
-        joints = model.cycle(target);
-        target = output.command.map_or(target, |command| command.q);
-        lived.tool.push(tool(&settings, seconds(now) + period_s, &joints.q));
+        arm.command = output.command.or(arm.command);
+        lived.tool.push(tool(&settings, seconds(now), &arm.joints.q));
     }
     lived.saturated = f64::from(limited) / f64::from(planned.max(1));
     Ok(lived)
