@@ -66,6 +66,8 @@ pub struct Hand {
     offset_m: [f64; 2],
     /// What is sent while the clutch is held.
     stays: Option<PenReading>,
+    /// Where the pen stayed \[m\], until the first reading after the clutch says where the hand is by then.
+    anchor_m: Option<[f64; 2]>,
     clutched: bool,
     lock: Option<PlaneAxis>,
     /// The coordinate that the lock keeps \[m\].
@@ -98,6 +100,9 @@ impl Hand {
 
     fn led(&mut self, device: PenReading, hand: [f64; 2]) -> PenReading {
         let mapped = self.mapping.of(hand);
+        if let Some(anchor) = self.anchor_m.take() {
+            self.offset_m = std::array::from_fn(|axis| anchor[axis] - mapped[axis]);
+        }
         let mut at: [f64; 2] = std::array::from_fn(|axis| mapped[axis] + self.offset_m[axis]);
         if let Some(axis) = self.lock {
             at[axis.index()] = *self.locked_m.get_or_insert(at[axis.index()]);
@@ -123,11 +128,9 @@ impl Hand {
         self.clutched
     }
 
-    /// The next reading continues where the pen stayed.
+    /// The next reading continues where the pen stayed, wherever the hand has gone out of range.
     fn go_on(&mut self) {
-        let (Some(stays), Some((hand, _))) = (self.stays.take(), self.last) else { return };
-        let mapped = self.mapping.of(hand);
-        self.offset_m = [stays.x_m - mapped[0], stays.y_m - mapped[1]];
+        self.anchor_m = self.stays.take().map(|stays| [stays.x_m, stays.y_m]).or(self.anchor_m);
     }
 
     /// Moves the pen further or less far for the same hand; takes effect when the clutch is let go.
@@ -216,6 +219,24 @@ mod tests {
         assert!(near(place(hand.map(at(0.99, 0.3))), [0.01, 0.02]));
         // From there the hand leads again, as far as it moves.
         assert!(near(place(hand.map(at(1.0, 0.29))), [0.02, 0.01]));
+    }
+
+    #[test]
+    fn a_hand_that_left_the_range_while_clutched_goes_on_without_a_jump_wherever_it_returns() {
+        let mut hand = Hand::new(Mapping::default());
+        hand.map(at(0.0, 0.0));
+        hand.clutch(true);
+        hand.map(at(0.0, 0.0));
+        assert!(hand.gone(1).is_some());
+        hand.clutch(false);
+        assert!(near(place(hand.map(at(0.3, 0.0))), [0.0, 0.0]));
+        assert!(near(place(hand.map(at(0.4, 0.1))), [0.1, 0.1]));
+        // Clutched and let go again before any reading: the pen is still where it stayed.
+        hand.clutch(true);
+        hand.clutch(false);
+        hand.clutch(true);
+        hand.clutch(false);
+        assert!(near(place(hand.map(at(-0.2, 0.5))), [0.1, 0.1]));
     }
 
     #[test]
