@@ -4,11 +4,12 @@
 //! held. The device is not grabbed: other programs see it as before. Wired only: over radio a release that is
 //! not received looks as a button that is held.
 
+use std::borrow::Cow;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use evdevil::event::Key;
-use evdevil::{Bus, Evdev};
+use evdevil::{Bus, Evdev, InputId};
 
 use crate::failure::{Cause, Failure};
 
@@ -21,6 +22,46 @@ const RIGHTS: &str = "give your user the group `input`, or a udev rule with TAG+
 pub(super) struct Button {
     device: Evdev,
     key: Key,
+    identity: Identity,
+}
+
+/// What tells a device from another one that later has the same path.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Identity {
+    name: String,
+    /// Bus, vendor, product, version.
+    id: InputId,
+    /// The plug that it is in.
+    place: Option<String>,
+    /// Serial number or address.
+    serial: Option<String>,
+}
+
+impl Identity {
+    fn of(device: &Evdev) -> io::Result<Self> {
+        Ok(Self {
+            name: device.name()?,
+            id: device.input_id()?,
+            place: device.phys()?,
+            serial: device.unique_id()?,
+        })
+    }
+
+    /// How `found` differs; `None`: it is the same device.
+    fn difference(&self, found: &Self) -> Option<String> {
+        let told = |what: &str, old: &str, new: &str| Some(format!("its {what} is {new}, not {old}"));
+        if self.name != found.name {
+            told("name", &foretrace_config::plain(&self.name), &foretrace_config::plain(&found.name))
+        } else if self.id != found.id {
+            told("maker and product", &format!("{:?}", self.id), &format!("{:?}", found.id))
+        } else if self.serial != found.serial {
+            told("serial number", &shown(self.serial.as_deref()), &shown(found.serial.as_deref()))
+        } else if self.place != found.place {
+            told("plug", &shown(self.place.as_deref()), &shown(found.place.as_deref()))
+        } else {
+            None
+        }
+    }
 }
 
 impl Button {
@@ -47,7 +88,25 @@ impl Button {
             };
             Failure::usage(format_args!("{} has no button {button:?}", path.display()), remedy)
         })?;
-        Ok(Self { device, key })
+        let identity = Identity::of(&device).map_err(|error| unusable(path, &error))?;
+        Ok(Self { device, key, identity })
+    }
+
+    /// The device again after it was unplugged; only the one of `known`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Button::open`], or another device has the path.
+    pub(super) fn open_again(path: &Path, button: &str, known: &Identity) -> Result<Self, Failure> {
+        let found = Self::open(path, button)?;
+        match known.difference(&found.identity) {
+            None => Ok(found),
+            Some(difference) => Err(another(path, &difference)),
+        }
+    }
+
+    pub(super) const fn identity(&self) -> &Identity {
+        &self.identity
     }
 
     /// Whether it is held now.
@@ -118,6 +177,18 @@ fn radio(path: &Path) -> Failure {
     Failure::bad_input(what, "choose a wired one of `foretrace enable --list`, and no wireless dongle either")
 }
 
+fn shown(text: Option<&str>) -> Cow<'_, str> {
+    text.map_or(Cow::Borrowed("none"), foretrace_config::plain)
+}
+
+fn another(path: &Path, difference: &str) -> Failure {
+    let what = format!("{} is another device than before: {difference}", path.display());
+    Failure::bad_input(
+        what,
+        "plug the first one into its old place, or start `foretrace enable` again with this one",
+    )
+}
+
 fn unusable(path: &Path, error: &io::Error) -> Failure {
     let remedy = match error.kind() {
         io::ErrorKind::PermissionDenied => RIGHTS,
@@ -129,6 +200,37 @@ fn unusable(path: &Path, error: &io::Error) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn another_device_at_the_same_path_is_told_by_what_differs() {
+        let known = Identity {
+            name: "Foot Pedal".to_owned(),
+            id: InputId::new(Bus::USB, 1, 2, 3),
+            place: Some("usb-1/input0".to_owned()),
+            serial: None,
+        };
+        assert_eq!(known.difference(&known.clone()), None);
+        for (found, words) in [
+            (
+                Identity { name: "Keyboard".to_owned(), ..known.clone() },
+                "its name is Keyboard, not Foot Pedal",
+            ),
+            (Identity { id: InputId::new(Bus::USB, 9, 2, 3), ..known.clone() }, "maker and product"),
+            (
+                Identity { place: Some("usb-2/input0".to_owned()), ..known.clone() },
+                "its plug is usb-2/input0",
+            ),
+            (
+                Identity { serial: Some("A1".to_owned()), ..known.clone() },
+                "its serial number is A1, not none",
+            ),
+        ] {
+            let difference = known.difference(&found).unwrap();
+            assert!(difference.contains(words), "{difference}");
+            let told = another(Path::new("/dev/input/event9"), &difference).to_string();
+            assert!(told.contains("another device than before") && told.contains(words), "{told}");
+        }
+    }
 
     #[test]
     fn a_dead_man_over_bluetooth_is_refused_and_a_wired_one_is_not() {

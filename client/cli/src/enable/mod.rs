@@ -18,7 +18,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{note, say};
 use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
-use device::Button;
+use device::{Button, Identity};
 use switch::{Signal, Switch};
 
 /// How often the button is looked at: a release is told within this time.
@@ -73,6 +73,8 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
     let mut holder = Holder {
         dead_man: Some(dead_man),
         who,
+        identity: button.identity().clone(),
+        refused: None,
         button: Some(button),
         switch: Switch::new(DeadMan::INTERVAL),
         next_attempt: Instant::now(),
@@ -112,6 +114,9 @@ struct Holder {
     dead_man: Option<DeadMan>,
     who: Claimant,
     button: Option<Button>,
+    identity: Identity,
+    /// Why the device that is there is not taken; told once.
+    refused: Option<String>,
     switch: Switch,
     next_attempt: Instant,
     shown: Option<&'static str>,
@@ -122,9 +127,20 @@ impl Holder {
     fn reopen(&mut self, path: &std::path::Path, name: &str) {
         if self.button.is_none() && Instant::now() >= self.next_attempt {
             self.next_attempt = Instant::now() + AGAIN;
-            self.button = Button::open(path, name).ok();
-            if self.button.is_some() {
-                self.switch.begin_anew();
+            match Button::open_again(path, name, &self.identity) {
+                Ok(button) => {
+                    (self.button, self.refused) = (Some(button), None);
+                    self.switch.begin_anew();
+                }
+                // Nothing at the path is what an unplugged device looks like, and told already.
+                Err(_) if !path.exists() => self.refused = None,
+                Err(error) => {
+                    let words = error.to_string();
+                    if self.refused.as_ref() != Some(&words) {
+                        note!("{words}");
+                        self.refused = Some(words);
+                    }
+                }
             }
         }
     }
