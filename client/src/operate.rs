@@ -46,6 +46,8 @@ const POLL: Duration = Duration::from_millis(5);
 #[derive(Debug)]
 pub struct Requests {
     topic: ControlTopic,
+    /// 0: the moment of sending \[ns\].
+    decided_ns: u64,
     _leaving: Arc<Leaving>,
 }
 
@@ -72,7 +74,7 @@ impl Foretrace {
     ///
     /// None today.
     pub fn requests(&self) -> Result<Requests, ServiceError> {
-        Ok(Requests { topic: self.services.control.clone(), _leaving: self.leaving.clone() })
+        Ok(Requests { topic: self.services.control.clone(), decided_ns: 0, _leaving: self.leaving.clone() })
     }
 
     /// The dead-man, to be used in this thread. One per instance at a time. Held in the name of this program.
@@ -109,6 +111,14 @@ impl Foretrace {
 /// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and
 /// fail as [`RequestError`] tells.
 impl Requests {
+    /// Dates what is asked from here on with the moment when a person decided it \[ns, monotonic clock\]: the
+    /// daemon refuses to arm if a stop came since then.
+    #[must_use]
+    pub const fn decided_at(mut self, decided_ns: u64) -> Self {
+        self.decided_ns = decided_ns;
+        self
+    }
+
     /// Ask for mode (`detail`) and trust (`value`).
     pub fn query(&mut self, timeout: Duration) -> Result<ControlResponse, RequestError> {
         self.ask(ControlOp::Query, 0.0, timeout)
@@ -178,7 +188,8 @@ impl Requests {
         value: f64,
         timeout: Duration,
     ) -> Result<ControlResponse, RequestError> {
-        let request = ControlRequest { predictor, value, ..ControlRequest::new(0, 0, op) };
+        let sent_ns = self.decided_ns;
+        let request = ControlRequest { predictor, value, sent_ns, ..ControlRequest::new(0, 0, op) };
         request.validate()?;
         let response = bounded(&self.topic, request, timeout)?;
         if response.is_success() {

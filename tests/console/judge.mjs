@@ -190,6 +190,44 @@ async function judge(browser) {
   await until("the stop after the release", async () =>
     (await page.evaluate(() => document.getElementById("mode").textContent)) === "stopped", 20);
   check("hiding the page lets the button go, and the arm stops", true);
+  await page.focus("#stop");
+  await page.keyboard.down("Space");
+  await pause(300);
+  check("the space bar on Stop holds nothing", !(await held()));
+  await page.keyboard.up("Space");
+  await page.mouse.move(button.x + 5, button.y + 5);
+  await page.mouse.down({ button: "right" });
+  await pause(300);
+  check("the right button of a mouse holds nothing", !(await held()));
+  await page.mouse.up({ button: "right" });
+  const stops = await page.evaluate(() => document.getElementById("answers").textContent);
+  check("the space bar on Stop stops", stops.includes("the arm stops"), stops);
+  await page.focus("#trust");
+  const asked = (await page.evaluate(() => globalThis.foretrace.stops));
+  await page.keyboard.press("s");
+  await page.keyboard.press("Escape");
+  check("S on the slider and Escape stop", await page.evaluate(() => globalThis.foretrace.stops) === asked + 2);
+  const two = await page.evaluate(() => {
+    const { pad } = globalThis.foretrace;
+    const event = (type, pointerId, pointerType, buttons) => pad.canvas.dispatchEvent(
+      new PointerEvent(type, { pointerId, pointerType, buttons, clientX: 200, clientY: 300, bubbles: true }));
+    pad.canvas.setPointerCapture = () => {};
+    pad.leave();
+    const ids = [];
+    for (const [type, id, kind, buttons] of [["pointerdown", 11, "touch", 1], ["pointerdown", 12, "touch", 1],
+      ["pointerleave", 12, "touch", 0], ["pointerdown", 13, "pen", 1], ["pointerup", 11, "touch", 0]]) {
+      event(type, id, kind, buttons);
+      ids.push(pad.follows?.id);
+    }
+    pad.leave();
+    return ids.join(" ");
+  });
+  check("one pointer is followed, a pen before fingers", two === "11 11 11 13 13", two);
+  await page.reload();
+  await until("the control after a reload", () => page.evaluate(() => globalThis.foretrace.mine
+    && globalThis.foretrace.clock.uncertaintyMs !== null), 20);
+  check("a reload keeps the token", true);
+  await until("the reason of the stop", () => page.evaluate(() => !document.getElementById("stopped").hidden), 20);
   const told = await page.evaluate(() => document.getElementById("stopped").textContent);
   check("the stop is told with its remedy", told.includes("dead-man"), told);
   await page.click('[data-ask=\'{"disarm":true}\']');

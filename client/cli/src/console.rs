@@ -109,6 +109,9 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     }
     let refused: u64 = tally.refused.values().sum();
     let lost: u64 = tally.samples_refused.values().sum();
+    if tally.lines_dropped > 0 {
+        note!("console: {} more lines found no room here", tally.lines_dropped);
+    }
     say!(
         "{} pages, {} pen samples passed on, {lost} refused; {refused} messages and connections refused, \
          {} stops",

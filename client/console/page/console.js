@@ -5,9 +5,17 @@ import { Arm } from "./arm.js";
 import { State } from "./state.js";
 
 const byId = (id) => document.getElementById(id);
-const token = location.hash.slice(1);
-// The token stays out of the history and of pictures of the screen.
+// A tab keeps the token over a reload; it stays out of the history and of pictures of the screen.
+const token = keptToken(location.hash.slice(1));
 history.replaceState(null, "", location.pathname);
+
+function keptToken(given) {
+  // A browser may forbid to keep anything.
+  try {
+    if (given) sessionStorage.setItem("token", given);
+    return given || sessionStorage.getItem("token") || "";
+  } catch { return given; }
+}
 
 // The server's monotonic clock by the pings with the shortest way there and back.
 class Clock {
@@ -31,11 +39,17 @@ let socket = null;
 let mine = false;
 let arm = null;
 let frames = 0;
+let stops = 0;
 // This page had the control when its link broke: it asks again until the console has noticed that.
 let wanted = 0;
 
 function send(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function stop() {
+  stops += 1;
+  send({ stop: true });
 }
 
 const pad = new Pad(byId("pad"), clock, {
@@ -122,20 +136,26 @@ function note(here) {
 const hold = {
   timer: null,
   button: byId("hold"),
+  // Dated, so that one that was long under way enables nothing; not said before the clock is known.
+  say(held) {
+    const us = clock.stampUs(performance.now());
+    if (us !== null) send({ hold: [held, us] });
+  },
   press() {
     if (this.timer || !mine) return;
-    send({ hold: true });
-    this.timer = setInterval(() => send({ hold: true }), 40);
+    this.say(true);
+    this.timer = setInterval(() => this.say(true), 40);
   },
   letGo() {
     if (!this.timer) return;
     clearInterval(this.timer);
     this.timer = null;
-    send({ hold: false });
+    this.say(false);
   },
   shown(held) { this.button.classList.toggle("held", held); },
 };
 hold.button.addEventListener("pointerdown", (event) => {
+  if (event.button !== 0 || !event.isPrimary) return;
   hold.button.setPointerCapture(event.pointerId);
   hold.press();
 });
@@ -147,7 +167,7 @@ document.addEventListener("visibilitychange", () => {
 });
 addEventListener("blur", () => hold.letGo());
 
-byId("stop").addEventListener("click", () => send({ stop: true }));
+byId("stop").addEventListener("click", stop);
 byId("control").addEventListener("click", () => send(mine ? { release: true } : { control: token }));
 byId("take-pen").addEventListener("click", () => send({ take_pen: true }));
 for (const button of document.querySelectorAll("[data-ask]")) {
@@ -168,11 +188,15 @@ for (const button of document.querySelectorAll("[data-view]")) {
   });
 }
 
-const typing = (event) => ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
+// Where letters are text; a slider takes none.
+const typing = (target) => target.tagName === "TEXTAREA" || (target.tagName === "INPUT" && target.type !== "range");
+// Elsewhere the space bar presses the button that has the focus, such as Stop.
+const holds = (target) => target === document.body || target === hold.button || target === pad.canvas;
 addEventListener("keydown", (event) => {
-  if (typing(event) || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.key === "s" || event.key === "S") send({ stop: true });
-  if (event.key === " ") { event.preventDefault(); if (!event.repeat) hold.press(); }
+  if (event.key === "Escape") { if (!event.repeat) stop(); return; }
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if ((event.key === "s" || event.key === "S") && !event.repeat && !typing(event.target)) stop();
+  if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press(); }
 });
 addEventListener("keyup", (event) => { if (event.key === " ") hold.letGo(); });
 
@@ -195,4 +219,4 @@ setInterval(() => send({ ping: performance.now() }), 1000);
 connect();
 
 // For tests: what a person would see, in numbers.
-globalThis.foretrace = { pad, clock, state, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };
+globalThis.foretrace = { pad, clock, state, get stops() { return stops; }, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };

@@ -23,6 +23,8 @@ export class Pad {
     this.may = false;
     this.plane = null;
     this.last = null;
+    // The pointer that is followed, by its id and kind.
+    this.follows = null;
     this.lastUs = 0;
     this.sent = 0;
     this.pending = [];
@@ -38,14 +40,23 @@ export class Pad {
     canvas.addEventListener(moves, (event) => this.moved(event));
     canvas.addEventListener("pointerdown", (event) => {
       event.preventDefault();
+      if (!this.isFollowed(event)) return;
       canvas.focus({ preventScroll: true });
       canvas.setPointerCapture(event.pointerId);
       this.one(event);
       this.flush();
     });
-    canvas.addEventListener("pointerup", (event) => { this.one(event); this.flush(); });
-    canvas.addEventListener("pointerleave", () => this.leave());
-    canvas.addEventListener("pointercancel", () => this.leave());
+    canvas.addEventListener("pointerup", (event) => {
+      if (!this.isFollowed(event)) return;
+      this.one(event);
+      this.flush();
+      this.follows.down = false;
+    });
+    for (const name of ["pointerleave", "pointercancel"]) {
+      canvas.addEventListener(name, (event) => {
+        if (this.follows && this.follows.id === event.pointerId) this.leave();
+      });
+    }
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     setInterval(() => this.rest(), REPEAT_MS / 2);
     setInterval(() => this.tell(), 500);
@@ -63,7 +74,24 @@ export class Pad {
     return { box, scale, cx: (x0 + x1) / 2, cy: (y0 + y1) / 2 };
   }
 
+  // One pointer at a time: the one that went down first, or a pen, which outranks fingers. Samples of two in turn
+  // would be a pen that leaps between them.
+  isFollowed(event) {
+    const now = this.follows;
+    const down = event.buttons !== 0;
+    if (now && now.id === event.pointerId) {
+      now.down = down;
+      return true;
+    }
+    const isPen = event.pointerType === "pen";
+    if (now && (now.isPen || (!isPen && (now.down || !down)))) return false;
+    if (now) this.leave();
+    this.follows = { id: event.pointerId, isPen, down };
+    return true;
+  }
+
   moved(event) {
+    if (!this.isFollowed(event)) return;
     const all = this.coalesced ? event.getCoalescedEvents() : [];
     for (const one of all.length ? all : [event]) this.one(one);
     this.flush();
@@ -117,6 +145,7 @@ export class Pad {
   }
 
   leave() {
+    this.follows = null;
     if (!this.last) return;
     const last = { ...this.last, at: performance.now() - MARGIN_MS, flags: this.last.flags & ~(CONTACT | IN_RANGE) };
     this.put(last);

@@ -5,21 +5,25 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, SyncSender, TrySendError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use foretrace_client::{PenSample, monotonic_now_ns};
 use serde::Serialize;
 
 use crate::guard::Token;
-use crate::message::Request;
+use crate::message::{HOLD_LASTS_NS, Request};
 
-/// A hold-to-run button that was not heard of for this long is let go [ns].
-pub(crate) const HOLD_LASTS_NS: u64 = 150_000_000;
+/// An order that has waited for longer is dropped \[ns\].
+pub(crate) const ORDER_LASTS_NS: u64 = 1_000_000_000;
 
-/// What a page asked for, and where the answer goes.
+/// What a page asked for, when, and where the answer goes.
 #[derive(Debug)]
 pub(crate) struct Order {
     pub(crate) what: What,
+    pub(crate) page: u64,
+    /// When it came \[ns, monotonic clock\].
+    pub(crate) asked_ns: u64,
     pub(crate) reply: Sender<Reply>,
 }
 
@@ -29,6 +33,33 @@ pub(crate) enum What {
     Ask(Request),
     Write(String),
     TakePen,
+}
+
+impl Order {
+    /// Whether it may still be carried out.
+    ///
+    /// # Errors
+    ///
+    /// A word for the count of refusals.
+    pub(crate) fn judge(&self, board: &Board, now_ns: u64) -> Result<(), &'static str> {
+        if now_ns.saturating_sub(self.asked_ns) > ORDER_LASTS_NS {
+            Err("order waited for too long")
+        } else if board.stops.last_ns() >= self.asked_ns {
+            Err("order from before a stop")
+        } else if !board.controls(self.page) {
+            Err("order of a page that no longer controls")
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Drops it, counted and told.
+    pub(crate) fn refuse(self, board: &Board, reason: &'static str) {
+        board.refuse(reason);
+        // The page may be gone.
+        let _ =
+            self.reply.send(Reply { done: false, words: format!("not carried out: {reason}; ask again") });
+    }
 }
 
 /// An answer for people.
@@ -53,15 +84,67 @@ pub struct Tally {
     pub frames_dropped: u64,
     /// Stops that were asked for.
     pub stops: u64,
+    /// Lines for the console's shell that found no room.
+    pub lines_dropped: u64,
 }
 
-/// Tells the person at the console's shell.
-pub(crate) type Log = Box<dyn Fn(&str) + Send + Sync>;
+/// A page that waits for the confirmation of its stop.
+pub(crate) struct Waiting {
+    page: u64,
+    pub(crate) address: String,
+    pub(crate) reply: Sender<Reply>,
+    /// Times that it has asked.
+    pub(crate) times: u64,
+}
+
+/// The stops that wait, and when the last one was asked for.
+#[derive(Default)]
+pub(crate) struct Stops {
+    waiting: Mutex<Vec<Waiting>>,
+    came: Condvar,
+    last_ns: AtomicU64,
+}
+
+impl Stops {
+    /// Asks for a stop in the name of a page.
+    pub(crate) fn ask(&self, page: u64, address: &str, reply: &Sender<Reply>) {
+        self.last_ns.fetch_max(now_ns(), Ordering::AcqRel);
+        let mut waiting = locked(&self.waiting);
+        match waiting.iter_mut().find(|one| one.page == page) {
+            Some(one) => one.times += 1,
+            None => {
+                waiting.push(Waiting { page, address: address.to_owned(), reply: reply.clone(), times: 1 })
+            }
+        }
+        drop(waiting);
+        self.came.notify_all();
+    }
+
+    /// When a page asked for a stop the last time; 0: never \[ns\].
+    pub(crate) fn last_ns(&self) -> u64 {
+        self.last_ns.load(Ordering::Acquire)
+    }
+
+    /// Lets the thread look whether everything ends.
+    pub(crate) fn wake(&self) {
+        self.came.notify_all();
+    }
+
+    /// Those that wait, at the latest after `patience`.
+    pub(crate) fn next(&self, patience: Duration) -> Vec<Waiting> {
+        let mut waiting = locked(&self.waiting);
+        if waiting.is_empty() {
+            waiting = self.came.wait_timeout(waiting, patience).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        std::mem::take(&mut *waiting)
+    }
+}
 
 /// Shared by all threads of a console.
 pub(crate) struct Board {
     pub(crate) token: Token,
-    log: Log,
+    lines: SyncSender<String>,
+    pub(crate) stops: Stops,
     /// None before the link is up.
     scene: Mutex<Option<Arc<str>>>,
     frame: Mutex<(u64, Arc<str>)>,
@@ -82,13 +165,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Board {
     pub(crate) fn new(
         token: Token,
-        log: Log,
+        lines: SyncSender<String>,
         pens: SyncSender<PenSample>,
         orders: SyncSender<Order>,
     ) -> Self {
         Self {
             token,
-            log,
+            lines,
+            stops: Stops::default(),
             scene: Mutex::new(None),
             frame: Mutex::new((0, "{}".into())),
             controller: Mutex::new(None),
@@ -101,8 +185,11 @@ impl Board {
         }
     }
 
+    /// Tells the person at the console's shell, without waiting for a terminal.
     pub(crate) fn note(&self, words: &str) {
-        (self.log)(words);
+        if let Err(TrySendError::Full(_)) = self.lines.try_send(words.to_owned()) {
+            self.count(|tally| tally.lines_dropped += 1);
+        }
     }
 
     pub(crate) fn show_scene(&self, scene: Arc<str>) {
@@ -222,6 +309,7 @@ impl Board {
     pub(crate) fn finish(&self) {
         self.over.store(true, Ordering::Release);
         self.held_ns.store(0, Ordering::Release);
+        self.stops.wake();
     }
 
     pub(crate) fn is_over(&self) -> bool {
@@ -240,7 +328,8 @@ mod tests {
     use std::sync::mpsc::sync_channel;
 
     fn board() -> Board {
-        Board::new(Token::random().unwrap(), Box::new(|_| {}), sync_channel(2).0, sync_channel(2).0)
+        let lines = sync_channel(2).0;
+        Board::new(Token::random().unwrap(), lines, sync_channel(2).0, sync_channel(2).0)
     }
 
     #[test]

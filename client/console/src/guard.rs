@@ -52,7 +52,7 @@ impl Hosts {
     /// Of a console on the loopback address `at`.
     pub(crate) fn of(at: SocketAddr) -> Self {
         let port = at.port();
-        Self(["127.0.0.1", "localhost", "[::1]"].map(|host| format!("{host}:{port}")).to_vec())
+        Self(["127.0.0.1", "localhost"].map(|host| format!("{host}:{port}")).to_vec())
     }
 
     /// The `Host` of a request.
@@ -85,12 +85,18 @@ mod tests {
     #[test]
     fn only_names_of_this_machine_with_this_port_are_its_own() {
         let hosts = Hosts::of("127.0.0.1:8420".parse().unwrap());
-        for host in ["127.0.0.1:8420", "localhost:8420", "LOCALHOST:8420", "[::1]:8420"] {
+        for host in ["127.0.0.1:8420", "localhost:8420", "LOCALHOST:8420"] {
             assert!(hosts.knows(host) && hosts.own(&format!("http://{host}")), "{host}");
         }
-        for host in
-            ["", "localhost", "localhost:80", "evil.example:8420", "127.0.0.1:8420.evil", "127.0.0.2:8420"]
-        {
+        for host in [
+            "",
+            "localhost",
+            "localhost:80",
+            "[::1]:8420",
+            "evil.example:8420",
+            "127.0.0.1:8420.evil",
+            "127.0.0.2:8420",
+        ] {
             assert!(!hosts.knows(host) && !hosts.own(&format!("http://{host}")), "{host}");
         }
         for origin in ["", "null", "https://localhost:8420", "http://localhost:8420/", "file://"] {

@@ -6,8 +6,9 @@
 //! page that reads slowly are dropped, never queued. Plain threads, no asynchronous runtime.
 //!
 //! In the order of a message's way: `http` and `guard` let a page in, `message` reads what it says, `session`
-//! is one page, `board` is what all pages share, `link` is the only thread that talks to the daemon; `scene`
-//! and `frame` are what a page is told.
+//! is one page, `board` is what all pages share, `link` feeds the daemon, with `hold` for the button;
+//! `orders` asks the daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is
+//! told.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -19,6 +20,9 @@ mod message;
 mod board;
 mod scene;
 mod frame;
+mod hold;
+mod orders;
+mod stops;
 mod link;
 mod session;
 mod server;

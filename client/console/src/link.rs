@@ -1,23 +1,24 @@
-//! The only thread that talks to the daemon: the pen, the hold-to-run button, telemetry and status.
+//! The thread that feeds the daemon and hears it: the pen, the hold-to-run button, telemetry and status.
 //!
 //! Contract: it outlives the daemon. Nothing that a page sends makes it wait, but a request to take the pen
 //! over, which waits for its holder for a bounded time. The places of pen and dead-man switch are taken when
 //! they are needed, in the browser's name, and given back with the control.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use foretrace_client::admission::Admission;
 use foretrace_client::{
     Attachment, Claimant, DeadMan, FaultReason, FeedError, Foretrace, HolderKind, Instance, PenFeed,
-    PenReading, PenSample, Place, RequestError, ServiceError, StatusReader, Telemetry, pen_flags,
+    PenReading, PenSample, Place, ServiceError, StatusReader, Telemetry, pen_flags,
 };
 use foretrace_config::Config;
 
 use crate::board::{Board, Order, Reply, What, now_ns};
 use crate::frame::{Frames, Here};
-use crate::message::Request;
+use crate::hold::{Grip, Step};
+use crate::orders::Asks;
 use crate::scene::scene;
 
 /// Longest wait for a sample, and so between two looks at everything else.
@@ -28,8 +29,6 @@ const FRAME_EVERY: Duration = Duration::from_millis(33);
 const AGAIN: Duration = Duration::from_millis(500);
 /// How long a holder has to give the pen up.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How long the daemon has to answer.
-const ANSWER: Duration = Duration::from_secs(3);
 /// The gateway's bounds: samples per second in the long run, and at once.
 const RATE: u32 = 2000;
 const BURST: u32 = 400;
@@ -91,7 +90,7 @@ impl Link {
             status: foretrace.status()?,
             frames: Frames::new(self.config.clone()),
             hand: Hand::new(board.clone()),
-            asks: asks(&self.instance)?,
+            asks: Asks::start(&self.instance, board)?.map_err(LinkError::Thread)?,
             foretrace,
             link: self,
             daemon: true,
@@ -135,7 +134,7 @@ struct Running {
     status: StatusReader,
     frames: Frames,
     hand: Hand,
-    asks: Sender<(Request, Sender<Reply>)>,
+    asks: Asks,
     daemon: bool,
     writing: Option<Writing>,
 }
@@ -144,34 +143,37 @@ struct Running {
 struct Writing {
     points: Vec<Point>,
     next: usize,
+    asked_ns: u64,
     begin_ns: u64,
 }
 
 impl Running {
     fn pen(&mut self, sample: &PenSample) {
-        if self.writing.is_none() {
+        if self.writing.is_some() {
+            self.hand.refused("the writer writes");
+        } else {
             self.hand.pen(&self.foretrace, sample);
         }
     }
 
-    fn carry_out(&mut self, Order { what, reply }: Order) {
-        let answer = match what {
-            What::Ask(request) => {
-                // The thread behind answers by itself; it lives as long as this one.
-                let _ = self.asks.send((request, reply));
-                return;
-            }
-            What::Write(text) => self.write(&text),
+    fn carry_out(&mut self, order: Order) {
+        let board = &self.hand.board;
+        if let Err(reason) = order.judge(board, now_ns()) {
+            return order.refuse(board, reason);
+        }
+        let answer = match &order.what {
+            What::Ask(_) => return self.asks.pass(order, board),
+            What::Write(text) => self.write(text, order.asked_ns),
             What::TakePen => self.hand.take_over(&self.foretrace),
         };
         // The page may be gone.
-        let _ = reply.send(match answer {
+        let _ = order.reply.send(match answer {
             Ok(words) => Reply { done: true, words },
             Err(words) => Reply { done: false, words },
         });
     }
 
-    fn write(&mut self, text: &str) -> Result<String, String> {
+    fn write(&mut self, text: &str, asked_ns: u64) -> Result<String, String> {
         if self.writing.is_some() {
             return Err("the writer is at work: wait until it has finished".to_owned());
         }
@@ -179,7 +181,7 @@ impl Running {
         self.hand.claim(&self.foretrace)?;
         let seconds = points.last().map_or(0.0, |(at, ..)| *at);
         // The loop gets a moment to hear the pen before it writes.
-        self.writing = Some(Writing { points, next: 0, begin_ns: now_ns() + 50_000_000 });
+        self.writing = Some(Writing { points, next: 0, asked_ns, begin_ns: now_ns() + 50_000_000 });
         Ok(format!("the writer writes for {seconds:.0} s"))
     }
 
@@ -187,10 +189,12 @@ impl Running {
     fn go_on(&mut self) {
         let now = now_ns();
         if let Some(writing) = &mut self.writing {
-            let mut over = self.hand.feed.is_none();
+            // A text must not go on by itself after an arm was stopped and armed again.
+            let stopped = self.hand.board.stops.last_ns() >= writing.asked_ns;
+            let mut over = stopped || self.hand.feed.is_none();
             while let Some((at_s, x_m, y_m, contact)) = writing.points.get(writing.next).copied() {
                 let due = writing.begin_ns + (at_s * 1e9) as u64;
-                if due > now {
+                if over || due > now {
                     break;
                 }
                 writing.next += 1;
@@ -222,6 +226,7 @@ impl Running {
             Ok(found) => {
                 self.daemon = true;
                 self.frames.begin_anew();
+                self.hand.grip.wait_for_release();
                 if found == Attachment::Renewed {
                     // The old handles hold the places that the new ones need.
                     self.hand.let_go();
@@ -263,10 +268,8 @@ struct Hand {
     admission: Admission,
     feed: Option<PenFeed>,
     dead_man: Option<DeadMan>,
-    held: bool,
-    beaten: Instant,
+    grip: Grip,
     next_pen: Instant,
-    next_dead_man: Instant,
     pen_note: Option<String>,
     hold_note: Option<String>,
 }
@@ -279,10 +282,8 @@ impl Hand {
             admission: Admission::new(RATE, BURST, now_ns()),
             feed: None,
             dead_man: None,
-            held: false,
-            beaten: now,
+            grip: Grip::default(),
             next_pen: now,
-            next_dead_man: now,
             pen_note: None,
             hold_note: None,
         }
@@ -301,16 +302,19 @@ impl Hand {
             Err(refusal) => Some(refusal.label()),
         };
         if let Some(label) = refusal {
-            self.board.count(|tally| *tally.samples_refused.entry(label).or_default() += 1);
-            return;
+            return self.refused(label);
         }
         match self.feed.as_mut().map(|feed| feed.send_sample(*sample)) {
             Some(Ok(_)) => self.board.count(|tally| tally.samples += 1),
             Some(Err(FeedError::HandedOver)) => self.handed_over(),
             Some(Err(_)) | None => {
-                self.board.count(|tally| *tally.samples_refused.entry("not sent").or_default() += 1);
+                self.refused("not sent");
             }
         }
+    }
+
+    fn refused(&self, label: &'static str) {
+        self.board.count(|tally| *tally.samples_refused.entry(label).or_default() += 1);
     }
 
     /// A reading of the writer; `false`: the pen is gone.
@@ -365,35 +369,37 @@ impl Hand {
     fn go_on(&mut self, foretrace: &Foretrace, now: u64) {
         if self.board.controller().is_none() {
             self.let_go();
+            self.grip = Grip::default();
             return;
         }
         if self.feed.as_mut().is_some_and(|feed| feed.handed_to().is_some()) {
             self.handed_over();
         }
-        self.button(foretrace, self.board.is_held(now));
+        self.button(foretrace, self.board.is_held(now), now);
     }
 
-    fn button(&mut self, foretrace: &Foretrace, held: bool) {
-        if held && self.dead_man.is_none() && Instant::now() >= self.next_dead_man {
-            self.next_dead_man = Instant::now() + AGAIN;
+    fn button(&mut self, foretrace: &Foretrace, held: bool, now: u64) {
+        let mut step = self.grip.look(held, self.dead_man.is_some(), now);
+        if step == Step::Claim {
             match foretrace.dead_man_as(&self.who()) {
                 Ok(dead_man) => (self.dead_man, self.hold_note) = (Some(dead_man), None),
                 Err(error) => self.hold_note = Some(error.to_string()),
             }
+            step = self.grip.claimed(self.dead_man.is_some(), now);
         }
-        let was = std::mem::replace(&mut self.held, held);
-        let sent = match (&mut self.dead_man, held) {
-            (Some(dead_man), true) if !was || self.beaten.elapsed() >= DeadMan::INTERVAL => {
-                self.beaten = Instant::now();
-                dead_man.beat()
-            }
+        let Some(dead_man) = &mut self.dead_man else { return };
+        let sent = match step {
+            Step::Beat => dead_man.beat(),
             // Silence stops as well.
-            (Some(dead_man), false) if was => dead_man.stop(),
-            (Some(dead_man), false) => match dead_man.handed_to() {
+            Step::Stop => dead_man.stop(),
+            Step::GiveBack => {
+                self.dead_man = None;
+                return;
+            }
+            Step::Nothing | Step::Claim => match dead_man.handed_to() {
                 Some(_) => Err(foretrace_client::DeadManError::HandedOver),
                 None => Ok(()),
             },
-            _ => Ok(()),
         };
         if let Err(error) = sent {
             self.hold_note = Some(error.to_string());
@@ -403,52 +409,11 @@ impl Hand {
 
     /// Gives pen and button back; a button that was held says stop.
     fn let_go(&mut self) {
-        if let (true, Some(dead_man)) = (self.held, &mut self.dead_man) {
+        if let (true, Some(dead_man)) = (self.grip.is_held(), &mut self.dead_man) {
             let _ = dead_man.stop();
         }
-        self.held = false;
         (self.feed, self.dead_man) = (None, None);
         (self.pen_note, self.hold_note) = (None, None);
-    }
-}
-
-/// A thread that asks the daemon, one request after another; it ends when nobody can ask it any more.
-fn asks(instance: &Instance) -> Result<Sender<(Request, Sender<Reply>)>, LinkError> {
-    let mut foretrace = Foretrace::attach_within(instance, Duration::ZERO)?;
-    let (sender, asked) = std::sync::mpsc::channel::<(Request, Sender<Reply>)>();
-    let answers = move || {
-        while let Ok((request, reply)) = asked.recv() {
-            let _ = foretrace.reattach_if_needed();
-            // The page may be gone.
-            let _ = reply.send(ask(&foretrace, &request));
-        }
-    };
-    std::thread::Builder::new().name("console-asks".to_owned()).spawn(answers).map_err(LinkError::Thread)?;
-    Ok(sender)
-}
-
-fn ask(foretrace: &Foretrace, request: &Request) -> Reply {
-    let refused = |words: String| Reply { done: false, words };
-    let mut requests = match foretrace.requests() {
-        Ok(requests) => requests,
-        Err(error) => return refused(error.to_string()),
-    };
-    let answer: Result<_, RequestError> = match request {
-        Request::Arm(_) => requests.arm(ANSWER),
-        Request::Disarm(_) => requests.disarm(ANSWER),
-        Request::Home(_) => requests.move_home(ANSWER),
-        Request::TrustAuto(_) => requests.trust_auto(ANSWER),
-        Request::FreezeTrust(_) => requests.freeze_trust(ANSWER),
-        Request::Trust(value) => requests.set_trust(*value, ANSWER),
-        Request::Predictor(name) => requests.switch_predictor(name, ANSWER),
-        Request::Reload(_) => requests.reload(ANSWER),
-    };
-    match answer {
-        Ok(response) => {
-            let text = response.text();
-            Reply { done: true, words: if text.is_empty() { "done".to_owned() } else { text } }
-        }
-        Err(error) => refused(error.to_string()),
     }
 }
 

@@ -12,6 +12,9 @@ const SAMPLES: usize = 256;
 /// Largest text to be written [characters].
 const TEXT_CHARACTERS: usize = 60;
 
+/// A hold-to-run button that was not heard of for this long is let go [ns].
+pub(crate) const HOLD_LASTS_NS: u64 = 150_000_000;
+
 /// A message of a page.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -26,8 +29,8 @@ pub(crate) enum Message {
     Stop(bool),
     /// Pen samples: time [µs on the monotonic clock], x and y [m], flags, pressure, tilts [rad].
     Pen(Vec<[f64; 7]>),
-    /// The hold-to-run button is held (again and again) or let go.
-    Hold(bool),
+    /// The hold-to-run button is held (again and again) or let go; when [µs on the monotonic clock].
+    Hold(bool, f64),
     /// An operator's request.
     Ask(Request),
     /// A text for the built-in writer.
@@ -64,15 +67,28 @@ impl Message {
         match &message {
             Self::Pen(samples) if samples.len() > SAMPLES => Err("too many samples at once"),
             Self::Write(text) if text.chars().count() > TEXT_CHARACTERS => Err("text too long"),
-            Self::Ping(at) | Self::Ask(Request::Trust(at)) if !at.is_finite() => Err("number not finite"),
+            Self::Ping(at) | Self::Hold(_, at) | Self::Ask(Request::Trust(at)) if !at.is_finite() => {
+                Err("number not finite")
+            }
             _ => Ok(message),
         }
     }
 
     /// Only the page that controls may say it.
     pub(crate) const fn needs_control(&self) -> bool {
-        matches!(self, Self::Pen(_) | Self::Hold(_) | Self::Ask(_) | Self::Write(_) | Self::TakePen(_))
+        matches!(self, Self::Pen(_) | Self::Hold(..) | Self::Ask(_) | Self::Write(_) | Self::TakePen(_))
     }
+}
+
+/// When a button was held that a page tells of \[ns\]; never later than `now_ns`.
+///
+/// # Errors
+///
+/// The message was under way for so long that the button may have been let go; a release is never too old.
+pub(crate) fn held_at(held: bool, at_us: f64, now_ns: u64) -> Result<u64, &'static str> {
+    // A cast of a number out of range saturates.
+    let at_ns = ((at_us * 1e3) as u64).min(now_ns);
+    if held && now_ns - at_ns >= HOLD_LASTS_NS { Err("hold came too late") } else { Ok(at_ns) }
 }
 
 /// A sample of a message; its admission is the gateway's.
@@ -99,7 +115,7 @@ mod tests {
         let free = [r#"{"ping":12.5}"#, r#"{"control":"abc"}"#, r#"{"release":true}"#, r#"{"stop":true}"#];
         let bound = [
             r#"{"pen":[[1,0.1,0.2,3,0.5,0,0]]}"#,
-            r#"{"hold":true}"#,
+            r#"{"hold":[true,12.5]}"#,
             r#"{"ask":{"arm":true}}"#,
             r#"{"ask":{"trust":0.5}}"#,
             r#"{"ask":{"predictor":"hold"}}"#,
@@ -108,6 +124,16 @@ mod tests {
         ];
         assert!(free.iter().all(|text| !Message::read(text).unwrap().needs_control()));
         assert!(bound.iter().all(|text| Message::read(text).unwrap().needs_control()));
+    }
+
+    #[test]
+    fn a_hold_is_as_old_as_its_page_says_and_a_late_one_is_refused() {
+        let now = 10_000_000_000;
+        assert_eq!(held_at(true, 9_900_000.0, now), Ok(9_900_000_000));
+        assert_eq!(held_at(true, 9_850_000.0, now), Err("hold came too late"));
+        for (stamp, ns) in [(9_000_000.0, 9_000_000_000), (1e300, now), (-1.0, 0)] {
+            assert_eq!(held_at(false, stamp, now), Ok(ns));
+        }
     }
 
     #[test]

@@ -3,9 +3,9 @@
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
-
-use foretrace_client::Instance;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use crate::board::{Board, Tally};
 use crate::guard::{Hosts, Token};
@@ -13,6 +13,7 @@ use crate::http::{self, Head};
 use crate::link::{Inbox, Link, LinkError, channels};
 use crate::page;
 use crate::session;
+use crate::stops;
 
 /// Most connections at a time.
 const CONNECTIONS: usize = 32;
@@ -22,6 +23,13 @@ const KNOCKS_EVERY: Duration = Duration::from_millis(5);
 const WAIT: Duration = Duration::from_millis(200);
 /// Longest wait for a page that does not read its answer.
 const ANSWER: Duration = Duration::from_secs(5);
+/// Lines for the shell that may wait.
+const LINES: usize = 64;
+/// Longest wait for a shell that takes no lines, at the end.
+const LAST_LINES: Duration = Duration::from_secs(1);
+
+/// Tells the person at the console's shell.
+type Log = Box<dyn Fn(&str) + Send + Sync>;
 
 /// Why there is no console.
 #[derive(thiserror::Error)]
@@ -40,6 +48,9 @@ pub enum ConsoleError {
     /// The daemon cannot be attached to.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// Nothing would be new on the pages any more.
+    #[error("the console's link to the daemon ended by itself: start the console again")]
+    LinkEnded,
 }
 
 impl std::fmt::Debug for ConsoleError {
@@ -54,6 +65,8 @@ pub struct Console {
     at: SocketAddr,
     board: Arc<Board>,
     inbox: Inbox,
+    log: Log,
+    lines: Receiver<String>,
 }
 
 impl std::fmt::Debug for Console {
@@ -68,14 +81,15 @@ impl Console {
     /// # Errors
     ///
     /// `Taken`, `System`.
-    pub fn open(port: u16, log: Box<dyn Fn(&str) + Send + Sync>) -> Result<Self, ConsoleError> {
+    pub fn open(port: u16, log: Log) -> Result<Self, ConsoleError> {
         let taken = |source| ConsoleError::Taken { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(taken)?;
         listener.set_nonblocking(true)?;
         let at = listener.local_addr()?;
         let (pens, orders, inbox) = channels();
-        let board = Arc::new(Board::new(Token::random()?, log, pens, orders));
-        Ok(Self { listener, at, board, inbox })
+        let (line, lines) = sync_channel(LINES);
+        let board = Arc::new(Board::new(Token::random()?, line, pens, orders));
+        Ok(Self { listener, at, board, inbox, log, lines })
     }
 
     /// The address to open; whoever has it controls.
@@ -94,16 +108,22 @@ impl Console {
     ///
     /// # Errors
     ///
-    /// `Link`, `System`.
+    /// `Link`, `LinkEnded`, `System`.
     pub fn run(self, link: Link, mut over: impl FnMut() -> bool) -> Result<Tally, ConsoleError> {
-        let Self { listener, at, board, inbox } = self;
-        let instance = link.instance.clone();
+        let Self { listener, at, board, inbox, log, lines } = self;
+        let logging = logging(board.clone(), log, lines)?;
+        let (stopped, instance) = (board.clone(), link.instance.clone());
+        let stopping = std::thread::Builder::new()
+            .name("console-stop".to_owned())
+            .spawn(move || stops::serve(&stopped, &instance));
+        let stopping = ending(&board, stopping)?;
         let (linked, link_ended) = std::sync::mpsc::channel();
         let links = board.clone();
         let running = std::thread::Builder::new().name("console-link".to_owned()).spawn(move || {
             let ended = link.run(&links, &inbox);
             let _ = linked.send(ended);
-        })?;
+        });
+        let running = ending(&board, running)?;
         let hosts = Arc::new(Hosts::of(at));
         let count = Arc::new(AtomicU64::new(0));
         let mut failed = None;
@@ -111,32 +131,52 @@ impl Console {
             match listener.accept() {
                 Ok((stream, peer)) => {
                     let id = count.fetch_add(1, Ordering::Relaxed) + 1;
-                    let (board, hosts, instance) = (board.clone(), hosts.clone(), instance.clone());
-                    welcome(board, hosts, instance, stream, peer, id);
+                    welcome(board.clone(), hosts.clone(), stream, peer, id);
                 }
                 // Also where no descriptor is left: some connection ends.
                 Err(_) => std::thread::sleep(KNOCKS_EVERY),
             }
-            if let Ok(Err(error)) = link_ended.try_recv() {
-                failed = Some(error);
-            }
+            failed = match link_ended.try_recv() {
+                Err(TryRecvError::Empty) => None,
+                Ok(Err(error)) => Some(error.into()),
+                Ok(Ok(())) | Err(TryRecvError::Disconnected) => Some(ConsoleError::LinkEnded),
+            };
         }
         board.finish();
         // It looks at the end every few milliseconds, or has ended.
         let _ = running.join();
-        failed.map_or_else(|| Ok(board.tally()), |error| Err(error.into()))
+        // A stop that was asked for is still sent.
+        let _ = stopping.join();
+        let begin = Instant::now();
+        while !logging.is_finished() && begin.elapsed() < LAST_LINES {
+            std::thread::sleep(KNOCKS_EVERY);
+        }
+        failed.map_or_else(|| Ok(board.tally()), Err)
     }
 }
 
+/// A thread that could not be started ends those that were.
+fn ending<T>(board: &Board, started: std::io::Result<T>) -> std::io::Result<T> {
+    started.inspect_err(|_| board.finish())
+}
+
+/// The thread that tells: a terminal may block it for as long as it likes.
+fn logging(board: Arc<Board>, log: Log, lines: Receiver<String>) -> std::io::Result<JoinHandle<()>> {
+    let tells = move || {
+        loop {
+            let over = board.is_over();
+            match lines.recv_timeout(WAIT) {
+                Ok(line) => log(&line),
+                Err(RecvTimeoutError::Timeout) if !over => {}
+                Err(_) => return,
+            }
+        }
+    };
+    std::thread::Builder::new().name("console-log".to_owned()).spawn(tells)
+}
+
 /// Gives the connection a thread, or turns it away.
-fn welcome(
-    board: Arc<Board>,
-    hosts: Arc<Hosts>,
-    instance: Instance,
-    mut stream: TcpStream,
-    peer: SocketAddr,
-    id: u64,
-) {
+fn welcome(board: Arc<Board>, hosts: Arc<Hosts>, mut stream: TcpStream, peer: SocketAddr, id: u64) {
     let timeouts = stream
         .set_nonblocking(false)
         .and_then(|()| stream.set_read_timeout(Some(WAIT)))
@@ -152,7 +192,7 @@ fn welcome(
     }
     let inside = board.clone();
     let serves = move || {
-        admit(&inside, &hosts, &instance, stream, peer, id);
+        admit(&inside, &hosts, stream, peer, id);
         inside.leave();
     };
     if std::thread::Builder::new().name("console-page".to_owned()).spawn(serves).is_err() {
@@ -162,14 +202,7 @@ fn welcome(
 }
 
 /// Reads the request and answers it, or makes the connection a page's.
-fn admit(
-    board: &Arc<Board>,
-    hosts: &Hosts,
-    instance: &Instance,
-    mut stream: TcpStream,
-    peer: SocketAddr,
-    id: u64,
-) {
+fn admit(board: &Arc<Board>, hosts: &Hosts, mut stream: TcpStream, peer: SocketAddr, id: u64) {
     let refuse = |stream: &mut TcpStream, status: &str, reason: &'static str| {
         board.refuse(reason);
         // It need not read the reason.
@@ -202,5 +235,5 @@ fn admit(
         return;
     }
     board.count(|tally| tally.pages += 1);
-    session::serve(board, instance, stream, id, &peer.to_string());
+    session::serve(board, stream, id, &peer.to_string());
 }

@@ -8,12 +8,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use foretrace_client::Instance;
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message as Packet, WebSocket};
 
 use crate::board::{Board, Order, Reply, What, now_ns};
-use crate::message::{MESSAGE_BYTES, Message, sample};
+use crate::message::{MESSAGE_BYTES, Message, held_at, sample};
 
 /// Longest wait for a message, and so between two looks at new frames.
 const WAIT: Duration = Duration::from_millis(5);
@@ -25,11 +24,9 @@ const STUCK: Duration = Duration::from_secs(3);
 const SILENT: Duration = Duration::from_secs(15);
 /// Most messages per second; a pen of 1000 Hz sends one per sample at most.
 const MESSAGES: u32 = 1500;
-/// Longest wait for the confirmation of a stop.
-const STOP: Duration = Duration::from_secs(2);
 
 /// Serves the page until it ends; `stream` has been upgraded.
-pub(crate) fn serve(board: &Arc<Board>, instance: &Instance, stream: TcpStream, id: u64, address: &str) {
+pub(crate) fn serve(board: &Arc<Board>, stream: TcpStream, id: u64, address: &str) {
     let timeouts = stream
         .set_read_timeout(Some(WAIT))
         .and_then(|()| stream.set_write_timeout(Some(WRITE)))
@@ -46,7 +43,6 @@ pub(crate) fn serve(board: &Arc<Board>, instance: &Instance, stream: TcpStream, 
     let mut page = Page {
         socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
         board,
-        instance,
         id,
         address,
         replies,
@@ -69,7 +65,6 @@ pub(crate) fn serve(board: &Arc<Board>, instance: &Instance, stream: TcpStream, 
 struct Page<'a> {
     socket: WebSocket<TcpStream>,
     board: &'a Arc<Board>,
-    instance: &'a Instance,
     id: u64,
     address: &'a str,
     replies: Sender<Reply>,
@@ -88,11 +83,16 @@ impl Page<'_> {
     /// Until it ends, and why.
     fn talk(&mut self) -> &'static str {
         while !self.board.is_over() {
-            match self.socket.read() {
+            let packet = self.socket.read();
+            // Every kind of packet costs work.
+            if packet.is_ok()
+                && let Err(reason) = self.count()
+            {
+                return reason;
+            }
+            match packet {
                 Ok(Packet::Text(text)) => {
-                    if let Err(reason) = self.hear(text.as_str()) {
-                        return reason;
-                    }
+                    self.hear(text.as_str());
                 }
                 Ok(Packet::Binary(_)) => self.board.refuse("binary message"),
                 Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return "closed",
@@ -159,9 +159,8 @@ impl Page<'_> {
         }
     }
 
-    /// Does what the page says, if it may.
-    fn hear(&mut self, text: &str) -> Result<(), &'static str> {
-        self.heard = Instant::now();
+    /// Counts a packet; an error: more came than may.
+    fn count(&mut self) -> Result<(), &'static str> {
         if self.second.0.elapsed() >= Duration::from_secs(1) {
             self.second = (Instant::now(), 0);
         }
@@ -170,22 +169,27 @@ impl Page<'_> {
             self.board.refuse("too many messages");
             return Err("too many messages");
         }
+        Ok(())
+    }
+
+    /// Does what the page says, if it may.
+    fn hear(&mut self, text: &str) {
+        self.heard = Instant::now();
         let message = match Message::read(text) {
             Ok(message) => message,
             Err(reason) => {
                 self.board.refuse(reason);
-                return Ok(());
+                return;
             }
         };
         if message.needs_control() && !self.board.controls(self.id) {
             self.board.refuse("without control");
-            if !matches!(message, Message::Pen(_) | Message::Hold(_)) {
+            if !matches!(message, Message::Pen(_) | Message::Hold(..)) {
                 self.tell(false, "this page only watches: take the control first".to_owned());
             }
-            return Ok(());
+            return;
         }
         self.carry_out(message);
-        Ok(())
     }
 
     fn carry_out(&mut self, message: Message) {
@@ -205,39 +209,21 @@ impl Page<'_> {
                 self.board.release(self.id);
                 self.controls(None);
             }
-            Message::Stop(_) => self.stop(),
+            // Anybody may stop the arm, in the way that needs no middleware.
+            Message::Stop(_) => self.board.stops.ask(self.id, self.address, &self.replies),
             Message::Pen(samples) => samples.into_iter().map(sample).for_each(|one| self.board.pen(one)),
-            Message::Hold(held) => self.board.hold(held, now_ns()),
+            Message::Hold(held, at_us) => match held_at(held, at_us, now_ns()) {
+                Ok(at_ns) => self.board.hold(held, at_ns),
+                Err(reason) => self.board.refuse(reason),
+            },
             Message::Ask(request) => self.order(What::Ask(request)),
             Message::Write(text) => self.order(What::Write(text)),
             Message::TakePen(_) => self.order(What::TakePen),
         }
     }
 
-    /// Anybody may stop the arm, in the way that needs no middleware.
-    fn stop(&mut self) {
-        self.board.count(|tally| tally.stops += 1);
-        self.board.note(&format!("stop, asked for by the page of {}", self.address));
-        let (instance, replies) = (self.instance.clone(), self.replies.clone());
-        let stops = move || {
-            let reply = match foretrace_client::stop(&instance, STOP) {
-                Ok(_) => Reply { done: true, words: "the arm stops".to_owned() },
-                Err(error) => Reply { done: false, words: format!("{error}: use the arm's own stop button") },
-            };
-            let _ = replies.send(reply);
-        };
-        // A stop waits for its confirmation; the page goes on meanwhile.
-        if std::thread::Builder::new().name("console-stop".to_owned()).spawn(stops).is_err() {
-            let stopped = foretrace_client::stop(self.instance, STOP).is_ok();
-            self.tell(
-                stopped,
-                if stopped { "the arm stops" } else { "use the arm's own stop button" }.to_owned(),
-            );
-        }
-    }
-
     fn order(&mut self, what: What) {
-        if !self.board.order(Order { what, reply: self.replies.clone() }) {
+        if !self.board.order(Order { what, page: self.id, asked_ns: now_ns(), reply: self.replies.clone() }) {
             self.tell(false, "too much is asked for at once: try again".to_owned());
         }
     }

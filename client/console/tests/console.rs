@@ -1,196 +1,17 @@
 //! The console from outside, as a browser and as an attacker, before a daemon's side made in the same
 //! process.
 
-use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream};
+mod rig;
+
+use std::net::TcpStream;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{
-    Claimant, Enable, Foretrace, HeaderBounds, HolderKind, Instance, PenSample, monotonic_now_ns,
-};
-use foretrace_config::Config;
-use foretrace_console::{Console, Link, Tally};
-use foretrace_shm::{InstanceLock, Message, Services, Session, Topic};
+use foretrace_client::{Claimant, Enable, Foretrace, HolderKind, PenSample, monotonic_now_ns};
+use rig::{Rig, wait_until};
 use serde_json::{Value, json};
-use tungstenite::{ClientRequestBuilder, Message as Packet, WebSocket};
-
-/// The daemon's side: it takes every pen sample and every dead-man message.
-struct Daemon {
-    services: Services,
-    _session: Session,
-    _lock: InstanceLock,
-}
-
-struct Rig {
-    _folder: tempfile::TempDir,
-    instance: Instance,
-    daemon: Daemon,
-    at: SocketAddr,
-    token: String,
-    over: Arc<AtomicBool>,
-    running: Option<JoinHandle<Tally>>,
-}
-
-impl Rig {
-    fn start() -> Self {
-        let folder = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::at(6, folder.path().join("i")).unwrap();
-        let mut lock = instance.lock().unwrap();
-        instance.purge(&lock).unwrap();
-        let session = Session::create(&instance, "daemon", &lock).unwrap();
-        let services = Services::create(&session).unwrap();
-        lock.announce().unwrap();
-        let daemon = Daemon { services, _session: session, _lock: lock };
-        let console = Console::open(0, Box::new(|_| {})).unwrap();
-        let (at, address) = (console.at(), console.address());
-        let over = Arc::new(AtomicBool::new(false));
-        let link = Link {
-            instance: instance.clone(),
-            config: Config::preset("ur5").unwrap(),
-            writer: Box::new(|_| Ok((0..40).map(|i| (0.005 * f64::from(i), 0.001, 0.002, true)).collect())),
-            remedy: |_| "look at the arm",
-        };
-        let ends = over.clone();
-        let running = std::thread::spawn(move || console.run(link, || ends.load(Ordering::Acquire)).unwrap());
-        let token = address.split('#').nth(1).unwrap().to_owned();
-        Self { _folder: folder, instance, daemon, at, token, over, running: Some(running) }
-    }
-
-    fn end(mut self) -> Tally {
-        self.over.store(true, Ordering::Release);
-        self.running.take().unwrap().join().unwrap()
-    }
-
-    fn page(&self) -> Page {
-        self.page_from(&format!("http://{}", self.at)).unwrap()
-    }
-
-    fn page_from(&self, origin: &str) -> Result<Page, String> {
-        let stream = TcpStream::connect(self.at).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-        let request = ClientRequestBuilder::new(format!("ws://{}/socket", self.at).parse().unwrap())
-            .with_header("Origin", origin);
-        // The handshake may take longer than one read.
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-        let (socket, _) = tungstenite::client(request, stream).map_err(|error| error.to_string())?;
-        socket.get_ref().set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-        Ok(Page(socket, Vec::new()))
-    }
-
-    /// A page that controls.
-    fn controller(&self) -> Page {
-        let mut page = self.page();
-        page.say(json!({ "control": self.token }));
-        assert_eq!(page.hears("control")["mine"], true);
-        page
-    }
-
-    fn request(&self, text: &str) -> String {
-        let mut stream = TcpStream::connect(self.at).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-        let _ = stream.write_all(text.as_bytes());
-        let mut answer = Vec::new();
-        // A connection that is reset after its answer has said enough.
-        let _ = stream.read_to_end(&mut answer);
-        String::from_utf8_lossy(&answer).into_owned()
-    }
-
-    fn get(&self, path: &str) -> String {
-        self.request(&format!("GET {path} HTTP/1.1\r\nHost: {}\r\n\r\n", self.at))
-    }
-
-    /// Takes every message of a topic in a thread of its own until `act` is done.
-    fn heard<T: Message + Send>(&self, topic: &Topic<T>, act: impl FnOnce()) -> Vec<T> {
-        let over = AtomicBool::new(false);
-        std::thread::scope(|scope| {
-            let (ready, is_ready) = std::sync::mpsc::channel();
-            let is_over = &over;
-            let hearing = scope.spawn(move || {
-                let mut subscriber = topic.subscriber(T::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
-                ready.send(()).unwrap();
-                let mut got = Vec::new();
-                loop {
-                    let last = is_over.load(Ordering::Acquire);
-                    subscriber.drain(monotonic_now_ns(), |message| got.push(message));
-                    if last {
-                        return got;
-                    }
-                    std::thread::sleep(Duration::from_micros(500));
-                }
-            });
-            is_ready.recv().unwrap();
-            act();
-            over.store(true, Ordering::Release);
-            hearing.join().unwrap()
-        })
-    }
-}
-
-impl Drop for Rig {
-    fn drop(&mut self) {
-        self.over.store(true, Ordering::Release);
-        if let Some(running) = self.running.take() {
-            let _ = running.join();
-        }
-    }
-}
-
-/// The socket, and what came that nobody has asked for yet.
-struct Page(WebSocket<TcpStream>, Vec<Value>);
-
-impl Page {
-    fn say(&mut self, message: Value) {
-        self.0.send(Packet::text(message.to_string())).unwrap();
-    }
-
-    /// The next message of this kind.
-    fn hears(&mut self, kind: &str) -> Value {
-        if let Some(index) = self.1.iter().position(|said| !said[kind].is_null()) {
-            return self.1.remove(index)[kind].clone();
-        }
-        let deadline = Instant::now() + Duration::from_secs(20);
-        while Instant::now() < deadline {
-            if let Ok(Packet::Text(text)) = self.0.read() {
-                let said: Value = serde_json::from_str(text.as_str()).unwrap();
-                if !said[kind].is_null() {
-                    return said[kind].clone();
-                }
-                self.1.push(said);
-            }
-        }
-        panic!("no {kind} came");
-    }
-
-    /// Whether the console ended the connection.
-    fn is_let_go(&mut self) -> bool {
-        let deadline = Instant::now() + Duration::from_secs(20);
-        while Instant::now() < deadline {
-            match self.0.read() {
-                Ok(Packet::Close(_)) => return true,
-                Err(tungstenite::Error::Io(error))
-                    if matches!(
-                        error.kind(),
-                        std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut
-                    ) => {}
-                Err(_) => return true,
-                Ok(_) => {}
-            }
-        }
-        false
-    }
-
-    /// Pen samples of now, `count` of them.
-    fn writes(&mut self, count: u32) {
-        let now_us = monotonic_now_ns() as f64 * 1e-3;
-        let samples: Vec<Value> = (0..count)
-            .map(|i| json!([now_us - 1000.0 + f64::from(i), 0.001 * f64::from(i), 0.02, 3, 0.5, 0.1, -0.1]))
-            .collect();
-        self.say(json!({ "pen": samples }));
-    }
-}
+use tungstenite::Message as Packet;
 
 #[test]
 fn the_page_is_served_to_this_machine_and_to_no_other_name() {
@@ -216,12 +37,12 @@ fn a_page_that_controls_writes_and_every_sample_arrives_in_order() {
     let rig = Rig::start();
     let mut page = rig.controller();
     assert!(page.hears("scene")["radii"].as_array().unwrap().len() > 3);
-    let got = rig.heard(&rig.daemon.services.pen, || {
+    let got = rig.heard_counting(&rig.daemon.services.pen, |count| {
         for _ in 0..10 {
             page.writes(12);
             std::thread::sleep(Duration::from_millis(15));
         }
-        std::thread::sleep(Duration::from_millis(100));
+        wait_until(|| count.load(Ordering::Acquire) >= 120);
     });
     assert_eq!(got.len(), 120);
     assert!(got.windows(2).all(|pair| pair[0].device_stamp_ns < pair[1].device_stamp_ns));
@@ -244,7 +65,7 @@ fn without_the_token_nothing_moves_and_all_that_was_tried_is_counted() {
     let pens = rig.heard(&rig.daemon.services.pen, || {
         let held = rig.heard(&rig.daemon.services.enable, || {
             page.writes(5);
-            page.say(json!({ "hold": true }));
+            page.holds(true);
             for message in [json!({"ask": {"arm": true}}), json!({"write": "Hi"}), json!({"take_pen": true})]
             {
                 page.say(message);
@@ -285,9 +106,9 @@ fn one_page_controls_at_a_time_and_the_next_one_when_it_is_gone() {
     }
 }
 
-/// The dead-man messages while `act` runs.
-fn dead_man(rig: &Rig, act: impl FnOnce()) -> Vec<u32> {
-    let got: Vec<Enable> = rig.heard(&rig.daemon.services.enable, act);
+/// The dead-man messages while `act` runs, and how many have come so far.
+fn dead_man(rig: &Rig, act: impl FnOnce(&AtomicUsize)) -> Vec<u32> {
+    let got: Vec<Enable> = rig.heard_counting(&rig.daemon.services.enable, act);
     got.into_iter().map(|message| message.stop).collect()
 }
 
@@ -295,44 +116,102 @@ fn dead_man(rig: &Rig, act: impl FnOnce()) -> Vec<u32> {
 fn a_held_button_beats_and_silence_or_a_lost_page_lets_it_go() {
     let rig = Rig::start();
     let mut page = rig.controller();
-    let told = dead_man(&rig, || {
-        for _ in 0..10 {
-            page.say(json!({ "hold": true }));
-            std::thread::sleep(Duration::from_millis(40));
-        }
+    let told = dead_man(&rig, |count| {
+        page.holds_until(|| count.load(Ordering::Acquire) >= 10);
         // Says nothing more, as a page that hangs.
-        std::thread::sleep(Duration::from_millis(400));
+        wait_until(|| !rig.frame_says(&mut page, |here| here["held"] == true));
     });
     assert!(told.iter().filter(|stop| **stop == 0).count() >= 10, "{told:?}");
-    assert_eq!((told.last(), told.iter().filter(|stop| **stop == 1).count()), (Some(&1), 1), "{told:?}");
-    let told = dead_man(&rig, || {
-        for _ in 0..5 {
-            page.say(json!({ "hold": true }));
-            std::thread::sleep(Duration::from_millis(40));
-        }
+    assert_eq!(told.last(), Some(&1), "{told:?}");
+    let told = dead_man(&rig, |count| {
+        page.holds_until(|| count.load(Ordering::Acquire) >= 5);
         drop(page);
-        std::thread::sleep(Duration::from_millis(400));
+        wait_until(|| rig.instance.holder(foretrace_client::Place::DeadMan).is_none());
     });
     assert_eq!(told.last(), Some(&1), "{told:?}");
 }
 
 #[test]
-fn a_browser_displaces_no_hardware_enabling_device() {
+fn a_hold_that_was_long_under_way_enables_nothing() {
+    let rig = Rig::start();
+    let mut page = rig.controller();
+    let told = dead_man(&rig, |_| {
+        for _ in 0..10 {
+            let then_us = monotonic_now_ns() as f64 * 1e-3 - 200_000.0;
+            page.say(json!({ "hold": [true, then_us] }));
+        }
+        page.say(json!({ "ping": 1.0 }));
+        page.hears("pong");
+        std::thread::sleep(Duration::from_millis(100));
+    });
+    assert!(told.is_empty(), "{told:?}");
+    assert_eq!(rig.end().refused["hold came too late"], 10);
+}
+
+#[test]
+fn a_button_that_is_let_go_gives_its_place_back() {
+    let rig = Rig::start();
+    let mut page = rig.controller();
+    let taken = || rig.instance.holder(foretrace_client::Place::DeadMan).is_some();
+    page.holds_until(taken);
+    assert!(taken());
+    page.holds(false);
+    wait_until(|| !taken());
+    assert!(!taken());
+}
+
+#[test]
+fn a_browser_displaces_no_hardware_enabling_device_and_begins_nothing_by_itself_when_that_ends() {
     let rig = Rig::start();
     let foretrace = Foretrace::attach_within(&rig.instance, Duration::ZERO).unwrap();
     let pedal = Claimant::new(HolderKind::Button, "foot pedal");
     let mut dead_man = foretrace.dead_man_as(&pedal).unwrap();
     let mut page = rig.controller();
     for _ in 0..20 {
-        page.say(json!({ "hold": true }));
+        page.holds(true);
         dead_man.beat().unwrap();
         std::thread::sleep(Duration::from_millis(40));
     }
     assert!(dead_man.handed_to().is_none());
-    let said = |frame: &Value| {
-        frame["here"]["hold_note"].as_str().is_some_and(|note| note.contains("held by the button foot pedal"))
-    };
-    assert!((0..100).any(|_| said(&page.hears("frame"))));
+    assert!((0..100).any(|_| {
+        rig.frame_says(&mut page, |here| {
+            here["hold_note"].as_str().is_some_and(|note| note.contains("held by the button foot pedal"))
+        })
+    }));
+    drop(dead_man);
+    let beats = rig.heard(&rig.daemon.services.enable, || {
+        for _ in 0..40 {
+            page.holds(true);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    });
+    assert!(beats.is_empty(), "{}", beats.len());
+    page.holds(false);
+    wait_until(|| !rig.frame_says(&mut page, |here| here["held"] == true));
+    let taken = || rig.instance.holder(foretrace_client::Place::DeadMan).is_some();
+    page.holds_until(taken);
+    assert!(taken());
+}
+
+#[test]
+fn orders_that_nobody_answers_are_refused_and_told_and_do_not_pile_up_until_a_daemon_answers() {
+    let rig = Rig::start();
+    let mut page = rig.controller();
+    // This daemon's side answers no request: the first one waits, and few may wait behind it.
+    for _ in 0..6 {
+        page.say(json!({ "ask": { "arm": true } }));
+    }
+    let first = page.hears("reply");
+    assert!(first["words"].as_str().unwrap().contains("not carried out"), "{first}");
+    rig.page().say(json!({ "stop": true }));
+    let replies: Vec<Value> = (0..5).map(|_| page.hears("reply")).collect();
+    assert!(replies.iter().all(|reply| reply["done"] == false), "{replies:?}");
+    let asked = replies.iter().filter(|one| !one["words"].as_str().unwrap().contains("not carried out"));
+    assert!(asked.count() <= 1, "{replies:?}");
+    wait_until(|| rig.frame_says(&mut page, |_| true));
+    let tally = rig.end();
+    assert_eq!(tally.stops, 1);
+    assert!(tally.refused.values().sum::<u64>() >= 5, "{tally:?}");
 }
 
 #[test]
@@ -364,15 +243,32 @@ fn the_pen_of_a_tablet_is_taken_over_only_when_a_person_asks_for_it() {
 }
 
 #[test]
-fn the_built_in_writer_writes_by_itself() {
+fn the_built_in_writer_writes_by_itself_and_samples_meanwhile_are_counted() {
     let rig = Rig::start();
     let mut page = rig.controller();
-    let got: Vec<PenSample> = rig.heard(&rig.daemon.services.pen, || {
+    let got: Vec<PenSample> = rig.heard_counting(&rig.daemon.services.pen, |count| {
         page.say(json!({ "write": "Hi" }));
         assert_eq!(page.hears("reply")["done"], true);
-        std::thread::sleep(Duration::from_millis(600));
+        wait_until(|| count.load(Ordering::Acquire) >= 1);
+        page.writes(3);
+        wait_until(|| count.load(Ordering::Acquire) >= 40);
     });
     assert_eq!(got.len(), 40);
+    assert_eq!(rig.end().samples_refused["the writer writes"], 3);
+}
+
+#[test]
+fn a_stop_ends_the_writer() {
+    let rig = Rig::start();
+    let mut page = rig.controller();
+    let got: Vec<PenSample> = rig.heard_counting(&rig.daemon.services.pen, |count| {
+        page.say(json!({ "write": "long" }));
+        assert_eq!(page.hears("reply")["done"], true);
+        wait_until(|| count.load(Ordering::Acquire) >= 1);
+        page.say(json!({ "stop": true }));
+        wait_until(|| !rig.frame_says(&mut page, |here| here["writing"] == true));
+    });
+    assert!(!got.is_empty() && got.len() < 4000, "{}", got.len());
 }
 
 #[test]
@@ -389,6 +285,13 @@ fn a_message_of_a_megabyte_and_a_flood_end_the_page_that_sent_them() {
         }
     }
     assert!(flood.is_let_go());
+    let mut pings = rig.page();
+    for _ in 0..20_000 {
+        if pings.0.send(Packet::Ping(vec![0_u8; 4].into())).is_err() {
+            break;
+        }
+    }
+    assert!(pings.is_let_go());
     let mut odd = rig.page();
     odd.0.send(Packet::binary(vec![0_u8; 16])).unwrap();
     odd.say(json!({ "ping": 1.0 }));
@@ -400,7 +303,7 @@ fn a_message_of_a_megabyte_and_a_flood_end_the_page_that_sent_them() {
             tally.refused["too many messages"],
             tally.refused["binary message"]
         ),
-        (1, 1, 1)
+        (1, 2, 1)
     );
 }
 

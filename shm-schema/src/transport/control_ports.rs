@@ -170,7 +170,8 @@ impl Call {
 }
 
 impl ControlClient {
-    /// Sends `request` (token and boot id are filled in) and waits for its answer.
+    /// Sends `request` (token and boot id are filled in) and waits for its answer. A request whose `sent_ns`
+    /// is 0 is dated as it is sent; another one keeps its date, so that a stop since then outranks it.
     ///
     /// # Errors
     ///
@@ -184,9 +185,10 @@ impl ControlClient {
         request.token = self.token;
         request.boot_id = self.boot_id;
         let deadline = Instant::now() + timeout;
+        let decided_ns = (request.sent_ns != 0).then_some(request.sent_ns);
         // A request that reached no server may be sent again; one that reached a server may not.
         let pending = loop {
-            request.sent_ns = monotonic_now_ns();
+            request.sent_ns = decided_ns.unwrap_or_else(monotonic_now_ns);
             let pending = self.port.send_copy(request).map_err(|_| AskError::Middleware)?;
             if pending.number_of_server_connections() > 0 {
                 break pending;
