@@ -45,7 +45,8 @@ pub struct JointWatch {
 #[derive(Debug)]
 pub struct InputWatch {
     inputs: Subscriber<TickInput>,
-    pieces: Subscriber<Piece>,
+    /// None while there is no place.
+    pieces: Option<Subscriber<Piece>>,
     assembly: Assembly,
     _leaving: Arc<Leaving>,
 }
@@ -61,7 +62,7 @@ impl Foretrace {
     pub fn inputs(&self) -> Result<InputWatch, ServiceError> {
         Ok(InputWatch {
             inputs: self.services.inputs.subscriber(TickInput::QOS.buffer, HeaderBounds::DEFAULT)?,
-            pieces: self.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?,
+            pieces: Some(self.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?),
             assembly: Assembly::default(),
             _leaving: self.leaving.clone(),
         })
@@ -133,11 +134,26 @@ impl InputWatch {
     /// Every thing that is complete.
     pub fn things(&mut self, mut use_thing: impl FnMut(Thing)) {
         let assembly = &mut self.assembly;
-        self.pieces.drain(monotonic_now_ns(), |piece| {
+        let Some(pieces) = &mut self.pieces else { return };
+        pieces.drain(monotonic_now_ns(), |piece| {
             if let Some(thing) = assembly.add(&piece) {
                 use_thing(thing);
             }
         });
+    }
+
+    /// Asks for settings, weights and a state once more; inputs go on without a gap. Take what has come by
+    /// [`Self::things`] before.
+    ///
+    /// # Errors
+    ///
+    /// `NoPlace` when another has taken the place meanwhile: inputs come, things do not until this succeeds.
+    pub fn start_again(&mut self, foretrace: &Foretrace) -> Result<(), ServiceError> {
+        // The own place first: there may be no other.
+        self.pieces = None;
+        let pieces = foretrace.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?;
+        self.pieces = Some(pieces);
+        Ok(())
     }
 
     /// Inputs lost so far between the daemon's publisher and here.

@@ -8,6 +8,7 @@
 
 #![forbid(unsafe_code)]
 
+mod files;
 mod plain;
 mod nearest;
 mod written;

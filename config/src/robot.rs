@@ -4,6 +4,8 @@
 //! is reached from home inside the joint limits, or the settings are refused. Lists are per joint, base to
 //! tool.
 
+use std::path::Path;
+
 use foretrace_control::arm::{Chain, ChainError, JointLimits, LimitError};
 use foretrace_control::clearance::ClearanceSettings;
 use foretrace_control::ik::{ToolTarget, solve_pose};
@@ -11,8 +13,12 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Findings;
 use crate::clearance::clearance;
+use crate::files::read_text;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
+
+/// Largest URDF that is read: a hundred times that of a UR.
+const MAX_URDF_BYTES: u64 = 4 << 20;
 use crate::written::Place;
 
 /// Joints that the wire carries.
@@ -96,7 +102,7 @@ fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
 fn chain(section: &RobotSection, report: &mut Findings<'_>) -> Option<Chain<JOINTS>> {
     let text = match presets::robot(&section.urdf) {
         Some(text) => text.to_owned(),
-        None => match std::fs::read_to_string(&section.urdf) {
+        None => match read_text(Path::new(&section.urdf), MAX_URDF_BYTES) {
             Ok(text) => text,
             Err(error) => {
                 report.conflict(

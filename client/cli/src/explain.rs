@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say};
-use crate::record::unrecorded;
+use crate::record::{undamaged, unrecorded};
 
 /// Say in plain words what happened in a recording
 ///
@@ -33,11 +33,13 @@ pub(crate) struct ExplainArgs {
 struct ExplainReport {
     moments: Vec<explain::Moment>,
     sentences: Vec<String>,
+    /// Where and why the file ends early.
+    damage: Option<String>,
 }
 
 pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let mut report = ExplainReport { moments: Vec::new(), sentences: Vec::new() };
+    let mut report = ExplainReport { moments: Vec::new(), sentences: Vec::new(), damage: None };
     match args.tick {
         Some(tick) => {
             report.sentences = explain::tick(&args.file, tick).map_err(unrecorded)?;
@@ -46,11 +48,12 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
             }
         }
         None => {
-            report.moments = explain::moments(&args.file).map_err(unrecorded)?;
+            (report.moments, report.damage) = explain::moments(&args.file).map_err(unrecorded)?;
             for moment in &report.moments {
                 say!("tick {:>8}  {:>9.3} s  {}", moment.tick, moment.after_s, moment.what);
             }
         }
     }
-    args.json.write(&report)
+    args.json.write(&report)?;
+    undamaged(&args.file, report.damage.as_deref())
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say};
-use crate::record::unrecorded;
+use crate::record::{undamaged, unrecorded};
 
 /// Write a recording's numbers as CSV, or its pen for `foretrace play`
 ///
@@ -67,25 +67,26 @@ struct ExportReport {
 
 pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let (target, rows) = match (&args.csv, &args.pen) {
+    let (target, (rows, damage)) = match (&args.csv, &args.pen) {
         (Some(target), _) => (target, numbers(args, target)?),
         (None, Some(target)) => (target, pen(args, target)?),
         (None, None) => return Err(Failure::usage("nothing to write", "give --csv or --pen")),
     };
     say!("{}: {rows} rows", target.display());
-    args.json.write(&ExportReport { file: target.clone(), rows })
+    args.json.write(&ExportReport { file: target.clone(), rows })?;
+    undamaged(&args.file, damage.as_deref())
 }
 
-fn numbers(args: &ExportArgs, target: &Path) -> Result<u64, Failure> {
+fn numbers(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failure> {
     let mut reader = Reader::open(&args.file).map_err(unrecorded)?;
     let written = foretrace_record::whole(target, |file| {
         table::csv(&mut reader, &args.topic, args.every, &args.fields, &mut BufWriter::new(file))
     });
-    written.map_err(unrecorded)
+    written.map(|rows| (rows, reader.damage())).map_err(unrecorded)
 }
 
 /// Writes the pen samples that the ticks were given.
-fn pen(args: &ExportArgs, target: &Path) -> Result<u64, Failure> {
+fn pen(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failure> {
     let mut reader = Reader::open(&args.file).map_err(unrecorded)?;
     let mut log = PenLog::create(target, &args.writer).map_err(|error| {
         Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
@@ -113,5 +114,5 @@ fn pen(args: &ExportArgs, target: &Path) -> Result<u64, Failure> {
             format!("{}: it holds {} pen samples, a path needs 2", args.file.display(), summary.samples);
         return Err(given_up(Failure::bad_input(what, "record while the pen writes")));
     }
-    Ok(summary.samples)
+    Ok((summary.samples, reader.damage()))
 }

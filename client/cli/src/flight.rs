@@ -37,7 +37,7 @@ pub(crate) struct FlightArgs {
           value_parser = clap::value_parser!(u64).range(1..=120))]
     keep: u64,
 
-    /// Seconds between two files at least; requests do not wait
+    /// Seconds between two files at least; stops and requests do not wait
     #[arg(long, value_name = "S", default_value_t = 60)]
     apart: u64,
 

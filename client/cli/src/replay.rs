@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say};
 use crate::record::everything::build_of;
-use crate::record::unrecorded;
+use crate::record::{undamaged, unrecorded};
 
 /// Run the recorded ticks again, and compare every command bit for bit
 ///
@@ -64,6 +64,7 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         End::Incomplete => "a tick whose pen samples are missing".to_owned(),
         End::NoWeights { version } => format!("a tick that was offered weights {version}, which are missing"),
         End::OtherDaemon => "where another daemon took over".to_owned(),
+        End::Damaged { .. } => "where the file is damaged".to_owned(),
     };
     say!(
         "{}: {} ticks ({:.1} s) from tick {}, {from}, to {end}",
@@ -72,7 +73,11 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         outcome.seconds,
         outcome.first_tick
     );
-    let verdict = verdict(&outcome, same_build);
+    let damage = match &outcome.end {
+        End::Damaged { after, why } => Some(format!("after {after} bytes: {why}")),
+        _ => None,
+    };
+    let verdict = verdict(&outcome, same_build).and(undamaged(&args.file, damage.as_deref()));
     args.json.write(&ReplayReport { outcome, same_build })?;
     verdict
 }
@@ -113,7 +118,8 @@ fn compare(args: &ReplayArgs) -> Result<(), Failure> {
             row.worst_stroke_at_s,
         );
     }
-    args.json.write(&answer)
+    args.json.write(&answer)?;
+    undamaged(&args.file, answer.damage.as_deref())
 }
 
 fn unanswered(error: WhatIfError) -> Failure {

@@ -33,16 +33,16 @@ pub struct Moment {
     kind: &'static str,
 }
 
-/// The moments of `path` that matter most, in order of time.
+/// The moments of `path` that matter most, in order of time; and where and why the file ends early, if so.
 ///
 /// # Errors
 ///
 /// It is no recording of this program's layout, or holds no tick records.
-pub fn moments(path: &Path) -> Result<Vec<Moment>, RecordError> {
+pub fn moments(path: &Path) -> Result<(Vec<Moment>, Option<String>), RecordError> {
     let mut found: Vec<Moment> = Vec::new();
     let mut last: Option<Box<TickRecord>> = None;
     let mut begin = 0;
-    each_tick(path, |record| {
+    let damage = each_tick(path, |record| {
         if last.is_none() {
             begin = record.release_ns;
         }
@@ -59,7 +59,7 @@ pub fn moments(path: &Path) -> Result<Vec<Moment>, RecordError> {
     found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     found.truncate(MOMENTS);
     found.sort_by_key(|moment| moment.tick);
-    Ok(found)
+    Ok((found, damage))
 }
 
 /// What `tick` saw, decided and cost, as sentences.
@@ -91,8 +91,11 @@ fn no_ticks(path: &Path) -> RecordError {
     RecordError::Format { path: path.to_path_buf(), why: "it holds no tick records".to_owned() }
 }
 
-/// Calls `use_record` until it returns false.
-fn each_tick(path: &Path, mut use_record: impl FnMut(Box<TickRecord>) -> bool) -> Result<(), RecordError> {
+/// Calls `use_record` until it returns false; returns where and why the file ends early, if it came there.
+fn each_tick(
+    path: &Path,
+    mut use_record: impl FnMut(Box<TickRecord>) -> bool,
+) -> Result<Option<String>, RecordError> {
     let mut reader = Reader::open(path)?;
     while let Some(entry) = reader.next_entry()? {
         let Entry::Message(message) = entry else { continue };
@@ -102,7 +105,7 @@ fn each_tick(path: &Path, mut use_record: impl FnMut(Box<TickRecord>) -> bool) -
             break;
         }
     }
-    Ok(())
+    Ok(reader.damage())
 }
 
 fn keep(found: &mut Vec<Moment>, moment: Moment) {

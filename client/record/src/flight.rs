@@ -15,13 +15,15 @@ use serde::Serialize;
 use crate::record::{put_input, put_tick, unix_minus_monotonic};
 use crate::topics::{Topic, thing_bytes};
 use crate::trace;
-use crate::write::{Facts, Output};
+use crate::write::{Facts, Output, part_of};
 use crate::{RecordError, whole};
 
 /// Seconds after a trigger that are written too.
 const AFTER: Duration = Duration::from_secs(1);
 /// Sets of weights that are kept: more than the loop is offered in the longest time kept.
 const SETS: usize = 4096;
+/// Times the time kept that inputs are kept at most, for want of a newer state.
+const BEHIND: u64 = 4;
 
 /// What a flight recorder does.
 #[derive(Debug, Clone)]
@@ -30,7 +32,7 @@ pub struct Options {
     pub folder: PathBuf,
     /// Time before a trigger that is written.
     pub keep: Duration,
-    /// Shortest time between two files.
+    /// Shortest time between two files; stops and requests do not wait.
     pub apart: Duration,
     /// Files that are kept, the newest ones.
     pub max_files: usize,
@@ -38,15 +40,15 @@ pub struct Options {
     pub facts: Facts,
 }
 
-/// Why a file was written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// Why a file was written; of two, the first one matters more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trigger {
     /// A stop latched.
     Stop,
     /// A tick ended after its deadline.
     Overrun,
-    /// The loop follows the pen without a plan of its own.
+    /// The loop began to follow the pen without a plan of its own.
     PlanFailed,
     /// Somebody asked.
     Request,
@@ -64,16 +66,19 @@ impl Trigger {
         }
     }
 
-    /// What `record` shows that `before` did not; a stop matters more than what led to it.
+    /// What `record` shows that `before` did not.
     fn of(before: Option<&TickRecord>, record: &TickRecord) -> Option<Self> {
         let stopped =
             |tick: &TickRecord| tick.mode == u32::from(Mode::Stopped) || tick.mode == u32::from(Mode::Fault);
+        let follows_without = |tick: &TickRecord| {
+            tick.mode == u32::from(Mode::Following) && tick.rung != u32::from(Rung::FreshPlan)
+        };
         let before = before?;
         if stopped(record) && !stopped(before) {
             Some(Self::Stop)
         } else if record.health & health::OVERRUN != 0 {
             Some(Self::Overrun)
-        } else if record.mode == u32::from(Mode::Following) && record.rung != u32::from(Rung::FreshPlan) {
+        } else if follows_without(record) && !follows_without(before) {
             Some(Self::PlanFailed)
         } else {
             None
@@ -105,19 +110,48 @@ pub struct Flight {
     asked: bool,
     last: Option<Instant>,
     suppressed: u64,
-    files: VecDeque<Written>,
+    /// Recordings in the folder, oldest first, those of earlier recorders too.
+    files: VecDeque<PathBuf>,
 }
 
 #[derive(Debug)]
 struct Ears {
     inputs: InputWatch,
     telemetry: Telemetry,
+    /// When a state was asked for.
     since: Instant,
+    /// There was no place for who asks.
+    deaf: bool,
+    /// Lost by ears that were replaced: inputs, ticks.
+    lost: [u64; 2],
 }
 
 impl Ears {
     fn open(foretrace: &Foretrace) -> Result<Self, RecordError> {
-        Ok(Self { inputs: foretrace.inputs()?, telemetry: foretrace.telemetry()?, since: Instant::now() })
+        Ok(Self {
+            inputs: foretrace.inputs()?,
+            telemetry: foretrace.telemetry()?,
+            since: Instant::now(),
+            deaf: false,
+            lost: [0; 2],
+        })
+    }
+
+    /// Inputs and tick records lost so far.
+    fn lost(&self) -> [u64; 2] {
+        let [inputs, ticks] = self.lost;
+        [inputs + self.inputs.lost(), ticks + self.telemetry.lost()]
+    }
+
+    /// Asks for a state again; an error is told once, and the next try is bounded in time as the first.
+    fn ask(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
+        self.since = Instant::now();
+        match self.inputs.start_again(foretrace) {
+            Ok(()) => self.deaf = false,
+            Err(error) if !std::mem::replace(&mut self.deaf, true) => return Err(error.into()),
+            Err(_) => {}
+        }
+        Ok(())
     }
 }
 
@@ -166,10 +200,15 @@ impl Memory {
             self.states.front().map(|state| state.number)
         });
         let needed = from.map_or(oldest, |from| from.min(oldest));
-        let old = |id: u64, tick: u64| id != daemon || tick < needed;
-        while self.inputs.front().is_some_and(|input| old(input.daemon_id, input.tick)) {
+        // A state that no newer one follows must not keep all that came since.
+        let bound_ns = newest.now_ns.saturating_sub(keep_ns.saturating_mul(BEHIND));
+        let old =
+            |input: &TickInput| input.daemon_id != daemon || input.tick < needed || input.now_ns < bound_ns;
+        while self.inputs.front().is_some_and(|input| old(input)) {
             self.inputs.pop_front();
         }
+        let first = self.inputs.front().map_or(0, |input| input.tick);
+        self.states.retain(|state| state.daemon_id == daemon && state.number.saturating_add(1) >= first);
         while self.ticks.front().is_some_and(|record| record.release_ns < oldest_ns) {
             self.ticks.pop_front();
         }
@@ -213,6 +252,8 @@ impl Flight {
     pub fn start(foretrace: &Foretrace, options: Options) -> Result<Self, RecordError> {
         std::fs::create_dir_all(&options.folder)
             .map_err(|source| RecordError::Write { path: options.folder.clone(), source })?;
+        let files = earlier(&options.folder)
+            .map_err(|source| RecordError::Read { path: options.folder.clone(), source })?;
         Ok(Self {
             ears: Ears::open(foretrace)?,
             options,
@@ -221,7 +262,7 @@ impl Flight {
             asked: false,
             last: None,
             suppressed: 0,
-            files: VecDeque::new(),
+            files,
         })
     }
 
@@ -231,7 +272,11 @@ impl Flight {
     ///
     /// No place for another listener.
     pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
-        self.ears = Ears::open(foretrace)?;
+        self.take();
+        let new = Ears::open(foretrace)?;
+        self.take();
+        let lost = self.ears.lost();
+        self.ears = Ears { lost, ..new };
         Ok(())
     }
 
@@ -247,14 +292,15 @@ impl Flight {
     }
 
     fn trigger(&mut self, trigger: Trigger) {
-        if self.due.is_some() {
-            // Nobody who asks is forgotten.
-            self.asked |= trigger == Trigger::Request;
+        if let Some((_, due)) = &mut self.due {
+            // Nobody who asks is forgotten, and a stop is no detail of what led to it.
+            self.asked |= trigger == Trigger::Request || (*due == Trigger::Request && trigger < *due);
+            *due = (*due).min(trigger);
             return;
         }
-        // Who asks has a reason.
+        // Who asks has a reason, and nothing matters more than a stop.
         let soon = self.last.is_some_and(|last| last.elapsed() < self.options.apart);
-        if soon && trigger != Trigger::Request {
+        if soon && !matches!(trigger, Trigger::Request | Trigger::Stop) {
             self.suppressed += 1;
             return;
         }
@@ -268,30 +314,37 @@ impl Flight {
     ///
     /// The file cannot be written; no place for another listener.
     pub fn hear(&mut self, foretrace: &Foretrace) -> Result<Option<Written>, RecordError> {
+        if let Some(trigger) = self.take() {
+            self.trigger(trigger);
+        }
+        if let Some((at, trigger)) = self.due
+            && Instant::now() >= at
+        {
+            self.due = std::mem::take(&mut self.asked).then(|| (Instant::now(), Trigger::Request));
+            let written = self.write(trigger)?;
+            self.last = Some(Instant::now());
+            return Ok(Some(written));
+        }
+        // Whoever begins to listen gets a state.
+        if self.ears.since.elapsed() > self.options.keep / 2 {
+            self.ears.ask(foretrace)?;
+        }
+        Ok(None)
+    }
+
+    /// Takes in what has come; returns what of it asks for a file.
+    fn take(&mut self) -> Option<Trigger> {
         let memory = &mut self.memory;
         let mut found = None;
         self.ears.telemetry.drain(|record| {
-            found = found.or(Trigger::of(memory.ticks.back().map(|last| &**last), record));
+            let new = Trigger::of(memory.ticks.back().map(|last| &**last), record);
+            found = found.into_iter().chain(new).min();
             memory.ticks.push_back(Box::new(*record));
         });
         self.ears.inputs.drain(|input| memory.inputs.push_back(Box::new(*input)));
         self.ears.inputs.things(|thing| memory.thing(thing));
         memory.forget(u64::try_from(self.options.keep.as_nanos()).unwrap_or(u64::MAX));
-        if let Some(trigger) = found {
-            self.trigger(trigger);
-        }
-        // Whoever begins to listen gets a state.
-        if self.ears.since.elapsed() > self.options.keep / 2 {
-            self.ears = Ears::open(foretrace)?;
-        }
-        match self.due {
-            Some((at, trigger)) if Instant::now() >= at => {
-                self.due = std::mem::take(&mut self.asked).then(|| (Instant::now(), Trigger::Request));
-                self.last = Some(Instant::now());
-                self.write(trigger).map(Some)
-            }
-            _ => Ok(None),
-        }
+        found
     }
 
     /// Writes what is in memory now.
@@ -301,26 +354,60 @@ impl Flight {
         let place = |extension: &str| self.options.folder.join(format!("{name}.{extension}"));
         let mut facts = self.options.facts.clone();
         facts.insert("trigger".to_owned(), trigger.word().to_owned());
-        let mut output = Output::create(&place("mcap"), &facts)?;
-        self.memory.write(&mut output)?;
-        let recording = output.finish(&Facts::new())?;
+        let recording = place("mcap");
+        let part = part_of(&recording);
+        let mut output = Output::create(&recording, &facts)?;
+        let done = self.memory.write(&mut output).and_then(|()| output.finish(&self.told()));
+        // Half a file helps nobody, and its room is needed.
+        let recording = done.inspect_err(|_| drop(std::fs::remove_file(&part)))?;
+        self.files.push_back(recording.clone());
         let trace = place("perfetto-trace");
         whole(&trace, |file| trace::write(self.memory.ticks.iter().map(|tick| &**tick), file, &trace))?;
         let ticks = self.memory.ticks.len() as u64;
         let written = Written { recording, trace, trigger, ticks };
-        self.files.push_back(written.clone());
         while self.files.len() > self.options.max_files.max(1) {
             if let Some(old) = self.files.pop_front() {
-                remove(&old.recording)?;
-                remove(&old.trace)?;
+                remove(&old)?;
+                remove(&old.with_extension("perfetto-trace"))?;
             }
         }
         Ok(written)
     }
+
+    /// What is missing, as facts at the end of a file.
+    fn told(&self) -> Facts {
+        let [inputs, ticks] = self.ears.lost();
+        [("inputs_lost", inputs), ("ticks_lost", ticks), ("suppressed", self.suppressed)]
+            .map(|(key, count)| (key.to_owned(), count.to_string()))
+            .into()
+    }
 }
 
+/// Recordings that earlier flight recorders left in `folder`, oldest first.
+fn earlier(folder: &Path) -> std::io::Result<VecDeque<PathBuf>> {
+    let mut found = Vec::new();
+    for file in std::fs::read_dir(folder)? {
+        let path = file?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let words = name.strip_prefix("flight-").and_then(|rest| rest.strip_suffix(".mcap"));
+        let when = words.and_then(|words| words.split_once('-')).and_then(|(when, _)| when.parse().ok());
+        if let Some(when) = when {
+            let when: u128 = when;
+            found.push((when, path));
+        }
+    }
+    found.sort();
+    Ok(found.into_iter().map(|(_, path)| path).collect())
+}
+
+/// Removes a file, unless somebody else has.
 fn remove(path: &Path) -> Result<(), RecordError> {
-    std::fs::remove_file(path).map_err(|source| RecordError::Write { path: path.to_path_buf(), source })
+    match std::fs::remove_file(path) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(RecordError::Write { path: path.to_path_buf(), source })
+        }
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -370,5 +457,33 @@ mod tests {
         assert_eq!(of(TickRecord { rung: Rung::Stop.into(), ..following }), Some(Trigger::PlanFailed));
         let stopped = TickRecord { mode: Mode::Stopped.into(), ..following };
         assert_eq!(Trigger::of(Some(&stopped), &stopped), None);
+        let without = TickRecord { rung: Rung::Hold.into(), ..following };
+        assert_eq!(Trigger::of(Some(&without), &without), None, "a long failure is one");
+    }
+
+    #[test]
+    fn memory_is_bounded_when_no_further_state_comes() {
+        let mut memory = Memory::default();
+        memory.thing(state(1));
+        for tick in 1..=5000 {
+            memory.inputs.push_back(input(tick));
+            memory.forget(300_000_000);
+        }
+        assert!(memory.inputs.len() <= 1201, "{} inputs of 1 ms for 300 ms", memory.inputs.len());
+        assert!(memory.states.is_empty(), "nothing can be run from it");
+        memory.thing(state(5000));
+        memory.inputs.push_back(input(5001));
+        memory.forget(300_000_000);
+        assert_eq!(memory.states.len(), 1);
+    }
+
+    #[test]
+    fn files_of_earlier_recorders_are_known_in_order_and_others_are_left() {
+        let place = tempfile::TempDir::new().unwrap();
+        for name in ["flight-20-stop.mcap", "flight-9-plan-failed.mcap", "mine.mcap", "flight-x.mcap"] {
+            std::fs::write(place.path().join(name), "").unwrap();
+        }
+        let found = earlier(place.path()).unwrap();
+        assert_eq!(found, ["flight-9-plan-failed.mcap", "flight-20-stop.mcap"].map(|n| place.path().join(n)));
     }
 }

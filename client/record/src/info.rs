@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::read::{Content, Ended, Entry, Reader};
+use crate::read::{Content, Entry, Reader};
 
 /// A summary; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -77,8 +77,6 @@ pub fn info(path: &Path) -> Result<Info, RecordError> {
     if first <= last {
         info.seconds = (last - first) as f64 * 1e-9;
     }
-    if let Some(Ended::Cut { after, why }) = reader.ended() {
-        info.damage = Some(format!("after {after} bytes: {why}"));
-    }
+    info.damage = reader.damage();
     Ok(info)
 }

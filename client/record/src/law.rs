@@ -1,10 +1,36 @@
-//! The law of any horizon, behind one interface.
+//! The law of any horizon, behind one interface, and how it runs with what a forged file holds.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
 
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, NoClock, StepInput, StepOutput,
 };
 use foretrace_control::state::{self, StateError};
 use foretrace_shm::JOINTS;
+
+thread_local! {
+    /// This thread's panics are answered by an error.
+    static QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs `work`; `None` if it panicked, which prints nothing: for what a forged recording can do to a law.
+pub(crate) fn quietly<T>(work: impl FnOnce() -> T) -> Option<T> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if !QUIET.get() {
+                before(info);
+            }
+        }));
+    });
+    let outer = QUIET.replace(true);
+    let done = catch_unwind(AssertUnwindSafe(work)).ok();
+    QUIET.set(outer);
+    done
+}
 
 /// A law.
 pub(crate) trait Law {

@@ -6,7 +6,7 @@
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
 //! `table`, `repair`, `record` (from a daemon into files), `trace`, `flight`, `info`, `explain`, `law`,
-//! `replay`, `modelled`, `what_if`, `metrics`.
+//! `replay`, `modelled`, `stretch`, `what_if`, `metrics`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -27,6 +27,7 @@ pub mod explain;
 mod law;
 pub mod replay;
 mod modelled;
+mod stretch;
 pub mod what_if;
 pub mod metrics;
 

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mcap::records::{Record, op};
 
@@ -18,6 +19,13 @@ use crate::topics::{Topic, WIRE, thing_of};
 
 /// Bytes of a record at most, chunks included: far more than a recorder writes.
 const LARGEST_RECORD: u64 = 64 << 20;
+/// Bytes of a schema or a name at most, and how many schemas and channels there may be: together they stay in
+/// memory, whatever the file holds.
+const LARGEST_SCHEMA: usize = 256 << 10;
+const MOST_CHANNELS: usize = 256;
+
+/// Name, encoding and text.
+pub type Schema = (String, String, Vec<u8>);
 
 /// A channel of the file.
 #[derive(Debug, Clone)]
@@ -26,8 +34,8 @@ pub struct Channel {
     pub name: String,
     /// Its encoding.
     pub encoding: String,
-    /// Name, encoding and text of its schema.
-    pub schema: (String, String, Vec<u8>),
+    /// Its schema, which other channels may have too.
+    pub schema: Arc<Schema>,
     topic: Option<Topic>,
     /// The layout is another one than ours.
     foreign: bool,
@@ -94,7 +102,7 @@ pub struct Reader {
     /// The file ends in the middle of the open chunk.
     torn: bool,
     channels: BTreeMap<u16, Channel>,
-    schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
+    schemas: BTreeMap<u16, Arc<Schema>>,
     read: u64,
     ended: Option<Ended>,
 }
@@ -113,13 +121,14 @@ impl Reader {
     /// It cannot be read, or does not begin as a recording.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Read { path: path.to_path_buf(), source };
-        let mut file = File::open(path).map_err(failed)?;
-        if !file.metadata().map_err(failed)?.is_file() {
+        // A pipe without a writer blocks whoever opens it.
+        if !std::fs::metadata(path).map_err(failed)?.is_file() {
             return Err(RecordError::NoRecording {
                 path: path.to_path_buf(),
                 why: "no ordinary file".into(),
             });
         }
+        let mut file = File::open(path).map_err(failed)?;
         let mut magic = [0; mcap::MAGIC.len()];
         let whole = file.read_exact(&mut magic).is_ok();
         if !whole || magic != *mcap::MAGIC {
@@ -155,6 +164,15 @@ impl Reader {
     #[must_use]
     pub const fn ended(&self) -> Option<&Ended> {
         self.ended.as_ref()
+    }
+
+    /// Where and why the file ended early, once it has; `None`: it is whole.
+    #[must_use]
+    pub fn damage(&self) -> Option<String> {
+        match &self.ended {
+            Some(Ended::Cut { after, why }) => Some(format!("after {after} bytes: {why}")),
+            _ => None,
+        }
     }
 
     /// The next message or facts; `None` at the end.
@@ -274,16 +292,31 @@ impl Reader {
         match parsed {
             Ok(Taken::Entry(entry)) => return Some(entry),
             Ok(Taken::Schema(id, schema)) => {
-                self.schemas.insert(id, schema);
+                let bytes = schema.0.len() + schema.1.len() + schema.2.len();
+                if self.fits(bytes, self.schemas.len(), "schema") {
+                    self.schemas.insert(id, Arc::new(schema));
+                }
             }
             Ok(Taken::Channel { id, schema, name, encoding }) => {
-                let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
-                self.channels.insert(id, channel(name, encoding, schema));
+                if self.fits(name.len() + encoding.len(), self.channels.len(), "channel") {
+                    let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
+                    self.channels.insert(id, channel(name, encoding, schema));
+                }
             }
             Ok(Taken::Nothing) => {}
             Err(error) => self.cut(error.to_string()),
         }
         None
+    }
+
+    /// Whether one more `what` of `bytes` beside `known` ones is within the bounds; ends the file otherwise.
+    fn fits(&mut self, bytes: usize, known: usize, what: &str) -> bool {
+        if bytes > LARGEST_SCHEMA {
+            self.cut(format!("a {what} of {bytes} bytes, and {LARGEST_SCHEMA} are the most"));
+        } else if known >= MOST_CHANNELS {
+            self.cut(format!("more than {MOST_CHANNELS} of its kind: a {what}"));
+        }
+        self.ended.is_none()
     }
 
     /// `message` in our types.
@@ -357,7 +390,7 @@ pub fn pen_samples(path: &Path, mut use_sample: impl FnMut(&PenInput)) -> Result
 
 enum Taken {
     Entry(Entry),
-    Schema(u16, (String, String, Vec<u8>)),
+    Schema(u16, Schema),
     Channel { id: u16, schema: u16, name: String, encoding: String },
     Nothing,
 }
@@ -384,7 +417,7 @@ fn taken(record: Record<'_>) -> Taken {
     }
 }
 
-fn channel(name: String, encoding: String, schema: (String, String, Vec<u8>)) -> Channel {
+fn channel(name: String, encoding: String, schema: Arc<Schema>) -> Channel {
     let topic = Topic::from_name(&name);
     let foreign = encoding == WIRE && topic.is_some_and(|topic| topic.schema().2 != schema.2);
     Channel { name, encoding, schema, topic, foreign }

@@ -114,9 +114,12 @@ struct Ears {
     inputs: InputWatch,
     telemetry: Telemetry,
     status: StatusReader,
+    /// When a start was asked for.
     since: Instant,
     /// The state has come.
     started: bool,
+    /// Times that a start was asked for in vain.
+    tries: u32,
 }
 
 impl Ears {
@@ -127,6 +130,7 @@ impl Ears {
             status: foretrace.status()?,
             since: Instant::now(),
             started: false,
+            tries: 0,
         })
     }
 }
@@ -181,21 +185,55 @@ impl Recorder {
         })
     }
 
-    /// Another daemon has taken over, or the start has to come again.
+    /// Asks for settings, weights and a state once more, without a gap in the inputs.
+    ///
+    /// # Errors
+    ///
+    /// Another has taken the place meanwhile; [`Self::hear`] asks for this again.
+    pub fn start_again(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
+        (self.ears.since, self.ears.started) = (Instant::now(), false);
+        Ok(self.ears.inputs.start_again(foretrace)?)
+    }
+
+    /// Another daemon has taken over.
     ///
     /// # Errors
     ///
     /// No place for another listener.
     pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
         let new = Ears::open(foretrace)?;
+        // What the old ones still hold.
+        self.take();
         self.before = self.counts();
         self.ears = new;
         Ok(())
     }
 
-    /// Takes what has come. Returns whether to call [`Self::listen_anew`]; call this every few milliseconds.
+    /// Takes what has come. Returns whether to call [`Self::start_again`]; call this every few milliseconds.
     pub fn hear(&mut self) -> bool {
-        let Some(jobs) = &self.jobs else { return false };
+        self.take();
+        if self.told.elapsed() >= TELL {
+            self.told = Instant::now();
+            let counts = self.counts();
+            if let Some(jobs) = &self.jobs {
+                // The next one, a second later, has all counts too.
+                let _ = jobs.try_send(Job::Counts(counts));
+            }
+        }
+        let ears = &mut self.ears;
+        if self.shared.renew.swap(false, Ordering::AcqRel) {
+            ears.tries = 0;
+            return true;
+        }
+        // A law whose state cannot be written never sends one: longer and longer between tries.
+        let again = !ears.started && ears.since.elapsed() > PATIENCE * 2_u32.saturating_pow(ears.tries);
+        ears.tries += u32::from(again);
+        again
+    }
+
+    /// Takes what has come.
+    fn take(&mut self) {
+        let Some(jobs) = &self.jobs else { return };
         let (counts, ears) = (&mut self.counts, &mut self.ears);
         let mut lost = 0;
         let mut send = |job: Job, count: &mut u64| match jobs.try_send(job) {
@@ -221,16 +259,6 @@ impl Recorder {
             send(Job::Status(Box::new(status)), &mut told);
         }
         self.counts.queue_lost += lost;
-        if self.told.elapsed() >= TELL {
-            self.told = Instant::now();
-            let counts = self.counts();
-            if let Some(jobs) = &self.jobs {
-                // The next one, a second later, has all counts too.
-                let _ = jobs.try_send(Job::Counts(counts));
-            }
-        }
-        let broken = !self.ears.started && self.ears.since.elapsed() > PATIENCE;
-        self.shared.renew.swap(false, Ordering::AcqRel) || broken
     }
 
     /// Counts so far.
@@ -345,9 +373,14 @@ impl FileWriter {
         if self.options.max_bytes.is_none_or(|most| self.output.bytes() < most) {
             return Ok(());
         }
-        self.number += 1;
-        let next = numbered(&self.options.target, &self.number.to_string());
-        let next = Output::create(&next, &self.options.facts)?;
+        // An earlier recording may have some of the numbers.
+        let next = loop {
+            self.number += 1;
+            let next = numbered(&self.options.target, &self.number.to_string());
+            if !next.exists() && !part_of(&next).exists() {
+                break Output::create(&next, &self.options.facts)?;
+            }
+        };
         let full = std::mem::replace(&mut self.output, next);
         self.finished.push(full.finish(&told(&self.last))?);
         self.shared.renew.store(true, Ordering::Release);

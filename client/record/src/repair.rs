@@ -12,7 +12,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};
 
-use crate::read::{Ended, Entry, Reader};
+use crate::read::{Entry, Reader};
 use crate::write::part_of;
 use crate::{RecordError, appear};
 
@@ -69,7 +69,7 @@ fn copied(reader: &mut Reader, file: std::fs::File, part: &Path) -> Result<Mende
                     Some(known) => *known,
                     None => {
                         let Some(channel) = reader.channels().get(&message.channel) else { continue };
-                        let (name, encoding, text) = &channel.schema;
+                        let (name, encoding, text) = &*channel.schema;
                         let schema = if name.is_empty() {
                             0
                         } else {
@@ -93,10 +93,7 @@ fn copied(reader: &mut Reader, file: std::fs::File, part: &Path) -> Result<Mende
             }
         }
     }
-    let damage = match reader.ended() {
-        Some(Ended::Cut { after, why }) => Some(format!("after {after} bytes: {why}")),
-        _ => None,
-    };
+    let damage = reader.damage();
     let mut facts = BTreeMap::from([("messages".to_owned(), messages.to_string())]);
     facts.extend(damage.clone().map(|damage| ("damage".to_owned(), damage)));
     let end = Metadata { name: "foretrace.mended".to_owned(), metadata: facts };

@@ -5,7 +5,6 @@
 //! field and both values, and how far the joints came apart altogether.
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use foretrace_config::Config;
@@ -18,8 +17,8 @@ use foretraced::wire;
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::law::{Law, law};
-use crate::read::{Content, Entry, Reader};
+use crate::law::{Law, law, quietly};
+use crate::read::{Content, Ended, Entry, Reader};
 
 /// Why a recording cannot be replayed.
 #[derive(thiserror::Error)]
@@ -93,6 +92,13 @@ pub enum End {
     },
     /// Another daemon took over.
     OtherDaemon,
+    /// The file ends early or is damaged.
+    Damaged {
+        /// Bytes read before.
+        after: u64,
+        /// What is wrong.
+        why: String,
+    },
 }
 
 /// A difference between recording and replay.
@@ -138,8 +144,8 @@ struct Beginning {
     settings: Vec<Thing>,
     states: Vec<Thing>,
     sets: BTreeMap<(u64, u64), Vec<u8>>,
-    /// Daemon and number of the first tick.
-    first: Option<(u64, u64)>,
+    /// Daemon, first and last tick of inputs without a gap, in order.
+    stretches: Vec<(u64, u64, u64)>,
 }
 
 impl Beginning {
@@ -157,9 +163,15 @@ impl Beginning {
                 Entry::Message(message) => message,
             };
             match reader.content(&message)? {
-                Content::Input(input) if found.first.is_none() => {
-                    found.first = Some((input.daemon_id, input.tick));
-                }
+                Content::Input(input) => match found.stretches.last_mut() {
+                    Some((daemon, _, to))
+                        if *daemon == input.daemon_id
+                            && (*to == input.tick || to.checked_add(1) == Some(input.tick)) =>
+                    {
+                        *to = input.tick;
+                    }
+                    _ => found.stretches.push((input.daemon_id, input.tick, input.tick)),
+                },
                 Content::Thing(thing) => match thing.kind {
                     PieceKind::Settings => found.settings.push(thing),
                     PieceKind::State => found.states.push(thing),
@@ -172,6 +184,20 @@ impl Beginning {
         }
         Ok(found)
     }
+
+    /// The first state from which a tick of the file can be run, or else the first one.
+    fn state(&self) -> Option<&Thing> {
+        let runs = |state: &&Thing| {
+            state.number.checked_add(1).is_some_and(|next| {
+                let has = |(daemon, from, to): &(u64, u64, u64)| {
+                    *daemon == state.daemon_id && (*from..=*to).contains(&next)
+                };
+                self.stretches.iter().any(has)
+            })
+        };
+        let sound = |state: &&Thing| state.number < u64::MAX;
+        self.states.iter().find(runs).or_else(|| self.states.iter().find(sound))
+    }
 }
 
 /// Replays `path`.
@@ -181,9 +207,9 @@ impl Beginning {
 /// See [`ReplayError`].
 pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
     let beginning = Beginning::of(path)?;
-    let (first_daemon, first_tick) = beginning.first.ok_or(ReplayError::NoStart)?;
+    let (first_daemon, first_tick, _) = *beginning.stretches.first().ok_or(ReplayError::NoStart)?;
     let from_first = first_tick == 1;
-    let state = beginning.states.first().filter(|_| !from_first);
+    let state = beginning.state().filter(|_| !from_first);
     if !from_first && state.is_none() {
         return Err(ReplayError::NoStart);
     }
@@ -219,6 +245,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
         },
     };
     let mut reader = Reader::open(path)?;
+    let mut ended = false;
     while let Some(entry) = reader.next_entry()? {
         let Entry::Message(message) = entry else { continue };
         let Content::Input(input) = reader.content(&message)? else { continue };
@@ -226,10 +253,17 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
         if input.daemon_id == daemon && input.tick <= after {
             continue;
         }
+        // Of a daemon before that of the start.
+        if input.daemon_id != daemon && run.next == after + 1 && run.pen.is_empty() {
+            continue;
+        }
         if let Some(end) = run.take(&input)? {
-            run.outcome.end = end;
+            (run.outcome.end, ended) = (end, true);
             break;
         }
+    }
+    if let (false, Some(Ended::Cut { after, why })) = (ended, reader.ended()) {
+        run.outcome.end = End::Damaged { after: *after, why: why.clone() };
     }
     if let Some((from, to)) = run.times {
         run.outcome.seconds = to.saturating_sub(from) as f64 * 1e-9;
@@ -277,11 +311,10 @@ impl Run<'_> {
             set = Some(weights);
         }
         let (law, pen) = (&mut self.law, &self.pen);
-        let output =
-            catch_unwind(AssertUnwindSafe(|| law.tick(&given.step_input(pen, set.as_ref()), given.budget)))
-                .map_err(|_| ReplayError::Forged { tick })?;
+        let output = quietly(|| law.tick(&given.step_input(pen, set.as_ref()), given.budget))
+            .ok_or(ReplayError::Forged { tick })?;
         self.pen.clear();
-        self.next += 1;
+        self.next = self.next.saturating_add(1);
         self.compare(input, &wire::tick_input(tick, input.daemon_id, &given, &output));
         let (from, _) = self.times.unwrap_or((input.now_ns, 0));
         self.times = Some((from, input.now_ns));

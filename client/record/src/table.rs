@@ -77,7 +77,7 @@ const MOST_COLUMNS: usize = 4096;
 /// The columns of a raw channel; `None` if it is not one, or its table is damaged.
 #[must_use]
 pub fn columns(channel: &Channel) -> Option<Vec<Column>> {
-    let (_, encoding, table) = &channel.schema;
+    let (_, encoding, table) = &*channel.schema;
     if encoding != WIRE {
         return None;
     }

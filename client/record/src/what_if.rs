@@ -12,11 +12,10 @@ use foretrace_control::follower::{
     Budget, EnableReading, FollowerSettings, JointReading, Mode, Request, StepInput,
 };
 use foretrace_control::learn::{LearnError, Learner};
-use foretrace_control::pen::PenReading;
 use foretrace_control::predict::OnlineWeights;
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
-use foretrace_shm::{FaultReason, JOINTS, PieceKind, TickInput, input_flags};
+use foretrace_shm::JOINTS;
 use foretrace_sim::lag::{LagError, Sample, Servo, Verdict, identify};
 use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, motion, tracking};
 use foretrace_sim::path::PathSample;
@@ -24,9 +23,9 @@ use foretraced::wire;
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::law::law;
-use crate::modelled::{Arm, Command};
-use crate::read::{Content, Entry, Reader};
+use crate::law::{law, quietly};
+use crate::modelled::Arm;
+use crate::stretch::{Stretch, Tick, longest};
 
 /// Why there is no answer.
 #[derive(thiserror::Error)]
@@ -69,15 +68,6 @@ pub enum WhatIfError {
 
 foretrace_shm::debug_is_sentence!(WhatIfError);
 
-/// A tick of the recorded life.
-#[derive(Debug, Clone)]
-struct Tick {
-    now: Stamp,
-    pen: Vec<PenReading>,
-    measured: Option<(Stamp, [f64; JOINTS])>,
-    command: Option<Command>,
-}
-
 /// How a law did.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Score {
@@ -97,7 +87,7 @@ pub struct Score {
     pub worst_stroke_mm: f64,
     /// When that stroke began, from the beginning \[s\].
     pub worst_stroke_at_s: f64,
-    /// When and why a stop latched.
+    /// When and why a stop latched, or why the law never took charge.
     pub stopped: Option<String>,
 }
 
@@ -108,6 +98,8 @@ pub struct Answer {
     pub seconds: f64,
     /// Ticks in it.
     pub ticks: usize,
+    /// Where and why the file ends early; `None`: it is whole.
+    pub damage: Option<String>,
     /// The arm that was fitted.
     pub arm: Servo,
     /// From the modelled to the recorded tool under the recorded commands, rms \[mm\].
@@ -171,7 +163,11 @@ impl Variant {
 ///
 /// See [`WhatIfError`].
 pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answer, WhatIfError> {
-    let (toml, life) = lived(path)?;
+    let Stretch { settings, ticks: life, damage } = longest(path)?;
+    if life.is_empty() {
+        return Err(WhatIfError::TooLittle { what: "no armed loop" });
+    }
+    let toml = settings.ok_or(WhatIfError::TooLittle { what: "no settings of its armed loop" })?;
     let recorded = Variant { name: "recorded settings".to_owned(), changes: Vec::new() };
     let all: Vec<&Variant> = std::iter::once(&recorded).chain(variants).collect();
     // All settings are judged before the first is run.
@@ -182,7 +178,8 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
     let Some((_, config)) = jobs.first() else { return Err(WhatIfError::TooLittle { what: "no settings" }) };
     let settings = config.follower_settings();
     let pen = pen_path(&life, &settings);
-    let arm = fitted(&life)?;
+    let broken = || WhatIfError::TooLittle { what: "inputs that the law cannot run with" };
+    let arm = quietly(|| fitted(&life)).ok_or_else(broken)??;
     let first = life.first().and_then(|tick| tick.measured);
     let start = first.ok_or(WhatIfError::TooLittle { what: "no joint state" })?.1;
     let origin_s = life.first().map_or(0.0, |tick| seconds(tick.now));
@@ -191,7 +188,7 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         .iter()
         .filter_map(|tick| Some(tool(&settings, seconds(tick.measured?.0), &tick.measured?.1)))
         .collect();
-    let misfit = misfit_mm(&life, &settings, &arm, start);
+    let misfit = quietly(|| misfit_mm(&life, &settings, &arm, start)).ok_or_else(broken)?;
     let mut rows = vec![scored("as recorded", &pen, &measured, origin_s, None)?];
     let mut results: Vec<Option<Result<Score, WhatIfError>>> = jobs.iter().map(|_| None).collect();
     let (life, pen, arm_of) = (&life, &pen, &arm);
@@ -202,7 +199,8 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
                 .map(|(variant, config)| {
                     // A whole law is too large for an ordinary stack.
                     std::thread::Builder::new().stack_size(32 << 20).spawn_scoped(scope, move || {
-                        let run = run(&variant.name, config, life, arm_of, start)?;
+                        let run = quietly(|| run(&variant.name, config, life, arm_of, start));
+                        let run = run.ok_or_else(broken)??;
                         let mut score = scored(&variant.name, pen, &run.tool, origin_s, Some(run.saturated))?;
                         score.stopped = run.stopped;
                         Ok(score)
@@ -212,7 +210,7 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
             for (place, thread) in places.iter_mut().zip(running) {
                 *place = Some(match thread.map(std::thread::ScopedJoinHandle::join) {
                     Ok(Ok(result)) => result,
-                    _ => Err(WhatIfError::TooLittle { what: "inputs that the law cannot run with" }),
+                    _ => Err(broken()),
                 });
             }
         });
@@ -221,73 +219,11 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         rows.push(result?);
     }
     let last_s = life.last().map_or(origin_s, |tick| seconds(tick.now));
-    Ok(Answer { seconds: last_s - origin_s, ticks: life.len(), arm, arm_misfit_mm: misfit, rows })
+    Ok(Answer { seconds: last_s - origin_s, ticks: life.len(), damage, arm, arm_misfit_mm: misfit, rows })
 }
 
 fn seconds(stamp: Stamp) -> f64 {
     stamp.0 as f64 * 1e-9
-}
-
-/// The settings, and the longest stretch without a gap in which the loop was in charge.
-fn lived(path: &Path) -> Result<(String, Vec<Tick>), WhatIfError> {
-    let mut reader = Reader::open(path)?;
-    let (mut toml, mut best, mut life) = (None, Vec::new(), Vec::new());
-    let (mut last, mut pen) = (0, Vec::new());
-    while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
-        match reader.content(&message)? {
-            Content::Thing(thing) if thing.kind == PieceKind::Settings && toml.is_none() => {
-                toml = String::from_utf8(thing.bytes).ok();
-            }
-            Content::Input(input) => {
-                if input.part == 0 {
-                    pen.clear();
-                }
-                pen.extend(input.pen().iter().map(wire::pen_of));
-                if input.part.saturating_add(1) < input.parts {
-                    continue;
-                }
-                let follows = input.command_ns != 0 && input.fault == u32::from(FaultReason::None);
-                if !follows || input.tick != last + 1 {
-                    longer(&mut best, &mut life);
-                }
-                last = input.tick;
-                if follows {
-                    life.push(tick_of(&input, std::mem::take(&mut pen)));
-                }
-            }
-            _ => {}
-        }
-    }
-    longer(&mut best, &mut life);
-    let toml = toml.ok_or(WhatIfError::TooLittle { what: "no settings" })?;
-    if best.is_empty() {
-        return Err(WhatIfError::TooLittle { what: "no armed loop" });
-    }
-    Ok((toml, best))
-}
-
-fn longer(best: &mut Vec<Tick>, life: &mut Vec<Tick>) {
-    // It begins where the arm is known.
-    let known = life.iter().position(|tick| tick.measured.is_some()).unwrap_or(life.len());
-    life.drain(..known);
-    if life.len() > best.len() {
-        std::mem::swap(best, life);
-    }
-    life.clear();
-}
-
-fn tick_of(input: &TickInput, pen: Vec<PenReading>) -> Tick {
-    let measured =
-        (input.flags & input_flags::JOINTS != 0).then_some((Stamp(input.joints_ns), input.joints_q));
-    let command = (input.command_ns != 0).then_some(Command {
-        stamp: Stamp(input.command_ns),
-        valid_until: Stamp(input.valid_until_ns),
-        q: input.q,
-        qd: input.qd,
-        enabled: input.flags & input_flags::ENABLED != 0,
-    });
-    Tick { now: Stamp(input.now_ns), pen, measured, command }
 }
 
 /// The pen on the paper.
@@ -371,7 +307,7 @@ fn run(
     let mut arm = Arm::new(arm, settings.period_ns, start, begin);
     let mut fresh: Option<Box<OnlineWeights>> = None;
     let mut lived = Lived { tool: Vec::with_capacity(life.len()), saturated: 0.0, stopped: None };
-    let (mut limited, mut planned, mut armed) = (0_u32, 0_u32, false);
+    let (mut limited, mut planned, mut armed, mut refused) = (0_u32, 0_u32, false, None);
     let origin = life.first().map_or(Stamp(0), |tick| tick.now);
     for tick in life {
         let now = tick.now;
@@ -389,6 +325,7 @@ fn run(
         };
         let output = law.tick(&input, Budget::default());
         armed |= output.mode != Mode::Idle;
+        refused = output.answer.and_then(Result::err).or(refused);
         if output.stop_reason != StopReason::None && armed && lived.stopped.is_none() {
             let at_s = now.since(origin) as f64 * 1e-9;
             let reason = wire::fault(output.stop_reason);
@@ -405,6 +342,10 @@ fn run(
         }
         arm.command = output.command.or(arm.command);
         lived.tool.push(tool(&settings, seconds(now), &arm.joints.q));
+    }
+    if let (false, Some(refusal)) = (armed, refused) {
+        let (_, why) = wire::refusal(refusal);
+        lived.stopped = Some(format!("never armed: {why}"));
     }
     lived.saturated = f64::from(limited) / f64::from(planned.max(1));
     Ok(lived)

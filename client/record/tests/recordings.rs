@@ -162,6 +162,11 @@ fn the_first_difference_is_named_and_measured() {
     assert_eq!((difference.tick, difference.field.as_str()), (301, "q[2]"));
     assert_ne!(difference.recorded, difference.replayed);
     assert_eq!((outcome.ticks, outcome.different_ticks), (TICKS, 2));
+    let bytes = std::fs::read(&file).unwrap();
+    let cut = place.path().join("cut.mcap");
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let early = replayed(&cut);
+    assert!(early.difference.is_none() && matches!(early.end, End::Damaged { .. }), "{early:?}");
     assert!((outcome.largest_rad - 1e-3).abs() < 1e-9, "{}", outcome.largest_rad);
 }
 
@@ -400,6 +405,11 @@ fn another_law_is_judged_by_the_same_hand_behind_the_arm_of_the_recording() {
     // The same on every machine, however many threads there are.
     assert_eq!(what_if(&file, &variants, 1).unwrap(), answer);
 
+    let bytes = std::fs::read(&file).unwrap();
+    let cut = place.path().join("cut.mcap");
+    std::fs::write(&cut, &bytes[..bytes.len() * 8 / 10]).unwrap();
+    let early = what_if(&cut, &[], 1).unwrap_or_else(|error| panic!("{error}"));
+    assert!(answer.damage.is_none() && early.damage.is_some() && early.seconds < answer.seconds);
     let wrong = Variant::parse("mpc.horizon=7").unwrap();
     let told = what_if(&file, &[wrong], 1).unwrap_err().to_string();
     assert!(told.contains("mpc.horizon") && told.contains("10, 20"), "{told}");

@@ -9,6 +9,7 @@ use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeight
 use super::container::{self, Container, DType, Tensor};
 use super::problem::ModelError;
 use super::{EXTRA, shipped, shipped_names};
+use crate::files::read_regular;
 use crate::nearest;
 
 /// Largest file that is read: a hundred times the largest network in double precision.
@@ -142,7 +143,7 @@ pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, ModelError> {
     if bytes > MAX_BYTES {
         return Err(ModelError::TooLarge { file, bytes, limit: MAX_BYTES });
     }
-    std::fs::read(path).map_err(|error| failed(&error))
+    read_regular(path, MAX_BYTES).map_err(|error| failed(&error))
 }
 
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {

@@ -49,23 +49,32 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     let mut recorder = Recorder::start(&foretrace, options).map_err(unrecorded)?;
     note!("record: recording everything into {} until Ctrl-C", file.display());
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let mut lookout = Lookout::new();
+    let (mut lookout, mut told) = (Lookout::new(), false);
     while !interrupt.is_set() && !recorder.has_failed() {
         if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             break;
         }
-        let mut anew = recorder.hear();
+        if recorder.hear() {
+            match recorder.start_again(&foretrace) {
+                Ok(()) => told = false,
+                // It is asked for again every few seconds.
+                Err(error) if !told => {
+                    told = true;
+                    note!("record: no settings, weights and states come: {}", unrecorded(error));
+                }
+                Err(_) => {}
+            }
+        }
         match lookout.look(&mut foretrace) {
             News::None | News::Back => {}
             News::Gone => note!("record: the daemon is gone; waiting for another"),
             News::Renewed => {
                 note!("record: a new daemon is there");
-                anew = true;
+                if let Err(error) = recorder.listen_anew(&foretrace) {
+                    lookout.again();
+                    note!("record: {}", unrecorded(error));
+                }
             }
-        }
-        if anew && let Err(error) = recorder.listen_anew(&foretrace) {
-            lookout.again();
-            note!("record: {}", unrecorded(error));
         }
         std::thread::sleep(NAP);
     }

@@ -91,6 +91,14 @@ pub(crate) fn unrecorded(error: RecordError) -> Failure {
     }
 }
 
+/// An error if there is `damage`: what was made is of the part before it.
+pub(crate) fn undamaged(file: &Path, damage: Option<&str>) -> Result<(), Failure> {
+    let Some(damage) = damage else { return Ok(()) };
+    let what = format!("{} ends early, {damage}; the result is of what comes before", file.display());
+    let remedy = format!("mend it with `foretrace record --repair {}`", file.display());
+    Err(Failure::bad_input(what, remedy))
+}
+
 fn tell(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     let told: Info = info(file).map_err(unrecorded)?;
     say!("{}: {:.1} s", file.display(), told.seconds);

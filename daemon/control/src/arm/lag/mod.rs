@@ -115,8 +115,8 @@ impl<const J: usize> LagEstimator<J> {
     pub fn measured(&mut self, stamp: Stamp, q: &[f64; J]) {
         self.joints.push(stamp, q);
         for _ in 0..STEPS_PER_CALL {
-            let begin =
-                self.joints.begin().max(self.commands.begin() + (CANDIDATES as i64 - 1 + EARLIEST) as u64);
+            let lead = (CANDIDATES as i64 - 1 + EARLIEST) as u64;
+            let begin = self.joints.begin().max(self.commands.begin().saturating_add(lead));
             let end = self.joints.end().min(self.commands.end().saturating_sub(EARLIEST.unsigned_abs()));
             let follows = (begin..=end).contains(&self.next);
             let k = if follows { self.next } else { begin };

@@ -50,6 +50,8 @@ impl<const J: usize> Track<J> {
             None => None,
         };
         if let (Some(span_ns), Some((before, from))) = (span_ns, &self.last) {
+            // One past the last sample; a state from a file may hold anything here.
+            self.end = before.0 / GRID_NS + 1;
             // At most MAX_GAP_NS / GRID_NS turns.
             while self.end < next {
                 let part = (self.end * GRID_NS - before.0) as f64 / span_ns as f64;
@@ -114,6 +116,17 @@ mod tests {
             assert!((track.at(k).unwrap()[0] - k as f64 * 0.01).abs() < 1e-12);
         }
         assert!(track.at(100).is_none() && track.at(110).is_none());
+    }
+
+    #[test]
+    fn a_restored_end_that_does_not_fit_the_last_sample_costs_no_time() {
+        for end in [0, 5, u64::MAX] {
+            let mut track = Track::<1>::new();
+            track.push(ms(3_600_000_000), &[0.5]);
+            track.end = end;
+            track.push(ms(3_600_000_010), &[0.5]);
+            assert_eq!(track.end(), 360_000_002, "restored as {end}");
+        }
     }
 
     #[test]
