@@ -28,7 +28,7 @@ pub struct Tally {
     pub late_cycles: u64,
     /// Counters that were never looked at: a newer one came within the same cycle.
     pub lost_counters: u64,
-    /// The longest time without a fresh counter [cycles].
+    /// The longest time without a fresh counter \[cycles\].
     pub longest_cycles: u64,
 }
 

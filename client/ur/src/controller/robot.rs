@@ -3,7 +3,7 @@
 //! Contract: total; whatever a program or a client asks for, the arm obeys its speed and acceleration limits,
 //! until its power goes: then the brakes hold it at once. The arm is `foretrace_sim`'s: a cycle of delay,
 //! `servoj`'s look-ahead, 2 ms of joint loop. A protective stop brakes as one of category 2 does and ends the
-//! program; an emergency stop brakes and takes the power, at last after [`MOST_STOP_S`].
+//! program; an emergency stop brakes and takes the power, at last after `MOST_STOP_S`.
 
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
 

@@ -12,7 +12,7 @@ pub(super) const PIECE: usize = 64;
 /// Number of inputs, the hidden layers and outputs being those of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
-    /// Inputs, a multiple of [`ROWS`].
+    /// Inputs, a multiple of `ROWS`.
     pub inputs: usize,
 }
 
