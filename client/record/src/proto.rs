@@ -2,8 +2,8 @@
 //! descriptors.
 //!
 //! Contract: a [`Shape`] is the only place that says what a message is; its field `i` has the number `i + 1`.
-//! [`encode()`] writes the fields in that order and refuses to leave one out; [`descriptor_set`] describes the
-//! shapes to readers that do not know them.
+//! [`encode()`] writes the fields in that order and refuses to leave one out; [`descriptor_set`] describes
+//! the shapes to readers that do not know them.
 //!
 //! Source: protobuf encoding guide; `google/protobuf/descriptor.proto`.
 
