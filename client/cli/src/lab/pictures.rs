@@ -151,6 +151,9 @@ fn failed(error: impl Display) -> Failure {
 mod tests {
     use super::*;
 
+    /// Made by `tests/console/judge.sh`, with a browser.
+    const OF_THE_CONSOLE: [&str; 2] = ["console-light.png", "console-dark.png"];
+
     #[test]
     fn every_picture_of_the_documents_has_a_command_that_parses_and_none_is_left_over() {
         for (_, sets, line, _) in OF_RECORDINGS {
@@ -166,6 +169,7 @@ mod tests {
         let mut made: Vec<String> = OF_THE_DEMO
             .iter()
             .chain(OF_RECORDINGS.iter().map(|(file, ..)| file))
+            .chain(&OF_THE_CONSOLE)
             .map(|file| (*file).to_owned())
             .collect();
         files.sort();
