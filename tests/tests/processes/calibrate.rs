@@ -95,7 +95,11 @@ fn what_is_missing_is_said_before_anything_moves() {
     assert_refused(&wide, 5, &["no room", "--amplitude-mm"]);
     let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
     until("the pen is heard", || world.status(0)["pen"]["samples"].as_u64().filter(|count| *count > 0));
-    assert_refused(&world.run(0, &["calibrate", "lag", "--arm"]), 1, &["another pen"]);
+    assert_refused(
+        &world.run(0, &["calibrate", "lag", "--arm"]),
+        1,
+        &["the pen is held by the player", "end that program"],
+    );
     for process in [player, arm, daemon] {
         process.end();
     }
