@@ -94,7 +94,7 @@ impl Scene {
     fn start_bridge(&mut self) {
         let robot = self.address.to_string();
         let words = ["arm", "ur", "--wait", "30", "--robot", &robot, "--preset", self.series.preset()];
-        self.bridge = Some(self.world.start(0, &[&words[..], &VALID].concat()));
+        self.bridge = Some(self.world.start(0, &[&words[..], &VALID, &PATIENT].concat()));
     }
 
     /// Starts whoever is missing; arms nothing.
