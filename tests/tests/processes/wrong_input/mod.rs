@@ -255,7 +255,7 @@ fn second_arm_and_second_player_are_refused() {
     assert_refused(&world.run(0, &["arm", "sim"]), 1, &["places", "taken"]);
     let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
     world.wait_for_mode(0, "following");
-    assert_refused(&world.run(0, &["play", "glyphs:a"]), 1, &["places", "taken"]);
+    assert_refused(&world.run(0, &["play", "glyphs:a"]), 1, &["the pen is held by the player"]);
     for process in [player, arm, daemon] {
         process.end();
     }
