@@ -110,7 +110,7 @@ fn wrong_options_and_data_are_answered_with_what_is_legal() {
     refused(&["--padding", "counted", "--augment", "scale=1..2"], 2, &["--padding masked"]);
     refused(&["--split", "tes"], 5, &["tes", "train"]);
     let dybm = world.run_plain(&["lab", "train", "--model", "dybm", "--data", &data, "--out", &out]);
-    assert_refused(&dybm, 2, &["lstm10, lstm32 or lstm64", "lab table1"]);
+    assert_refused(&dybm, 2, &["lstm10, lstm32, lstm64 or foresight", "lab table1"]);
     let nowhere = world.file("no/m.safetensors").display().to_string();
     assert_refused(
         &world.run_plain(&options(&data, &nowhere, &[])),
