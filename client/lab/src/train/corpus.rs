@@ -186,13 +186,25 @@ fn to_thousandths(x: f64) -> f64 {
     (x * 1e3).round() / 1e3
 }
 
+/// Something that somebody wrote.
+pub trait Written {
+    /// Who: names of different data sets differ.
+    fn writer(&self) -> &str;
+}
+
+impl Written for Item {
+    fn writer(&self) -> &str {
+        &self.writer
+    }
+}
+
 /// Parts the items by writer: (train, held out), `share` of the writers (at least one) held out as `seed`
 /// draws them.
 ///
 /// # Errors
 /// [`CorpusError::Writers`] with a single writer.
-pub fn hold_out(items: Vec<Item>, share: f64, seed: u64) -> Result<(Vec<Item>, Vec<Item>), CorpusError> {
-    let writers: BTreeSet<String> = items.iter().map(|item| item.writer.clone()).collect();
+pub fn hold_out<T: Written>(items: Vec<T>, share: f64, seed: u64) -> Result<(Vec<T>, Vec<T>), CorpusError> {
+    let writers: BTreeSet<String> = items.iter().map(|item| item.writer().to_owned()).collect();
     let mut writers: Vec<String> = writers.into_iter().collect();
     if writers.len() < 2 {
         return Err(CorpusError::Writers { writers: writers.len() });
@@ -200,7 +212,7 @@ pub fn hold_out(items: Vec<Item>, share: f64, seed: u64) -> Result<(Vec<Item>, V
     let count = ((writers.len() as f64 * share).round() as usize).clamp(1, writers.len() - 1);
     writers.shuffle(&mut Pcg64::seed_from_u64(seed));
     let held: BTreeSet<String> = writers.into_iter().take(count).collect();
-    Ok(items.into_iter().partition(|item| !held.contains(&item.writer)))
+    Ok(items.into_iter().partition(|item| !held.contains(item.writer())))
 }
 
 /// RMS per component of all displacements, jumps and rests included (as the reference networks were scaled).

@@ -14,11 +14,11 @@ use foretrace_config::models::ForesightModel;
 use foretrace_lab::train::foresight::{
     Context, Fit, LEADS_S, Plan, Study, Without, Writing, hold_out, weights_of, writings,
 };
-use foretrace_lab::train::{Epoch, FitError, Schedule, Scores, citation};
+use foretrace_lab::train::{Epoch, FitError, Schedule, Scores};
 use serde_json::json;
 
-use super::TrainArgs;
 use super::checkpoint::Checkpoint;
+use super::{TrainArgs, cited};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::lab::progress::Progress;
@@ -248,14 +248,7 @@ fn notes(
     if let Some(scores) = scores {
         notes.insert("held_out_scores", shares(scores));
     }
-    let mut cited: Vec<&str> = match &args.citation {
-        Some(text) => vec![text],
-        None => data.names.iter().filter_map(|name| citation(name)).collect(),
-    };
-    cited.dedup();
-    if !cited.is_empty() {
-        notes.insert("citation", cited.join("; "));
-    }
+    notes.extend(cited(args, &data.names).map(|text| ("citation", text)));
     notes.into_iter().map(|(key, text)| (key.to_owned(), text)).collect()
 }
 

@@ -282,13 +282,16 @@ fn notes(
             format!("loss {}, mse {}, within strokes {}", s.loss, s.mse, s.within),
         );
     }
-    let mut cited: Vec<&str> = match &args.citation {
-        Some(text) => vec![text],
-        None => data.names.iter().filter_map(|name| citation(name)).collect(),
-    };
-    cited.dedup();
-    if !cited.is_empty() {
-        notes.insert("citation", cited.join("; "));
-    }
+    notes.extend(cited(args, &data.names).map(|text| ("citation", text)));
     notes.into_iter().map(|(key, text)| (key.to_owned(), text)).collect()
+}
+
+/// What the model's card cites: the user's words, else what the data sets `names` ask for.
+fn cited(args: &TrainArgs, names: &[String]) -> Option<String> {
+    let mut texts: Vec<&str> = match &args.citation {
+        Some(text) => vec![text],
+        None => names.iter().filter_map(|name| citation(name)).collect(),
+    };
+    texts.dedup();
+    (!texts.is_empty()).then(|| texts.join("; "))
 }

@@ -2,17 +2,14 @@
 
 use std::path::Path;
 
-use std::collections::BTreeSet;
-
 use foretrace_config::Config;
 use foretrace_sim::data::{DataSet, SetError, Split, median_glyph_height};
 use foretrace_sim::path::{Lift, PathError, PathSample};
-use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
 use crate::closed_loop::{BenchArm, hands};
-use crate::train::CorpusError;
+use crate::train::corpus::Written;
 
 /// What one writer wrote in one file.
 #[derive(Debug, Clone)]
@@ -69,25 +66,10 @@ pub fn writings(
     Ok((set.name, writings, remarks))
 }
 
-/// Parts the writings by writer: (train, held out), `share` of the writers (at least one) held out as `seed`
-/// draws them.
-///
-/// # Errors
-/// [`CorpusError::Writers`] with a single writer.
-pub fn hold_out(
-    writings: Vec<Writing>,
-    share: f64,
-    seed: u64,
-) -> Result<(Vec<Writing>, Vec<Writing>), CorpusError> {
-    let writers: BTreeSet<String> = writings.iter().map(|writing| writing.writer.clone()).collect();
-    let mut writers: Vec<String> = writers.into_iter().collect();
-    if writers.len() < 2 {
-        return Err(CorpusError::Writers { writers: writers.len() });
+impl Written for Writing {
+    fn writer(&self) -> &str {
+        &self.writer
     }
-    let count = ((writers.len() as f64 * share).round() as usize).clamp(1, writers.len() - 1);
-    writers.shuffle(&mut Pcg64::seed_from_u64(seed));
-    let held: BTreeSet<String> = writers.into_iter().take(count).collect();
-    Ok(writings.into_iter().partition(|writing| !held.contains(&writing.writer)))
 }
 
 /// How a copy of a hand's samples is changed: other devices, other hands.

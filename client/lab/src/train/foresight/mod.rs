@@ -13,7 +13,8 @@ mod fit;
 mod model;
 mod trial;
 
-pub use corpus::{Change, Writing, WritingError, hold_out, writings};
+pub use super::corpus::hold_out;
+pub use corpus::{Change, Writing, WritingError, writings};
 pub use examples::{Examples, examples};
 pub use fit::{Engine, Fit, Plan, of_writing};
 pub use model::weights_of;
