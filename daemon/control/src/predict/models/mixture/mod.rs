@@ -108,7 +108,7 @@ impl Taught for Mixture {
     fn set_weights(&mut self, weights: &MixtureParameters) -> Result<(), WeightsError> {
         weights.validate()?;
         self.parameters.accepts(weights)?;
-        self.parameters = *weights;
+        self.parameters.take_over(weights);
         Ok(())
     }
 }

@@ -57,6 +57,17 @@ impl MixtureParameters {
         &self.shares
     }
 
+    /// Becomes `other`, which these accept. Kilobytes for an expert that does not take part are not touched:
+    /// they are cold in the tick that adopts weights.
+    pub(super) fn take_over(&mut self, other: &Self) {
+        let Self { version, ar, plain, full, foresight, shares, present } = other;
+        (self.version, self.ar, self.shares, self.present) = (*version, *ar, *shares, *present);
+        (self.plain, self.full) = (*plain, *full);
+        if present.foresight {
+            self.foresight = *foresight;
+        }
+    }
+
     /// Every expert's path.
     pub(super) fn experts(&self, memory: &MixtureMemory) -> [Path; EXPERTS] {
         let [x, y] = memory.newest();
@@ -137,7 +148,9 @@ impl ModelParameters for MixtureParameters {
         self.ar.validate()?;
         WeightsError::all_within(Self::MODEL, LARGEST, self.plain.numbers())?;
         WeightsError::all_within(Self::MODEL, LARGEST, self.full.numbers())?;
-        WeightsError::all_within(Self::MODEL, LARGEST, self.foresight.numbers())?;
+        if self.present.foresight {
+            WeightsError::all_within(Self::MODEL, LARGEST, self.foresight.numbers())?;
+        }
         for shares in &self.shares {
             for share in shares {
                 WeightsError::bounded(Self::MODEL, "weight of an expert", f64::from(*share), 0.0, 1.0)?;
