@@ -26,6 +26,8 @@ const PIECES_PER_ROUND: usize = 8;
 const SETS_KEPT: usize = 8;
 /// Things that wait to be sent at most.
 const WAITING: usize = 64;
+/// Least time between two states \[ns\]: listeners that come and go must not keep the loop copying.
+const APART_NS: u64 = 1_000_000_000;
 
 /// A thing on its way out.
 #[derive(Debug)]
@@ -44,7 +46,11 @@ pub struct Inputs {
     sets: VecDeque<Thing>,
     waiting: VecDeque<Parcel>,
     audience: u128,
+    /// Somebody waits for a state.
+    wanted: bool,
+    /// The loop has memory for one.
     asked: bool,
+    asked_ns: Option<u64>,
     failed: u64,
 }
 
@@ -61,7 +67,9 @@ impl Inputs {
             sets: VecDeque::new(),
             waiting: VecDeque::new(),
             audience: 0,
+            wanted: false,
             asked: false,
+            asked_ns: None,
             failed: 0,
         }
     }
@@ -127,17 +135,20 @@ impl Inputs {
         let audience = port.audience();
         if audience != self.audience {
             self.audience = audience;
-            self.waiting.clear();
-            if audience != 0 {
+            if audience == 0 {
+                self.waiting.clear();
+                self.wanted = false;
+            } else {
                 // Connected before the first piece, so that none is sent to nobody.
                 self.failed += u64::from(port.connect().is_err());
                 self.send(self.settings.clone());
                 for set in self.sets.clone() {
                     self.send(set);
                 }
-                self.ask(rings);
+                self.wanted = true;
             }
         }
+        self.ask(now, rings);
         while let Ok(copy) = rings.states.pop() {
             self.asked = false;
             if let Some(bytes) = copy.length.and_then(|length| copy.bytes.get(..length)) {
@@ -156,12 +167,14 @@ impl Inputs {
         }
     }
 
-    /// Gives the loop memory for its state, once at a time.
-    fn ask(&mut self, rings: &mut IpcRings) {
-        if !self.asked {
+    /// Gives the loop memory for its state where one is wanted: one at a time, and seldom.
+    fn ask(&mut self, now: u64, rings: &mut IpcRings) {
+        let due = self.asked_ns.is_none_or(|before| now.saturating_sub(before) >= APART_NS);
+        if self.wanted && !self.asked && due {
             // Written, so that the loop faults no page in.
             let room = vec![0xA5; STATE_BYTES].into_boxed_slice();
             self.asked = rings.blanks.push(room).is_ok();
+            (self.wanted, self.asked_ns) = (!self.asked, Some(now));
         }
     }
 

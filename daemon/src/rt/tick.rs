@@ -265,6 +265,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
         self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
         self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
+        let before_keeping = allocations();
         let complete = self.keep_pen();
         let facts = TickFacts {
             tick: self.tally.ticks,
@@ -288,6 +289,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             self.tally.evidence_dropped += 1;
         }
         self.copy_state();
+        // Told with the next tick: this one's facts are on their way.
+        let keeping = allocations().wrapping_sub(before_keeping);
+        self.tally.law_allocations = self.tally.law_allocations.wrapping_add(keeping);
         output.mode
     }
 
