@@ -72,6 +72,26 @@ fn names(world: &World, folder: &str) -> Vec<String> {
     names
 }
 
+/// A machine that keeps no 40 ms may stop this arm: then the demo says so, and the figures hold up to there.
+#[test]
+fn demo_of_a_universal_robot_counts_what_bridge_and_bare_line_lost() {
+    let world = World::new(PROGRAM);
+    let demo = ["demo", "--arm", "ur", "--seconds", "3", "--no-rights", "--out", "report"];
+    let output = world.start(0, &demo).output();
+    assert!(matches!(output.status.code(), Some(0 | 1)), "{}", told(&output));
+    let report = json(&world.file("report").join("report.json"));
+    assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
+    let count = |pointer: &str| report.pointer(pointer).and_then(serde_json::Value::as_u64);
+    assert!(count("/arm/link/following_cycles") > Some(50), "{report}");
+    assert!(count("/echo/cycles") > Some(100), "{report}");
+    for counted in
+        ["/arm/link/lost_counters", "/arm/link/late_cycles", "/echo/lost_counters", "/echo/late_cycles"]
+    {
+        assert!(count(counted).is_some(), "{counted}: {report}");
+    }
+    assert!(told(&output).contains("a bare echo pair beside it"), "{}", told(&output));
+}
+
 #[test]
 fn demo_ends_by_itself_with_a_whole_report_and_leaves_nothing() {
     let world = World::new(PROGRAM);

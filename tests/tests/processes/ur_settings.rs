@@ -41,5 +41,12 @@ fn an_arm_whose_bridge_requires_a_dead_man_is_not_moved_by_a_daemon_that_does_no
 
     let mut same = world.start(0, &[&bridge[..], &VALID].concat());
     world.arm(0, &mut same);
+    let line = until("the round trip is told", || {
+        let line = world.status(0)["arm"]["line"].clone();
+        line["round_trip_ms"].is_number().then_some(line)
+    });
+    // At least the cycle from a state to the next read, of 8 ms.
+    assert!(line["round_trip_ms"].as_f64() >= Some(8.0), "{line}");
+    assert!(line["late_cycles"].is_u64() && line["without_dead_man"] == false, "{line}");
     assert!(same.end().status.success());
 }
