@@ -27,7 +27,7 @@ const SETS_KEPT: usize = 8;
 /// Things that wait to be sent at most.
 const WAITING: usize = 64;
 /// Least time between two states \[ns\]: listeners that come and go must not keep the loop copying.
-const APART_NS: u64 = 1_000_000_000;
+const APART_NS: u64 = 100_000_000;
 
 /// A thing on its way out.
 #[derive(Debug)]

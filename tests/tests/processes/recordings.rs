@@ -91,6 +91,42 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     let flipped = world.file("flipped.mcap").display().to_string();
     let output = world.run_plain(&["record", "--info", &flipped]);
     assert!(told(&output).contains("it ends early"), "{}", told(&output));
+    // Nobody takes the part before it for the whole.
+    let (csv, pen) = (world.file("half.csv"), world.file("half-pen.csv"));
+    let (csv, pen) = (csv.display().to_string(), pen.display().to_string());
+    for words in
+        [&["replay", &flipped] as &[&str], &["explain", &flipped], &["export", &flipped, "--csv", &csv]]
+    {
+        assert_refused(&world.run_plain(words), 5, &["flipped.mcap ends early", "record --repair"]);
+    }
+    // Half a recording may be too short for these.
+    assert_refused(&world.run_plain(&["export", &flipped, "--pen", &pen]), 5, &["flipped.mcap"]);
+    assert_refused(&world.run_plain(&["replay", &flipped, "--what-if", "trust=0"]), 5, &["record"]);
+}
+
+#[test]
+fn a_flight_recorder_beside_a_recorder_goes_on_for_longer_than_it_keeps() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let recorder = world.start(0, &["record", "run.mcap", "--json", "report.json"]);
+    until("the recorder writes", || (size(&world, "run.mcap.part") > 100_000).then_some(()));
+    let flight = world.start(0, &["flight", "box", "--keep", "1", "--json", "flight.json"]);
+    let count = || {
+        let files = std::fs::read_dir(world.file("box")).map(Iterator::flatten).into_iter().flatten();
+        files.filter(|file| file.path().to_string_lossy().ends_with("request.mcap")).count()
+    };
+    until("the folder is there", || world.file("box").exists().then_some(()));
+    for number in 1..=3 {
+        // Each takes longer than half of what is kept, after which a state is asked for again.
+        flight.signal("-USR1");
+        until("a file on request", || (count() >= number).then_some(()));
+    }
+    flight.end();
+    recorder.end();
+    daemon.end();
+    let report = json(&world.file("flight.json"));
+    let file = world.file(report["files"][0]["recording"].as_str().unwrap()).display().to_string();
+    assert!(replayed(&world, &file)["ticks"].as_u64() > Some(100), "{report}");
 }
 
 #[test]
