@@ -27,7 +27,7 @@ ROOMS = {
         "proto", "topics", "write", "read", "table", "repair", "record", "trace", "flight", "info", "explain", "law", "replay",
         "modelled", "what_if", "metrics",
     ],
-    "client/console/src": ["guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "link", "session", "server"],
+    "client/console/src": ["certificate", "wire", "guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "link", "session", "server"],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.

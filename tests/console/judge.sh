@@ -18,7 +18,7 @@ fetch() { (cd "$1" && npm ci --ignore-scripts --no-audit --no-fund --silent); }
 
 mkdir "$scratch/bundle" "$scratch/page"
 cp client/console/bundle/{package.json,package-lock.json,three.entry.js} "$scratch/bundle"
-cp tests/console/{package.json,package-lock.json,judge.mjs} "$scratch"
+cp tests/console/{package.json,package-lock.json,judge.mjs,others.mjs} "$scratch"
 if ! fetch "$scratch/bundle" || ! fetch "$scratch"; then
   echo "console: skipped: npm cannot have the packages of the lock files here"
   exit 0

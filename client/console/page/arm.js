@@ -42,6 +42,14 @@ export class Arm {
     });
     this.drawTable();
     for (const box of scene.keep_out.boxes) this.drawBox(box);
+    for (const plane of scene.keep_out.planes ?? []) this.drawPlane(plane);
+    // Where the preview leads, with the radius in which the pen is expected.
+    this.aim = new three.LineLoop(new three.BufferGeometry().setFromPoints(Array.from({ length: 32 }, (_, i) =>
+      new three.Vector3(Math.cos(i * Math.PI / 16), Math.sin(i * Math.PI / 16), 0))), new three.LineBasicMaterial());
+    const [ax, ay, az] = this.plane.axes.map((axis) => new three.Vector3(...axis));
+    this.aim.quaternion.setFromRotationMatrix(new three.Matrix4().makeBasis(ax, ay, az));
+    this.aim.visible = false;
+    this.stage.add(this.aim);
     this.traces = { pen: this.line(), tool: this.line(), ghost: this.line() };
     this.tip = new three.Mesh(new three.SphereGeometry(0.004), new three.MeshBasicMaterial());
     this.stage.add(this.tip);
@@ -83,6 +91,16 @@ export class Arm {
     this.stage.add(box);
   }
 
+  // A piece of a plane about its point; what lies behind its normal is kept out.
+  drawPlane([point, normal]) {
+    const material = new three.MeshBasicMaterial({ color: 0xc22727, transparent: true, opacity: 0.12, side: three.DoubleSide, depthWrite: false });
+    const plane = new three.Mesh(new three.BoxGeometry(2, 2, 0.001), material);
+    plane.quaternion.setFromUnitVectors(new three.Vector3(0, 0, 1), new three.Vector3(...normal).normalize());
+    plane.position.set(...point);
+    this.stage.add(plane);
+    this.planes = (this.planes ?? 0) + 1;
+  }
+
   line() {
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.BufferAttribute(new Float32Array(3 * TRACE), 3).setUsage(three.DynamicDrawUsage));
@@ -102,6 +120,7 @@ export class Arm {
     for (const link of this.links) link.material.color = new three.Color(dark ? 0x8fa3b5 : 0xb9c4ce);
     for (const name of ["pen", "tool", "ghost"]) this.traces[name].material.color = colour(`--${name}`);
     this.tip.material.color = colour("--tool");
+    this.aim.material.color = colour("--aim");
     this.sheet.material.color = new three.Color(dark ? 0x2a3036 : 0xffffff);
     this.border.material.color = colour("--soft");
     this.grid.material.color = colour("--line");
@@ -133,6 +152,12 @@ export class Arm {
   frame({ arm, points }) {
     if (!this.links) return;
     if (arm) this.place(arm.known ? arm.measured : arm.commanded);
+    this.aim.visible = Boolean(arm?.aim);
+    if (arm?.aim) {
+      const [x, y, band] = arm.aim;
+      this.aim.position.copy(this.at(x, y, 0.001));
+      this.aim.scale.setScalar(Math.max(band ?? 0, 0.001));
+    }
     const newest = points.length ? points[points.length - 1][0] : 0;
     // Another daemon counts from 1 again.
     if (newest && newest < this.tick) this.tick = 0;

@@ -6,10 +6,10 @@ import { State } from "./state.js";
 
 const byId = (id) => document.getElementById(id);
 // A tab keeps the token over a reload; it stays out of the history and of pictures of the screen.
-const token = keptToken(location.hash.slice(1));
+let token = kept(location.hash.slice(1));
 history.replaceState(null, "", location.pathname);
 
-function keptToken(given) {
+function kept(given) {
   // A browser may forbid to keep anything.
   try {
     if (given) sessionStorage.setItem("token", given);
@@ -83,7 +83,11 @@ function hear(text) {
   const said = JSON.parse(text);
   if (said.pong) clock.take(said.pong[0], said.pong[1], performance.now());
   if (said.reply) answer(said.reply.done, said.reply.words);
-  if (said.control) controls(said.control.mine, said.control.refused);
+  if (said.control) {
+    // A token that works once was used up: its key opens from here on, in this tab.
+    if (said.control.key) token = kept(said.control.key);
+    controls(said.control.mine, said.control.refused);
+  }
   if (said.scene) begin(said.scene);
   if (said.frame) {
     frames += 1;
@@ -107,7 +111,7 @@ function begin(scene) {
 }
 
 function show(frame) {
-  pad.points(frame.points);
+  pad.points(frame.points, frame.arm?.aim);
   if (arm) arm.frame(frame);
   state.frame(frame);
   const here = frame.here;
@@ -196,12 +200,13 @@ addEventListener("keydown", (event) => {
   if (event.key === "Escape") { if (!event.repeat) stop(); return; }
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if ((event.key === "s" || event.key === "S") && !event.repeat && !typing(event.target)) stop();
+  if ((event.key === "a" || event.key === "A") && !event.repeat && !typing(event.target)) send({ ask: { arm: true } });
   if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press(); }
 });
 addEventListener("keyup", (event) => { if (event.key === " ") hold.letGo(); });
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
   socket.onopen = () => {
     for (let count = 0; count < 8; count += 1) setTimeout(() => send({ ping: performance.now() }), 30 * count);
     if (token) send({ control: token });

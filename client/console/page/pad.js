@@ -32,6 +32,7 @@ export class Pad {
     this.ink = [];
     this.tool = [];
     this.ghost = [];
+    this.aim = null;
     this.tick = 0;
     // What a browser lacks outside of a secure context, or at all.
     this.raw = "onpointerrawupdate" in window;
@@ -172,7 +173,8 @@ export class Pad {
   }
 
   // The arm's tool and the ghost, drawn under the hand's own ink.
-  points(points) {
+  points(points, aim) {
+    this.aim = aim ?? null;
     // Another daemon counts from 1 again.
     if (points.length && points[points.length - 1][0] < this.tick) this.tick = 0;
     for (const [tick, , , , x, y, z, gx, gy] of points) {
@@ -228,6 +230,14 @@ export class Pad {
     trace(this.ghost, colour("--ghost"), 1);
     trace(this.tool, colour("--tool"), 2);
     trace(this.ink, colour("--pen"), 2);
+    if (this.aim) {
+      const [px, py] = at(this.aim[0], this.aim[1]);
+      pen.strokeStyle = colour("--aim");
+      pen.lineWidth = 1.5;
+      pen.beginPath();
+      pen.arc(px, py, Math.max((this.aim[2] ?? 0) * scale, 3), 0, 2 * Math.PI);
+      pen.stroke();
+    }
     if (!this.may) {
       pen.fillStyle = colour("--soft");
       pen.textAlign = "center";

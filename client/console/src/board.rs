@@ -11,7 +11,7 @@ use std::time::Duration;
 use foretrace_client::{PenSample, monotonic_now_ns};
 use serde::Serialize;
 
-use crate::guard::Token;
+use crate::guard::{Keys, Said, Token};
 use crate::message::{HOLD_LASTS_NS, Request};
 
 /// An order that has waited for longer is dropped \[ns\].
@@ -142,7 +142,7 @@ impl Stops {
 
 /// Shared by all threads of a console.
 pub(crate) struct Board {
-    pub(crate) token: Token,
+    keys: Mutex<Keys>,
     lines: SyncSender<String>,
     pub(crate) stops: Stops,
     /// None before the link is up.
@@ -164,13 +164,13 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Board {
     pub(crate) fn new(
-        token: Token,
+        keys: Keys,
         lines: SyncSender<String>,
         pens: SyncSender<PenSample>,
         orders: SyncSender<Order>,
     ) -> Self {
         Self {
-            token,
+            keys: Mutex::new(keys),
             lines,
             stops: Stops::default(),
             scene: Mutex::new(None),
@@ -223,29 +223,55 @@ impl Board {
         locked(&self.tally).clone()
     }
 
-    /// Gives the control to page `id`.
+    /// The token's text, for the address that is printed.
+    pub(crate) fn token(&self) -> String {
+        locked(&self.keys).text().to_owned()
+    }
+
+    /// A token that works once more.
+    pub(crate) fn renew_token(&self, token: Token) {
+        locked(&self.keys).renew(token);
+    }
+
+    /// Gives the control to page `id`; inside, the key that it has to say from here on.
     ///
     /// # Errors
     ///
-    /// Who has it, or that the token is wrong; in words.
-    pub(crate) fn take_control(&self, id: u64, address: &str, token: &str) -> Result<(), String> {
-        if !self.token.is(token) {
-            self.refuse("wrong token");
-            return Err("the token is wrong: open the address that `foretrace console` printed".to_owned());
+    /// Who has it, or that the token is wrong or used; in words.
+    pub(crate) fn take_control(&self, id: u64, address: &str, said: &str) -> Result<Option<String>, String> {
+        let mut keys = locked(&self.keys);
+        let judged = keys.judge(said);
+        let refused = match judged {
+            Said::Right | Said::RightOnce => None,
+            Said::Wrong => {
+                Some(("wrong token", "the token is wrong: open the address that `foretrace console` printed"))
+            }
+            Said::Used => Some((
+                "token used before",
+                "the token has been used, it works once: type `token` where `foretrace console` runs for another",
+            )),
+        };
+        if let Some((reason, words)) = refused {
+            self.refuse(reason);
+            return Err(words.to_owned());
         }
         let mut controller = locked(&self.controller);
-        match &*controller {
-            Some((other, at)) if *other != id => {
-                let words = format!("the page of {at} controls: give the control back there first");
-                drop(controller);
-                self.refuse("another page controls");
-                Err(words)
-            }
-            _ => {
-                *controller = Some((id, address.to_owned()));
-                Ok(())
-            }
+        if let Some((_, at)) = controller.as_ref().filter(|(other, _)| *other != id) {
+            let words = format!("the page of {at} controls: give the control back there first");
+            drop(controller);
+            self.refuse("another page controls");
+            return Err(words);
         }
+        let key = match judged {
+            Said::RightOnce => Some(Token::random().map_err(|error| format!("no key can be made: {error}"))?),
+            _ => None,
+        };
+        *controller = Some((id, address.to_owned()));
+        Ok(key.map(|key| {
+            let text = key.text().to_owned();
+            keys.use_up(key);
+            text
+        }))
     }
 
     pub(crate) fn controls(&self, id: u64) -> bool {
@@ -329,13 +355,14 @@ mod tests {
 
     fn board() -> Board {
         let lines = sync_channel(2).0;
-        Board::new(Token::random().unwrap(), lines, sync_channel(2).0, sync_channel(2).0)
+        let keys = Keys::new(Token::random().unwrap(), false);
+        Board::new(keys, lines, sync_channel(2).0, sync_channel(2).0)
     }
 
     #[test]
     fn one_page_controls_and_only_with_the_token() {
         let board = board();
-        let token = board.token.text().to_owned();
+        let token = board.token();
         assert!(board.take_control(1, "here", "x").unwrap_err().contains("token is wrong"));
         board.take_control(1, "here", &token).unwrap();
         assert!(board.take_control(2, "there", &token).unwrap_err().contains("the page of here controls"));
@@ -348,7 +375,7 @@ mod tests {
     #[test]
     fn a_button_is_held_only_while_it_is_heard_of_and_its_page_controls() {
         let board = board();
-        board.take_control(1, "here", board.token.text()).unwrap();
+        board.take_control(1, "here", &board.token()).unwrap();
         board.hold(true, 1000);
         assert!(board.is_held(1000) && board.is_held(999 + HOLD_LASTS_NS));
         assert!(!board.is_held(1000 + HOLD_LASTS_NS));

@@ -89,6 +89,7 @@ impl Frames {
         let chain = &self.config.robot().chain;
         let arm = self.newest.map(|record| {
             json!({
+                "aim": aim(&record),
                 "measured": placed(chain, &record.measured_q),
                 "commanded": placed(chain, &record.q),
                 "known": record.joint_state_age_ns != u64::MAX,
@@ -112,6 +113,15 @@ impl Frames {
             },
         } })
     }
+}
+
+/// Where the preview leads the plan: its first reference in the plane, and the radius about it in which the
+/// pen is expected in nine of ten cases; `None` while the plan follows no pen.
+fn aim(record: &TickRecord) -> Option<[Option<f64>; 3]> {
+    let [x, y, _] = record.reference_m;
+    let follows = Mode::try_from(record.mode) == Ok(Mode::Following) && x.is_finite() && y.is_finite();
+    let band = (record.predictor_band_m >= 0.0).then(|| metres(record.predictor_band_m));
+    follows.then(|| [Some(metres(x)), Some(metres(y)), band])
 }
 
 fn push(list: &mut VecDeque<Value>, value: Value, most: usize) {
@@ -202,4 +212,24 @@ fn median(latency: &Latency) -> Option<f64> {
 fn rms(tracking: &Tracking) -> Option<f64> {
     let rms = tracking.recent_rms_m;
     (rms >= 0.0).then_some(rms * 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_aim_is_the_first_reference_with_its_band_and_only_while_the_plan_follows() {
+        let following = TickRecord {
+            mode: Mode::Following.into(),
+            reference_m: [0.012_345_6, -0.02, 0.0],
+            predictor_band_m: 0.003,
+            ..TickRecord::default()
+        };
+        let told = aim(&following).unwrap().map(|m| (m.unwrap() * 1e5).round() as i32);
+        assert_eq!(told, [1235, -2000, 300]);
+        assert_eq!(aim(&TickRecord { predictor_band_m: -1.0, ..following }).unwrap()[2], None);
+        assert_eq!(aim(&TickRecord { mode: Mode::Stopped.into(), ..following }), None);
+        assert_eq!(aim(&TickRecord { reference_m: [f64::NAN, 0.0, 0.0], ..following }), None);
+    }
 }

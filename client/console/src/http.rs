@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Largest head [bytes].
 const HEAD_BYTES: usize = 8192;
 /// Longest time for it.
-const HEAD_TIME: Duration = Duration::from_secs(3);
+pub(crate) const HEAD_TIME: Duration = Duration::from_secs(3);
 
 /// Headers that every answer carries. The page may run its own scripts and talk to its own server only; it
 /// is isolated from other pages, which also makes the browser's clock finer.

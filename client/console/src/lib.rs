@@ -5,14 +5,16 @@
 //! move nothing. One page controls at a time. Connections, memory and every wait are bounded; frames for a
 //! page that reads slowly are dropped, never queued. Plain threads, no asynchronous runtime.
 //!
-//! In the order of a message's way: `http` and `guard` let a page in, `message` reads what it says, `session`
-//! is one page, `board` is what all pages share, `link` feeds the daemon, with `hold` for the button;
-//! `orders` asks the daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is
-//! told.
+//! In the order of a message's way: `certificate` and `wire` are the connection, `http` and `guard` let a
+//! page in, `message` reads what it says, `session` is one page, `board` is what all pages share, `link`
+//! feeds the daemon, with `hold` for the button; `orders` asks the daemon and `stops` stops the arm, a thread
+//! each; `scene` and `frame` are what a page is told.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod certificate;
+mod wire;
 mod guard;
 mod http;
 mod page;
@@ -28,6 +30,6 @@ mod session;
 mod server;
 
 pub use board::Tally;
-pub use guard::Token;
+pub use certificate::{Certificate, CertificateError};
 pub use link::{Link, LinkError, Point, Writer};
-pub use server::{Console, ConsoleError};
+pub use server::{Console, ConsoleError, Lan, Renewer};

@@ -99,13 +99,18 @@ fn ask(foretrace: &Foretrace, request: &Request, asked_ns: u64) -> Reply {
 mod tests {
     use super::*;
     use crate::board::ORDER_LASTS_NS as LASTS_NS;
-    use crate::guard::Token;
+    use crate::guard::{Keys, Token};
     use std::sync::mpsc::channel;
 
     fn board() -> Board {
         let lines = sync_channel(2).0;
-        let board = Board::new(Token::random().unwrap(), lines, sync_channel(2).0, sync_channel(2).0);
-        board.take_control(1, "here", board.token.text()).unwrap();
+        let board = Board::new(
+            Keys::new(Token::random().unwrap(), false),
+            lines,
+            sync_channel(2).0,
+            sync_channel(2).0,
+        );
+        board.take_control(1, "here", &board.token()).unwrap();
         board
     }
 

@@ -23,6 +23,18 @@ pub(crate) fn file(path: &str) -> Option<File> {
     Some(File { kind, body })
 }
 
+/// The page for those who came in the clear to a console under TLS at `origin`.
+pub(crate) fn insecure(origin: &str) -> String {
+    format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>foretrace</title><h1>This \
+         address is not secure</h1><p>Open <a href=\"{origin}/\">{origin}/</a> instead, or the whole address \
+         with the token that <code>foretrace console</code> printed.<p>Over plain HTTP browsers give a page \
+         one pen sample per picture of the screen at most: the samples in between (getCoalescedEvents, \
+         pointerrawupdate) and their rate would be lost, and everybody on the way could read the \
+         token.</html>\n"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,7 @@
 //! The listener: lets pages in, one thread each, and no more of them than may be.
 
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::io::ErrorKind;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
@@ -8,12 +9,14 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::board::{Board, Tally};
-use crate::guard::{Hosts, Token};
+use crate::certificate::Certificate;
+use crate::guard::{Hosts, Keys, Token};
 use crate::http::{self, Head};
 use crate::link::{Inbox, Link, LinkError, channels};
 use crate::page;
 use crate::session;
 use crate::stops;
+use crate::wire::{TLS_BEGINS, Wire};
 
 /// Most connections at a time.
 const CONNECTIONS: usize = 32;
@@ -28,6 +31,8 @@ const LINES: usize = 64;
 /// Longest wait for a shell that takes no lines, at the end.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
+const HTML: &str = "text/html; charset=utf-8";
+
 /// Tells the person at the console's shell.
 type Log = Box<dyn Fn(&str) + Send + Sync>;
 
@@ -35,10 +40,12 @@ type Log = Box<dyn Fn(&str) + Send + Sync>;
 #[derive(thiserror::Error)]
 pub enum ConsoleError {
     /// Nobody can listen there.
-    #[error("127.0.0.1:{port} cannot be listened at: {source}: choose another with --port")]
+    #[error(
+        "{at} cannot be listened at: {source}: choose another with --port, or an address of this machine"
+    )]
     Taken {
-        /// The port.
-        port: u16,
+        /// Address and port.
+        at: SocketAddr,
         /// The system's error.
         source: std::io::Error,
     },
@@ -59,10 +66,31 @@ impl std::fmt::Debug for ConsoleError {
     }
 }
 
+/// What other machines need to reach a console.
+#[derive(Debug, Clone)]
+pub struct Lan {
+    /// Addresses of this machine, the one to be printed first; none of them loopback.
+    pub addresses: Vec<IpAddr>,
+    /// Names of this machine.
+    pub names: Vec<String>,
+    /// For all of these, and for this machine itself.
+    pub certificate: Certificate,
+}
+
+/// How connections begin, and what they may ask for.
+struct Door {
+    hosts: Hosts,
+    /// `None`: in the clear.
+    certificate: Option<Certificate>,
+    /// Where a page under TLS is, for those who forgot it.
+    origin: String,
+}
+
 /// A console that listens.
 pub struct Console {
-    listener: TcpListener,
+    listeners: Vec<TcpListener>,
     at: SocketAddr,
+    door: Door,
     board: Arc<Board>,
     inbox: Inbox,
     log: Log,
@@ -75,30 +103,82 @@ impl std::fmt::Debug for Console {
     }
 }
 
+/// Makes tokens for a console that runs.
+#[derive(Clone)]
+pub struct Renewer {
+    board: Arc<Board>,
+    origin: String,
+}
+
+impl std::fmt::Debug for Renewer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Renewer").field("origin", &self.origin).finish_non_exhaustive()
+    }
+}
+
+impl Renewer {
+    /// An address with a token that works once more. The page that controls goes on.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no random numbers.
+    pub fn address(&self) -> std::io::Result<String> {
+        self.board.renew_token(Token::random()?);
+        Ok(format!("{}/#{}", self.origin, self.board.token()))
+    }
+}
+
 impl Console {
-    /// Listens at `port` of 127.0.0.1; 0: a free one. `log` is told what a person at the shell should know.
+    /// Listens at `port` of 127.0.0.1, in the clear; with `lan` also at its addresses, all of them under TLS.
+    /// 0: a free port. `log` is told what a person at the shell should know.
     ///
     /// # Errors
     ///
     /// `Taken`, `System`.
-    pub fn open(port: u16, log: Log) -> Result<Self, ConsoleError> {
-        let taken = |source| ConsoleError::Taken { port, source };
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(taken)?;
-        listener.set_nonblocking(true)?;
-        let at = listener.local_addr()?;
+    pub fn open(port: u16, lan: Option<Lan>, log: Log) -> Result<Self, ConsoleError> {
+        let mut port = port;
+        let mut listeners = Vec::new();
+        let mut at = Vec::new();
+        let others = lan.as_ref().map_or(&[][..], |lan| &lan.addresses);
+        for address in std::iter::once(IpAddr::V4(Ipv4Addr::LOCALHOST)).chain(others.iter().copied()) {
+            let place = SocketAddr::new(address, port);
+            let listener =
+                TcpListener::bind(place).map_err(|source| ConsoleError::Taken { at: place, source })?;
+            listener.set_nonblocking(true)?;
+            at.push(listener.local_addr()?);
+            // All at the same one.
+            port = at.last().map_or(port, SocketAddr::port);
+            listeners.push(listener);
+        }
+        let shown = at.get(1).or(at.first()).copied().unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into());
+        let door = match lan {
+            None => Door { hosts: Hosts::local(port), certificate: None, origin: format!("http://{shown}") },
+            Some(lan) => Door {
+                hosts: Hosts::secure(&at, &lan.names),
+                certificate: Some(lan.certificate),
+                origin: format!("https://{shown}"),
+            },
+        };
         let (pens, orders, inbox) = channels();
         let (line, lines) = sync_channel(LINES);
-        let board = Arc::new(Board::new(Token::random()?, line, pens, orders));
-        Ok(Self { listener, at, board, inbox, log, lines })
+        let keys = Keys::new(Token::random()?, door.certificate.is_some());
+        let board = Arc::new(Board::new(keys, line, pens, orders));
+        Ok(Self { listeners, at: shown, door, board, inbox, log, lines })
     }
 
-    /// The address to open; whoever has it controls.
+    /// The address to open; whoever has it controls, under TLS the first one that opens it.
     #[must_use]
     pub fn address(&self) -> String {
-        format!("http://{}/#{}", self.at, self.board.token.text())
+        format!("{}/#{}", self.door.origin, self.board.token())
     }
 
-    /// Where it listens.
+    /// Makes further addresses while it runs.
+    #[must_use]
+    pub fn renewer(&self) -> Renewer {
+        Renewer { board: self.board.clone(), origin: self.door.origin.clone() }
+    }
+
+    /// Where it listens: for other machines, where it does.
     #[must_use]
     pub const fn at(&self) -> SocketAddr {
         self.at
@@ -110,7 +190,7 @@ impl Console {
     ///
     /// `Link`, `LinkEnded`, `System`.
     pub fn run(self, link: Link, mut over: impl FnMut() -> bool) -> Result<Tally, ConsoleError> {
-        let Self { listener, at, board, inbox, log, lines } = self;
+        let Self { listeners, at: _, door, board, inbox, log, lines } = self;
         let logging = logging(board.clone(), log, lines)?;
         let (stopped, instance) = (board.clone(), link.instance.clone());
         let stopping = std::thread::Builder::new()
@@ -124,17 +204,21 @@ impl Console {
             let _ = linked.send(ended);
         });
         let running = ending(&board, running)?;
-        let hosts = Arc::new(Hosts::of(at));
+        let door = Arc::new(door);
         let count = Arc::new(AtomicU64::new(0));
         let mut failed = None;
         while !over() && failed.is_none() {
-            match listener.accept() {
-                Ok((stream, peer)) => {
+            let mut knocked = false;
+            for listener in &listeners {
+                if let Ok((stream, peer)) = listener.accept() {
                     let id = count.fetch_add(1, Ordering::Relaxed) + 1;
-                    welcome(board.clone(), hosts.clone(), stream, peer, id);
+                    welcome(board.clone(), door.clone(), stream, peer, id);
+                    knocked = true;
                 }
+            }
+            if !knocked {
                 // Also where no descriptor is left: some connection ends.
-                Err(_) => std::thread::sleep(KNOCKS_EVERY),
+                std::thread::sleep(KNOCKS_EVERY);
             }
             failed = match link_ended.try_recv() {
                 Err(TryRecvError::Empty) => None,
@@ -176,7 +260,7 @@ fn logging(board: Arc<Board>, log: Log, lines: Receiver<String>) -> std::io::Res
 }
 
 /// Gives the connection a thread, or turns it away.
-fn welcome(board: Arc<Board>, hosts: Arc<Hosts>, mut stream: TcpStream, peer: SocketAddr, id: u64) {
+fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: SocketAddr, id: u64) {
     let timeouts = stream
         .set_nonblocking(false)
         .and_then(|()| stream.set_read_timeout(Some(WAIT)))
@@ -186,13 +270,19 @@ fn welcome(board: Arc<Board>, hosts: Arc<Hosts>, mut stream: TcpStream, peer: So
     }
     if !board.enter(CONNECTIONS) {
         board.refuse("too many connections");
-        // A short answer fits into the socket's own buffer.
-        let _ = http::answer(&mut stream, "503 Service Unavailable", "text/plain", b"too many connections\n");
+        // A short answer fits into the socket's own buffer; one who expects TLS reads the end of it.
+        if door.certificate.is_none() {
+            let _ =
+                http::answer(&mut stream, "503 Service Unavailable", "text/plain", b"too many connections\n");
+        }
         return;
     }
     let inside = board.clone();
     let serves = move || {
-        admit(&inside, &hosts, stream, peer, id);
+        match begun(&door, stream) {
+            Ok(wire) => admit(&inside, &door, wire, peer, id),
+            Err(reason) => inside.refuse(reason),
+        }
         inside.leave();
     };
     if std::thread::Builder::new().name("console-page".to_owned()).spawn(serves).is_err() {
@@ -201,18 +291,42 @@ fn welcome(board: Arc<Board>, hosts: Arc<Hosts>, mut stream: TcpStream, peer: So
     }
 }
 
+/// Puts TLS on the connection where pages come under it; one that speaks plain HTTP is told where to go.
+fn begun(door: &Door, mut stream: TcpStream) -> Result<Wire, &'static str> {
+    let Some(certificate) = &door.certificate else { return Ok(Wire::Clear(stream)) };
+    let begin = Instant::now();
+    let mut first = [0];
+    loop {
+        match stream.peek(&mut first) {
+            Ok(1) if first == [TLS_BEGINS] => {
+                return Wire::secure(stream, &certificate.config).map_err(|_| "no TLS");
+            }
+            Ok(1) => break,
+            Err(error)
+                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
+                    && begin.elapsed() < http::HEAD_TIME => {}
+            _ => return Err(http::NoHead::Incomplete.label()),
+        }
+    }
+    // Read, so that the answer is not lost in a reset.
+    let _ = Head::read(&mut stream);
+    let _ = http::answer(&mut stream, "426 Upgrade Required", HTML, page::insecure(&door.origin).as_bytes());
+    Err("not under TLS")
+}
+
 /// Reads the request and answers it, or makes the connection a page's.
-fn admit(board: &Arc<Board>, hosts: &Hosts, mut stream: TcpStream, peer: SocketAddr, id: u64) {
-    let refuse = |stream: &mut TcpStream, status: &str, reason: &'static str| {
+fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, peer: SocketAddr, id: u64) {
+    let refuse = |stream: &mut Wire, status: &str, reason: &'static str| {
         board.refuse(reason);
         // It need not read the reason.
         let _ = http::answer(stream, status, "text/plain; charset=utf-8", format!("{reason}\n").as_bytes());
+        stream.end();
     };
     let head = match Head::read(&mut stream) {
         Ok(head) => head,
         Err(error) => return refuse(&mut stream, "400 Bad Request", error.label()),
     };
-    if !head.only("host").is_some_and(|host| hosts.knows(host)) {
+    if !head.only("host").is_some_and(|host| door.hosts.knows(host)) {
         return refuse(&mut stream, "403 Forbidden", "foreign host");
     }
     if head.method != "GET" {
@@ -220,12 +334,15 @@ fn admit(board: &Arc<Board>, hosts: &Hosts, mut stream: TcpStream, peer: SocketA
     }
     if head.path != "/socket" {
         return match page::file(&head.path) {
-            // A browser that goes away meanwhile is no failure.
-            Some(file) => drop(http::answer(&mut stream, "200 OK", file.kind, file.body)),
+            Some(file) => {
+                // A browser that goes away meanwhile is no failure.
+                let _ = http::answer(&mut stream, "200 OK", file.kind, file.body);
+                stream.end();
+            }
             None => refuse(&mut stream, "404 Not Found", "no such file"),
         };
     }
-    if !head.only("origin").is_some_and(|origin| hosts.own(origin)) {
+    if !head.only("origin").is_some_and(|origin| door.hosts.own(origin)) {
         return refuse(&mut stream, "403 Forbidden", "foreign origin");
     }
     let Some(key) = head.socket_key() else {

@@ -3,7 +3,6 @@
 //! Contract: every wait is bounded. A page that sends too much, or reads too slowly for too long, or falls
 //! silent is let go, and with it whatever it held.
 
-use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -13,6 +12,7 @@ use tungstenite::{Error, Message as Packet, WebSocket};
 
 use crate::board::{Board, Order, Reply, What, now_ns};
 use crate::message::{MESSAGE_BYTES, Message, held_at, sample};
+use crate::wire::Wire;
 
 /// Longest wait for a message, and so between two looks at new frames.
 const WAIT: Duration = Duration::from_millis(5);
@@ -26,12 +26,8 @@ const SILENT: Duration = Duration::from_secs(15);
 const MESSAGES: u32 = 1500;
 
 /// Serves the page until it ends; `stream` has been upgraded.
-pub(crate) fn serve(board: &Arc<Board>, stream: TcpStream, id: u64, address: &str) {
-    let timeouts = stream
-        .set_read_timeout(Some(WAIT))
-        .and_then(|()| stream.set_write_timeout(Some(WRITE)))
-        .and_then(|()| stream.set_nodelay(true));
-    if timeouts.is_err() {
+pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
+    if stream.set_timeouts(WAIT, WRITE).and_then(|()| stream.set_nodelay()).is_err() {
         return;
     }
     let config = WebSocketConfig::default()
@@ -57,13 +53,14 @@ pub(crate) fn serve(board: &Arc<Board>, stream: TcpStream, id: u64, address: &st
     // It may be gone.
     let _ = page.socket.close(None);
     let _ = page.socket.flush();
+    page.socket.get_mut().end();
     if board.release(id) {
         board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
     }
 }
 
 struct Page<'a> {
-    socket: WebSocket<TcpStream>,
+    socket: WebSocket<Wire>,
     board: &'a Arc<Board>,
     id: u64,
     address: &'a str,
@@ -203,11 +200,12 @@ impl Page<'_> {
                 if taken.is_ok() {
                     self.board.note(&format!("the page of {} controls", self.address));
                 }
-                self.controls(taken.err());
+                let (key, refused) = taken.map_or_else(|refused| (None, Some(refused)), |key| (key, None));
+                self.controls(refused, key);
             }
             Message::Release(_) => {
                 self.board.release(self.id);
-                self.controls(None);
+                self.controls(None, None);
             }
             // Anybody may stop the arm, in the way that needs no middleware.
             Message::Stop(_) => self.board.stops.ask(self.id, self.address, &self.replies),
@@ -228,9 +226,11 @@ impl Page<'_> {
         }
     }
 
-    fn controls(&mut self, refused: Option<String>) {
+    /// `key`: what opens the control from here on, in place of a token that worked once.
+    fn controls(&mut self, refused: Option<String>, key: Option<String>) {
         let mine = self.board.controls(self.id);
-        self.send(&serde_json::json!({ "control": { "mine": mine, "refused": refused } }).to_string());
+        let control = serde_json::json!({ "mine": mine, "refused": refused, "key": key });
+        self.send(&serde_json::json!({ "control": control }).to_string());
     }
 
     fn tell(&mut self, done: bool, words: String) {

@@ -62,14 +62,19 @@ fn carry_out(board: &Board, mut stop: impl FnMut() -> Result<(), String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::Token;
+    use crate::guard::{Keys, Token};
     use std::sync::mpsc::{channel, sync_channel};
 
     #[test]
     fn a_flood_of_stops_is_coalesced_and_every_page_is_answered_while_nobody_reads_the_log() {
         // A log that nobody drains, with room for one line.
         let (lines, said) = sync_channel(1);
-        let board = Board::new(Token::random().unwrap(), lines, sync_channel(2).0, sync_channel(2).0);
+        let board = Board::new(
+            Keys::new(Token::random().unwrap(), false),
+            lines,
+            sync_channel(2).0,
+            sync_channel(2).0,
+        );
         let answers: Vec<_> = (0..3)
             .map(|page| {
                 let (reply, answers) = channel();

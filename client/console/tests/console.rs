@@ -1,6 +1,8 @@
 //! The console from outside, as a browser and as an attacker, before a daemon's side made in the same
 //! process.
 
+mod hostile;
+mod lan;
 mod rig;
 
 use std::net::TcpStream;

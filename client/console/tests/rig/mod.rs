@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::{HeaderBounds, Instance, monotonic_now_ns};
 use foretrace_config::Config;
-use foretrace_console::{Console, Link, Tally};
+use foretrace_console::{Certificate, Console, Lan, Link, Renewer, Tally};
 use foretrace_shm::{InstanceLock, Message, Services, Session, Topic};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message as Packet, WebSocket};
@@ -27,12 +27,24 @@ pub(crate) struct Rig {
     pub(crate) daemon: Daemon,
     pub(crate) at: SocketAddr,
     pub(crate) token: String,
+    pub(crate) renewer: Renewer,
+    /// Under TLS: what a page on another machine trusts.
+    tls: Option<Arc<rustls::ClientConfig>>,
     over: Arc<AtomicBool>,
     running: Option<JoinHandle<Tally>>,
 }
 
 impl Rig {
     pub(crate) fn start() -> Self {
+        Self::open(false)
+    }
+
+    /// Under TLS, at an address that is none of its usual ones.
+    pub(crate) fn start_lan() -> Self {
+        Self::open(true)
+    }
+
+    fn open(is_lan: bool) -> Self {
         let folder = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::at(6, folder.path().join("i")).unwrap();
         let mut lock = instance.lock().unwrap();
@@ -41,8 +53,9 @@ impl Rig {
         let services = Services::create(&session).unwrap();
         lock.announce().unwrap();
         let daemon = Daemon { services, _session: session, _lock: lock };
-        let console = Console::open(0, Box::new(|_| {})).unwrap();
-        let (at, address) = (console.at(), console.address());
+        let (lan, tls) = if is_lan { trusted(folder.path()) } else { (None, None) };
+        let console = Console::open(0, lan, Box::new(|_| {})).unwrap();
+        let (at, address, renewer) = (console.at(), console.address(), console.renewer());
         let over = Arc::new(AtomicBool::new(false));
         let link = Link {
             instance: instance.clone(),
@@ -57,7 +70,7 @@ impl Rig {
         let ends = over.clone();
         let running = std::thread::spawn(move || console.run(link, || ends.load(Ordering::Acquire)).unwrap());
         let token = address.split('#').nth(1).unwrap().to_owned();
-        Self { _folder: folder, instance, daemon, at, token, over, running: Some(running) }
+        Self { _folder: folder, instance, daemon, at, token, renewer, tls, over, running: Some(running) }
     }
 
     pub(crate) fn end(mut self) -> Tally {
@@ -65,20 +78,39 @@ impl Rig {
         self.running.take().unwrap().join().unwrap()
     }
 
+    /// Where its pages are.
+    pub(crate) fn origin(&self) -> String {
+        format!("{}://{}", if self.tls.is_some() { "https" } else { "http" }, self.at)
+    }
+
     pub(crate) fn page(&self) -> Page {
-        self.page_from(&format!("http://{}", self.at)).unwrap()
+        self.page_from(&self.origin()).unwrap()
     }
 
     pub(crate) fn page_from(&self, origin: &str) -> Result<Page, String> {
-        let stream = TcpStream::connect(self.at).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        // The handshake may take longer than one read.
+        let (line, stream) = self.line(&self.at.ip().to_string());
         let request = ClientRequestBuilder::new(format!("ws://{}/socket", self.at).parse().unwrap())
             .with_header("Origin", origin);
-        // The handshake may take longer than one read.
+        let (socket, _) = tungstenite::client(request, line).map_err(|error| error.to_string())?;
+        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        Ok(Page(socket, Vec::new(), stream))
+    }
+
+    /// A connection, under TLS where the console is, to a server that proves to be `name`.
+    pub(crate) fn line(&self, name: &str) -> (Box<dyn Line>, TcpStream) {
+        let stream = TcpStream::connect(self.at).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-        let (socket, _) = tungstenite::client(request, stream).map_err(|error| error.to_string())?;
-        socket.get_ref().set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-        Ok(Page(socket, Vec::new()))
+        let below = stream.try_clone().unwrap();
+        let line: Box<dyn Line> = match &self.tls {
+            None => Box::new(stream),
+            Some(tls) => {
+                let name = name.to_owned().try_into().unwrap();
+                let client = rustls::ClientConnection::new(tls.clone(), name).unwrap();
+                Box::new(rustls::StreamOwned::new(client, stream))
+            }
+        };
+        (line, below)
     }
 
     /// A page that controls.
@@ -96,8 +128,7 @@ impl Rig {
     }
 
     pub(crate) fn request(&self, text: &str) -> String {
-        let mut stream = TcpStream::connect(self.at).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let (mut stream, _below) = self.line(&self.at.ip().to_string());
         let _ = stream.write_all(text.as_bytes());
         let mut answer = Vec::new();
         // A connection that is reset after its answer has said enough.
@@ -164,12 +195,46 @@ pub(crate) fn wait_until(mut is_so: impl FnMut() -> bool) {
     }
 }
 
+/// A certificate of its own for a second address of this machine, and who trusts no other.
+fn trusted(folder: &std::path::Path) -> (Option<Lan>, Option<Arc<rustls::ClientConfig>>) {
+    let file = folder.join("certificate");
+    let names = ["127.0.0.2", "127.0.0.1", "localhost"].map(str::to_owned);
+    let certificate = Certificate::kept(&file, &names, std::time::SystemTime::now()).unwrap();
+    let kept = std::fs::read_to_string(&file).unwrap();
+    let hex = kept.lines().find_map(|line| line.strip_prefix("certificate ")).unwrap();
+    let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
+    let der: Vec<u8> = (0..hex.len()).step_by(2).map(byte).collect();
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(der.into()).unwrap();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let tls = rustls::ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let lan = Lan {
+        addresses: vec!["127.0.0.2".parse().unwrap()],
+        names: vec!["localhost".to_owned()],
+        certificate,
+    };
+    (Some(lan), Some(Arc::new(tls)))
+}
+
+/// What a page's bytes go through.
+pub(crate) trait Line: Read + Write + Send {}
+impl<T: Read + Write + Send> Line for T {}
+
 /// The socket, and what came that nobody has asked for yet.
-pub(crate) struct Page(pub(crate) WebSocket<TcpStream>, pub(crate) Vec<Value>);
+pub(crate) struct Page(pub(crate) WebSocket<Box<dyn Line>>, pub(crate) Vec<Value>, TcpStream);
 
 impl Page {
     pub(crate) fn say(&mut self, message: Value) {
         self.0.send(Packet::text(message.to_string())).unwrap();
+    }
+
+    /// Reads wait for a moment only.
+    pub(crate) fn short(&self) {
+        self.2.set_read_timeout(Some(Duration::from_micros(200))).unwrap();
     }
 
     /// The next message of this kind.

@@ -1,8 +1,10 @@
 //! `foretrace console`: a page in a browser, with a pad to write on and the arm that follows.
 //!
-//! Contract: listens on this machine alone. Whoever has the printed address controls; everybody else on this
-//! machine can watch, and stop. With `--sim` it brings a daemon and a simulated arm of its own, which end
-//! with it.
+//! Contract: listens on this machine alone, with `--lan` also at addresses of it, under TLS. Whoever has the
+//! printed address controls; everybody else who can reach it can watch, and stop. With `--sim` it brings a
+//! daemon and a simulated arm of its own, which end with it.
+
+mod lan;
 
 use std::time::{Duration, Instant};
 
@@ -32,16 +34,25 @@ const STRIDE: Duration = Duration::from_millis(50);
 /// Serves a page on 127.0.0.1: a pad for pen, finger or mouse, the arm in space, its state and its controls.
 /// Open the address that it prints; the token in it lets that page control. Pages without it watch, and can
 /// stop the arm. One page controls at a time. Its hold-to-run button is no safety function.
+///
+/// With --lan other machines reach it too, under TLS with a certificate that this machine made for itself:
+/// it prints an address that works once, a QR code of it, and the fingerprint to compare.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  foretrace console --sim                  # with a daemon and a simulated \
                         arm, for a first look\n  foretrace console --config table.toml    # beside a daemon \
-                        that runs"
+                        that runs\n  foretrace console --sim --lan            # also for a tablet or phone \
+                        of this network"
 )]
 pub(crate) struct ConsoleArgs {
-    /// Port on 127.0.0.1; 0 takes a free one
+    /// Port to listen at; 0 takes a free one
     #[arg(long, value_name = "N", default_value_t = 8420)]
     port: u16,
+
+    /// Let other machines in, under TLS, at ADDRESS of this one, or at the one that leads to others
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true,
+          default_missing_value = "usual")]
+    lan: Vec<lan::Place>,
 
     /// Start a daemon and a simulated arm as well, on an instance of their own, and arm it
     #[arg(long)]
@@ -73,7 +84,9 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let config = judged(&source)?;
     let instance = instance_of(config.settings())?;
     let log = |words: &str| note!("console: {words}");
-    let console = Console::open(args.port, Box::new(log)).map_err(|error| Failure::failed(error, ""))?;
+    let lan = if args.lan.is_empty() { None } else { Some(lan::prepared(&args.lan)?) };
+    let certificate = lan.as_ref().map(|lan| lan.certificate.clone());
+    let console = Console::open(args.port, lan, Box::new(log)).map_err(|error| Failure::failed(error, ""))?;
     // Goes after the processes have ended.
     let _leftovers = scratch.is_some().then(|| Leftovers(instance.clone()));
     let mut crew = match &scratch {
@@ -91,7 +104,13 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         remedy: stopped::remedy,
     };
     say!("open {}", console.address());
-    note!("console: the address holds the token: whoever opens it controls; Ctrl-C ends");
+    match &certificate {
+        Some(certificate) => {
+            lan::tell(&console.address(), certificate);
+            lan::listen(&console)?;
+        }
+        None => note!("console: the address holds the token: whoever opens it controls; Ctrl-C ends"),
+    }
     let begin = Instant::now();
     let mut died = None;
     let over = || {

@@ -1,0 +1,141 @@
+// Everybody else: browsers at addresses that are not secure, attackers at the port, fingers, other machines.
+
+import { once } from "node:events";
+import { connect } from "node:net";
+import { networkInterfaces } from "node:os";
+import { createInterface } from "node:readline";
+import { connect as secure } from "node:tls";
+
+const answer = (page) => page.evaluate(() => document.body.textContent);
+
+// What a browser does for a page without a secure context, and what the console does with strangers. `page` controls.
+export async function strangers({ check, until, pause, open }, browser, address, page) {
+  const { port, host } = new URL(address);
+  const foreign = await (await browser.newContext()).newPage();
+  const refused = await foreign.goto(`http://console.example:${port}/`);
+  check("an address that is not secure is refused by its name", refused.status() === 403
+    && (await answer(foreign)).includes("foreign host") && !(await foreign.evaluate(() => isSecureContext)));
+  await foreign.context().close();
+
+  // The same page in a browser that gives it what such an address gets.
+  const bare = await open(browser, address.replace(/#.*/, ""), { init: () => {
+    delete PointerEvent.prototype.getCoalescedEvents;
+    delete globalThis.onpointerrawupdate;
+    Object.defineProperty(globalThis, "isSecureContext", { value: false });
+  } });
+  await until("the words on what is lost", () => bare.evaluate(() => document.getElementById("pad-rate").textContent
+    .includes("not secure: only one sample per picture")), 20);
+  check("a page without a secure context says what is lost", true);
+
+  const closed = await bare.evaluate(() => new Promise((done) => {
+    const socket = new WebSocket(`ws://${location.host}/socket`);
+    socket.onopen = () => socket.send("x".repeat(1 << 20));
+    socket.onclose = () => done(true);
+  }));
+  check("a message of a megabyte ends the page that sent it", closed);
+  await bare.context().close();
+
+  const frames = () => page.evaluate(() => globalThis.foretrace.frames);
+  const deaf = connect(Number(port), "127.0.0.1");
+  deaf.on("error", () => {});
+  await once(deaf, "connect");
+  deaf.write(`GET /socket HTTP/1.1\r\nHost: ${host}\r\nOrigin: http://${host}\r\nConnection: Upgrade\r\n`
+    + "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
+  deaf.pause();
+  const before = await frames();
+  await until("frames beside a page that never reads", async () => (await frames()) > before + 60);
+  check("a page that never reads holds no other one up", true);
+  deaf.destroy();
+
+  let open_ = 0;
+  const many = Array.from({ length: 1000 }, () => connect(Number(port), "127.0.0.1", () => { open_ += 1; }));
+  for (const one of many) one.on("error", () => {});
+  await until("a thousand connections", () => open_ > 900);
+  const during = await frames();
+  await until("frames beside a thousand connections", async () => (await frames()) > during + 15);
+  for (const one of many) one.destroy();
+  check("a thousand connections take the control from nobody", await page.evaluate(() => globalThis.foretrace.mine), `${open_}`);
+  await until("a page after them", async () => {
+    const after = await fetch(`http://${host}/`).catch(() => null);
+    return after?.status === 200;
+  });
+  check("a page is served after a thousand connections", true);
+  await pause(100);
+}
+
+// A finger draws a line on the pad of the page that controls.
+export async function finger({ check, pause }, page) {
+  const cdp = await page.context().newCDPSession(page);
+  await cdp.send("Emulation.setTouchEmulationEnabled", { enabled: true, maxTouchPoints: 2 });
+  const before = await page.evaluate(() => {
+    const { pad } = globalThis.foretrace;
+    globalThis.kinds = new Set();
+    pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
+    pad.leave();
+    const { box } = pad.frame();
+    return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
+  });
+  const touch = (type, step) => cdp.send("Input.dispatchTouchEvent", {
+    type, touchPoints: type === "touchEnd" ? [] : [{ x: before.x + 2 * step, y: before.y }],
+  });
+  await touch("touchStart", 0);
+  for (let step = 1; step <= 30; step += 1) {
+    await touch("touchMove", step);
+    await pause(10);
+  }
+  await touch("touchEnd", 30);
+  await cdp.send("Emulation.setTouchEmulationEnabled", { enabled: false });
+  await cdp.detach();
+  const after = await page.evaluate(() => ({ sent: globalThis.foretrace.pad.sent, kinds: [...globalThis.kinds],
+    ink: globalThis.foretrace.pad.ink.slice(-20).filter(([, , contact]) => contact).length }));
+  check("a finger writes", after.kinds.includes("touch") && after.sent - before.sent >= 20 && after.ink > 10,
+    `${after.sent - before.sent} samples`);
+  await page.evaluate(() => globalThis.foretrace.pad.leave());
+}
+
+// The page on another machine: under TLS, by an address that works once.
+export async function lan({ check, until, start, open, draw, end, circle }, browser) {
+  const outside = Object.values(networkInterfaces()).flat().find(({ internal, family }) => !internal && family === "IPv4");
+  const console_ = start("console", "--port=0", outside ? "--lan" : "--lan=127.0.0.2");
+  const lines = [];
+  createInterface({ input: console_.stdout }).on("line", (line) => lines.push(line));
+  await until("the fingerprint", () => lines.find((line) => line.startsWith("certificate ")) || console_.exitCode !== null, 30);
+  const address = lines[0]?.replace("open ", "") ?? "";
+  check("--lan prints an address with a token under TLS", /^https:\/\/[\d.]+:\d+\/#[0-9a-f]{32}$/.test(address), lines[0] ?? console_.told);
+  check("and a QR code", lines.filter((line) => /[\u2580\u2584\u2588]{2}/.test(line)).length >= 15);
+  const { hostname, port, host } = new URL(address);
+  const peer = secure({ host: hostname, port: Number(port), rejectUnauthorized: false });
+  await once(peer, "secureConnect");
+  const { fingerprint256, subjectaltname } = peer.getPeerCertificate();
+  peer.destroy();
+  check("the fingerprint is that of its certificate", lines.some((line) => line.includes(fingerprint256)), subjectaltname);
+  check("the certificate names the address", subjectaltname.includes(`IP Address:${hostname}`), subjectaltname);
+
+  const careful = await (await browser.newContext()).newPage();
+  const warned = await careful.goto(address).then(() => "", (error) => String(error));
+  check("a browser warns before it goes on", warned.includes("ERR_CERT_AUTHORITY_INVALID"), warned.slice(0, 80));
+  await careful.goto(`http://${host}/`).catch(() => {});
+  check("plain HTTP is told where to go", (await answer(careful)).includes(`https://${host}/`));
+  await careful.context().close();
+
+  const trusting = { ignoreHTTPSErrors: true };
+  const page = await open(browser, address, trusting);
+  await until("control and clock", () => page.evaluate(() => globalThis.foretrace.mine && globalThis.foretrace.clock.uncertaintyMs < 20));
+  check("the page is secure and isolated, and its pad gets every sample", await page.evaluate(() => isSecureContext
+    && crossOriginIsolated && globalThis.foretrace.pad.coalesced && globalThis.foretrace.pad.raw));
+  const before = await page.evaluate(() => globalThis.foretrace.pad.sent);
+  await draw(page, circle, 100);
+  const sent = (await page.evaluate(() => globalThis.foretrace.pad.sent)) - before;
+  check("a pen writes over wss", sent >= 100, `${sent} samples`);
+  const late = await open(browser, address, trusting);
+  await until("the refusal", () => late.evaluate(() => document.getElementById("answers").textContent.includes("works once")), 20);
+  check("the address works once", !(await late.evaluate(() => globalThis.foretrace.mine)));
+  await late.context().close();
+  await page.reload();
+  await until("the control after a reload", () => page.evaluate(() => globalThis.foretrace?.mine), 30);
+  check("the page that had it keeps its key over a reload", true);
+  const faults = page.faults.filter((fault) => !fault.includes("certificate"));
+  check("the page under TLS reports no error of its own", faults.length === 0, faults.join("; "));
+  await page.context().close();
+  await end(console_);
+}
