@@ -49,6 +49,18 @@ pub(crate) fn unattached(error: ServiceError) -> Failure {
     Failure::new(cause, error, "")
 }
 
+/// What a source has to say, for people.
+pub(crate) fn news(news: foretrace_record::source::News) -> String {
+    use foretrace_record::source::News as Told;
+    match news {
+        Told::Gone => "the daemon is gone; waiting for another".to_owned(),
+        Told::Back => "a daemon took over".to_owned(),
+        Told::Renewed => "a new daemon is there".to_owned(),
+        Told::Elsewhere => "the relay is gone; listening goes on without it".to_owned(),
+        Told::Deaf(error) => format!("not all comes, and it is tried again: {error}"),
+    }
+}
+
 /// Watches the daemon for programs that outlive it.
 #[derive(Debug)]
 pub(crate) struct Lookout {

@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_record::flight::{Flight, Options, Written};
+use foretrace_record::source::{Source, Wants};
 use serde::Serialize;
 
-use crate::attach::{Lookout, News};
+use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
@@ -69,35 +70,24 @@ pub(crate) fn run(args: &FlightArgs) -> Result<(), Failure> {
     let asked = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(signal_hook::consts::SIGUSR1, asked.clone())
         .map_err(|error| Failure::failed(format_args!("cannot listen to SIGUSR1: {error}"), ""))?;
-    let mut foretrace = args.instance.attach()?;
+    let instance = args.instance.instance()?;
     let options = Options {
         folder: args.folder.clone(),
         keep: Duration::from_secs(args.keep),
         apart: Duration::from_secs(args.apart),
         max_files: usize::from(args.max_files),
-        facts: facts(&foretrace),
+        facts: facts(&instance),
     };
-    let mut flight = Flight::start(&foretrace, options).map_err(unrecorded)?;
+    let source = Source::open(&instance, Wants::ALL).map_err(unrecorded)?;
+    let mut flight = Flight::start(source, options).map_err(unrecorded)?;
     note!("flight: the last {} s are kept; files go to {}", args.keep, args.folder.display());
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let mut lookout = Lookout::new();
     let mut files = Vec::new();
     while !interrupt.is_set() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
         if asked.swap(false, Ordering::AcqRel) {
             flight.ask();
         }
-        match lookout.look(&mut foretrace) {
-            News::None | News::Back => {}
-            News::Gone => note!("flight: the daemon is gone; waiting for another"),
-            News::Renewed => {
-                note!("flight: a new daemon is there");
-                if let Err(error) = flight.listen_anew(&foretrace) {
-                    lookout.again();
-                    note!("flight: {}", unrecorded(error));
-                }
-            }
-        }
-        match flight.hear(&foretrace) {
+        match flight.hear(|changed| note!("flight: {}", news(changed))) {
             Ok(None) => {}
             Ok(Some(written)) => {
                 note!("flight: {}: {}", written.trigger.word(), written.recording.display());

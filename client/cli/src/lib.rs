@@ -31,10 +31,12 @@ mod tablet;
 mod console;
 mod record;
 mod flight;
+mod relay;
 mod replay;
 mod explain;
 mod export;
 mod metrics;
+mod foxglove;
 mod request;
 mod enable;
 mod move_home;
@@ -84,10 +86,12 @@ enum Command {
     Gateway(gateway::GatewayArgs),
     Record(record::RecordArgs),
     Flight(flight::FlightArgs),
+    Relay(relay::RelayArgs),
     Replay(replay::ReplayArgs),
     Explain(explain::ExplainArgs),
     Export(export::ExportArgs),
     Metrics(metrics::MetricsArgs),
+    Foxglove(foxglove::FoxgloveArgs),
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
@@ -154,10 +158,12 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Gateway(args) => gateway::run(args),
         Command::Record(args) => record::run(args),
         Command::Flight(args) => flight::run(args),
+        Command::Relay(args) => relay::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Explain(args) => explain::run(args),
         Command::Export(args) => export::run(args),
         Command::Metrics(args) => metrics::run(args),
+        Command::Foxglove(args) => foxglove::run(args),
         Command::Arm(command) => arm::run(command),
         Command::UrSim(args) => ur_sim::run(args),
         Command::UrEcho(args) => ur_echo::run(args),

@@ -1,24 +1,31 @@
-//! `foretrace metrics`: the status for Prometheus.
+//! `foretrace metrics`: status and costs of ticks for Prometheus.
 
 use std::net::{SocketAddr, TcpListener};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use foretrace_record::RecordError;
 use foretrace_record::metrics::{Board, serve, text};
+use foretrace_record::source::{Heard, News, Source, Wants};
+use foretrace_record::stages::Stages;
 use foretrace_shm::monotonic_now_ns;
 
-use crate::attach::{Lookout, News, unattached};
+use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::note;
+use crate::record::unrecorded;
 use crate::settings::InstanceArgs;
 
-/// Between two looks; the daemon sends its status ten times a second.
-const NAP: Duration = Duration::from_millis(100);
+/// Between two looks: 256 ticks are kept unread.
+const NAP: Duration = Duration::from_millis(20);
+/// Between two texts; the daemon sends its status ten times a second.
+const TEXT: Duration = Duration::from_millis(100);
 
 /// Serve the status of a running daemon to Prometheus until Ctrl-C
 ///
-/// Histograms of the latencies, costs of the stages, trust, lag, the learner, and every counter of what was
-/// dropped or refused, by reason, at /metrics. Outlives the daemon: without one it says foretrace_up 0.
+/// Histograms of the latencies and of the stages of every tick, trust, lag, the learner, and every counter of
+/// what was dropped or refused, by reason, at /metrics. Outlives the daemon: without one it says foretrace_up
+/// 0.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  foretrace metrics --listen 127.0.0.1:9184")]
 pub(crate) struct MetricsArgs {
@@ -32,10 +39,17 @@ pub(crate) struct MetricsArgs {
 
 pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
-    let mut foretrace = args.instance.attach()?;
-    let mut status = foretrace.status().map_err(unattached)?;
+    let instance = args.instance.instance()?;
+    let (mut source, mut stages) = match Source::open(&instance, Wants::TICKS) {
+        Ok(source) => (source, Some(Stages::default())),
+        Err(error @ RecordError::NoPlace { .. }) => {
+            note!("metrics: no histograms of the stages: {error}");
+            (Source::open(&instance, Wants::STATUS).map_err(unrecorded)?, None)
+        }
+        Err(error) => return Err(unrecorded(error)),
+    };
     let board = Board::default();
-    board.show(text(status.latest(), monotonic_now_ns()));
+    board.show(text(None, None, monotonic_now_ns()));
     let unheard = |error| {
         Failure::failed(format_args!("cannot listen on {}: {error}", args.listen), "give another --listen")
     };
@@ -43,23 +57,26 @@ pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
     let address = listener.local_addr().map_err(unheard)?;
     serve(listener, board.clone()).map_err(unheard)?;
     note!("metrics: http://{address}/metrics until Ctrl-C");
-    let mut lookout = Lookout::new();
-    let mut gone = false;
+    let (mut newest, mut shown) = (None, Instant::now());
     while !interrupt.is_set() {
-        match lookout.look(&mut foretrace) {
-            News::None => {}
-            News::Gone => gone = true,
-            News::Back => gone = false,
-            News::Renewed => match foretrace.status() {
-                Ok(new) => (status, gone) = (new, false),
-                Err(error) => {
-                    lookout.again();
-                    note!("metrics: {}", unattached(error));
-                }
-            },
+        let changed = source.hear(|heard| match (heard, &mut stages) {
+            (Heard::Status(status), _) => newest = Some(status),
+            (Heard::Tick(record), Some(stages)) => stages.take(&record),
+            _ => {}
+        });
+        if let Some(stages) = &mut stages {
+            stages.lost = source.lost().ticks;
         }
-        let newest = status.latest().filter(|_| !gone);
-        board.show(text(newest, monotonic_now_ns()));
+        if let Some(changed) = changed {
+            if matches!(changed, News::Gone) {
+                newest = None;
+            }
+            note!("metrics: {}", news(changed));
+        }
+        if shown.elapsed() >= TEXT {
+            shown = Instant::now();
+            board.show(text(newest.as_deref(), stages.as_ref(), monotonic_now_ns()));
+        }
         std::thread::sleep(NAP);
     }
     Ok(())

@@ -8,11 +8,11 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, InputWatch, Telemetry};
 use foretrace_shm::{Mode, PieceKind, Rung, Thing, TickInput, TickRecord, health};
 use serde::Serialize;
 
 use crate::record::{put_input, put_tick, unix_minus_monotonic};
+use crate::source::{Heard, News, Source};
 use crate::topics::{Topic, thing_bytes};
 use crate::trace;
 use crate::write::{Facts, Output, part_of};
@@ -103,7 +103,11 @@ pub struct Written {
 #[derive(Debug)]
 pub struct Flight {
     options: Options,
-    ears: Ears,
+    source: Source,
+    /// When a state was asked for.
+    since: Instant,
+    /// It could not be asked for; told already.
+    deaf: bool,
     memory: Memory,
     due: Option<(Instant, Trigger)>,
     /// Somebody asked while a file was due.
@@ -112,47 +116,6 @@ pub struct Flight {
     suppressed: u64,
     /// Recordings in the folder, oldest first, those of earlier recorders too.
     files: VecDeque<PathBuf>,
-}
-
-#[derive(Debug)]
-struct Ears {
-    inputs: InputWatch,
-    telemetry: Telemetry,
-    /// When a state was asked for.
-    since: Instant,
-    /// There was no place for who asks.
-    deaf: bool,
-    /// Lost by ears that were replaced: inputs, ticks.
-    lost: [u64; 2],
-}
-
-impl Ears {
-    fn open(foretrace: &Foretrace) -> Result<Self, RecordError> {
-        Ok(Self {
-            inputs: foretrace.inputs()?,
-            telemetry: foretrace.telemetry()?,
-            since: Instant::now(),
-            deaf: false,
-            lost: [0; 2],
-        })
-    }
-
-    /// Inputs and tick records lost so far.
-    fn lost(&self) -> [u64; 2] {
-        let [inputs, ticks] = self.lost;
-        [inputs + self.inputs.lost(), ticks + self.telemetry.lost()]
-    }
-
-    /// Asks for a state again; an error is told once, and the next try is bounded in time as the first.
-    fn ask(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
-        self.since = Instant::now();
-        match self.inputs.start_again(foretrace) {
-            Ok(()) => self.deaf = false,
-            Err(error) if !std::mem::replace(&mut self.deaf, true) => return Err(error.into()),
-            Err(_) => {}
-        }
-        Ok(())
-    }
 }
 
 /// The last seconds.
@@ -244,18 +207,20 @@ impl Memory {
 }
 
 impl Flight {
-    /// Begins to listen.
+    /// Begins to keep what `source` hears; it must want everything.
     ///
     /// # Errors
     ///
-    /// The folder cannot be made; no place for another listener.
-    pub fn start(foretrace: &Foretrace, options: Options) -> Result<Self, RecordError> {
+    /// The folder cannot be made or read.
+    pub fn start(source: Source, options: Options) -> Result<Self, RecordError> {
         std::fs::create_dir_all(&options.folder)
             .map_err(|source| RecordError::Write { path: options.folder.clone(), source })?;
         let files = earlier(&options.folder)
             .map_err(|source| RecordError::Read { path: options.folder.clone(), source })?;
         Ok(Self {
-            ears: Ears::open(foretrace)?,
+            source,
+            since: Instant::now(),
+            deaf: false,
             options,
             memory: Memory::default(),
             due: None,
@@ -264,20 +229,6 @@ impl Flight {
             suppressed: 0,
             files,
         })
-    }
-
-    /// Another daemon has taken over.
-    ///
-    /// # Errors
-    ///
-    /// No place for another listener.
-    pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
-        self.take();
-        let new = Ears::open(foretrace)?;
-        self.take();
-        let lost = self.ears.lost();
-        self.ears = Ears { lost, ..new };
-        Ok(())
     }
 
     /// Somebody asks for a file.
@@ -307,14 +258,14 @@ impl Flight {
         self.due = Some((Instant::now() + AFTER, trigger));
     }
 
-    /// Takes what has come; returns the file that was written, if one was due. Call this every few
-    /// milliseconds.
+    /// Takes what has come; returns the file that was written, if one was due. `tell` is told what changed.
+    /// Call this every few milliseconds.
     ///
     /// # Errors
     ///
-    /// The file cannot be written; no place for another listener.
-    pub fn hear(&mut self, foretrace: &Foretrace) -> Result<Option<Written>, RecordError> {
-        if let Some(trigger) = self.take() {
+    /// The file cannot be written.
+    pub fn hear(&mut self, mut tell: impl FnMut(News)) -> Result<Option<Written>, RecordError> {
+        if let Some(trigger) = self.take(&mut tell) {
             self.trigger(trigger);
         }
         if let Some((at, trigger)) = self.due
@@ -326,24 +277,33 @@ impl Flight {
             return Ok(Some(written));
         }
         // Whoever begins to listen gets a state.
-        if self.ears.since.elapsed() > self.options.keep / 2 {
-            self.ears.ask(foretrace)?;
+        if self.since.elapsed() > self.options.keep / 2 {
+            self.since = Instant::now();
+            match self.source.start_again() {
+                Ok(()) => self.deaf = false,
+                Err(error) if !std::mem::replace(&mut self.deaf, true) => tell(News::Deaf(error)),
+                Err(_) => {}
+            }
         }
         Ok(None)
     }
 
     /// Takes in what has come; returns what of it asks for a file.
-    fn take(&mut self) -> Option<Trigger> {
+    fn take(&mut self, tell: &mut impl FnMut(News)) -> Option<Trigger> {
         let memory = &mut self.memory;
         let mut found = None;
-        self.ears.telemetry.drain(|record| {
-            let new = Trigger::of(memory.ticks.back().map(|last| &**last), record);
-            found = found.into_iter().chain(new).min();
-            memory.ticks.push_back(Box::new(*record));
+        let news = self.source.hear(|heard| match heard {
+            Heard::Tick(record) => {
+                let new = Trigger::of(memory.ticks.back().map(|last| &**last), &record);
+                found = found.into_iter().chain(new).min();
+                memory.ticks.push_back(record);
+            }
+            Heard::Input(input) => memory.inputs.push_back(input),
+            Heard::Thing(thing) => memory.thing(thing),
+            Heard::Status(_) => {}
         });
-        self.ears.inputs.drain(|input| memory.inputs.push_back(Box::new(*input)));
-        self.ears.inputs.things(|thing| memory.thing(thing));
         memory.forget(u64::try_from(self.options.keep.as_nanos()).unwrap_or(u64::MAX));
+        news.into_iter().for_each(tell);
         found
     }
 
@@ -376,8 +336,8 @@ impl Flight {
 
     /// What is missing, as facts at the end of a file.
     fn told(&self) -> Facts {
-        let [inputs, ticks] = self.ears.lost();
-        [("inputs_lost", inputs), ("ticks_lost", ticks), ("suppressed", self.suppressed)]
+        let lost = self.source.lost();
+        [("inputs_lost", lost.inputs), ("ticks_lost", lost.ticks), ("suppressed", self.suppressed)]
             .map(|(key, count)| (key.to_owned(), count.to_string()))
             .into()
     }

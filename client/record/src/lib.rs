@@ -5,8 +5,9 @@
 //! to drop is counted, in the file too. Whatever a file holds, reading it ends with a result or a sentence.
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
-//! `table`, `repair`, `record` (from a daemon into files), `trace`, `flight`, `info`, `explain`, `law`,
-//! `replay`, `modelled`, `stretch`, `what_if`, `metrics`.
+//! `table`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
+//! `flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `what_if`, `stages`, `metrics`,
+//! `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -19,6 +20,8 @@ pub mod write;
 pub mod read;
 pub mod table;
 pub mod repair;
+pub mod source;
+pub mod relay;
 pub mod record;
 mod trace;
 pub mod flight;
@@ -29,7 +32,9 @@ pub mod replay;
 mod modelled;
 mod stretch;
 pub mod what_if;
+pub mod stages;
 pub mod metrics;
+pub mod foxglove;
 
 use std::path::{Path, PathBuf};
 
@@ -104,6 +109,26 @@ pub enum RecordError {
     /// The daemon cannot be heard.
     #[error(transparent)]
     Service(#[from] foretrace_client::ServiceError),
+    /// Others hold all places.
+    #[error("{error}{}", if *direct {
+        ", then start the relay again: programs that begin after it listen to it"
+    } else {
+        "; or end one, start `foretrace relay` in its place, then them again: any number listen to a relay"
+    })]
+    NoPlace {
+        /// Which places, and who holds them.
+        error: foretrace_client::ServiceError,
+        /// The relay itself asks.
+        direct: bool,
+    },
+    /// There can be no relay.
+    #[error("no relay at {}: {why}", path.display())]
+    NoRelay {
+        /// Its socket, or its lock.
+        path: PathBuf,
+        /// The reason, and the remedy.
+        why: String,
+    },
     /// The writing thread could not be started, or ended by a fault.
     #[error("the thread that writes the recording failed: {0}")]
     Thread(String),

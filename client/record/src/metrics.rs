@@ -18,6 +18,8 @@ use foretrace_shm::{
     TrustReason, Wire,
 };
 
+use crate::stages::Stages;
+
 /// Peers that are answered at a time.
 const PEERS: usize = 8;
 /// How long a peer may take to ask, and to take the answer.
@@ -50,11 +52,23 @@ fn seconds(ns: u64) -> f64 {
     if ns == u64::MAX { f64::NAN } else { ns as f64 * 1e-9 }
 }
 
-/// `status`, received at `now_ns`, as text; `None`: no daemon.
+/// `status`, received at `now_ns`, as text; `None`: no daemon. `stages`, where tick records come: what they
+/// cost, since this began to count.
 #[must_use]
-pub fn text(status: Option<&Status>, now_ns: u64) -> String {
+pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> String {
     let mut text = String::new();
     gauge(&mut text, "up", "1: a daemon sends its status.", f64::from(u8::from(status.is_some())));
+    if let Some(stages) = stages {
+        stages.write(&mut text);
+        let help = "Tick records lost on their way to these metrics.";
+        metric(
+            &mut text,
+            "metrics_ticks_lost_total",
+            "counter",
+            help,
+            &[(String::new(), stages.lost as f64)],
+        );
+    }
     let Some(status) = status else { return text };
     let t = &mut text;
     gauge(t, "status_age_seconds", "Age of the newest status.", seconds(status.header.age_ns(now_ns)));
@@ -114,7 +128,7 @@ pub fn text(status: Option<&Status>, now_ns: u64) -> String {
     metric(
         t,
         "stage_seconds",
-        "gauge",
+        "summary",
         "Cost of each stage of a tick since the start.",
         &stages.collect::<Vec<_>>(),
     );
@@ -257,7 +271,7 @@ mod tests {
 
     #[test]
     fn every_line_is_a_comment_or_a_sample_and_every_metric_has_its_type_once() {
-        let text = text(Some(&full()), 0);
+        let text = text(Some(&full()), Some(&Stages::default()), 0);
         let mut types = Vec::new();
         for line in text.lines() {
             if let Some(typed) = line.strip_prefix("# TYPE ") {
@@ -281,12 +295,12 @@ mod tests {
         ] {
             assert!(text.lines().any(|line| line == wanted), "{wanted} in {text}");
         }
-        assert_eq!(super::text(None, 0).lines().last(), Some("foretrace_up 0"));
+        assert_eq!(super::text(None, None, 0).lines().last(), Some("foretrace_up 0"));
     }
 
     #[test]
     fn rules_and_dashboard_name_metrics_that_there_are() {
-        let text = text(Some(&full()), 0);
+        let text = text(Some(&full()), Some(&Stages::default()), 0);
         for file in ["alerts.yml", "dashboard.json"] {
             let path = format!("{}/../../docs/operate/metrics/{file}", env!("CARGO_MANIFEST_DIR"));
             let content = std::fs::read_to_string(path).unwrap();

@@ -11,12 +11,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, InputWatch, StatusReader, Telemetry, monotonic_now_ns};
+use foretrace_client::monotonic_now_ns;
 use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord, Wire};
 
 use crate::RecordError;
 use crate::proto::{Value, encode};
 use crate::repair::{Mended, repair};
+use crate::source::{Heard, News, Source};
 use crate::topics::{RECORDER, Topic, frames, thing_bytes, tick};
 use crate::write::{Facts, Output, part_of};
 
@@ -108,54 +109,50 @@ fn numbered(target: &Path, word: &str) -> PathBuf {
     target.with_file_name(format!("{stem}.{word}{extension}"))
 }
 
-/// Listens to one daemon.
-#[derive(Debug)]
-struct Ears {
-    inputs: InputWatch,
-    telemetry: Telemetry,
-    status: StatusReader,
-    /// When a start was asked for.
-    since: Instant,
-    /// The state has come.
-    started: bool,
-    /// Times that a start was asked for in vain.
-    tries: u32,
-}
-
-impl Ears {
-    fn open(foretrace: &Foretrace) -> Result<Self, RecordError> {
-        Ok(Self {
-            inputs: foretrace.inputs()?,
-            telemetry: foretrace.telemetry()?,
-            status: foretrace.status()?,
-            since: Instant::now(),
-            started: false,
-            tries: 0,
-        })
-    }
-}
-
 /// Records a daemon.
 #[derive(Debug)]
 pub struct Recorder {
     jobs: Option<SyncSender<Job>>,
     thread: Option<JoinHandle<Result<Vec<PathBuf>, RecordError>>>,
     shared: Arc<Shared>,
-    ears: Ears,
-    /// Of ears that were replaced.
-    before: Counts,
+    source: Source,
     counts: Counts,
     told: Instant,
+    start: Start,
+}
+
+/// The settings, weights and state that a file begins with.
+#[derive(Debug)]
+struct Start {
+    /// When it was asked for.
+    since: Instant,
+    /// The state has come.
+    came: bool,
+    /// Times that it was asked for in vain.
+    tries: u32,
+    /// It could not even be asked for; told already.
+    deaf: bool,
+}
+
+impl Start {
+    fn due() -> Self {
+        Self { since: Instant::now(), came: false, tries: 0, deaf: false }
+    }
+
+    /// Whether to ask again. A law whose state cannot be written never sends one: longer and longer between
+    /// tries.
+    fn is_late(&self) -> bool {
+        !self.came && self.since.elapsed() > PATIENCE * 2_u32.saturating_pow(self.tries)
+    }
 }
 
 impl Recorder {
-    /// Begins to record what `foretrace` hears.
+    /// Begins to record what `source` hears; it must want everything.
     ///
     /// # Errors
     ///
-    /// The file exists or cannot be written; no place for another listener.
-    pub fn start(foretrace: &Foretrace, options: Options) -> Result<Self, RecordError> {
-        let ears = Ears::open(foretrace)?;
+    /// The file exists or cannot be written.
+    pub fn start(source: Source, options: Options) -> Result<Self, RecordError> {
         let output = Output::create(&options.target, &options.facts)?;
         let (jobs, due) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
@@ -173,45 +170,20 @@ impl Recorder {
             .name("foretrace-write".to_owned())
             .spawn(move || writer.run(&due))
             .map_err(|error| RecordError::Thread(error.to_string()))?;
-        let (before, counts) = (Counts::default(), Counts::default());
         Ok(Self {
             jobs: Some(jobs),
             thread: Some(thread),
             shared,
-            ears,
-            before,
-            counts,
+            source,
+            counts: Counts::default(),
             told: Instant::now(),
+            start: Start::due(),
         })
     }
 
-    /// Asks for settings, weights and a state once more, without a gap in the inputs.
-    ///
-    /// # Errors
-    ///
-    /// Another has taken the place meanwhile; [`Self::hear`] asks for this again.
-    pub fn start_again(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
-        (self.ears.since, self.ears.started) = (Instant::now(), false);
-        Ok(self.ears.inputs.start_again(foretrace)?)
-    }
-
-    /// Another daemon has taken over.
-    ///
-    /// # Errors
-    ///
-    /// No place for another listener.
-    pub fn listen_anew(&mut self, foretrace: &Foretrace) -> Result<(), RecordError> {
-        let new = Ears::open(foretrace)?;
-        // What the old ones still hold.
-        self.take();
-        self.before = self.counts();
-        self.ears = new;
-        Ok(())
-    }
-
-    /// Takes what has come. Returns whether to call [`Self::start_again`]; call this every few milliseconds.
-    pub fn hear(&mut self) -> bool {
-        self.take();
+    /// Takes what has come; returns what changed. Call this every few milliseconds.
+    pub fn hear(&mut self) -> Option<News> {
+        let news = self.take();
         if self.told.elapsed() >= TELL {
             self.told = Instant::now();
             let counts = self.counts();
@@ -220,57 +192,63 @@ impl Recorder {
                 let _ = jobs.try_send(Job::Counts(counts));
             }
         }
-        let ears = &mut self.ears;
-        if self.shared.renew.swap(false, Ordering::AcqRel) {
-            ears.tries = 0;
-            return true;
+        if matches!(news, Some(News::Renewed | News::Elsewhere)) {
+            self.start = Start::due();
         }
-        // A law whose state cannot be written never sends one: longer and longer between tries.
-        let again = !ears.started && ears.since.elapsed() > PATIENCE * 2_u32.saturating_pow(ears.tries);
-        ears.tries += u32::from(again);
-        again
+        let renewed = self.shared.renew.swap(false, Ordering::AcqRel);
+        if !renewed && !self.start.is_late() {
+            return news;
+        }
+        self.start = Start {
+            since: Instant::now(),
+            came: false,
+            tries: if renewed { 0 } else { self.start.tries + 1 },
+            deaf: self.start.deaf,
+        };
+        match self.source.start_again() {
+            Ok(()) => self.start.deaf = false,
+            Err(error) if !std::mem::replace(&mut self.start.deaf, true) => {
+                return news.or(Some(News::Deaf(error)));
+            }
+            Err(_) => {}
+        }
+        news
     }
 
     /// Takes what has come.
-    fn take(&mut self) {
-        let Some(jobs) = &self.jobs else { return };
-        let (counts, ears) = (&mut self.counts, &mut self.ears);
-        let mut lost = 0;
+    fn take(&mut self) -> Option<News> {
+        let Some(jobs) = &self.jobs else { return None };
+        let (counts, start) = (&mut self.counts, &mut self.start);
+        let (mut lost, mut told) = (0, 0);
         let mut send = |job: Job, count: &mut u64| match jobs.try_send(job) {
             Ok(()) => *count += 1,
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => lost += 1,
         };
-        // Records first: an input without its record is of more use than the other way round.
-        ears.telemetry.drain(|record| send(Job::Tick(Box::new(*record)), &mut counts.ticks));
-        ears.inputs.drain(|input| send(Job::Input(Box::new(*input)), &mut counts.inputs));
-        let mut started = ears.started;
-        let mut things = Vec::new();
-        ears.inputs.things(|thing| things.push(thing));
-        for thing in things {
-            if thing.kind == PieceKind::State {
-                counts.states += 1;
-                started = true;
+        let news = self.source.hear(|heard| match heard {
+            Heard::Tick(record) => send(Job::Tick(record), &mut counts.ticks),
+            Heard::Input(input) => send(Job::Input(input), &mut counts.inputs),
+            Heard::Status(status) => send(Job::Status(status), &mut told),
+            Heard::Thing(thing) => {
+                if thing.kind == PieceKind::State {
+                    counts.states += 1;
+                    start.came = true;
+                }
+                send(Job::Thing(thing), &mut counts.things);
             }
-            send(Job::Thing(thing), &mut counts.things);
-        }
-        ears.started = started;
-        let mut told = 0;
-        if let Some(status) = ears.status.newest_if_new() {
-            send(Job::Status(Box::new(status)), &mut told);
-        }
+        });
         self.counts.queue_lost += lost;
+        news
     }
 
     /// Counts so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        let ears = &self.ears;
-        let before = &self.before;
+        let lost = self.source.lost();
         Counts {
-            inputs_lost: before.inputs_lost + ears.inputs.lost(),
-            ticks_lost: before.ticks_lost + ears.telemetry.lost(),
-            things_broken: before.things_broken + ears.inputs.things_broken(),
-            refused: before.refused + ears.inputs.rejections().total() + ears.telemetry.rejections().total(),
+            inputs_lost: lost.inputs,
+            ticks_lost: lost.ticks,
+            things_broken: lost.things,
+            refused: lost.refused,
             ..self.counts
         }
     }

@@ -82,9 +82,12 @@ impl ControlTopic {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|error| match error {
-                ServerCreateError::ExceedsMaxSupportedServers => {
-                    ServiceError::NoPlace { service: CONTROL_SERVICE, what: "servers", limit: 1 }
-                }
+                ServerCreateError::ExceedsMaxSupportedServers => ServiceError::NoPlace {
+                    service: CONTROL_SERVICE,
+                    what: "servers",
+                    limit: 1,
+                    pids: Vec::new(),
+                },
                 other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
             })?;
         Ok(ControlServer { port, boot_id: host_boot_id(), daemon_id, rejections: Rejections::ZERO })

@@ -118,7 +118,9 @@ fn control_open_error(session: &Session, error: RequestResponseOpenError) -> Ser
             theirs: "different".to_string(),
             ours: CONTROL_LAYOUT,
         },
-        E::ExceedsMaxNumberOfNodes => ServiceError::NoPlace { service, what: "processes", limit: MAX_PEERS },
+        E::ExceedsMaxNumberOfNodes => {
+            ServiceError::NoPlace { service, what: "processes", limit: MAX_PEERS, pids: Vec::new() }
+        }
         E::ServiceInCorruptedState | E::HangsInCreation => session.damaged(service),
         E::InsufficientPermissions => ServiceError::Permission { service },
         other => ServiceError::Middleware { service, detail: other.to_string() },

@@ -60,6 +60,7 @@ impl<T: Message> Topic<T> {
                     service: T::SERVICE,
                     what: "publishers",
                     limit: T::QOS.publishers,
+                    pids: Vec::new(),
                 },
                 other => ServiceError::Middleware { service: T::SERVICE, detail: other.to_string() },
             })?;
@@ -86,6 +87,7 @@ impl<T: Message> Topic<T> {
                     service: T::SERVICE,
                     what: "subscribers",
                     limit: T::QOS.subscribers,
+                    pids: self.subscribers(),
                 },
                 other => ServiceError::Middleware { service: T::SERVICE, detail: other.to_string() },
             })?;
@@ -99,6 +101,20 @@ impl<T: Message> Topic<T> {
             received: 0,
             failures: 0,
         })
+    }
+}
+
+impl<T: Message> Topic<T> {
+    /// Processes that hold a place for subscribers, ascending, once per place.
+    #[must_use]
+    pub fn subscribers(&self) -> Vec<u32> {
+        let mut pids = Vec::with_capacity(T::QOS.subscribers);
+        self.factory.dynamic_config().list_subscribers(|peer| {
+            pids.push(peer.node_id.pid().value() as u32);
+            CallbackProgression::Continue
+        });
+        pids.sort_unstable();
+        pids
     }
 }
 

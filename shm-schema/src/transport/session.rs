@@ -59,7 +59,7 @@ pub enum ServiceError {
         expected: usize,
     },
     /// All slots are taken.
-    #[error("{service}: all {limit} places for {what} are taken: end one of them")]
+    #[error("{service}: all {limit} places for {what} are taken{}: end one of them", by(pids))]
     NoPlace {
         /// Name of the service.
         service: &'static str,
@@ -67,6 +67,8 @@ pub enum ServiceError {
         what: &'static str,
         /// Number of slots.
         limit: usize,
+        /// Processes that hold them, once per slot, where they can be told.
+        pids: Vec<u32>,
     },
     /// All slots for operators are taken.
     #[error(
@@ -147,6 +149,11 @@ impl ServiceError {
             foreign: instance.foreign_owner(),
         }
     }
+}
+
+/// Who holds places, if that is known.
+fn by(pids: &[u32]) -> String {
+    if pids.is_empty() { String::new() } else { format!(", by processes {pids:?}") }
 }
 
 /// Remedy if no daemon runs.

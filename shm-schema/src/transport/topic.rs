@@ -305,7 +305,9 @@ fn open_error<T: Message>(session: &Session, error: PublishSubscribeOpenError) -
         E::DoesNotSupportRequestedMinHistorySize => fewer("history", T::QOS.history),
         E::DoesNotSupportRequestedMinSubscriberBorrowedSamples => fewer("borrowed samples", 1),
         E::IncompatibleOverflowBehavior => fewer("safe overflow", 1),
-        E::ExceedsMaxNumberOfNodes => ServiceError::NoPlace { service, what: "processes", limit: MAX_PEERS },
+        E::ExceedsMaxNumberOfNodes => {
+            ServiceError::NoPlace { service, what: "processes", limit: MAX_PEERS, pids: Vec::new() }
+        }
         E::ServiceInCorruptedState | E::HangsInCreation => session.damaged(service),
         E::InsufficientPermissions => ServiceError::Permission { service },
         other => ServiceError::Middleware { service, detail: other.to_string() },

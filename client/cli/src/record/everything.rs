@@ -6,15 +6,16 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use foretrace_client::Foretrace;
+use foretrace_client::Instance;
 use foretrace_record::record::{Counts, Options, Recorder, mend_leftover, unix_minus_monotonic};
+use foretrace_record::source::{Source, Wants};
 use foretrace_record::write::Facts;
 use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
 use serde::Serialize;
 
 use super::{RecordArgs, unrecorded};
-use crate::attach::{Lookout, News};
+use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
@@ -39,42 +40,24 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
             mended.messages
         );
     }
-    let mut foretrace = args.instance.attach()?;
+    let instance = args.instance.instance()?;
     let options = Options {
         target: file.to_path_buf(),
         max_bytes: args.max_size,
         max_files: args.max_files.map(usize::from),
-        facts: facts(&foretrace),
+        facts: facts(&instance),
     };
-    let mut recorder = Recorder::start(&foretrace, options).map_err(unrecorded)?;
-    note!("record: recording everything into {} until Ctrl-C", file.display());
+    let source = Source::open(&instance, Wants::ALL).map_err(unrecorded)?;
+    let through = if source.is_relayed() { " through the relay" } else { "" };
+    let mut recorder = Recorder::start(source, options).map_err(unrecorded)?;
+    note!("record: recording everything{through} into {} until Ctrl-C", file.display());
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let (mut lookout, mut told) = (Lookout::new(), false);
     while !interrupt.is_set() && !recorder.has_failed() {
         if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             break;
         }
-        if recorder.hear() {
-            match recorder.start_again(&foretrace) {
-                Ok(()) => told = false,
-                // It is asked for again every few seconds.
-                Err(error) if !told => {
-                    told = true;
-                    note!("record: no settings, weights and states come: {}", unrecorded(error));
-                }
-                Err(_) => {}
-            }
-        }
-        match lookout.look(&mut foretrace) {
-            News::None | News::Back => {}
-            News::Gone => note!("record: the daemon is gone; waiting for another"),
-            News::Renewed => {
-                note!("record: a new daemon is there");
-                if let Err(error) = recorder.listen_anew(&foretrace) {
-                    lookout.again();
-                    note!("record: {}", unrecorded(error));
-                }
-            }
+        if let Some(changed) = recorder.hear() {
+            note!("record: {}", news(changed));
         }
         std::thread::sleep(NAP);
     }
@@ -90,19 +73,20 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     args.json.write(&RecordReport { files, counts })
 }
 
-/// What the file says about itself.
-pub(crate) fn facts(foretrace: &Foretrace) -> Facts {
-    let daemon = foretrace.daemon();
+/// What the file says about itself and the daemon that is up. Takes its time, so call it before a source is
+/// open.
+pub(crate) fn facts(instance: &Instance) -> Facts {
+    let pid = instance.daemon().map_or(0, |daemon| daemon.pid);
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().trim().to_owned();
     let layout = |hash: u64| format!("{hash:016x}");
     [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("build", build_of(&format!("/proc/{}/exe", daemon.pid))),
+        ("build", build_of(&format!("/proc/{pid}/exe"))),
         ("layout.tick_input", layout(TickInput::LAYOUT_HASH)),
         ("layout.tick_record", layout(TickRecord::LAYOUT_HASH)),
         ("layout.status", layout(Status::LAYOUT_HASH)),
-        ("instance", foretrace.instance().number().to_string()),
-        ("daemon_pid", daemon.pid.to_string()),
+        ("instance", instance.number().to_string()),
+        ("daemon_pid", pid.to_string()),
         ("host", read("/proc/sys/kernel/hostname")),
         ("kernel", read("/proc/sys/kernel/osrelease")),
         ("begun_unix_ns", monotonic_now_ns().wrapping_add(unix_minus_monotonic()).to_string()),

@@ -86,7 +86,10 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
 pub(crate) fn unrecorded(error: RecordError) -> Failure {
     match error {
         RecordError::Service(error) => unattached(error),
-        RecordError::Write { .. } | RecordError::Thread(_) => Failure::failed(error, ""),
+        RecordError::Write { .. }
+        | RecordError::Thread(_)
+        | RecordError::NoPlace { .. }
+        | RecordError::NoRelay { .. } => Failure::failed(error, ""),
         other => Failure::bad_input(other, ""),
     }
 }

@@ -1,0 +1,248 @@
+//! What all viewers share: their queues, the newest parameters, counts.
+//!
+//! Contract: locks are held for copies only. The queue of a viewer holds a bounded number of messages, the
+//! newest ones; what finds no room is counted. Nobody who pushes waits.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use foretrace_client::{Mode, Status, TrustReason};
+use serde_json::{Value, json};
+
+/// Messages that wait for one viewer at most: half a second of all topics at 500 Hz.
+const QUEUE: usize = 1024;
+
+/// A message of a topic.
+#[derive(Debug, Clone)]
+pub(crate) struct Data {
+    /// Place in [`super::protocol::CHANNELS`].
+    pub(crate) channel: usize,
+    /// Since 1970 \[ns\].
+    pub(crate) time_ns: u64,
+    pub(crate) bytes: Arc<[u8]>,
+}
+
+/// What a server did.
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Tally {
+    /// Viewers that came in.
+    pub viewers: u64,
+    /// Connections and messages that were refused, and viewers that were let go, by reason.
+    pub refused: BTreeMap<&'static str, u64>,
+    /// Messages of topics that were sent.
+    pub sent: u64,
+    /// Messages of topics that found no room in the queue of a viewer, the oldest ones.
+    pub dropped: u64,
+    /// Stops that viewers asked for.
+    pub stops: u64,
+}
+
+/// Values that viewers see, in order of their names.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Parameters(Vec<(&'static str, Value)>);
+
+impl Parameters {
+    /// Those of a status; numbers are rounded, so that small changes are none.
+    pub(crate) fn of(status: &Status) -> Self {
+        let rounded = |value: f64| json!((value * 1e3).round() * 1e-3);
+        let mode = Mode::try_from(status.mode).map_or("unknown", Mode::label);
+        let reason = TrustReason::try_from(status.trust_reason).map_or("unknown", TrustReason::label);
+        Self(vec![
+            ("mode", mode.into()),
+            ("predictor", status.predictor.as_str().unwrap_or("").into()),
+            ("trust", rounded(status.trust)),
+            ("trust_reason", reason.into()),
+            ("trust_target", rounded(status.trust_target)),
+        ])
+    }
+
+    /// Those with a name of `names`; all of them if there are none.
+    pub(crate) fn named(&self, names: &[String]) -> Vec<(&'static str, Value)> {
+        let wanted = |name: &str| names.is_empty() || names.iter().any(|wanted| wanted == name);
+        self.0.iter().filter(|(name, _)| wanted(name)).cloned().collect()
+    }
+
+    /// Those that differ from `before`.
+    pub(crate) fn changed_since(&self, before: &Self) -> Self {
+        Self(self.0.iter().filter(|value| !before.0.contains(value)).cloned().collect())
+    }
+}
+
+/// The queue of one viewer.
+#[derive(Debug, Default)]
+pub(crate) struct Queue {
+    /// Bit `n`: channel `n` is subscribed to.
+    pub(crate) wanted: AtomicU32,
+    waiting: Mutex<Waiting>,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    data: VecDeque<Data>,
+    words: VecDeque<String>,
+}
+
+impl Queue {
+    /// Returns how many messages had to go for this one.
+    fn push(&self, data: Data) -> u64 {
+        let mut waiting = lock(&self.waiting);
+        waiting.data.push_back(data);
+        u64::from(waiting.data.len() > QUEUE && waiting.data.pop_front().is_some())
+    }
+
+    /// Words for all viewers; few.
+    fn say(&self, words: &str) {
+        let mut waiting = lock(&self.waiting);
+        waiting.words.push_back(words.to_owned());
+        if waiting.words.len() > QUEUE {
+            waiting.words.pop_front();
+        }
+    }
+
+    /// Puts messages back before those that have come since; returns how many had to go.
+    pub(crate) fn put_back(&self, mut data: VecDeque<Data>) -> u64 {
+        let mut waiting = lock(&self.waiting);
+        data.append(&mut waiting.data);
+        let most = data.len().saturating_sub(QUEUE);
+        drop(data.drain(..most));
+        waiting.data = data;
+        most as u64
+    }
+
+    /// Takes all that waits.
+    pub(crate) fn take(&self) -> (VecDeque<String>, VecDeque<Data>) {
+        let mut waiting = lock(&self.waiting);
+        (std::mem::take(&mut waiting.words), std::mem::take(&mut waiting.data))
+    }
+}
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(crate) struct Hub {
+    queues: Mutex<Vec<Arc<Queue>>>,
+    tally: Mutex<Tally>,
+    parameters: Mutex<(u64, Arc<Parameters>)>,
+    /// Now, since 1970 \[ns\]; at least ten times a second.
+    pub(crate) now_ns: AtomicU64,
+    over: AtomicBool,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Hub {
+    /// A viewer comes in, unless there are `most` already.
+    pub(crate) fn enter(&self, most: usize) -> Option<Arc<Queue>> {
+        let mut queues = lock(&self.queues);
+        if queues.len() >= most {
+            return None;
+        }
+        let queue = Arc::new(Queue::default());
+        queues.push(queue.clone());
+        Some(queue)
+    }
+
+    pub(crate) fn leave(&self, queue: &Arc<Queue>) {
+        lock(&self.queues).retain(|known| !Arc::ptr_eq(known, queue));
+    }
+
+    /// Whether anybody wants channel `channel`.
+    pub(crate) fn wants(&self, channel: usize) -> bool {
+        lock(&self.queues).iter().any(|queue| queue.wanted.load(Ordering::Relaxed) & (1 << channel) != 0)
+    }
+
+    /// Puts a message into the queue of every viewer that wants it.
+    pub(crate) fn publish(&self, data: &Data) {
+        let wants = |queue: &&Arc<Queue>| queue.wanted.load(Ordering::Relaxed) & (1 << data.channel) != 0;
+        let dropped =
+            lock(&self.queues).iter().filter(wants).map(|queue| queue.push(data.clone())).sum::<u64>();
+        if dropped > 0 {
+            self.count(|tally| tally.dropped += dropped);
+        }
+    }
+
+    /// Says a text to every viewer.
+    pub(crate) fn say(&self, words: &str) {
+        lock(&self.queues).iter().for_each(|queue| queue.say(words));
+    }
+
+    pub(crate) fn show(&self, parameters: Parameters) {
+        let mut shown = lock(&self.parameters);
+        *shown = (shown.0 + 1, Arc::new(parameters));
+    }
+
+    /// How often parameters were shown, and the newest ones.
+    pub(crate) fn parameters(&self) -> (u64, Arc<Parameters>) {
+        lock(&self.parameters).clone()
+    }
+
+    pub(crate) fn count(&self, change: impl FnOnce(&mut Tally)) {
+        change(&mut lock(&self.tally));
+    }
+
+    pub(crate) fn refuse(&self, reason: &'static str) {
+        self.count(|tally| *tally.refused.entry(reason).or_default() += 1);
+    }
+
+    pub(crate) fn tally(&self) -> Tally {
+        lock(&self.tally).clone()
+    }
+
+    pub(crate) fn finish(&self) {
+        self.over.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        self.over.load(Ordering::Acquire)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_viewer_that_does_not_take_keeps_the_newest_and_costs_no_other_one_anything() {
+        let hub = Hub::default();
+        let (slow, fast) = (hub.enter(2).unwrap(), hub.enter(2).unwrap());
+        assert!(hub.enter(2).is_none(), "a bound on viewers");
+        slow.wanted.store(1, Ordering::Relaxed);
+        fast.wanted.store(1, Ordering::Relaxed);
+        assert!(hub.wants(0) && !hub.wants(1));
+        let mut taken = Vec::new();
+        for time_ns in 1..=3 * QUEUE as u64 {
+            hub.publish(&Data { channel: 0, time_ns, bytes: Arc::new([]) });
+            hub.publish(&Data { channel: 1, time_ns, bytes: Arc::new([]) });
+            taken.extend(fast.take().1.into_iter().map(|data| data.time_ns));
+        }
+        assert_eq!(taken, (1..=3 * QUEUE as u64).collect::<Vec<_>>());
+        let kept: Vec<u64> = slow.take().1.into_iter().map(|data| data.time_ns).collect();
+        assert_eq!(kept, (2 * QUEUE as u64 + 1..=3 * QUEUE as u64).collect::<Vec<_>>());
+        assert_eq!(hub.tally().dropped, 2 * QUEUE as u64);
+        // What it could not take stands before what has come since.
+        let data = |time_ns| Data { channel: 0, time_ns, bytes: Arc::new([]) };
+        hub.publish(&data(3));
+        assert_eq!(slow.put_back([data(1), data(2)].into()), 0);
+        assert_eq!(slow.take().1.iter().map(|data| data.time_ns).collect::<Vec<_>>(), [1, 2, 3]);
+        hub.publish(&data(3));
+        assert_eq!(slow.put_back((0..QUEUE as u64).map(data).collect()), 1);
+        assert_eq!(slow.take().1.front().map(|data| data.time_ns), Some(1), "the oldest goes");
+        hub.leave(&slow);
+        assert!(hub.enter(2).is_some());
+    }
+
+    #[test]
+    fn only_parameters_that_changed_are_told_again() {
+        let mut status = Status { trust: 0.5, mode: Mode::Following.into(), ..Status::default() };
+        let before = Parameters::of(&status);
+        status.trust = 0.5001;
+        assert_eq!(Parameters::of(&status), before);
+        status.trust = 0.51;
+        let changed = Parameters::of(&status).changed_since(&before);
+        assert_eq!(changed.named(&[]), [("trust", json!(0.51))]);
+        assert_eq!(before.named(&["mode".to_owned()]), [("mode", json!("following"))]);
+        assert!(before.named(&["nothing".to_owned()]).is_empty());
+    }
+}

@@ -1,0 +1,472 @@
+//! The messages of Foxglove's WebSocket protocol: what a viewer may say, and what it is told.
+//!
+//! Contract: pure and total: any text or bytes give a message or a word for the count of refusals. Lists and
+//! names have bounds. Fields that the protocol may gain later are ignored.
+//!
+//! Source: the specification in github.com/foxglove/ws-protocol; the messages of
+//! github.com/foxglove/foxglove-sdk.
+
+use data_encoding::BASE64;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::topics::Topic;
+
+/// Largest message of a viewer \[bytes\].
+pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
+/// Most entries of a list in a message.
+const ENTRIES: usize = 64;
+
+/// Topics that viewers get, each at the channel of its place here, from 1.
+pub(crate) const CHANNELS: [Topic; 2] = [Topic::Tick, Topic::Frames];
+
+/// A service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Service {
+    Stop,
+    Arm,
+}
+
+impl Service {
+    pub(crate) const ALL: [Self; 2] = [Self::Stop, Self::Arm];
+
+    pub(crate) const fn id(self) -> u32 {
+        match self {
+            Self::Stop => 1,
+            Self::Arm => 2,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Stop => "/foretrace/stop",
+            Self::Arm => "/foretrace/arm",
+        }
+    }
+}
+
+/// What a viewer wants to be set.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Setting {
+    Trust(f64),
+    TrustAuto,
+    Predictor(String),
+}
+
+/// What a viewer says.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Said {
+    /// Number of each subscription, and its channel.
+    Subscribe(Vec<(u32, u64)>),
+    Unsubscribe(Vec<u32>),
+    /// Names, all of them where there are none; an id for the answer.
+    GetParameters(Vec<String>, Option<String>),
+    SetParameters(Vec<(String, Setting)>, Option<String>),
+    SubscribeParameters(Vec<String>),
+    UnsubscribeParameters(Vec<String>),
+    /// Call, with the token that its payload may carry.
+    Call {
+        service: u32,
+        call: u32,
+        token: Option<String>,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "op", rename_all = "camelCase")]
+enum Text {
+    #[serde(rename_all = "camelCase")]
+    Subscribe { subscriptions: Vec<Subscription> },
+    #[serde(rename_all = "camelCase")]
+    Unsubscribe { subscription_ids: Vec<u32> },
+    #[serde(rename_all = "camelCase")]
+    GetParameters { parameter_names: Vec<String>, id: Option<String> },
+    #[serde(rename_all = "camelCase")]
+    SetParameters { parameters: Vec<Parameter>, id: Option<String> },
+    #[serde(rename_all = "camelCase")]
+    SubscribeParameterUpdates { parameter_names: Vec<String> },
+    #[serde(rename_all = "camelCase")]
+    UnsubscribeParameterUpdates { parameter_names: Vec<String> },
+    #[serde(other)]
+    Other,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Subscription {
+    id: u32,
+    channel_id: u64,
+}
+
+#[derive(Deserialize)]
+struct Parameter {
+    name: String,
+    #[serde(default)]
+    value: Value,
+}
+
+/// Reads a text of a viewer.
+pub(crate) fn text(text: &str) -> Result<Said, &'static str> {
+    if text.len() > MESSAGE_BYTES {
+        return Err("message too long");
+    }
+    let text: Text = serde_json::from_str(text).map_err(|_| "message not understood")?;
+    let names = |names: Vec<String>| if names.len() > ENTRIES { Err("list too long") } else { Ok(names) };
+    match text {
+        Text::Subscribe { subscriptions } if subscriptions.len() <= ENTRIES => {
+            Ok(Said::Subscribe(subscriptions.into_iter().map(|one| (one.id, one.channel_id)).collect()))
+        }
+        Text::Unsubscribe { subscription_ids } if subscription_ids.len() <= ENTRIES => {
+            Ok(Said::Unsubscribe(subscription_ids))
+        }
+        Text::GetParameters { parameter_names, id } => {
+            if id.as_ref().is_some_and(|id| id.len() > 256) {
+                return Err("id too long");
+            }
+            Ok(Said::GetParameters(names(parameter_names)?, id))
+        }
+        Text::SetParameters { parameters, id } if parameters.len() <= ENTRIES => {
+            if id.as_ref().is_some_and(|id| id.len() > 256) {
+                return Err("id too long");
+            }
+            let settings = parameters.into_iter().map(setting).collect::<Result<_, _>>()?;
+            Ok(Said::SetParameters(settings, id))
+        }
+        Text::SubscribeParameterUpdates { parameter_names } => {
+            Ok(Said::SubscribeParameters(names(parameter_names)?))
+        }
+        Text::UnsubscribeParameterUpdates { parameter_names } => {
+            Ok(Said::UnsubscribeParameters(names(parameter_names)?))
+        }
+        Text::Subscribe { .. } | Text::Unsubscribe { .. } | Text::SetParameters { .. } => {
+            Err("list too long")
+        }
+        Text::Other => Err("not offered here"),
+    }
+}
+
+fn setting(Parameter { name, value }: Parameter) -> Result<(String, Setting), &'static str> {
+    let setting = match (name.as_str(), &value) {
+        ("trust", Value::String(word)) if word == "auto" => Setting::TrustAuto,
+        ("trust", value) => match value.as_f64() {
+            Some(trust) if (0.0..=1.0).contains(&trust) => Setting::Trust(trust),
+            _ => return Err("trust is a number from 0 to 1, or \"auto\""),
+        },
+        ("predictor", Value::String(word)) if word.len() <= 64 => Setting::Predictor(word.clone()),
+        ("predictor", _) => return Err("predictor is a name"),
+        _ => return Err("only trust and predictor can be set"),
+    };
+    Ok((name, setting))
+}
+
+/// Reads bytes of a viewer.
+pub(crate) fn binary(bytes: &[u8]) -> Result<Said, &'static str> {
+    if bytes.len() > MESSAGE_BYTES {
+        return Err("message too long");
+    }
+    match bytes.split_first() {
+        Some((2, rest)) => {
+            let (service, rest) = number(rest)?;
+            let (call, rest) = number(rest)?;
+            let (length, rest) = number(rest)?;
+            let (encoding, payload) = rest.split_at_checked(length as usize).ok_or("message cut short")?;
+            if !payload.is_empty() && encoding != b"json" {
+                return Err("another encoding than json");
+            }
+            #[derive(Deserialize, Default)]
+            struct Payload {
+                token: Option<String>,
+            }
+            let payload: Payload = match payload {
+                [] => Payload::default(),
+                payload => serde_json::from_slice(payload).map_err(|_| "message not understood")?,
+            };
+            Ok(Said::Call { service, call, token: payload.token })
+        }
+        Some((1 | 3, _)) => Err("not offered here"),
+        _ => Err("message not understood"),
+    }
+}
+
+fn number(bytes: &[u8]) -> Result<(u32, &[u8]), &'static str> {
+    let (number, rest) = bytes.split_first_chunk::<4>().ok_or("message cut short")?;
+    Ok((u32::from_le_bytes(*number), rest))
+}
+
+/// What the server is and can; the first message to a viewer.
+pub(crate) fn server_info(session: &str) -> String {
+    json!({
+        "op": "serverInfo",
+        "name": format!("foretrace {}", env!("CARGO_PKG_VERSION")),
+        "capabilities": ["time", "parameters", "parametersSubscribe", "services"],
+        "supportedEncodings": ["json"],
+        "metadata": { "frame": "paper" },
+        "sessionId": session,
+    })
+    .to_string()
+}
+
+/// The topics, with the schemas of the recording.
+pub(crate) fn advertise() -> String {
+    let channels: Vec<Value> = (1_u64..)
+        .zip(CHANNELS)
+        .map(|(id, topic)| {
+            let (name, encoding, schema) = topic.schema();
+            json!({
+                "id": id,
+                "topic": topic.name(),
+                "encoding": topic.encoding(),
+                "schemaName": name,
+                "schemaEncoding": encoding,
+                "schema": BASE64.encode(&schema),
+            })
+        })
+        .collect();
+    json!({ "op": "advertise", "channels": channels }).to_string()
+}
+
+/// The services.
+pub(crate) fn advertise_services() -> String {
+    let schema = |name: &str, properties: Value| {
+        let schema = json!({ "type": "object", "properties": properties }).to_string();
+        json!({ "encoding": "json", "schemaName": name, "schemaEncoding": "jsonschema", "schema": schema })
+    };
+    let services: Vec<Value> = Service::ALL
+        .into_iter()
+        .map(|service| {
+            let asked = match service {
+                Service::Stop => schema("foretrace.Stop", json!({})),
+                Service::Arm => schema("foretrace.Arm", json!({ "token": { "type": "string" } })),
+            };
+            json!({
+                "id": service.id(),
+                "name": service.name(),
+                "type": service.name(),
+                "request": asked,
+                "response": schema("foretrace.Answer", json!({ "words": { "type": "string" } })),
+            })
+        })
+        .collect();
+    json!({ "op": "advertiseServices", "services": services }).to_string()
+}
+
+/// How grave a status is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Level {
+    Warning = 1,
+    Error = 2,
+}
+
+pub(crate) fn status(level: Level, words: &str, id: Option<&str>) -> String {
+    let mut status = json!({ "op": "status", "level": level as u8, "message": words });
+    if let (Some(id), Some(fields)) = (id, status.as_object_mut()) {
+        fields.insert("id".to_owned(), id.into());
+    }
+    status.to_string()
+}
+
+pub(crate) fn remove_status(id: &str) -> String {
+    json!({ "op": "removeStatus", "statusIds": [id] }).to_string()
+}
+
+/// Values of parameters, for whoever asked under `id` or subscribed to them.
+pub(crate) fn parameter_values(values: &[(&str, Value)], id: Option<&str>) -> String {
+    let parameters: Vec<Value> = values
+        .iter()
+        .map(|(name, value)| match value {
+            Value::Number(_) => json!({ "name": name, "type": "float64", "value": value }),
+            _ => json!({ "name": name, "value": value }),
+        })
+        .collect();
+    let mut values = json!({ "op": "parameterValues", "parameters": parameters });
+    if let (Some(id), Some(fields)) = (id, values.as_object_mut()) {
+        fields.insert("id".to_owned(), id.into());
+    }
+    values.to_string()
+}
+
+pub(crate) fn call_failed(service: u32, call: u32, words: &str) -> String {
+    json!({ "op": "serviceCallFailure", "serviceId": service, "callId": call, "message": words }).to_string()
+}
+
+pub(crate) fn call_done(service: u32, call: u32, words: &str) -> Vec<u8> {
+    let mut bytes = vec![3];
+    for number in [service, call, 4] {
+        bytes.extend_from_slice(&number.to_le_bytes());
+    }
+    bytes.extend_from_slice(b"json");
+    bytes.extend_from_slice(json!({ "words": words }).to_string().as_bytes());
+    bytes
+}
+
+pub(crate) fn message_data(subscription: u32, time_ns: u64, data: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(13 + data.len());
+    bytes.push(1);
+    bytes.extend_from_slice(&subscription.to_le_bytes());
+    bytes.extend_from_slice(&time_ns.to_le_bytes());
+    bytes.extend_from_slice(data);
+    bytes
+}
+
+pub(crate) fn time(time_ns: u64) -> Vec<u8> {
+    let mut bytes = vec![2];
+    bytes.extend_from_slice(&time_ns.to_le_bytes());
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXTS: [&str; 6] = [
+        r#"{"op":"subscribe","subscriptions":[{"id":0,"channelId":1},{"id":7,"channelId":2}]}"#,
+        r#"{"op":"unsubscribe","subscriptionIds":[0]}"#,
+        r#"{"op":"getParameters","parameterNames":["trust"],"id":"a"}"#,
+        r#"{"op":"setParameters","parameters":[{"name":"trust","type":"float64","value":0.5}],"id":"a"}"#,
+        r#"{"op":"subscribeParameterUpdates","parameterNames":[]}"#,
+        r#"{"op":"unsubscribeParameterUpdates","parameterNames":["trust"]}"#,
+    ];
+
+    fn call(encoding: &str, payload: &str) -> Vec<u8> {
+        let mut bytes = vec![2, 2, 0, 0, 0, 9, 0, 0, 0];
+        bytes.extend_from_slice(&(encoding.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(encoding.as_bytes());
+        bytes.extend_from_slice(payload.as_bytes());
+        bytes
+    }
+
+    #[test]
+    fn every_message_of_a_viewer_is_read() {
+        let trust = vec!["trust".to_owned()];
+        let wanted = [
+            Said::Subscribe(vec![(0, 1), (7, 2)]),
+            Said::Unsubscribe(vec![0]),
+            Said::GetParameters(trust.clone(), Some("a".to_owned())),
+            Said::SetParameters(vec![("trust".to_owned(), Setting::Trust(0.5))], Some("a".to_owned())),
+            Said::SubscribeParameters(Vec::new()),
+            Said::UnsubscribeParameters(trust),
+        ];
+        for (given, wanted) in TEXTS.iter().zip(wanted) {
+            assert_eq!(text(given), Ok(wanted), "{given}");
+        }
+        let called =
+            |token: Option<&str>| Said::Call { service: 2, call: 9, token: token.map(str::to_owned) };
+        assert_eq!(binary(&call("json", r#"{"token":"x"}"#)), Ok(called(Some("x"))));
+        assert_eq!(binary(&call("", "")), Ok(called(None)));
+        assert_eq!(binary(&call("json", "{}")), Ok(called(None)));
+    }
+
+    #[test]
+    fn what_is_wrong_is_refused_with_its_reason() {
+        let set = |name: &str, value: &str| {
+            text(&format!(r#"{{"op":"setParameters","parameters":[{{"name":"{name}","value":{value}}}]}}"#))
+        };
+        assert!(set("trust", "\"auto\"").is_ok() && set("predictor", "\"hold\"").is_ok());
+        for (name, value) in
+            [("trust", "1.5"), ("trust", "-0.1"), ("trust", "null"), ("predictor", "1"), ("mode", "1")]
+        {
+            assert!(set(name, value).is_err(), "{name} {value}");
+        }
+        let many = format!(r#"{{"op":"unsubscribe","subscriptionIds":[{}]}}"#, vec!["1"; 65].join(","));
+        for (given, reason) in [
+            ("", "message not understood"),
+            (r#"{"op":"subscribe"}"#, "message not understood"),
+            (r#"{"op":"advertise","channels":[]}"#, "not offered here"),
+            (r#"{"op":"fetchAsset","uri":"file:///etc/passwd","requestId":1}"#, "not offered here"),
+            (&many, "list too long"),
+            (&" ".repeat(MESSAGE_BYTES + 1), "message too long"),
+        ] {
+            assert_eq!(text(given), Err(reason), "{given:.60}");
+        }
+        for (given, reason) in [
+            (vec![], "message not understood"),
+            (vec![9, 9], "message not understood"),
+            (vec![1, 0, 0, 0, 0, 1], "not offered here"),
+            (vec![2, 0, 0], "message cut short"),
+            (vec![2, 1, 0, 0, 0, 1, 0, 0, 0, 255, 255, 255, 255], "message cut short"),
+            (call("cdr", "{}"), "another encoding than json"),
+            (call("json", "{"), "message not understood"),
+        ] {
+            assert_eq!(binary(&given), Err(reason), "{given:?}");
+        }
+    }
+
+    #[test]
+    fn what_viewers_are_told_has_the_form_of_the_protocol() {
+        let advertised: Value = serde_json::from_str(&advertise()).unwrap();
+        for (channel, topic) in advertised["channels"].as_array().unwrap().iter().zip(CHANNELS) {
+            assert_eq!(channel["topic"], topic.name());
+            let schema = BASE64.decode(channel["schema"].as_str().unwrap().as_bytes()).unwrap();
+            assert_eq!(
+                (channel["schemaName"].as_str().unwrap(), schema),
+                (&*topic.schema().0, topic.schema().2)
+            );
+        }
+        assert_eq!(message_data(7, 258, &[9]), [1, 7, 0, 0, 0, 2, 1, 0, 0, 0, 0, 0, 0, 9]);
+        assert_eq!(time(1), [2, 1, 0, 0, 0, 0, 0, 0, 0]);
+        let done = call_done(1, 2, "x");
+        assert_eq!(
+            (&done[..9], &done[9..13], &done[13..17]),
+            (&[3, 1, 0, 0, 0, 2, 0, 0, 0][..], &[4, 0, 0, 0][..], &b"json"[..])
+        );
+        let values = parameter_values(&[("trust", json!(0.5)), ("mode", json!("idle"))], Some("a"));
+        let values: Value = serde_json::from_str(&values).unwrap();
+        assert_eq!(values["parameters"][0]["type"], "float64");
+        assert_eq!(
+            (&values["id"], &values["parameters"][1]),
+            (&json!("a"), &json!({"name":"mode","value":"idle"}))
+        );
+    }
+
+    #[test]
+    fn any_damage_to_any_message_gives_a_message_or_a_reason() {
+        let cases: u32 = std::env::var("FORETRACE_FUZZ_CASES")
+            .map_or(50_000, |text| text.parse().expect("a whole number"));
+        // xorshift64*: the same bytes in every run.
+        let mut state = 0x0000_f0c5_910e_u64;
+        let mut dice = || {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            state.wrapping_mul(0x2545_f491_4f6c_dd1d)
+        };
+        let good: Vec<Vec<u8>> = TEXTS
+            .iter()
+            .map(|text| text.as_bytes().to_vec())
+            .chain([call("json", r#"{"token":"x"}"#), vec![1, 0, 0, 0, 0, 1], vec![3; 20]])
+            .collect();
+        let mut outcomes = vec![(0, 0); good.len()];
+        for case in 0..cases {
+            let kind = case as usize % good.len();
+            let mut bytes = good[kind].clone();
+            for _ in 0..=dice() >> 62 {
+                if bytes.len() < 2 {
+                    break;
+                }
+                let at = (dice() >> 33) as usize % bytes.len();
+                match dice() >> 62 {
+                    0 => bytes[at] = (dice() >> 56) as u8,
+                    1 => drop(bytes.remove(at)),
+                    2 => bytes.insert(at, b"0123456789.-e[]{},:\""[(dice() >> 33) as usize % 20]),
+                    _ => bytes.truncate(at.max(1)),
+                }
+            }
+            let said =
+                if kind < TEXTS.len() { text(&String::from_utf8_lossy(&bytes)) } else { binary(&bytes) };
+            match said {
+                Ok(Said::SetParameters(settings, _)) => {
+                    outcomes[kind].0 += 1;
+                    for (_, setting) in settings {
+                        assert!(!matches!(setting, Setting::Trust(trust) if !(0.0..=1.0).contains(&trust)));
+                    }
+                }
+                Ok(_) => outcomes[kind].0 += 1,
+                Err(_) => outcomes[kind].1 += 1,
+            }
+        }
+        for (kind, (_, refused)) in outcomes.iter().enumerate() {
+            assert!(*refused > 0, "kind {kind}: {outcomes:?}");
+        }
+        assert!(outcomes[..7].iter().all(|(read, _)| *read > 0), "{outcomes:?}");
+    }
+}

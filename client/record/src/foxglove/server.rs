@@ -1,0 +1,389 @@
+//! The listener: lets viewers in, one thread each, and feeds their queues from a source.
+
+use std::io::Write as _;
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use foretrace_client::{FaultReason, Instance, Mode, Status, TickRecord, monotonic_now_ns};
+use tungstenite::handshake::HandshakeError;
+use tungstenite::handshake::server::{ErrorResponse, Request, Response};
+use tungstenite::http::{HeaderValue, StatusCode};
+use tungstenite::protocol::WebSocketConfig;
+use tungstenite::{WebSocket, accept_hdr_with_config};
+
+use super::guard::{Admitted, Door, Refusal, Token};
+use super::hub::{Data, Hub, Parameters, Tally};
+use super::orders::Orders;
+use super::protocol::{self, CHANNELS, Level, MESSAGE_BYTES};
+use super::viewer::Viewer;
+use crate::RecordError;
+use crate::record::unix_minus_monotonic;
+use crate::source::{Heard, News, Source, Wants};
+use crate::topics::{Topic, frames, tick};
+
+/// Most viewers at a time.
+const VIEWERS: usize = 16;
+/// Between two looks at what has come.
+const NAP: Duration = Duration::from_millis(2);
+/// Longest wait for bytes of a request.
+const WAIT: Duration = Duration::from_millis(200);
+/// Longest time for a whole request.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// What a server does.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where to listen; port 0: a free one.
+    pub listen: SocketAddr,
+    /// Origins of pages that may come in, beside those of the viewers.
+    pub origins: Vec<String>,
+}
+
+/// Why there is no server.
+#[derive(thiserror::Error)]
+pub enum FoxgloveError {
+    /// Nobody can listen there.
+    #[error("cannot listen on {at}: {source}; give another --listen")]
+    Taken {
+        /// The address.
+        at: SocketAddr,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// The system gives no random numbers, or no thread.
+    #[error("the server cannot start: {0}")]
+    System(#[from] std::io::Error),
+    /// Nothing can be heard.
+    #[error(transparent)]
+    Source(#[from] RecordError),
+}
+
+foretrace_shm::debug_is_sentence!(FoxgloveError);
+
+/// A server that listens.
+pub struct Server {
+    listener: TcpListener,
+    door: Arc<Door>,
+    at: SocketAddr,
+    hub: Arc<Hub>,
+    orders: Orders,
+    source: Source,
+    /// From the monotonic clock to the time since 1970 \[ns\].
+    clock: u64,
+}
+
+impl std::fmt::Debug for Server {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Server").field("at", &self.at).finish_non_exhaustive()
+    }
+}
+
+impl Server {
+    /// Listens to the daemon of `instance`, and for viewers.
+    ///
+    /// # Errors
+    ///
+    /// `Taken`, `System`, `Source`.
+    pub fn open(instance: &Instance, options: Options) -> Result<Self, FoxgloveError> {
+        let Options { listen, origins } = options;
+        let source = Source::open(instance, Wants::TICKS)?;
+        let taken = |source| FoxgloveError::Taken { at: listen, source };
+        let listener = TcpListener::bind(listen).map_err(taken)?;
+        listener.set_nonblocking(true)?;
+        let at = listener.local_addr()?;
+        let door = Arc::new(Door::new(at, origins, Token::random()?));
+        let orders = Orders::start(instance)?;
+        let (hub, clock) = (Arc::new(Hub::default()), unix_minus_monotonic());
+        Ok(Self { listener, door, at, hub, orders, source, clock })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub const fn at(&self) -> SocketAddr {
+        self.at
+    }
+
+    /// What a viewer has to say before it may arm or set anything.
+    #[must_use]
+    pub fn token(&self) -> &str {
+        self.door.token.text()
+    }
+
+    /// Serves viewers until `over` says so; `tell` is told what changed.
+    pub fn run(mut self, mut tell: impl FnMut(News), mut over: impl FnMut() -> bool) -> Tally {
+        let mut shown = Shown::default();
+        while !over() {
+            // No more at once than there may be: ticks do not wait.
+            for _ in 0..VIEWERS {
+                let Ok((stream, _)) = self.listener.accept() else { break };
+                self.welcome(stream);
+            }
+            let now = monotonic_now_ns().wrapping_add(self.clock);
+            self.hub.now_ns.store(now, Ordering::Relaxed);
+            let wanted = CHANNELS.map(|topic| self.hub.wants(place(topic)));
+            let (hub, clock) = (&self.hub, self.clock);
+            let news = self.source.hear(|heard| match heard {
+                Heard::Tick(record) => publish(hub, &record, clock, wanted),
+                Heard::Status(status) => shown.show(hub, &status),
+                Heard::Input(_) | Heard::Thing(_) => {}
+            });
+            if let Some(news) = news {
+                match news {
+                    News::Gone => {
+                        let words = "the daemon is gone; waiting for another";
+                        self.hub.say(&protocol::status(Level::Error, words, Some("daemon")));
+                    }
+                    News::Back | News::Renewed => self.hub.say(&protocol::remove_status("daemon")),
+                    News::Elsewhere | News::Deaf(_) => {}
+                }
+                tell(news);
+            }
+            std::thread::sleep(NAP);
+        }
+        self.hub.finish();
+        self.hub.tally()
+    }
+
+    /// Gives the connection a thread, or turns it away.
+    fn welcome(&self, stream: TcpStream) {
+        let timeouts = stream
+            .set_nonblocking(false)
+            .and_then(|()| stream.set_read_timeout(Some(WAIT)))
+            .and_then(|()| stream.set_write_timeout(Some(WAIT)));
+        if timeouts.is_err() {
+            return;
+        }
+        let Some(queue) = self.hub.enter(VIEWERS) else {
+            self.hub.refuse("too many viewers");
+            plain(stream, "503 Service Unavailable", "there are too many viewers: end one of them");
+            return;
+        };
+        let (hub, door, orders, inside) =
+            (self.hub.clone(), self.door.clone(), self.orders.clone(), queue.clone());
+        let clock = self.clock.to_string();
+        let serves = move || {
+            if let Some((socket, admitted)) = admit(&hub, &door, stream) {
+                hub.count(|tally| tally.viewers += 1);
+                Viewer::new(socket, admitted, (&hub, &inside), &door, &orders).serve(&clock);
+            }
+            hub.leave(&inside);
+        };
+        if std::thread::Builder::new().name("foretrace-viewer".to_owned()).spawn(serves).is_err() {
+            self.hub.refuse("no thread");
+            self.hub.leave(&queue);
+        }
+    }
+}
+
+/// Reads the request and makes the connection a viewer's, or answers why not.
+fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<TcpStream>, Admitted)> {
+    let spare = stream.try_clone().ok()?;
+    let mut judged = None;
+    // The type is the handshake's own.
+    #[allow(clippy::result_large_err)]
+    let judge = |request: &Request, mut response: Response| -> Result<Response, ErrorResponse> {
+        let verdict = judged.insert(door.judge(request));
+        match verdict {
+            Ok(admitted) => {
+                let value = HeaderValue::from_static(admitted.protocol);
+                response.headers_mut().insert("sec-websocket-protocol", value);
+                Ok(response)
+            }
+            Err(refusal) => Err(refused(refusal)),
+        }
+    };
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(MESSAGE_BYTES))
+        .max_frame_size(Some(MESSAGE_BYTES))
+        .write_buffer_size(32 << 10)
+        .max_write_buffer_size(1 << 20);
+    let begin = Instant::now();
+    let mut shaking = accept_hdr_with_config(stream, judge, Some(config));
+    let socket = loop {
+        match shaking {
+            Ok(socket) => break Some(socket),
+            Err(HandshakeError::Interrupted(middle)) if begin.elapsed() < PATIENCE => {
+                shaking = middle.handshake();
+            }
+            Err(_) => break None,
+        }
+    };
+    match (socket, judged) {
+        (Some(socket), Some(Ok(admitted))) => Some((socket, admitted)),
+        (_, Some(Err(refusal))) => {
+            hub.refuse(refusal.reason);
+            None
+        }
+        _ => {
+            hub.refuse("no WebSocket request");
+            let words = "this is a WebSocket server for Foxglove and Lichtblick: open its address there";
+            plain(spare, "426 Upgrade Required", words);
+            None
+        }
+    }
+}
+
+fn refused(Refusal { words, .. }: &Refusal) -> ErrorResponse {
+    let mut response = ErrorResponse::new(Some(format!("{words}\n")));
+    *response.status_mut() = StatusCode::BAD_REQUEST;
+    let text = HeaderValue::from_static("text/plain; charset=utf-8");
+    response.headers_mut().insert("content-type", text);
+    response.headers_mut().insert("content-length", HeaderValue::from(words.len() + 1));
+    response
+}
+
+/// A short answer, which fits into the socket's own buffer; the other side need not read it.
+fn plain(mut stream: TcpStream, status: &str, words: &str) {
+    let answer = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {}\r\nConnection: \
+         close\r\n\r\n{words}\n",
+        words.len() + 1
+    );
+    let _ = stream.write_all(answer.as_bytes());
+}
+
+fn place(topic: Topic) -> usize {
+    CHANNELS.iter().position(|known| *known == topic).unwrap_or(CHANNELS.len())
+}
+
+/// Puts a record into the queues, in the encodings that anybody wants.
+fn publish(hub: &Hub, record: &TickRecord, clock: u64, wanted: [bool; CHANNELS.len()]) {
+    let time_ns = record.header.stamp_ns.wrapping_add(clock);
+    let [ticks, transforms] = wanted;
+    let send = |topic: Topic, bytes: Vec<u8>| {
+        hub.publish(&Data { channel: place(topic), time_ns, bytes: bytes.into() });
+    };
+    if ticks {
+        send(Topic::Tick, tick(record));
+    }
+    if transforms {
+        frames(record, time_ns).into_iter().for_each(|frame| send(Topic::Frames, frame));
+    }
+}
+
+/// What viewers were shown of the status.
+#[derive(Debug, Default)]
+struct Shown {
+    parameters: Parameters,
+    stopped: bool,
+}
+
+impl Shown {
+    fn show(&mut self, hub: &Hub, status: &Status) {
+        self.parameters = Parameters::of(status);
+        hub.show(self.parameters.clone());
+        let stopped = [Mode::Stopped, Mode::Fault].map(u32::from).contains(&status.mode);
+        if std::mem::replace(&mut self.stopped, stopped) == stopped {
+            return;
+        }
+        if stopped {
+            let why = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+            let words = format!("the arm was stopped: {why}");
+            hub.say(&protocol::status(Level::Warning, &words, Some("stopped")));
+        } else {
+            hub.say(&protocol::remove_status("stopped"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tungstenite::Message;
+    use tungstenite::client::IntoClientRequest as _;
+
+    /// A viewer of a server without a daemon, and its thread.
+    fn viewer(hub: &Arc<Hub>) -> (WebSocket<TcpStream>, std::thread::JoinHandle<()>) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let at = listener.local_addr().unwrap();
+        let door = Arc::new(Door::new(at, Vec::new(), Token::random().unwrap()));
+        let hub = hub.clone();
+        let serving = std::thread::spawn(move || {
+            let folder = tempfile::TempDir::new_in("/tmp").unwrap();
+            let orders = Orders::start(&Instance::at(3, folder.path()).unwrap()).unwrap();
+            let queue = hub.enter(VIEWERS).unwrap();
+            let (socket, admitted) = admit(&hub, &door, listener.accept().unwrap().0).unwrap();
+            Viewer::new(socket, admitted, (&hub, &queue), &door, &orders).serve("1");
+            hub.leave(&queue);
+        });
+        let mut request = format!("ws://{at}/").into_client_request().unwrap();
+        request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static("foxglove.sdk.v1"));
+        let stream = TcpStream::connect(at).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let (mut socket, _) = tungstenite::client(request, stream).unwrap();
+        socket.send(Message::text(r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}"#)).unwrap();
+        (socket, serving)
+    }
+
+    fn wait(what: &str, mut is: impl FnMut() -> bool) {
+        let begin = Instant::now();
+        while !is() {
+            assert!(begin.elapsed() < Duration::from_secs(60), "{what}");
+            std::thread::sleep(NAP);
+        }
+    }
+
+    #[test]
+    fn a_viewer_that_never_reads_is_let_go_and_one_beside_it_gets_everything() {
+        let hub = Arc::new(Hub::default());
+        let (mut reads, second) = viewer(&hub);
+        wait("it subscribes", || hub.wants(0));
+        let (never, first) = viewer(&hub);
+        let (told, messages) = (Arc::new(std::sync::atomic::AtomicU64::new(0)), 1500);
+        let counted = told.clone();
+        let reading = std::thread::spawn(move || {
+            while let Ok(message) = reads.read() {
+                if matches!(&message, Message::Binary(bytes) if bytes.first() == Some(&1)) {
+                    counted.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        });
+        // Far more than the buffers of the system hold.
+        for time_ns in 1..=messages {
+            hub.publish(&Data { channel: 0, time_ns, bytes: vec![7; 40_000].into() });
+            let before = time_ns.saturating_sub(100);
+            wait("the one that reads goes on", || told.load(Ordering::Relaxed) >= before);
+        }
+        wait("the other one is let go", || hub.tally().refused.contains_key("viewer reads too slowly"));
+        first.join().unwrap();
+        wait("all of it comes", || told.load(Ordering::Relaxed) == messages);
+        assert!(hub.tally().dropped > 100, "{:?}", hub.tally());
+        drop(never);
+        hub.finish();
+        second.join().unwrap();
+        reading.join().unwrap();
+    }
+
+    #[test]
+    fn bad_messages_are_counted_by_reason_and_answered_and_floods_end_the_connection() {
+        let hub = Arc::new(Hub::default());
+        let (mut socket, serving) = viewer(&hub);
+        socket.send(Message::text("{")).unwrap();
+        socket
+            .send(Message::text(r#"{"op":"subscribe","subscriptions":[{"id":2,"channelId":99}]}"#))
+            .unwrap();
+        socket.send(Message::binary(vec![1, 2, 3])).unwrap();
+        socket.send(Message::binary(vec![2, 9, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0])).unwrap();
+        let mut told = Vec::new();
+        while told.len() < 4 {
+            if let Message::Text(text) = socket.read().unwrap()
+                && (text.contains("\"status\"") || text.contains("serviceCallFailure"))
+            {
+                told.push(text.to_string());
+            }
+        }
+        let refused = hub.tally().refused;
+        for reason in ["message not understood", "unknown channel", "not offered here", "unknown service"] {
+            assert_eq!(refused.get(reason), Some(&1), "{refused:?} {told:?}");
+        }
+        for _ in 0..2000 {
+            if socket.send(Message::text("{}")).is_err() {
+                break;
+            }
+        }
+        serving.join().unwrap();
+        assert!(hub.tally().refused.contains_key("too many messages"), "{:?}", hub.tally());
+    }
+}

@@ -1,0 +1,392 @@
+//! One viewer: its messages in, topics and answers out.
+//!
+//! Contract: every wait is bounded. A viewer that sends too much, takes nothing for too long or falls silent
+//! is let go, and counted; what it did not take in time is dropped, the oldest first.
+
+use std::collections::BTreeMap;
+use std::net::TcpStream;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use tungstenite::error::ProtocolError;
+use tungstenite::{Bytes, Error, Message as Packet, WebSocket};
+
+use super::guard::{Admitted, Door};
+use super::hub::{Hub, Parameters, Queue};
+use super::orders::{Answer, Orders, What};
+use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
+
+/// Longest wait for a message, and so between two looks at the queue.
+const WAIT: Duration = Duration::from_millis(2);
+/// Longest time for which one write may hold the viewer's thread up.
+const WRITE: Duration = Duration::from_millis(20);
+/// A viewer is let go that takes in nothing for this long.
+const STUCK: Duration = Duration::from_secs(5);
+/// Between two pings, and how long a viewer may be silent.
+const PING: Duration = Duration::from_secs(5);
+const SILENT: Duration = Duration::from_secs(20);
+/// Between two messages of the time.
+const TIME: Duration = Duration::from_millis(100);
+/// Most messages of a viewer per second.
+const MESSAGES: u32 = 500;
+/// Most subscriptions of a viewer; two to one channel are legal.
+const SUBSCRIPTIONS: usize = 64;
+
+/// An answer on its way back.
+enum Reply {
+    Call { service: u32, call: u32, answer: Answer },
+    Set { names: Vec<String>, id: Option<String>, answer: Answer },
+}
+
+/// Values that were asked for before they are known.
+struct Due {
+    names: Vec<String>,
+    id: Option<String>,
+    /// Parameters have to be shown more often than so.
+    after: u64,
+}
+
+pub(crate) struct Viewer<'a> {
+    socket: WebSocket<TcpStream>,
+    hub: &'a Arc<Hub>,
+    queue: &'a Arc<Queue>,
+    door: &'a Door,
+    orders: &'a Orders,
+    controls: bool,
+    /// Channel of each subscription, by its number.
+    subscriptions: BTreeMap<u32, usize>,
+    /// Names of parameters of which changes are told; `None`: of none.
+    followed: Option<Vec<String>>,
+    told: Arc<Parameters>,
+    due: Vec<Due>,
+    replies: Sender<Reply>,
+    answers: Receiver<Reply>,
+    stuck_since: Option<Instant>,
+    heard: Instant,
+    pinged: Instant,
+    timed: Instant,
+    /// Begin of this second, and messages in it.
+    second: (Instant, u32),
+}
+
+impl<'a> Viewer<'a> {
+    pub(crate) fn new(
+        socket: WebSocket<TcpStream>,
+        admitted: Admitted,
+        (hub, queue): (&'a Arc<Hub>, &'a Arc<Queue>),
+        door: &'a Door,
+        orders: &'a Orders,
+    ) -> Self {
+        let (replies, answers) = channel();
+        let now = Instant::now();
+        Self {
+            socket,
+            hub,
+            queue,
+            door,
+            orders,
+            controls: admitted.controls,
+            subscriptions: BTreeMap::new(),
+            followed: None,
+            told: Arc::default(),
+            due: Vec::new(),
+            replies,
+            answers,
+            stuck_since: None,
+            heard: now,
+            pinged: now,
+            timed: now,
+            second: (now, 0),
+        }
+    }
+
+    /// Serves the viewer until it ends.
+    pub(crate) fn serve(mut self, session: &str) {
+        let stream = self.socket.get_ref();
+        let timeouts = stream
+            .set_read_timeout(Some(WAIT))
+            .and_then(|()| stream.set_write_timeout(Some(WRITE)))
+            .and_then(|()| stream.set_nodelay(true));
+        if timeouts.is_err() {
+            return;
+        }
+        self.say(&protocol::server_info(session));
+        self.say(&protocol::advertise());
+        self.say(&protocol::advertise_services());
+        if let Some(reason) = self.talk() {
+            self.hub.refuse(reason);
+            // It may not read any more.
+            self.say(&protocol::status(Level::Error, reason, None));
+        }
+        let _ = self.socket.close(None);
+        let _ = self.socket.flush();
+    }
+
+    /// Until it ends; why it is let go, if it is.
+    fn talk(&mut self) -> Option<&'static str> {
+        while !self.hub.is_over() {
+            let packet = self.socket.read();
+            if packet.is_ok() {
+                self.heard = Instant::now();
+                if self.second.0.elapsed() >= Duration::from_secs(1) {
+                    self.second = (self.heard, 0);
+                }
+                self.second.1 += 1;
+                if self.second.1 > MESSAGES {
+                    return Some("too many messages");
+                }
+            }
+            match packet {
+                Ok(Packet::Text(text)) => self.hear(protocol::text(text.as_str())),
+                Ok(Packet::Binary(bytes)) => self.hear(protocol::binary(&bytes)),
+                Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return None,
+                Ok(_) => {}
+                // It went without a word.
+                Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => return None,
+                Err(Error::Io(error)) if would_block(&error) => {}
+                Err(Error::Io(_)) => return None,
+                Err(Error::Capacity(_)) => return Some("message too long"),
+                Err(_) => return Some("broken WebSocket"),
+            }
+            while let Ok(reply) = self.answers.try_recv() {
+                self.answer(reply);
+            }
+            if self.heard.elapsed() > SILENT {
+                return Some("silent viewer");
+            }
+            if !self.is_stuck() {
+                self.show();
+            } else if self.stuck_since.is_some_and(|since| since.elapsed() > STUCK) {
+                return Some("viewer reads too slowly");
+            }
+        }
+        None
+    }
+
+    /// Whether something that was written still waits to be read.
+    fn is_stuck(&mut self) -> bool {
+        if self.stuck_since.is_some() && self.socket.flush().is_ok() {
+            self.stuck_since = None;
+        }
+        self.stuck_since.is_some()
+    }
+
+    /// Sends what has come, the time, and parameters that changed.
+    fn show(&mut self) {
+        let (words, mut data) = self.queue.take();
+        words.iter().for_each(|words| self.say(words));
+        let mut sent = 0;
+        while self.stuck_since.is_none()
+            && let Some(data) = data.pop_front()
+        {
+            for (id, _) in self.subscriptions.iter().filter(|(_, channel)| **channel == data.channel) {
+                let packet = protocol::message_data(*id, data.time_ns, &data.bytes);
+                sent += 1;
+                write(&mut self.socket, &mut self.stuck_since, Packet::Binary(packet.into()));
+            }
+        }
+        let dropped = if data.is_empty() { 0 } else { self.queue.put_back(data) };
+        if sent + dropped > 0 {
+            self.hub
+                .count(|tally| (tally.sent, tally.dropped) = (tally.sent + sent, tally.dropped + dropped));
+        }
+        if self.timed.elapsed() >= TIME {
+            self.timed = Instant::now();
+            let now_ns = self.hub.now_ns.load(Ordering::Relaxed);
+            self.write(Packet::Binary(protocol::time(now_ns).into()));
+        }
+        if self.pinged.elapsed() >= PING {
+            self.pinged = Instant::now();
+            self.write(Packet::Ping(Bytes::new()));
+        }
+        let (shown, newest) = self.hub.parameters();
+        if let Some(followed) = &self.followed
+            && !Arc::ptr_eq(&newest, &self.told)
+        {
+            let changed = newest.changed_since(&self.told).named(followed);
+            self.told = newest.clone();
+            if !changed.is_empty() {
+                self.say(&protocol::parameter_values(&changed, None));
+            }
+        }
+        let (ready, due) = self.due.drain(..).partition(|due| shown > due.after);
+        self.due = due;
+        let ready: Vec<Due> = ready;
+        for Due { names, id, .. } in ready {
+            self.say(&protocol::parameter_values(&newest.named(&names), id.as_deref()));
+        }
+        if self.socket.flush().is_err() {
+            self.stuck_since.get_or_insert_with(Instant::now);
+        }
+    }
+
+    fn say(&mut self, text: &str) {
+        self.write(Packet::text(text));
+    }
+
+    fn write(&mut self, packet: Packet) {
+        write(&mut self.socket, &mut self.stuck_since, packet);
+    }
+
+    fn tell(&mut self, level: Level, words: &str) {
+        self.say(&protocol::status(level, words, None));
+    }
+
+    fn hear(&mut self, said: Result<Said, &'static str>) {
+        match said {
+            Ok(said) => self.carry_out(said),
+            Err(reason) => {
+                self.hub.refuse(reason);
+                self.tell(Level::Warning, reason);
+            }
+        }
+    }
+
+    fn carry_out(&mut self, said: Said) {
+        match said {
+            Said::Subscribe(wanted) => {
+                for (id, channel) in wanted {
+                    self.subscribe(id, channel);
+                }
+                self.want();
+            }
+            Said::Unsubscribe(ids) => {
+                for id in ids {
+                    if self.subscriptions.remove(&id).is_none() {
+                        self.refuse("unknown subscription");
+                    }
+                }
+                self.want();
+            }
+            Said::GetParameters(names, id) => {
+                // Before the first status there is nothing to tell.
+                self.due.push(Due { names, id, after: 0 });
+                self.bound_due();
+            }
+            Said::SubscribeParameters(names) => {
+                // An empty list stands for all.
+                let all = names.is_empty() || self.followed.as_ref().is_some_and(Vec::is_empty);
+                let mut followed = self.followed.take().unwrap_or_default();
+                followed.extend(names);
+                followed.truncate(if all { 0 } else { SUBSCRIPTIONS });
+                self.followed = Some(followed);
+                self.told = Arc::default();
+            }
+            Said::UnsubscribeParameters(names) => {
+                if names.is_empty() {
+                    self.followed = None;
+                } else if let Some(followed) = &mut self.followed {
+                    followed.retain(|name| !names.contains(name));
+                    self.followed = self.followed.take().filter(|left| !left.is_empty());
+                }
+            }
+            Said::SetParameters(settings, id) => self.set(settings, id),
+            Said::Call { service, call, token } => self.call(service, call, token.as_deref()),
+        }
+    }
+
+    fn refuse(&mut self, reason: &'static str) {
+        self.hear(Err(reason));
+    }
+
+    fn bound_due(&mut self) {
+        if self.due.len() > SUBSCRIPTIONS {
+            self.due.remove(0);
+            self.refuse("too many questions at once");
+        }
+    }
+
+    fn subscribe(&mut self, id: u32, channel: u64) {
+        let place = usize::try_from(channel).ok().and_then(|channel| channel.checked_sub(1));
+        match place.filter(|place| *place < CHANNELS.len()) {
+            None => self.refuse("unknown channel"),
+            Some(_) if self.subscriptions.contains_key(&id) => self.refuse("subscription in use"),
+            Some(_) if self.subscriptions.len() >= SUBSCRIPTIONS => self.refuse("too many subscriptions"),
+            Some(place) => drop(self.subscriptions.insert(id, place)),
+        }
+    }
+
+    /// Tells the publisher what is subscribed to.
+    fn want(&self) {
+        let wanted = self.subscriptions.values().fold(0, |bits, channel| bits | (1 << channel));
+        self.queue.wanted.store(wanted, Ordering::Relaxed);
+    }
+
+    fn set(&mut self, settings: Vec<(String, Setting)>, id: Option<String>) {
+        if !self.controls {
+            self.hub.refuse("without the token");
+            self.tell(
+                Level::Error,
+                "to set parameters, open this server's address with ?token= and the token it printed",
+            );
+            let names = settings.into_iter().map(|(name, _)| name).collect();
+            self.due.push(Due { names, id, after: 0 });
+            self.bound_due();
+            return;
+        }
+        for (name, setting) in settings {
+            let (replies, id) = (self.replies.clone(), id.clone());
+            let back = move |answer| drop(replies.send(Reply::Set { names: vec![name], id, answer }));
+            self.orders.pass(What::Set(setting), Box::new(back));
+        }
+    }
+
+    fn call(&mut self, service: u32, call: u32, token: Option<&str>) {
+        let replies = self.replies.clone();
+        let back = move |answer| drop(replies.send(Reply::Call { service, call, answer }));
+        match Service::ALL.into_iter().find(|known| known.id() == service) {
+            // Anybody may stop the arm, in the way that needs no middleware.
+            Some(Service::Stop) => {
+                self.hub.count(|tally| tally.stops += 1);
+                self.orders.stop(Box::new(back));
+            }
+            Some(Service::Arm) => {
+                let may = token.map_or(self.controls, |token| self.door.token.is(token));
+                if may {
+                    self.orders.pass(What::Arm, Box::new(back));
+                } else {
+                    self.hub.refuse("without the token");
+                    let words = "to arm, give the token that this server printed: {\"token\": \"...\"}";
+                    self.say(&protocol::call_failed(service, call, words));
+                }
+            }
+            None => {
+                self.hub.refuse("unknown service");
+                self.say(&protocol::call_failed(service, call, "there is no such service"));
+            }
+        }
+    }
+
+    fn answer(&mut self, reply: Reply) {
+        match reply {
+            Reply::Call { service, call, answer: Ok(words) } => {
+                self.write(Packet::Binary(protocol::call_done(service, call, &words).into()));
+            }
+            Reply::Call { service, call, answer: Err(words) } => {
+                self.say(&protocol::call_failed(service, call, &words));
+            }
+            Reply::Set { names, id, answer } => {
+                if let Err(words) = answer {
+                    self.tell(Level::Error, &words);
+                }
+                // The status after this one shows it.
+                self.due.push(Due { names, id, after: self.hub.parameters().0 + 1 });
+                self.bound_due();
+            }
+        }
+    }
+}
+
+/// Writes a packet. One that cannot be written waits in the socket's buffer, of bounded size.
+fn write(socket: &mut WebSocket<TcpStream>, stuck_since: &mut Option<Instant>, packet: Packet) {
+    if socket.write(packet).is_err() {
+        stuck_since.get_or_insert_with(Instant::now);
+    }
+}
+
+fn would_block(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+}

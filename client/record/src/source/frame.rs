@@ -1,0 +1,288 @@
+//! What a relay and its listeners say to each other on a Unix socket.
+//!
+//! Contract: a frame is the length of its body (u32), its kind (u32), then the body; numbers are
+//! little-endian. Messages are those of shared memory, byte for byte; the greeting names their layouts, so
+//! that two versions never misread each other. Any bytes give frames or an end.
+
+use std::io::{self, ErrorKind, Read as _};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+
+use foretrace_shm::{
+    LARGEST_THING_BYTES, Status, Thing, TickInput, TickRecord, Validate, Wire, host_boot_id,
+};
+
+use super::{Heard, Wants};
+use crate::topics::{thing_bytes, thing_of};
+
+/// Longest body \[bytes\]: a thing with its kind and numbers.
+const LONGEST: usize = LARGEST_THING_BYTES as usize + 64;
+/// Length and kind.
+const HEAD: usize = 8;
+/// Bytes that one look reads at most, so that a loop of many peers goes on.
+const AT_ONCE: usize = 8 << 20;
+const MAGIC: u64 = u64::from_le_bytes(*b"ftRELAY1");
+
+/// Kinds of frames.
+pub(crate) mod kind {
+    /// First frame of a relay: what it is, and which layouts it sends.
+    pub(crate) const HELLO: u32 = 1;
+    pub(crate) const INPUT: u32 = 2;
+    pub(crate) const TICK: u32 = 3;
+    pub(crate) const STATUS: u32 = 4;
+    pub(crate) const THING: u32 = 5;
+    /// What never reached this listener, without what the sequence numbers of ticks and inputs show.
+    pub(crate) const COUNTS: u32 = 6;
+    /// First frame of a listener: what it wants.
+    pub(crate) const WANTS: u32 = 7;
+    /// A listener asks for settings, weights and a state once more.
+    pub(crate) const AGAIN: u32 = 8;
+}
+
+/// Refused messages and broken things, as a relay counts them for a listener.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Counts {
+    pub(crate) refused: u64,
+    pub(crate) broken: u64,
+}
+
+/// A frame of `kind`.
+pub(crate) fn framed(kind: u32, body: &[u8]) -> Arc<[u8]> {
+    let mut bytes = Vec::with_capacity(HEAD + body.len());
+    bytes.extend_from_slice(&u32::try_from(body.len()).unwrap_or(u32::MAX).to_le_bytes());
+    bytes.extend_from_slice(&kind.to_le_bytes());
+    bytes.extend_from_slice(body);
+    bytes.into()
+}
+
+fn words(words: &[u64]) -> Vec<u8> {
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+/// The body of a greeting.
+pub(crate) fn hello() -> Vec<u8> {
+    words(&[MAGIC, host_boot_id(), TickInput::LAYOUT_HASH, TickRecord::LAYOUT_HASH, Status::LAYOUT_HASH])
+}
+
+/// The frame of a message.
+pub(crate) fn frame_of(heard: &Heard) -> (u32, Arc<[u8]>) {
+    let mut body = Vec::new();
+    let kind = match heard {
+        Heard::Input(input) => {
+            input.put(&mut body);
+            kind::INPUT
+        }
+        Heard::Tick(record) => {
+            record.put(&mut body);
+            kind::TICK
+        }
+        Heard::Status(status) => {
+            status.put(&mut body);
+            kind::STATUS
+        }
+        Heard::Thing(thing) => {
+            body = thing_bytes(thing);
+            kind::THING
+        }
+    };
+    (kind, framed(kind, &body))
+}
+
+pub(crate) fn counts_frame(counts: Counts) -> Arc<[u8]> {
+    framed(kind::COUNTS, &words(&[counts.refused, counts.broken]))
+}
+
+pub(crate) fn wants_frame(wants: Wants) -> Arc<[u8]> {
+    framed(kind::WANTS, &[u8::from(wants.ticks), u8::from(wants.inputs)])
+}
+
+/// What a relay says.
+#[derive(Debug)]
+pub(crate) enum Said {
+    Heard(Heard),
+    Counts(Counts),
+    /// A message that is not a legal one.
+    Refused,
+}
+
+/// The content of a relay's frame; `None`: no frame of a relay.
+pub(crate) fn said(kind: u32, mut body: &[u8]) -> Option<Said> {
+    fn message<T: Wire + Validate>(mut body: &[u8], heard: impl FnOnce(Box<T>) -> Heard) -> Option<Said> {
+        let message = T::get(&mut body).filter(|_| body.is_empty())?;
+        Some(if message.validate().is_ok() { Said::Heard(heard(Box::new(message))) } else { Said::Refused })
+    }
+    match kind {
+        kind::INPUT => message(body, Heard::Input),
+        kind::TICK => message(body, Heard::Tick),
+        kind::STATUS => message(body, Heard::Status),
+        kind::THING => thing_of(body).map(|thing: Thing| Said::Heard(Heard::Thing(thing))),
+        kind::COUNTS => {
+            let (refused, broken) = (u64::get(&mut body)?, u64::get(&mut body)?);
+            Some(Said::Counts(Counts { refused, broken }))
+        }
+        _ => None,
+    }
+}
+
+/// What a listener says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asked {
+    Wants(Wants),
+    Again,
+}
+
+/// The content of a listener's frame; `None`: no frame of a listener.
+pub(crate) fn asked(kind: u32, body: &[u8]) -> Option<Asked> {
+    match (kind, body) {
+        (kind::WANTS, [ticks @ (0 | 1), inputs @ (0 | 1)]) => {
+            Some(Asked::Wants(Wants { ticks: *ticks == 1, inputs: *inputs == 1 }))
+        }
+        (kind::AGAIN, []) => Some(Asked::Again),
+        _ => None,
+    }
+}
+
+/// What came and was not taken yet.
+#[derive(Debug)]
+pub(crate) struct Inbox {
+    bytes: Vec<u8>,
+    at: usize,
+    longest: usize,
+}
+
+/// The stream is over, or what came is no frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Over;
+
+impl Inbox {
+    /// Of frames of a relay.
+    pub(crate) const fn of_relay() -> Self {
+        Self { bytes: Vec::new(), at: 0, longest: LONGEST }
+    }
+
+    /// Of frames of a listener, which are short.
+    pub(crate) const fn of_listener() -> Self {
+        Self { bytes: Vec::new(), at: 0, longest: 16 }
+    }
+
+    /// Takes in what has come, without waiting.
+    pub(crate) fn fill(&mut self, stream: &mut UnixStream) -> Result<(), Over> {
+        self.bytes.drain(..self.at);
+        self.at = 0;
+        let mut room = [0; 1 << 16];
+        let most = AT_ONCE.min(64 * self.longest);
+        let mut came = 0;
+        while came < most {
+            match stream.read(&mut room) {
+                Ok(0) => return Err(Over),
+                Ok(count) => {
+                    self.bytes.extend_from_slice(room.get(..count).unwrap_or_default());
+                    came += count;
+                }
+                Err(error) if waits(&error) => break,
+                Err(_) => return Err(Over),
+            }
+        }
+        Ok(())
+    }
+
+    /// The next whole frame: kind and body.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<(u32, &[u8])>, Over> {
+        let mut rest = self.bytes.get(self.at..).unwrap_or_default();
+        let (Some(length), Some(kind)) = (u32::get(&mut rest), u32::get(&mut rest)) else { return Ok(None) };
+        let length = length as usize;
+        if length > self.longest {
+            return Err(Over);
+        }
+        if rest.len() < length {
+            return Ok(None);
+        }
+        let begin = self.at + HEAD;
+        self.at = begin + length;
+        Ok(self.bytes.get(begin..self.at).map(|body| (kind, body)))
+    }
+}
+
+/// Whether `error` only says that there is nothing to be done now.
+pub(crate) fn waits(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::TimedOut)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_shm::PieceKind;
+    use std::io::Write as _;
+
+    #[test]
+    fn every_message_comes_back_from_its_frame_and_forged_ones_are_refused() {
+        let mut input = TickInput { tick: 7, ..TickInput::default() };
+        input.header.sequence = 3;
+        let thing = Thing { kind: PieceKind::Weights, number: 3, daemon_id: 9, bytes: vec![1, 2] };
+        for heard in [
+            Heard::Input(Box::new(input)),
+            Heard::Tick(Box::default()),
+            Heard::Status(Box::default()),
+            Heard::Thing(thing),
+        ] {
+            let (kind, frame) = frame_of(&heard);
+            match said(kind, &frame[HEAD..]) {
+                Some(Said::Heard(came)) => assert_eq!(format!("{came:?}"), format!("{heard:?}")),
+                other => panic!("{heard:?} came as {other:?}"),
+            }
+            assert!(said(kind, &frame[HEAD..frame.len() - 1]).is_none() || kind == kind::THING);
+        }
+        let forged = TickInput { mode: 99, ..TickInput::default() };
+        let (kind, frame) = frame_of(&Heard::Input(Box::new(forged)));
+        assert!(matches!(said(kind, &frame[HEAD..]), Some(Said::Refused)));
+        assert!(said(99, &[]).is_none());
+        assert_eq!(asked(kind::WANTS, &[1, 2]), None);
+        assert_eq!(asked(kind::AGAIN, &[]), Some(Asked::Again));
+    }
+
+    #[test]
+    fn any_bytes_give_frames_or_an_end_within_bounded_memory() {
+        let cases: u32 = std::env::var("FORETRACE_FUZZ_CASES")
+            .map_or(2_000, |text| text.parse::<u32>().expect("a whole number") / 25);
+        // xorshift64*: the same bytes in every run.
+        let mut state = 0x0000_5e1a_0001_u64;
+        let mut dice = || {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            state.wrapping_mul(0x2545_f491_4f6c_dd1d)
+        };
+        let good: Vec<u8> = [
+            frame_of(&Heard::Tick(Box::default())).1,
+            counts_frame(Counts::default()),
+            frame_of(&Heard::Input(Box::default())).1,
+        ]
+        .concat();
+        let (mut whole, mut ended) = (0, 0);
+        for _ in 0..cases {
+            let mut bytes = good.clone();
+            for _ in 0..=dice() >> 62 {
+                let at = (dice() >> 33) as usize % bytes.len();
+                bytes[at] = (dice() >> 56) as u8;
+            }
+            let (mut to, mut from) = UnixStream::pair().unwrap();
+            from.set_nonblocking(true).unwrap();
+            to.write_all(&bytes).unwrap();
+            drop(to);
+            let mut inbox = Inbox::of_relay();
+            let over = inbox.fill(&mut from);
+            assert_eq!(over, Err(Over), "the other end is gone");
+            loop {
+                match inbox.next_frame() {
+                    Ok(Some((kind, body))) => whole += u32::from(said(kind, body).is_some()),
+                    Ok(None) => break,
+                    Err(Over) => {
+                        ended += 1;
+                        break;
+                    }
+                }
+            }
+        }
+        assert!(whole > cases && ended > 0, "{whole} {ended}");
+    }
+}

@@ -1,0 +1,118 @@
+//! Listening to a relay.
+
+use std::io::Write as _;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use foretrace_client::Instance;
+
+use super::frame::{Counts, Inbox, Over, Said, framed, hello, kind, said, wants_frame};
+use super::{Heard, Wants};
+
+/// Longest wait for a relay's greeting.
+const GREETING: Duration = Duration::from_millis(500);
+/// A relay that says nothing for this long hangs: it counts once a second.
+const SILENT: Duration = Duration::from_secs(3);
+
+/// Where the relay of `instance` listens.
+pub(crate) fn relay_socket(instance: &Instance) -> PathBuf {
+    instance.root().join("relay.sock")
+}
+
+#[derive(Debug)]
+pub(super) struct Remote {
+    stream: UnixStream,
+    inbox: Inbox,
+    heard: Instant,
+    over: bool,
+    /// The relay's counts when this began to listen.
+    base: Option<Counts>,
+    counts: Counts,
+    /// Messages that were refused here.
+    refused: u64,
+}
+
+impl Remote {
+    /// Connects to the relay of `instance`; `None`: there is none of this version that answers.
+    pub(super) fn connect(instance: &Instance, wants: Wants) -> Option<Self> {
+        // Nobody but the own user may stand in for a relay.
+        instance.check_root().ok()?;
+        let mut stream = UnixStream::connect(relay_socket(instance)).ok()?;
+        stream.set_write_timeout(Some(GREETING)).ok()?;
+        stream.write_all(&wants_frame(wants)).ok()?;
+        stream.set_read_timeout(Some(GREETING / 10)).ok()?;
+        let (begin, mut inbox) = (Instant::now(), Inbox::of_relay());
+        while begin.elapsed() < GREETING {
+            inbox.fill(&mut stream).ok()?;
+            if let Some((found, body)) = inbox.next_frame().ok()? {
+                if found != kind::HELLO || body != hello() {
+                    return None;
+                }
+                stream.set_nonblocking(true).ok()?;
+                return Some(Self {
+                    stream,
+                    inbox,
+                    heard: Instant::now(),
+                    over: false,
+                    base: None,
+                    counts: Counts::default(),
+                    refused: 0,
+                });
+            }
+        }
+        None
+    }
+
+    pub(super) fn hear(&mut self, pass: &mut dyn FnMut(Heard)) {
+        if self.over {
+            return;
+        }
+        // What came before the end is taken all the same.
+        let ended = self.inbox.fill(&mut self.stream).is_err();
+        self.over = ended;
+        loop {
+            match self.inbox.next_frame() {
+                Ok(Some((kind, body))) => {
+                    self.heard = Instant::now();
+                    match said(kind, body) {
+                        Some(Said::Heard(heard)) => pass(heard),
+                        Some(Said::Counts(counts)) => {
+                            let base = self.base.get_or_insert(counts);
+                            self.counts = Counts {
+                                refused: counts.refused.saturating_sub(base.refused),
+                                broken: counts.broken.saturating_sub(base.broken),
+                            };
+                        }
+                        Some(Said::Refused) => self.refused += 1,
+                        None => {
+                            self.over = true;
+                            break;
+                        }
+                    }
+                }
+                Ok(None) => break,
+                Err(Over) => {
+                    self.over = true;
+                    break;
+                }
+            }
+        }
+    }
+
+    pub(super) fn start_again(&mut self) {
+        // Eight bytes into a socket that a living relay empties all the time.
+        if self.stream.write_all(&framed(kind::AGAIN, &[])).is_err() {
+            self.over = true;
+        }
+    }
+
+    /// Whether the relay is gone, hangs, or says what no relay says.
+    pub(super) fn is_over(&self) -> bool {
+        self.over || self.heard.elapsed() > SILENT
+    }
+
+    pub(super) fn counts(&self) -> Counts {
+        Counts { refused: self.counts.refused + self.refused, ..self.counts }
+    }
+}
