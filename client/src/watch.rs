@@ -153,6 +153,7 @@ impl InputWatch {
         self.pieces = None;
         let pieces = foretrace.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?;
         self.pieces = Some(pieces);
+        self.assembly.listen_anew();
         Ok(())
     }
 

@@ -38,6 +38,10 @@ mod support;
 #[cfg(test)]
 mod testing;
 
+/// Build of the control law in this program, as 16 hexadecimal digits: programs with the same one give the
+/// same commands, bit for bit, on the same kind of processor. See `daemon/build.rs`.
+pub const LAW_BUILD: &str = env!("FORETRACE_LAW");
+
 /// Why there is no log.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LogError {

@@ -55,8 +55,10 @@ broken=0
   broken=$((broken + 1))
 "$FORETRACE" replay "$scratch/run.mcap" || broken=$((broken + 1))
 
-"$FORETRACE" flight "$scratch/box" --keep 2 --seconds 8 "${at[@]}" 2>"$scratch/log" &
+"$FORETRACE" flight "$scratch/box" --keep 2 --seconds 8 "${at[@]}" 2>"$scratch/flight.log" &
 flight=$!
+"$FORETRACE" play glyphs:Kx "${at[@]}" >"$scratch/log" 2>&1 &
+children+=($!)
 sleep 3
 kill -USR1 "$flight"
 wait "$flight"

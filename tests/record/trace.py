@@ -5,7 +5,7 @@ import sys
 
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace
 
-BEGIN, END, COUNTER = 1, 2, 4
+BEGIN, END, INSTANT, COUNTER = 1, 2, 3, 4
 
 
 def main() -> int:
@@ -28,7 +28,9 @@ def main() -> int:
                 problems.append(f"{name}: a slice without beginning or name")
                 break
     problems += [f"{name}: {open_} slices do not end" for name, open_ in depth.items() if open_]
-    if not counts.get(("stages of the tick", BEGIN)) or not counts.get(("trust", COUNTER)):
+    wanted = {("rt thread: stages of the tick", BEGIN), ("rt thread: wake-up", BEGIN), ("trust", COUNTER)}
+    wanted |= {("arm: joint states", INSTANT), ("pen: samples", INSTANT)}
+    if wanted - set(counts):
         problems.append(f"too little in it: {counts}")
     for problem in problems:
         print(f"broken: {problem}")

@@ -33,13 +33,16 @@ pub(crate) struct ExplainArgs {
 struct ExplainReport {
     moments: Vec<explain::Moment>,
     sentences: Vec<String>,
+    /// One tick of so many has a record; 1 with `--tick`.
+    every_ticks: u64,
     /// Where and why the file ends early.
     damage: Option<String>,
 }
 
 pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let mut report = ExplainReport { moments: Vec::new(), sentences: Vec::new(), damage: None };
+    let mut report =
+        ExplainReport { moments: Vec::new(), sentences: Vec::new(), every_ticks: 1, damage: None };
     match args.tick {
         Some(tick) => {
             report.sentences = explain::tick(&args.file, tick).map_err(unrecorded)?;
@@ -48,7 +51,16 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
             }
         }
         None => {
-            (report.moments, report.damage) = explain::moments(&args.file).map_err(unrecorded)?;
+            let told = explain::moments(&args.file).map_err(unrecorded)?;
+            (report.moments, report.every_ticks, report.damage) =
+                (told.moments, told.every_ticks, told.damage);
+            if report.every_ticks > 1 {
+                say!(
+                    "one tick of {} has a record (telemetry.every_ticks): what happened between two is told of the \
+                     next one, and the largest error or the latest tick may be missing",
+                    report.every_ticks
+                );
+            }
             for moment in &report.moments {
                 say!("tick {:>8}  {:>9.3} s  {}", moment.tick, moment.after_s, moment.what);
             }

@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_record::flight::{Flight, Options, Written};
+use foretrace_record::last_flight;
+use foretrace_record::record::unix_minus_monotonic;
 use foretrace_record::source::{Source, Wants};
+use foretrace_shm::monotonic_now_ns;
 use serde::Serialize;
 
 use crate::attach::news;
@@ -91,6 +94,10 @@ pub(crate) fn run(args: &FlightArgs) -> Result<(), Failure> {
             Ok(None) => {}
             Ok(Some(written)) => {
                 note!("flight: {}: {}", written.trigger.word(), written.recording.display());
+                let unix_ns = monotonic_now_ns().wrapping_add(unix_minus_monotonic());
+                if let Err(error) = last_flight::note(instance.root(), &written, unix_ns) {
+                    note!("flight: `foretrace status` cannot show it: {}", unrecorded(error));
+                }
                 files.push(written);
             }
             // The memory is still there: the next trigger may find room.

@@ -4,11 +4,9 @@ use std::path::PathBuf;
 
 use foretrace_record::replay::{Difference, End, Outcome, ReplayError, Start, replay};
 use foretrace_record::what_if::{Variant, WhatIfError, what_if};
-use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say};
-use crate::record::everything::build_of;
 use crate::record::{undamaged, unrecorded};
 
 /// Run the recorded ticks again, and compare every command bit for bit
@@ -36,24 +34,12 @@ pub(crate) struct ReplayArgs {
     json: JsonArgs,
 }
 
-/// The result; keys are stable.
-#[derive(Debug, Serialize)]
-struct ReplayReport {
-    #[serde(flatten)]
-    outcome: Outcome,
-    /// Recorded from a daemon of exactly this program; `None`: unknown.
-    same_build: Option<bool>,
-}
-
 pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     args.json.claim()?;
     if !args.what_if.is_empty() {
         return compare(args);
     }
     let outcome = replay(&args.file).map_err(unreplayed)?;
-    let own = build_of("/proc/self/exe");
-    let known = !outcome.recorded_build.is_empty() && !own.is_empty();
-    let same_build = known.then(|| outcome.recorded_build == own);
     let from = match outcome.start {
         Start::FirstTick => "the first tick",
         Start::State => "a state",
@@ -77,8 +63,8 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         End::Damaged { after, why } => Some(format!("after {after} bytes: {why}")),
         _ => None,
     };
-    let verdict = verdict(&outcome, same_build).and(undamaged(&args.file, damage.as_deref()));
-    args.json.write(&ReplayReport { outcome, same_build })?;
+    let verdict = verdict(&outcome).and(undamaged(&args.file, damage.as_deref()));
+    args.json.write(&outcome)?;
     verdict
 }
 
@@ -131,7 +117,7 @@ fn unanswered(error: WhatIfError) -> Failure {
 }
 
 /// An error if anything differs, or nothing was compared.
-fn verdict(outcome: &Outcome, same_build: Option<bool>) -> Result<(), Failure> {
+fn verdict(outcome: &Outcome) -> Result<(), Failure> {
     let Some(Difference { tick, field, recorded, replayed }) = &outcome.difference else {
         if outcome.ticks == 0 {
             return Err(Failure::failed("no tick could be run again", "record for a second at least"));
@@ -144,10 +130,13 @@ fn verdict(outcome: &Outcome, same_build: Option<bool>) -> Result<(), Failure> {
          to {:.3e} rad",
         outcome.different_ticks, outcome.ticks, outcome.largest_rad
     );
-    let why = match same_build {
-        Some(true) => "the program is the same: this is a fault, please report it with the recording",
-        Some(false) => "the daemon was another program: replay with that one",
-        None => "the daemon's program is unknown: replay with that one",
+    let why = match outcome.same_build {
+        Some(true) => {
+            "the law has the same build: on the same kind of processor this is a fault, please report it with \
+             the recording"
+        }
+        Some(false) => "the daemon's law had another build: replay with the program of that daemon",
+        None => "the build of the daemon's law is unknown: replay with the program of that daemon",
     };
     Err(Failure::failed(what, why))
 }

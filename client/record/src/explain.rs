@@ -1,12 +1,13 @@
 //! In plain words: what a tick saw, decided and cost, and the moments of a recording that matter.
 //!
-//! Contract: says only what the tick records hold. Reads the file once, and keeps no more than two records
-//! and the moments found.
+//! Contract: says only what the tick records hold, and where records of most ticks were never wanted
+//! (`telemetry.every_ticks`), that it does not know them. Keeps no more than two records and the moments found.
 
 use std::path::Path;
 
 use foretrace_shm::{
-    FaultReason, Mode, Rejections, Rung, Stage, TickRecord, TrustReason, guard_mask, health, pen_flags,
+    FaultReason, Mode, PieceKind, Rejections, Rung, Stage, Thing, TickRecord, TrustReason, guard_mask,
+    health, pen_flags,
 };
 use serde::Serialize;
 
@@ -33,20 +34,32 @@ pub struct Moment {
     kind: &'static str,
 }
 
-/// The moments of `path` that matter most, in order of time; and where and why the file ends early, if so.
+/// What a recording tells.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Told {
+    /// The moments that matter most, in order of time.
+    pub moments: Vec<Moment>,
+    /// The daemon was set to record every n-th tick only; 1: every tick. Of several, the largest.
+    pub every_ticks: u64,
+    /// Where and why the file ends early; `None`: it is whole.
+    pub damage: Option<String>,
+}
+
+/// The moments of `path` that matter most.
 ///
 /// # Errors
 ///
 /// It is no recording of this program's layout, or holds no tick records.
-pub fn moments(path: &Path) -> Result<(Vec<Moment>, Option<String>), RecordError> {
+pub fn moments(path: &Path) -> Result<Told, RecordError> {
     let mut found: Vec<Moment> = Vec::new();
     let mut last: Option<Box<TickRecord>> = None;
-    let mut begin = 0;
-    let damage = each_tick(path, |record| {
+    let (mut begin, mut most) = (0, 1);
+    let damage = each_tick(path, |record, every| {
         if last.is_none() {
             begin = record.release_ns;
         }
-        for (kind, weight, what) in seen(last.as_deref(), &record) {
+        most = most.max(every);
+        for (kind, weight, what) in seen(last.as_deref(), &record, every) {
             let after_s = record.release_ns.saturating_sub(begin) as f64 * 1e-9;
             keep(&mut found, Moment { tick: record.tick, after_s, what, weight, kind });
         }
@@ -59,7 +72,7 @@ pub fn moments(path: &Path) -> Result<(Vec<Moment>, Option<String>), RecordError
     found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     found.truncate(MOMENTS);
     found.sort_by_key(|moment| moment.tick);
-    Ok((found, damage))
+    Ok(Told { moments: found, every_ticks: most, damage })
 }
 
 /// What `tick` saw, decided and cost, as sentences.
@@ -69,9 +82,11 @@ pub fn moments(path: &Path) -> Result<(Vec<Moment>, Option<String>), RecordError
 /// It is no recording of this program's layout, or does not hold that tick.
 pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
     let (mut found, mut range): (Option<Box<TickRecord>>, Option<(u64, u64)>) = (None, None);
-    each_tick(path, |record| {
+    let mut every_ticks = 1;
+    each_tick(path, |record, every| {
         let (first, _) = range.unwrap_or((record.tick, 0));
         range = Some((first, record.tick));
+        every_ticks = every;
         if record.tick == tick {
             found = Some(record);
         }
@@ -82,7 +97,13 @@ pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
         (None, None) => Err(no_ticks(path)),
         (None, Some((first, last))) => Err(RecordError::Format {
             path: path.to_path_buf(),
-            why: format!("it has no record of tick {tick}; there are ticks {first} to {last}"),
+            why: match every_ticks {
+                1 => format!("it has no record of tick {tick}; there are ticks {first} to {last}"),
+                n => format!(
+                    "it has no record of tick {tick}: the daemon recorded one tick of {n} \
+                     (telemetry.every_ticks); there are ticks {first} to {last}"
+                ),
+            },
         }),
     }
 }
@@ -91,21 +112,47 @@ fn no_ticks(path: &Path) -> RecordError {
     RecordError::Format { path: path.to_path_buf(), why: "it holds no tick records".to_owned() }
 }
 
-/// Calls `use_record` until it returns false; returns where and why the file ends early, if it came there.
+/// Calls `use_record` with each record and its daemon's `telemetry.every_ticks` until it returns false;
+/// returns where and why the file ends early, if it came there.
 fn each_tick(
     path: &Path,
-    mut use_record: impl FnMut(Box<TickRecord>) -> bool,
+    mut use_record: impl FnMut(Box<TickRecord>, u64) -> bool,
 ) -> Result<Option<String>, RecordError> {
+    // A recorder gets the settings some records after the first one.
+    let mut every = 1;
     let mut reader = Reader::open(path)?;
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
-        if let Content::Tick(record) = reader.content(&message)?
-            && !use_record(record)
+        if let Entry::Message(message) = entry
+            && let Ok(Content::Thing(thing)) = reader.content(&message)
+            && let Some(found) = every_ticks(&thing)
         {
+            every = found;
             break;
         }
     }
+    let mut reader = Reader::open(path)?;
+    while let Some(entry) = reader.next_entry()? {
+        let Entry::Message(message) = entry else { continue };
+        match reader.content(&message)? {
+            Content::Thing(thing) => every = every_ticks(&thing).unwrap_or(every),
+            Content::Tick(record) => {
+                if !use_record(record, every) {
+                    break;
+                }
+            }
+            _ => {}
+        }
+    }
     Ok(reader.damage())
+}
+
+/// One tick of how many is recorded under the settings in `thing`, if it has any.
+fn every_ticks(thing: &Thing) -> Option<u64> {
+    let text = std::str::from_utf8(&thing.bytes).ok().filter(|_| thing.kind == PieceKind::Settings)?;
+    // Read as a table: what the settings name need not be here, and they may be of another version.
+    let table: toml::Table = text.parse().ok()?;
+    let every = table.get("telemetry").and_then(|section| section.get("every_ticks")?.as_integer());
+    Some(every.and_then(|every| u64::try_from(every).ok()).unwrap_or(1).max(1))
 }
 
 fn keep(found: &mut Vec<Moment>, moment: Moment) {
@@ -120,8 +167,8 @@ fn keep(found: &mut Vec<Moment>, moment: Moment) {
     }
 }
 
-/// What `record` shows that `before` did not: kind, weight, words.
-fn seen(before: Option<&TickRecord>, record: &TickRecord) -> Vec<(&'static str, f64, String)> {
+/// What `record` shows that `before` did not, which is `every` ticks earlier: kind, weight, words.
+fn seen(before: Option<&TickRecord>, record: &TickRecord, every: u64) -> Vec<(&'static str, f64, String)> {
     let mut told = Vec::new();
     let mode = Mode::try_from(record.mode).unwrap_or(Mode::Idle);
     let has = |bit: u32| record.health & bit != 0;
@@ -144,9 +191,16 @@ fn seen(before: Option<&TickRecord>, record: &TickRecord) -> Vec<(&'static str, 
         told.push(("error", 1e3 + error_mm, words));
     }
     let Some(before) = before else { return told };
-    let missing = record.tick.saturating_sub(before.tick.saturating_add(1));
+    let passed = record.tick.saturating_sub(before.tick);
+    let missing = (passed / every.max(1)).saturating_sub(1);
     if missing > 0 {
         told.push(("gap", 5e3 + missing as f64, format!("{missing} records before it are missing")));
+    }
+    let late = record.counters.overruns.saturating_sub(before.counters.overruns);
+    let unseen = late.saturating_sub(u64::from(has(health::OVERRUN)));
+    if unseen > 0 && passed > 1 {
+        let words = format!("{unseen} of the {} ticks before it that have no record ended late", passed - 1);
+        told.push(("unseen overrun", 9e4 + unseen as f64, words));
     }
     if record.skipped_ticks > 0 {
         let skipped = f64::from(record.skipped_ticks);
@@ -366,7 +420,7 @@ mod tests {
             error_m: -1.0,
             ..Default::default()
         };
-        let told = seen(Some(&before), &record);
+        let told = seen(Some(&before), &record, 1);
         let kinds: Vec<_> = told.iter().map(|(kind, ..)| *kind).collect();
         assert_eq!(kinds, ["overrun", "stop", "trust"]);
         let words: String = told.iter().map(|(_, _, words)| words.as_str()).collect();
@@ -374,7 +428,26 @@ mod tests {
             assert!(words.contains(part), "{part} in {words}");
         }
         let quiet = TickRecord { tick: 8, error_m: -1.0, ..before };
-        assert_eq!(seen(Some(&before), &quiet), []);
+        assert_eq!(seen(Some(&before), &quiet, 1), []);
+    }
+
+    #[test]
+    fn records_that_were_never_wanted_are_not_missing_and_late_ticks_among_them_are_told() {
+        let mut before = TickRecord { tick: 8, error_m: -1.0, ..Default::default() };
+        before.counters.overruns = 3;
+        let next = TickRecord { tick: 12, ..before };
+        assert_eq!(seen(Some(&before), &next, 4), []);
+        let told = |record: &TickRecord, every| seen(Some(&before), record, every).remove(0).2;
+        assert_eq!(told(&next, 1), "3 records before it are missing");
+        assert_eq!(told(&TickRecord { tick: 20, ..before }, 4), "2 records before it are missing");
+        let mut late = next;
+        late.counters.overruns = 5;
+        assert_eq!(told(&late, 4), "2 of the 3 ticks before it that have no record ended late");
+        late.health = health::OVERRUN;
+        assert_eq!(
+            seen(Some(&before), &late, 4)[1].2,
+            "1 of the 3 ticks before it that have no record ended late"
+        );
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use foretrace_shm::PieceKind;
 use serde::Serialize;
 
 use crate::RecordError;
@@ -29,6 +30,8 @@ pub struct Info {
     pub states: Vec<u64>,
     /// Daemons, by their starts.
     pub daemons: Vec<u64>,
+    /// Builds of the daemons' laws, by their starts.
+    pub laws: BTreeMap<u64, String>,
     /// Why the file ends early; `None`: it is whole.
     pub damage: Option<String>,
 }
@@ -63,9 +66,14 @@ pub fn info(path: &Path) -> Result<Info, RecordError> {
                             info.ticks = Some((begin, input.tick));
                         }
                     }
-                    Ok(Content::Thing(thing)) if thing.kind == foretrace_shm::PieceKind::State => {
-                        info.states.push(thing.number);
-                    }
+                    Ok(Content::Thing(thing)) => match thing.kind {
+                        PieceKind::State => info.states.push(thing.number),
+                        PieceKind::Law => {
+                            let build = String::from_utf8_lossy(&thing.bytes).into_owned();
+                            info.laws.insert(thing.daemon_id, build);
+                        }
+                        PieceKind::Settings | PieceKind::Weights => {}
+                    },
                     Err(RecordError::OtherLayout { topic, .. }) if !info.foreign.contains(&topic) => {
                         info.foreign.push(topic);
                     }

@@ -6,8 +6,8 @@
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
 //! `table`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
-//! `flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `what_if`, `stages`, `metrics`,
-//! `foxglove`.
+//! `flight`, `last_flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `what_if`, `stages`,
+//! `metrics`, `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -25,6 +25,7 @@ pub mod relay;
 pub mod record;
 mod trace;
 pub mod flight;
+pub mod last_flight;
 pub mod info;
 pub mod explain;
 mod law;

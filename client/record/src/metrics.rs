@@ -209,7 +209,7 @@ pub fn serve(listener: TcpListener, board: Board) -> std::io::Result<()> {
     std::thread::Builder::new().name("foretrace-http".to_owned()).spawn(move || {
         let busy = Arc::new(AtomicUsize::new(0));
         for peer in listener.incoming() {
-            let Ok(peer) = peer else { continue };
+            let Ok(mut peer) = peer else { continue };
             if busy.fetch_add(1, Ordering::AcqRel) >= PEERS {
                 busy.fetch_sub(1, Ordering::AcqRel);
                 continue;
@@ -217,8 +217,10 @@ pub fn serve(listener: TcpListener, board: Board) -> std::io::Result<()> {
             let (board, left) = (board.clone(), busy.clone());
             let started = std::thread::Builder::new().name("foretrace-peer".to_owned()).spawn(move || {
                 // A peer that went away has no use for an error.
-                let _ = answer(peer, &board);
+                let _ = answer(&mut peer, &board);
+                // Before the peer sees the end and comes again.
                 left.fetch_sub(1, Ordering::AcqRel);
+                drop(peer);
             });
             if started.is_err() {
                 busy.fetch_sub(1, Ordering::AcqRel);
@@ -228,7 +230,7 @@ pub fn serve(listener: TcpListener, board: Board) -> std::io::Result<()> {
     Ok(())
 }
 
-fn answer(mut peer: TcpStream, board: &Board) -> std::io::Result<()> {
+fn answer(peer: &mut TcpStream, board: &Board) -> std::io::Result<()> {
     peer.set_read_timeout(Some(PATIENCE))?;
     peer.set_write_timeout(Some(PATIENCE))?;
     let until = std::time::Instant::now() + PATIENCE;

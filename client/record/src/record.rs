@@ -4,7 +4,7 @@
 //! there, what shared memory overwrote and what was refused is counted, once a second in the file too. A file
 //! that has grown beyond its bound is ended and followed by the next, with a start of its own.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -16,7 +16,7 @@ use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord, Wire
 
 use crate::RecordError;
 use crate::proto::{Value, encode};
-use crate::repair::{Mended, repair};
+use crate::repair::numbered;
 use crate::source::{Heard, News, Source};
 use crate::topics::{RECORDER, Topic, frames, thing_bytes, tick};
 use crate::write::{Facts, Output, part_of};
@@ -80,33 +80,6 @@ struct Shared {
     /// A new file needs a start of its own.
     renew: AtomicBool,
     written: AtomicU64,
-}
-
-/// Mends what a killed recorder left of `target`, if anything; returns where it is now.
-///
-/// # Errors
-///
-/// Another recorder is at work on it; it cannot be read, or the mended file not be written.
-pub fn mend_leftover(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
-    let part = part_of(target);
-    let file = match std::fs::File::open(&part) {
-        Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(RecordError::Read { path: part, source }),
-    };
-    file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
-    let place = (1..).map(|number| numbered(target, &format!("interrupted-{number}")));
-    let place = place.into_iter().find(|place| !place.exists()).unwrap_or_else(|| target.to_path_buf());
-    let mended = repair(&part, &place)?;
-    std::fs::remove_file(&part).map_err(|source| RecordError::Write { path: part, source })?;
-    Ok(Some((place, mended)))
-}
-
-/// `name.mcap` with `word` before its extension.
-fn numbered(target: &Path, word: &str) -> PathBuf {
-    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
-    let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
-    target.with_file_name(format!("{stem}.{word}{extension}"))
 }
 
 /// Records a daemon.

@@ -4,9 +4,9 @@
 //! and an end as readers of others want them, and appears under its name when it is whole.
 
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
@@ -53,7 +53,7 @@ pub fn repair(from: &Path, to: &Path) -> Result<Mended, RecordError> {
     }
 }
 
-fn copied(reader: &mut Reader, file: std::fs::File, part: &Path) -> Result<Mended, RecordError> {
+fn copied(reader: &mut Reader, file: File, part: &Path) -> Result<Mended, RecordError> {
     let broken = |error: McapError| RecordError::of_mcap(part, error);
     let options = WriteOptions::new().compression(None).disable_seeking(true).profile("foretrace");
     let mut writer = options.create(NoSeek::new(BufWriter::new(file))).map_err(broken)?;
@@ -100,4 +100,60 @@ fn copied(reader: &mut Reader, file: std::fs::File, part: &Path) -> Result<Mende
     writer.write_metadata(&end).map_err(broken)?;
     writer.finish().map_err(broken)?;
     Ok(Mended { messages, damage })
+}
+
+/// Mends what a killed recorder left of `target` and of its further files; returns where they are now.
+///
+/// # Errors
+///
+/// Another recorder is at work on one of them; it cannot be read, or the mended file not be written.
+pub fn mend_leftovers(target: &Path) -> Result<Vec<(PathBuf, Mended)>, RecordError> {
+    let mut mended = Vec::new();
+    for target in further(target)? {
+        mended.extend(mend(&target)?);
+    }
+    Ok(mended)
+}
+
+/// `target`, and the further files of it of which there is a part, by their numbers.
+fn further(target: &Path) -> Result<Vec<PathBuf>, RecordError> {
+    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let failed = |source| RecordError::Read { path: folder.to_path_buf(), source };
+    let mut numbers = Vec::new();
+    for file in std::fs::read_dir(folder).map_err(failed)? {
+        let name = file.map_err(failed)?.file_name();
+        let words = name.to_string_lossy().into_owned();
+        let words = words.split('.').filter_map(|word| word.parse().ok());
+        numbers.extend(words.filter(|number: &usize| {
+            let part = part_of(&numbered(target, &number.to_string()));
+            part.file_name() == Some(&*name)
+        }));
+    }
+    numbers.sort_unstable();
+    let further = numbers.iter().map(|number| numbered(target, &number.to_string()));
+    Ok(std::iter::once(target.to_path_buf()).chain(further).collect())
+}
+
+/// Mends the part of one file, if there is one.
+fn mend(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
+    let part = part_of(target);
+    let file = match File::open(&part) {
+        Ok(file) => file,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(RecordError::Read { path: part, source }),
+    };
+    file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
+    let place = (1..).map(|number| numbered(target, &format!("interrupted-{number}")));
+    let place = place.into_iter().find(|place| !place.exists()).unwrap_or_else(|| target.to_path_buf());
+    let mended = repair(&part, &place)?;
+    std::fs::remove_file(&part).map_err(|source| RecordError::Write { path: part, source })?;
+    Ok(Some((place, mended)))
+}
+
+/// `name.mcap` with `word` before its extension.
+pub(crate) fn numbered(target: &Path, word: &str) -> PathBuf {
+    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
+    target.with_file_name(format!("{stem}.{word}{extension}"))
 }

@@ -133,14 +133,16 @@ pub struct Outcome {
     pub different_ticks: u64,
     /// Largest distance of a recorded and a replayed joint \[rad\].
     pub largest_rad: f64,
-    /// What the recorder wrote about the daemon's program; empty: unknown.
-    pub recorded_build: String,
+    /// Build of the law of that daemon, [`foretraced::LAW_BUILD`]; `None`: the file does not tell.
+    pub recorded_build: Option<String>,
+    /// Whether that is the build of this program; `None`: unknown.
+    pub same_build: Option<bool>,
 }
 
 /// What a replay needs before the first tick.
 #[derive(Debug, Default)]
 struct Beginning {
-    build: String,
+    laws: Vec<Thing>,
     settings: Vec<Thing>,
     states: Vec<Thing>,
     sets: BTreeMap<(u64, u64), Vec<u8>>,
@@ -153,15 +155,7 @@ impl Beginning {
         let mut reader = Reader::open(path)?;
         let mut found = Self::default();
         while let Some(entry) = reader.next_entry()? {
-            let message = match entry {
-                Entry::Facts(name, facts) => {
-                    if name == "foretrace" {
-                        found.build = facts.get("build").cloned().unwrap_or_default();
-                    }
-                    continue;
-                }
-                Entry::Message(message) => message,
-            };
+            let Entry::Message(message) = entry else { continue };
             match reader.content(&message)? {
                 Content::Input(input) => match found.stretches.last_mut() {
                     Some((daemon, _, to))
@@ -175,6 +169,7 @@ impl Beginning {
                 Content::Thing(thing) => match thing.kind {
                     PieceKind::Settings => found.settings.push(thing),
                     PieceKind::State => found.states.push(thing),
+                    PieceKind::Law => found.laws.push(thing),
                     PieceKind::Weights => {
                         found.sets.insert((thing.daemon_id, thing.number), thing.bytes);
                     }
@@ -183,6 +178,12 @@ impl Beginning {
             }
         }
         Ok(found)
+    }
+
+    /// Build of the law of `daemon`.
+    fn build(&self, daemon: u64) -> Option<String> {
+        let law = self.laws.iter().find(|thing| thing.daemon_id == daemon)?;
+        Some(String::from_utf8_lossy(&law.bytes).into_owned())
     }
 
     /// The first state from which a tick of the file can be run, or else the first one.
@@ -224,6 +225,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
         law.restore(&state.bytes)?;
     }
     let after = state.map_or(0, |state| state.number);
+    let recorded_build = beginning.build(daemon);
     let mut run = Run {
         law,
         daemon,
@@ -241,7 +243,8 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
             difference: None,
             different_ticks: 0,
             largest_rad: 0.0,
-            recorded_build: beginning.build.clone(),
+            same_build: recorded_build.as_ref().map(|build| build == foretraced::LAW_BUILD),
+            recorded_build,
         },
     };
     let mut reader = Reader::open(path)?;

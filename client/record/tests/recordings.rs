@@ -13,7 +13,7 @@ use foretrace_control::units::Stamp;
 use foretrace_record::RecordError;
 use foretrace_record::info::info;
 use foretrace_record::read::{Ended, Reader};
-use foretrace_record::repair::repair;
+use foretrace_record::repair::{mend_leftovers, repair};
 use foretrace_record::replay::{End, Outcome, ReplayError, Start, replay};
 use foretrace_record::table;
 use foretrace_record::topics::{Topic, thing_bytes};
@@ -34,6 +34,7 @@ struct Lived {
     inputs: Vec<TickInput>,
     state: Thing,
     settings: Thing,
+    law: Thing,
 }
 
 fn lived() -> Lived {
@@ -48,6 +49,7 @@ fn lived() -> Lived {
         inputs: Vec::new(),
         state: thing(PieceKind::State, CUT, Vec::new()),
         settings: thing(PieceKind::Settings, 0, config.render().into_bytes()),
+        law: thing(PieceKind::Law, 0, foretraced::LAW_BUILD.as_bytes().to_vec()),
     };
     for tick in 1..=TICKS {
         let now = Stamp(10_000_000_000 + tick * period);
@@ -112,7 +114,7 @@ fn written<'a>(
     inputs: impl IntoIterator<Item = &'a TickInput>,
 ) -> PathBuf {
     let target = place.path().join(name);
-    let facts = Facts::from([("build".to_owned(), "abc".to_owned())]);
+    let facts = Facts::from([("version".to_owned(), "0.0.1".to_owned())]);
     let mut output = Output::create(&target, &facts).unwrap();
     for thing in things {
         output.put(Topic::Thing, 1, &thing_bytes(thing)).unwrap();
@@ -139,13 +141,24 @@ fn a_recording_replays_bit_for_bit_from_the_first_tick_and_from_a_state() {
     let outcome = replayed(&whole);
     assert_eq!((outcome.start, outcome.ticks, &outcome.end), (Start::FirstTick, TICKS, &End::OfRecording));
     assert_eq!((outcome.difference, outcome.largest_rad), (None, 0.0));
-    assert_eq!(outcome.recorded_build, "abc");
+    assert_eq!((outcome.recorded_build, outcome.same_build), (None, None));
 
     let late = lived.inputs.iter().filter(|input| input.tick > CUT - 20);
     let late = written(&place, "late.mcap", &[&lived.settings, &lived.state, &set], late);
     let outcome = replayed(&late);
     assert_eq!((outcome.start, outcome.ticks, outcome.difference), (Start::State, TICKS - CUT, None));
     assert!(lived.inputs.iter().any(|input| input.parts > 1), "no burst");
+    // Whose law it was is known for each daemon.
+    let other = Thing { daemon_id: 6, bytes: b"abc".to_vec(), ..lived.law.clone() };
+    let things = [&other, &lived.law, &lived.settings, &set];
+    let own = written(&place, "own.mcap", &things, &lived.inputs);
+    assert_eq!(replayed(&own).same_build, Some(true));
+    assert_eq!(info(&own).unwrap().laws, [(5, foretraced::LAW_BUILD.to_owned()), (6, "abc".into())].into());
+    let inputs: Vec<_> = lived.inputs.iter().map(|input| TickInput { daemon_id: 6, ..*input }).collect();
+    let [settings, set] = [&lived.settings, &set].map(|thing| Thing { daemon_id: 6, ..thing.clone() });
+    let foreign = replayed(&written(&place, "foreign", &[&lived.law, &other, &settings, &set], &inputs));
+    assert_eq!((foreign.recorded_build.as_deref(), foreign.same_build), (Some("abc"), Some(false)));
+    assert_eq!((foreign.ticks, foreign.difference), (TICKS, None));
     assert!(lived.inputs.last().unwrap().q != lived.inputs.first().unwrap().q, "it did not move");
 }
 
@@ -196,7 +209,7 @@ fn what_is_missing_ends_a_replay_and_is_said() {
     assert!(matches!(replay(&file), Err(ReplayError::NoSettings)));
     let told = info(&written(&place, "told", &[&lived.settings, &lived.state], &late)).unwrap();
     assert_eq!((told.ticks, told.missing_ticks, told.states), (Some((31, TICKS)), 0, vec![CUT]));
-    assert_eq!((told.damage, told.begin["build"].as_str()), (None, "abc"));
+    assert_eq!((told.damage, told.begin["version"].as_str()), (None, "0.0.1"));
 }
 
 #[test]
@@ -233,7 +246,7 @@ fn nothing_is_overwritten_and_two_recorders_do_not_share_a_file() {
     let target = place.path().join("a.mcap");
     let first = Output::create(&target, &Facts::new()).unwrap();
     assert!(matches!(Output::create(&target, &Facts::new()), Err(RecordError::Exists { .. })));
-    let busy = foretrace_record::record::mend_leftover(&target);
+    let busy = mend_leftovers(&target);
     assert!(matches!(busy, Err(RecordError::Busy { .. })), "{busy:?}");
     std::fs::write(&target, "mine").unwrap();
     assert!(matches!(first.finish(&Facts::new()), Err(RecordError::Exists { .. })));
@@ -241,11 +254,19 @@ fn nothing_is_overwritten_and_two_recorders_do_not_share_a_file() {
     assert!(part_of(&target).exists(), "what was recorded is still there");
 
     let other = place.path().join("b.mcap");
-    drop(Output::create(&other, &Facts::new()).unwrap());
-    let (mended, _) = foretrace_record::record::mend_leftover(&other).unwrap().unwrap();
-    assert_eq!(mended, place.path().join("b.interrupted-1.mcap"));
-    assert!(!part_of(&other).exists() && info(&mended).is_ok());
-    assert_eq!(foretrace_record::record::mend_leftover(&other).unwrap(), None);
+    // A killed recorder had begun further files of the same recording; others are not of it.
+    for left in ["b.mcap", "b.12.mcap", "b.3.mcap", "b.x.mcap", "b.3.4.mcap", "c.3.mcap"] {
+        drop(Output::create(&place.path().join(left), &Facts::new()).unwrap());
+    }
+    let mend = || mend_leftovers(&other).unwrap();
+    let mended: Vec<_> = mend().into_iter().map(|(mended, _)| mended).collect();
+    let wanted = ["b.interrupted-1.mcap", "b.3.interrupted-1.mcap", "b.12.interrupted-1.mcap"];
+    assert_eq!(mended, wanted.map(|name| place.path().join(name)));
+    assert!(!part_of(&other).exists() && mended.iter().all(|file| info(file).is_ok()));
+    for left in ["b.x.mcap.part", "b.3.4.mcap.part", "c.3.mcap.part"] {
+        assert!(place.path().join(left).exists(), "{left}");
+    }
+    assert_eq!(mend(), []);
 }
 
 #[test]

@@ -41,7 +41,7 @@ section! {
 section! {
     /// What the daemon publishes while it runs.
     pub struct Telemetry {
-        /// Every n-th tick is published as a record; 1 = every tick. Recordings for replay need 1.
+        /// Every n-th tick is published as a record; 1 = every tick. Inputs for a replay are always whole.
         every_ticks: u32 = Between(1.0, 1000.0), Default("1"), AtStart, "1";
         /// Status messages per second (one more at every change of mode).
         status_hz: u32 = Between(1.0, 100.0), Default("10"), AtStart, "10";

@@ -1,9 +1,9 @@
-//! Inputs of every tick, and what a replay starts from: settings, weights and the state of the law, in
-//! pieces.
+//! Inputs of every tick, and what a replay starts from: build of the law, settings, weights and its state,
+//! in pieces.
 //!
-//! Contract: sends only while somebody listens. Whoever begins to listen to the pieces gets the settings in
-//! force, the newest sets of weights, and a state that the loop copies into memory prepared here. Pieces go
-//! out a few per round, so that a reader which looks every few milliseconds loses none.
+//! Contract: sends only while somebody listens. Whoever begins to listen to the pieces gets the law's build,
+//! the settings in force, the newest sets of weights, and a state that the loop copies into memory prepared
+//! here. Pieces go out a few per round, so that a reader which looks every few milliseconds loses none.
 
 use std::collections::VecDeque;
 
@@ -141,6 +141,8 @@ impl Inputs {
             } else {
                 // Connected before the first piece, so that none is sent to nobody.
                 self.failed += u64::from(port.connect().is_err());
+                let (kind, bytes) = (PieceKind::Law, crate::LAW_BUILD.as_bytes().to_vec());
+                self.send(Thing { kind, number: 0, daemon_id: self.daemon_id, bytes });
                 self.send(self.settings.clone());
                 for set in self.sets.clone() {
                     self.send(set);

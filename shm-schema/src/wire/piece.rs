@@ -1,5 +1,5 @@
 //! `Piece`: part of something that is larger than a message: the settings in force, a set of weights, the
-//! state of the law.
+//! state of the law, and its build.
 //!
 //! Contract: the pieces of one thing have its kind, number, size and hash in common and come in order of
 //! their offsets. [`Assembly`] puts them together again; it trusts no length, has a bound on its memory, and
@@ -29,6 +29,8 @@ wire_enum! {
         Weights = 1 => "weights",
         /// The state of the law; its number is the tick after which it was taken.
         State = 2 => "state",
+        /// The build of the control law, as text; its number is 0.
+        Law = 3 => "law",
     }
 }
 
@@ -96,6 +98,12 @@ impl Piece {
         }
     }
 
+    /// Whether both belong to one thing.
+    fn is_of_one_with(&self, other: &Self) -> bool {
+        let thing = |piece: &Self| (piece.daemon_id, piece.number, piece.total, piece.hash, piece.kind);
+        thing(self) == thing(other)
+    }
+
     fn content(&self) -> &[u8] {
         self.bytes.get(..self.length as usize).unwrap_or_default()
     }
@@ -119,23 +127,32 @@ pub struct Thing {
 pub struct Assembly {
     begun: Option<Piece>,
     bytes: Vec<u8>,
+    /// The newest useless piece: what follows it is of a thing that is counted already.
+    spoiled: Option<Piece>,
+    /// Something has come since listening began.
+    heard: bool,
     broken: u64,
 }
 
 impl Assembly {
     /// Adds a validated piece; returns the thing that it completes.
     pub fn add(&mut self, piece: &Piece) -> Option<Thing> {
-        let same = |first: &Piece| {
-            (first.daemon_id, first.number, first.total, first.hash, first.kind)
-                == (piece.daemon_id, piece.number, piece.total, piece.hash, piece.kind)
-        };
+        let heard = std::mem::replace(&mut self.heard, true);
         if piece.offset == 0 {
             self.broken += u64::from(self.begun.is_some());
-            self.begun = Some(*piece);
+            (self.begun, self.spoiled) = (Some(*piece), None);
             self.bytes.clear();
-        } else if !self.begun.as_ref().is_some_and(same) || self.bytes.len() as u64 != piece.offset {
-            // What follows a lost piece is useless, but only its first counts.
-            self.broken += u64::from(self.begun.take().is_some());
+        } else if self.begun.is_none_or(|first| !first.is_of_one_with(piece))
+            || self.bytes.len() as u64 != piece.offset
+        {
+            let begun = self.begun.take();
+            let other = begun.is_some_and(|first| !first.is_of_one_with(piece));
+            let counted =
+                self.spoiled.is_some_and(|last| last.is_of_one_with(piece) && last.offset < piece.offset);
+            // Whoever begins to listen in the middle of a thing lost nothing: all of it comes again.
+            let new = heard && !counted;
+            self.broken += u64::from(begun.is_some()) + u64::from(new && (begun.is_none() || other));
+            self.spoiled = Some(*piece);
             return None;
         }
         self.bytes.extend_from_slice(piece.content());
@@ -147,6 +164,11 @@ impl Assembly {
         let kind = PieceKind::try_from(piece.kind).ok().filter(|_| fnv1a(&bytes) == piece.hash);
         self.broken += u64::from(kind.is_none());
         Some(Thing { kind: kind?, number: piece.number, daemon_id: piece.daemon_id, bytes })
+    }
+
+    /// The listener begins anew; what it has counted stays.
+    pub fn listen_anew(&mut self) {
+        *self = Self { broken: self.broken, ..Self::default() };
     }
 
     /// Things of which a piece was lost or wrong.
@@ -194,6 +216,29 @@ mod tests {
         assert!(forged.iter().all(|piece| assembly.add(piece).is_none()));
         assert_eq!(assembly.broken(), 2);
         assert_eq!(whole.iter().filter_map(|piece| assembly.add(piece)).count(), 1);
+    }
+
+    #[test]
+    fn a_lost_first_piece_is_counted_once_and_what_was_under_way_before_is_not() {
+        let of = |number, byte: u8| {
+            let whole = pieces(&[byte; 3 * PIECE_BYTES]);
+            whole.into_iter().map(|piece| Piece { number, ..piece }).collect::<Vec<_>>()
+        };
+        let (a, b) = (of(1, 1), of(2, 2));
+        let mut assembly = Assembly::default();
+        let mut add = |pieces: &[Piece]| {
+            let whole = pieces.iter().filter_map(|piece| assembly.add(piece)).count();
+            (whole, assembly.broken())
+        };
+        assert_eq!(add(&a[1..]), (0, 0), "listening began in the middle of it");
+        assert_eq!(add(&b[1..]), (0, 1), "the first piece is lost");
+        assert_eq!(add(&b), (1, 1));
+        assert_eq!(add(&b[1..]), (0, 2), "the same once more, and again without its first piece");
+        assert_eq!(add(&b[1..]), (0, 3));
+        assert_eq!(add(&[a[0], b[1], b[2]]), (0, 5), "the end of one and the beginning of the next");
+        assert_eq!(add(&a), (1, 5));
+        assembly.listen_anew();
+        assert!(assembly.add(&a[2]).is_none() && assembly.broken() == 5);
     }
 
     #[test]

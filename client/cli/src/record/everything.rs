@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
-use foretrace_record::record::{Counts, Options, Recorder, mend_leftover, unix_minus_monotonic};
+use foretrace_record::record::{Counts, Options, Recorder, unix_minus_monotonic};
+use foretrace_record::repair::mend_leftovers;
 use foretrace_record::source::{Source, Wants};
 use foretrace_record::write::Facts;
-use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
 use serde::Serialize;
 
@@ -33,7 +33,7 @@ struct RecordReport {
 
 pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
-    if let Some((place, mended)) = mend_leftover(file).map_err(unrecorded)? {
+    for (place, mended) in mend_leftovers(file).map_err(unrecorded)? {
         note!(
             "record: an interrupted recording is mended: {}, {} messages",
             place.display(),
@@ -81,7 +81,6 @@ pub(crate) fn facts(instance: &Instance) -> Facts {
     let layout = |hash: u64| format!("{hash:016x}");
     [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("build", build_of(&format!("/proc/{pid}/exe"))),
         ("layout.tick_input", layout(TickInput::LAYOUT_HASH)),
         ("layout.tick_record", layout(TickRecord::LAYOUT_HASH)),
         ("layout.status", layout(Status::LAYOUT_HASH)),
@@ -94,9 +93,4 @@ pub(crate) fn facts(instance: &Instance) -> Facts {
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .into()
-}
-
-/// Hash of the program at `path`; empty if it cannot be read.
-pub(crate) fn build_of(path: &str) -> String {
-    std::fs::read(path).map_or_else(|_| String::new(), |bytes| format!("{:016x}", fnv1a(&bytes)))
 }

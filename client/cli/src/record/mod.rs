@@ -114,6 +114,9 @@ fn tell(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     if let Some((first, last)) = told.ticks {
         say!("  ticks {first} to {last}, {} missing", told.missing_ticks);
     }
+    for (daemon, build) in &told.laws {
+        say!("  build of the law: {build}, of daemon {daemon:016x}");
+    }
     match told.states.as_slice() {
         [] => say!("  no state to replay from"),
         [first, ..] => say!("  {} states to replay from, the first after tick {first}", told.states.len()),

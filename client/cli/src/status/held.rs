@@ -1,6 +1,10 @@
-//! Who holds the pen and the dead-man switch.
+//! What stands beside the status in the instance's folder: who holds the pen and the dead-man switch, and the
+//! newest file of a flight recorder.
 
 use foretrace_client::{Holder, Instance, Place};
+use foretrace_record::last_flight::{self, LastFlight};
+use foretrace_record::record::unix_minus_monotonic;
+use foretrace_shm::monotonic_now_ns;
 use serde_json::{Value, json};
 
 /// The holders of this moment; none: nobody.
@@ -8,11 +12,16 @@ use serde_json::{Value, json};
 pub(crate) struct Held {
     pub(crate) pen: Option<Holder>,
     pub(crate) dead_man: Option<Holder>,
+    pub(crate) flight: Option<LastFlight>,
 }
 
 impl Held {
     pub(crate) fn of(instance: &Instance) -> Self {
-        Self { pen: instance.holder(Place::Pen), dead_man: instance.holder(Place::DeadMan) }
+        Self {
+            pen: instance.holder(Place::Pen),
+            dead_man: instance.holder(Place::DeadMan),
+            flight: last_flight::last(instance.root()),
+        }
     }
 }
 
@@ -29,5 +38,25 @@ pub(super) fn value(holder: Option<&Holder>) -> Value {
             "pid": holder.pid,
             "since_ns": holder.since_ns,
         })
+    })
+}
+
+/// "stop, 12 s ago: /box/flight-1700000000000-stop.mcap".
+pub(super) fn flight_words(flight: &LastFlight) -> String {
+    let now_ns = monotonic_now_ns().wrapping_add(unix_minus_monotonic());
+    let ago_s = now_ns.saturating_sub(flight.unix_ns) / 1_000_000_000;
+    let ago = match ago_s {
+        0..120 => format!("{ago_s} s"),
+        120..7200 => format!("{} min", ago_s / 60),
+        _ => format!("{} h", ago_s / 3600),
+    };
+    format!("{}, {ago} ago: {}", flight.trigger.word(), flight.recording.display())
+}
+
+pub(super) fn flight_value(flight: &LastFlight) -> Value {
+    json!({
+        "recording": flight.recording.display().to_string(),
+        "trigger": flight.trigger.word(),
+        "unix_ns": flight.unix_ns,
     })
 }

@@ -167,6 +167,9 @@ pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
         format!("missing: {}", missing.join(", "))
     };
     line(format_args!("rights      {rights}"));
+    if let Some(flight) = &held.flight {
+        line(format_args!("flight      {}", held::flight_words(flight)));
+    }
     page
 }
 
@@ -216,6 +219,7 @@ pub(crate) fn json(status: &Status, held: &Held) -> Value {
             "out_of_order": counts.pen_out_of_order,
             "deferred_ticks": counts.pen_deferred_ticks,
         },
+        "flight": held.flight.as_ref().map_or(Value::Null, held::flight_value),
         "dead_man": {
             "holder": held::value(held.dead_man.as_ref()),
             "dropped": counts.enable_dropped,
