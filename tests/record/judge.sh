@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Recordings read by software of others: the Python packages of MCAP, protobuf and Perfetto, and Rerun; and
-# recorders that are killed (KILLS, default 20). Makes a Python environment from PyPI in FORETRACE_RECORD_VENV
+# recorders that are killed (KILLS, default 20), whose files pymcap-cli recovers too. Makes a Python environment from PyPI in FORETRACE_RECORD_VENV
 # (default: a scratch folder); what cannot be had is said, and the script leaves with 0. FORETRACE is the
 # program (default: built here).
 set -euo pipefail
@@ -19,7 +19,7 @@ trap finish EXIT
 venv=$(realpath -m "${FORETRACE_RECORD_VENV:-$scratch/venv}")
 if [[ ! -x $venv/bin/python ]]; then
   if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
-    ! timeout 600 "$venv/bin/pip" install -q mcap==1.6.0 mcap-protobuf-support==0.6.0 perfetto >>"$scratch/log" 2>&1; then
+    ! timeout 600 "$venv/bin/pip" install -q mcap==1.6.0 mcap-protobuf-support==0.6.0 perfetto pymcap-cli==0.34.0 >>"$scratch/log" 2>&1; then
     echo "record: skipped, a Python environment with mcap cannot be had here: $(tail -1 "$scratch/log")"
     exit 0
   fi

@@ -1,5 +1,6 @@
-"""Kills a recorder at random moments: its file mends, and what is lost is at most half a second of work. Arguments:
-the program, the number of kills, a folder, and the options of a running daemon's instance."""
+"""Kills a recorder at random moments: its file mends, what is lost is at most half a second of work, and pymcap-cli, where it is
+there, recovers no message more. Arguments: the program, the number of kills, a folder, and the options of a running daemon's
+instance."""
 
 import json
 import os
@@ -8,7 +9,23 @@ import subprocess
 import sys
 import time
 
+from mcap.reader import make_reader
+
 MOST_LOST_MS = 500
+# Beside this interpreter.
+PYMCAP = os.path.join(os.path.dirname(sys.executable), "pymcap-cli")
+
+
+def recovered(part: str, out: str) -> dict[str, int]:
+    """Messages by topic in what pymcap-cli recovers."""
+    done = subprocess.run([PYMCAP, "recover", part, out, "--force", "--compression", "none"], capture_output=True, text=True)
+    if done.returncode not in (0, 3):
+        raise RuntimeError(f"pymcap-cli: {done.stderr[-300:]}")
+    with open(out, "rb") as file:
+        summary = make_reader(file).get_summary()
+    counts = summary.statistics.channel_message_counts.items()
+    os.remove(out)
+    return {summary.channels[channel].topic: count for channel, count in counts}
 
 
 def main() -> int:
@@ -18,7 +35,7 @@ def main() -> int:
         return subprocess.run([program, *words], capture_output=True, text=True, check=True).stdout
 
     random.seed(1)
-    lost, problems = [], []
+    lost, problems, compared = [], [], 0
     for number in range(kills):
         path = os.path.join(folder, f"{number}.mcap")
         part, mended, table = path + ".part", os.path.join(folder, f"{number}.mended.mcap"), path + ".csv"
@@ -31,9 +48,14 @@ def main() -> int:
         recorder.kill()
         recorder.wait()
         run("record", "--repair", part)
-        damage = json.loads(run("record", "--info", mended, "--json", "-"))["damage"]
-        if damage:
-            problems.append(f"kill {number}: the mended file is damaged: {damage}")
+        info = json.loads(run("record", "--info", mended, "--json", "-"))
+        if info["damage"]:
+            problems.append(f"kill {number}: the mended file is damaged: {info['damage']}")
+        if os.path.exists(PYMCAP):
+            compared += 1
+            for topic, count in recovered(part, path + ".recovered").items():
+                if info["topics"].get(topic, 0) < count:
+                    problems.append(f"kill {number}: {topic}: mended {info['topics'].get(topic, 0)}, recovered {count}")
         run("export", mended, "--csv", table, "--topic", "/raw/input", "--fields", "tick")
         with open(table, encoding="utf-8") as rows:
             last_ns = int(rows.read().splitlines()[-1].split(",")[0])
@@ -47,7 +69,7 @@ def main() -> int:
     for problem in problems:
         print(f"broken: {problem}")
     if not problems:
-        print(f"ok: {told}")
+        print(f"ok: {told}; {compared} compared with pymcap-cli recover")
     return 1 if problems else 0
 
 

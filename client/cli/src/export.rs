@@ -5,7 +5,8 @@
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use foretrace_record::read::{Content, Entry, Reader};
+use foretrace_record::pen::pen_samples;
+use foretrace_record::read::Reader;
 use foretrace_record::table;
 use foretrace_sim::data::PenLog;
 use serde::Serialize;
@@ -99,15 +100,9 @@ fn pen(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failur
     };
     let kept =
         |error: std::io::Error| given_up(Failure::failed(format_args!("cannot write the pen: {error}"), ""));
-    while let Some(entry) = reader.next_entry().map_err(|error| given_up(unrecorded(error)))? {
-        let Entry::Message(message) = entry else { continue };
-        let content = reader.content(&message).map_err(|error| given_up(unrecorded(error)))?;
-        if let Content::Input(input) = content {
-            for sample in input.pen() {
-                log.push(sample.stamp_ns, sample.x_m, sample.y_m, sample.contact != 0).map_err(kept)?;
-            }
-        }
-    }
+    let pushed =
+        pen_samples(&mut reader, |seen| log.push(seen.stamp_ns, seen.x_m, seen.y_m, seen.contact).map(drop));
+    pushed.map_err(|error| given_up(unrecorded(error)))?.map_err(kept)?;
     let summary = log.finish().map_err(kept)?;
     if summary.rate_hz.is_none() {
         let what =

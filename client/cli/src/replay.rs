@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use foretrace_record::picture::draw;
 use foretrace_record::replay::{Difference, End, Outcome, ReplayError, Start, replay};
 use foretrace_record::what_if::{Variant, WhatIfError, what_if};
 
@@ -29,6 +30,11 @@ pub(crate) struct ReplayArgs {
     /// Change these settings, and compare; may be repeated
     #[arg(long, value_name = "KEY=VALUE,...")]
     what_if: Vec<String>,
+
+    /// Draw error over time and the worst stroke of the recording, of all variants, into this file; must not
+    /// exist yet
+    #[arg(long, value_name = "FILE.svg", requires = "what_if")]
+    picture: Option<PathBuf>,
 
     #[command(flatten)]
     json: JsonArgs,
@@ -72,6 +78,10 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
 fn compare(args: &ReplayArgs) -> Result<(), Failure> {
     let variants: Result<Vec<_>, _> = args.what_if.iter().map(|text| Variant::parse(text)).collect();
     let variants = variants.map_err(unanswered)?;
+    if let Some(picture) = args.picture.as_ref().filter(|picture| picture.exists()) {
+        let what = format!("{} exists already", picture.display());
+        return Err(Failure::bad_input(what, "give a new name, or remove it"));
+    }
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let answer = what_if(&args.file, &variants, threads).map_err(unanswered)?;
     say!(
@@ -103,6 +113,11 @@ fn compare(args: &ReplayArgs) -> Result<(), Failure> {
             row.worst_stroke_mm,
             row.worst_stroke_at_s,
         );
+    }
+    if let Some(picture) = &args.picture {
+        let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+        draw(picture, &name, &answer).map_err(|error| Failure::failed(error, ""))?;
+        say!("{}", picture.display());
     }
     args.json.write(&answer)?;
     undamaged(&args.file, answer.damage.as_deref())

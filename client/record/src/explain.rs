@@ -1,7 +1,8 @@
 //! In plain words: what a tick saw, decided and cost, and the moments of a recording that matter.
 //!
 //! Contract: says only what the tick records hold, and where records of most ticks were never wanted
-//! (`telemetry.every_ticks`), that it does not know them. Keeps no more than two records and the moments found.
+//! (`telemetry.every_ticks`), that it does not know them. Keeps no more than two records and the moments
+//! found.
 
 use std::path::Path;
 
@@ -130,16 +131,12 @@ fn each_tick(
             break;
         }
     }
-    let mut reader = Reader::open(path)?;
-    while let Some(entry) = reader.next_entry()? {
+    let (mut reader, mut goes_on) = (Reader::open(path)?, true);
+    while goes_on && let Some(entry) = reader.next_entry()? {
         let Entry::Message(message) = entry else { continue };
         match reader.content(&message)? {
             Content::Thing(thing) => every = every_ticks(&thing).unwrap_or(every),
-            Content::Tick(record) => {
-                if !use_record(record, every) {
-                    break;
-                }
-            }
+            Content::Tick(record) => goes_on = use_record(record, every),
             _ => {}
         }
     }

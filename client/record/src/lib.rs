@@ -5,9 +5,9 @@
 //! to drop is counted, in the file too. Whatever a file holds, reading it ends with a result or a sentence.
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
-//! `table`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
-//! `flight`, `last_flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `what_if`, `stages`,
-//! `metrics`, `foxglove`.
+//! `table`, `pen`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
+//! `flight`, `last_flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`,
+//! `picture`, `stages`, `metrics`, `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -19,6 +19,7 @@ pub mod topics;
 pub mod write;
 pub mod read;
 pub mod table;
+pub mod pen;
 pub mod repair;
 pub mod source;
 pub mod relay;
@@ -32,7 +33,9 @@ mod law;
 pub mod replay;
 mod modelled;
 mod stretch;
+pub mod score;
 pub mod what_if;
+pub mod picture;
 pub mod stages;
 pub mod metrics;
 pub mod foxglove;

@@ -12,10 +12,10 @@ use std::sync::Arc;
 
 use mcap::records::{Record, op};
 
-use foretrace_shm::{PenInput, Status, Thing, TickInput, TickRecord, Validate, Wire};
+use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
 
 use crate::RecordError;
-use crate::topics::{Topic, WIRE, thing_of};
+use crate::topics::{Topic, WIRE, layout_of, thing_of};
 
 /// Bytes of a record at most, chunks included: far more than a recorder writes.
 const LARGEST_RECORD: u64 = 64 << 20;
@@ -372,22 +372,6 @@ fn wanted(kind: u8) -> bool {
     matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA)
 }
 
-/// Calls `use_sample` for every pen sample that a tick of `path` was given, in order.
-///
-/// # Errors
-///
-/// It is no recording of this program's layout, or the disk fails.
-pub fn pen_samples(path: &Path, mut use_sample: impl FnMut(&PenInput)) -> Result<(), RecordError> {
-    let mut reader = Reader::open(path)?;
-    while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
-        if let Content::Input(input) = reader.content(&message)? {
-            input.pen().iter().for_each(&mut use_sample);
-        }
-    }
-    Ok(())
-}
-
 enum Taken {
     Entry(Entry),
     Schema(u16, Schema),
@@ -419,7 +403,8 @@ fn taken(record: Record<'_>) -> Taken {
 
 fn channel(name: String, encoding: String, schema: Arc<Schema>) -> Channel {
     let topic = Topic::from_name(&name);
-    let foreign = encoding == WIRE && topic.is_some_and(|topic| topic.schema().2 != schema.2);
+    let foreign =
+        encoding == WIRE && topic.is_some_and(|topic| layout_of(&topic.schema().2) != layout_of(&schema.2));
     Channel { name, encoding, schema, topic, foreign }
 }
 

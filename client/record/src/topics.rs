@@ -6,8 +6,8 @@
 
 use foretrace_shm as shm;
 use foretrace_shm::layout::{Field, fnv1a};
-use foretrace_shm::{FaultReason, Mode, PieceKind, Rung, Stage, Status, Thing, TickInput, TickRecord};
-use foretrace_shm::{TrustReason, Wire};
+use foretrace_shm::{FaultReason, Mode, PEN_PER_PART, PenInput, PieceKind, Rung, Stage, Status, Thing};
+use foretrace_shm::{TickInput, TickRecord, TrustReason, Wire};
 
 use crate::proto::{Kind, ProtoFile, Shape, Value, descriptor_set, encode};
 
@@ -68,7 +68,10 @@ impl Topic {
             |shape: &Shape, files: &[ProtoFile]| (shape.name.to_owned(), "protobuf", descriptor_set(files));
         match self {
             Self::Input => {
-                raw("TickInput", TickInput::LAYOUT_HASH, TickInput::FIELDS, size_of::<TickInput>())
+                let (name, encoding, mut table) =
+                    raw("TickInput", TickInput::LAYOUT_HASH, TickInput::FIELDS, size_of::<TickInput>());
+                table.extend(pen_rows().into_bytes());
+                (name, encoding, table)
             }
             Self::TickRaw => {
                 raw("TickRecord", TickRecord::LAYOUT_HASH, TickRecord::FIELDS, size_of::<TickRecord>())
@@ -101,6 +104,35 @@ fn layout_table(hash: u64, fields: &[Field], size: usize) -> String {
         text.push_str(&format!("{name} {offset} {size} {}\n", type_name(*type_hash, *size)));
     }
     text
+}
+
+/// The fields of each pen sample in a `TickInput`, which later versions find by these rows.
+fn pen_rows() -> String {
+    let mut text = String::new();
+    let begin = TickInput::FIELDS.iter().find(|field| field.name == "pen").map_or(0, |field| field.offset);
+    for index in 0..PEN_PER_PART {
+        let begin = begin + index * size_of::<PenInput>();
+        for Field { name, offset, size, type_hash } in PenInput::FIELDS {
+            let kind = type_name(*type_hash, *size);
+            text.push_str(&format!("pen[{index}].{name} {} {size} {kind}\n", begin + offset));
+        }
+    }
+    text
+}
+
+/// Stands for the layouts of all raw topics of this version.
+#[must_use]
+pub fn layouts() -> u64 {
+    let mut heads = Vec::new();
+    for topic in Topic::ALL.into_iter().filter(|topic| topic.encoding() == WIRE) {
+        heads.extend_from_slice(layout_of(&topic.schema().2));
+    }
+    fnv1a(&heads)
+}
+
+/// The first line of a table, which names the layout.
+pub(crate) fn layout_of(table: &[u8]) -> &[u8] {
+    table.split(|byte| *byte == b'\n').next().unwrap_or_default()
 }
 
 /// The number type of a field, with `*N` for an array; `bytes` for anything else.
@@ -330,7 +362,13 @@ mod tests {
     fn layout_tables_say_what_the_numbers_are() {
         let (_, _, table) = Topic::Input.schema();
         let table = String::from_utf8(table).unwrap();
-        for line in ["tick 32 8 u64", "q 280 48 f64*6", "mode 392 4 u32"] {
+        for line in [
+            "tick 32 8 u64",
+            "q 280 48 f64*6",
+            "mode 392 4 u32",
+            "pen[0].x_m 416 8 f64",
+            "pen[7].y_m 816 8 f64",
+        ] {
             assert!(table.lines().any(|found| found == line), "{line} in {table}");
         }
         assert!(table.starts_with(&format!("layout {:016x} size 856\n", TickInput::LAYOUT_HASH)));

@@ -17,7 +17,7 @@ use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm::JOINTS;
 use foretrace_sim::lag::{LagError, Sample, Servo, Verdict, identify};
-use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, motion, tracking};
+use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 use foretraced::wire;
 use serde::Serialize;
@@ -25,6 +25,7 @@ use serde::Serialize;
 use crate::RecordError;
 use crate::law::{law, quietly};
 use crate::modelled::Arm;
+use crate::score::{Curve, Hand, Score};
 use crate::stretch::{Stretch, Tick, longest};
 
 /// Why there is no answer.
@@ -68,29 +69,6 @@ pub enum WhatIfError {
 
 foretrace_shm::debug_is_sentence!(WhatIfError);
 
-/// How a law did.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Score {
-    /// Name of the row.
-    pub name: String,
-    /// Distance of tool and pen while it writes, rms \[mm\].
-    pub rms_mm: f64,
-    /// The largest \[mm\].
-    pub max_mm: f64,
-    /// Lag of the tool behind the pen \[ms\].
-    pub lag_ms: f64,
-    /// Jerk of the tool, rms \[m/s³\].
-    pub jerk_mps3: f64,
-    /// Share of the ticks whose plan ran into a limit; `None`: not known of a recorded run.
-    pub saturated: Option<f64>,
-    /// Rms of the worst stroke \[mm\].
-    pub worst_stroke_mm: f64,
-    /// When that stroke began, from the beginning \[s\].
-    pub worst_stroke_at_s: f64,
-    /// When and why a stop latched, or why the law never took charge.
-    pub stopped: Option<String>,
-}
-
 /// The result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Answer {
@@ -106,6 +84,15 @@ pub struct Answer {
     pub arm_misfit_mm: f64,
     /// As it was recorded; with the recorded settings behind the modelled arm; then the variants.
     pub rows: Vec<Score>,
+    /// For a picture, of each row.
+    #[serde(skip)]
+    pub curves: Vec<Curve>,
+    /// Length of the stretches of time of these curves \[s\].
+    #[serde(skip)]
+    pub stretch_s: f64,
+    /// The pen in the stroke that the tool followed worst as it was recorded.
+    #[serde(skip)]
+    pub stroke: Vec<PathSample>,
 }
 
 /// A variant: its name and its changes of settings.
@@ -189,9 +176,14 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         .filter_map(|tick| Some(tool(&settings, seconds(tick.measured?.0), &tick.measured?.1)))
         .collect();
     let misfit = quietly(|| misfit_mm(&life, &settings, &arm, start)).ok_or_else(broken)?;
-    let mut rows = vec![scored("as recorded", &pen, &measured, origin_s, None)?];
-    let mut results: Vec<Option<Result<Score, WhatIfError>>> = jobs.iter().map(|_| None).collect();
-    let (life, pen, arm_of) = (&life, &pen, &arm);
+    let last_s = life.last().map_or(origin_s, |tick| seconds(tick.now));
+    let hand = Hand { pen: &pen, origin_s, seconds: last_s - origin_s };
+    let silent = || WhatIfError::TooLittle { what: "no pen that writes" };
+    let mut rows = vec![hand.score("as recorded", &measured, None).ok_or_else(silent)?];
+    let stroke = hand.worst(&measured);
+    let mut curves = vec![hand.curve(&measured, stroke)];
+    let mut results: Vec<Option<Result<(Score, Curve), WhatIfError>>> = jobs.iter().map(|_| None).collect();
+    let (life, arm_of) = (&life, &arm);
     for (batch, places) in jobs.chunks(threads.max(1)).zip(results.chunks_mut(threads.max(1))) {
         std::thread::scope(|scope| {
             let running: Vec<_> = batch
@@ -201,9 +193,10 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
                     std::thread::Builder::new().stack_size(32 << 20).spawn_scoped(scope, move || {
                         let run = quietly(|| run(&variant.name, config, life, arm_of, start));
                         let run = run.ok_or_else(broken)??;
-                        let mut score = scored(&variant.name, pen, &run.tool, origin_s, Some(run.saturated))?;
+                        let score = hand.score(&variant.name, &run.tool, Some(run.saturated));
+                        let mut score = score.ok_or_else(silent)?;
                         score.stopped = run.stopped;
-                        Ok(score)
+                        Ok((score, hand.curve(&run.tool, stroke)))
                     })
                 })
                 .collect();
@@ -216,10 +209,21 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         });
     }
     for result in results.into_iter().flatten() {
-        rows.push(result?);
+        let (row, curve) = result?;
+        rows.push(row);
+        curves.push(curve);
     }
-    let last_s = life.last().map_or(origin_s, |tick| seconds(tick.now));
-    Ok(Answer { seconds: last_s - origin_s, ticks: life.len(), damage, arm, arm_misfit_mm: misfit, rows })
+    Ok(Answer {
+        seconds: hand.seconds,
+        ticks: life.len(),
+        damage,
+        arm,
+        arm_misfit_mm: misfit,
+        rows,
+        curves,
+        stretch_s: hand.stretch_s(),
+        stroke: hand.during(stroke),
+    })
 }
 
 fn seconds(stamp: Stamp) -> f64 {
@@ -351,47 +355,6 @@ fn run(
     Ok(lived)
 }
 
-fn scored(
-    name: &str,
-    pen: &[PathSample],
-    tool: &[ToolSample],
-    origin_s: f64,
-    saturated: Option<f64>,
-) -> Result<Score, WhatIfError> {
-    let all = tracking(pen, tool).ok_or(WhatIfError::TooLittle { what: "no pen that writes" })?;
-    let (worst, at_s) = worst_stroke(&error_series(pen, tool));
-    Ok(Score {
-        name: name.to_owned(),
-        rms_mm: 1e3 * all.rmse_m,
-        max_mm: 1e3 * all.max_m,
-        lag_ms: all.lag_ms,
-        jerk_mps3: motion(tool).rms_jerk_mps3,
-        saturated,
-        worst_stroke_mm: 1e3 * worst,
-        worst_stroke_at_s: at_s - origin_s,
-        stopped: None,
-    })
-}
-
-/// Rms error of the worst stroke \[m\], and when it begins \[s\].
-fn worst_stroke(errors: &[ErrorSample]) -> (f64, f64) {
-    let mut worst = (0.0, errors.first().map_or(0.0, |error| error.t_s));
-    let (mut sum, mut count, mut begin_s) = (0.0, 0_u32, 0.0);
-    let lift = ErrorSample { t_s: f64::INFINITY, error_m: 0.0, contact: false };
-    for error in errors.iter().chain(std::iter::once(&lift)) {
-        if error.contact {
-            begin_s = if count == 0 { error.t_s } else { begin_s };
-            sum += error.error_m * error.error_m;
-            count += 1;
-        } else if count > 0 {
-            let rms = f64::sqrt(sum / f64::from(count));
-            worst = if rms > worst.0 { (rms, begin_s) } else { worst };
-            (sum, count) = (0.0, 0);
-        }
-    }
-    worst
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -412,13 +375,5 @@ mod tests {
         for wrong in ["", "trust", "=1", "a=", "a=1,,b=2"] {
             assert!(matches!(Variant::parse(wrong), Err(WhatIfError::Change { .. })), "{wrong}");
         }
-    }
-
-    #[test]
-    fn the_worst_stroke_is_a_stroke_and_not_a_moment() {
-        let error = |k: u32, error_m, contact| ErrorSample { t_s: f64::from(k), error_m, contact };
-        let errors = [error(0, 1.0, true), error(1, 1.0, true), error(2, 9.0, false), error(3, 2.0, true)];
-        assert_eq!(worst_stroke(&errors), (2.0, 3.0));
-        assert_eq!(worst_stroke(&[]), (0.0, 0.0));
     }
 }

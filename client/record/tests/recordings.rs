@@ -12,6 +12,7 @@ use foretrace_control::state;
 use foretrace_control::units::Stamp;
 use foretrace_record::RecordError;
 use foretrace_record::info::info;
+use foretrace_record::picture::draw;
 use foretrace_record::read::{Ended, Reader};
 use foretrace_record::repair::{mend_leftovers, repair};
 use foretrace_record::replay::{End, Outcome, ReplayError, Start, replay};
@@ -423,6 +424,15 @@ fn another_law_is_judged_by_the_same_hand_behind_the_arm_of_the_recording() {
     // Nothing predicted is worse on such a hand, and nothing refined either much worse.
     assert!(rms(2) > 1.02 * rms(1) && rms(3) > 2.0 * rms(1), "{} {} {}", rms(1), rms(2), rms(3));
     assert!(answer.rows.iter().all(|row| row.worst_stroke_mm >= 0.9 * row.rms_mm && row.stopped.is_none()));
+    // All of it as a picture: a curve and a stroke of each.
+    assert!(answer.curves.iter().all(|curve| curve.error_mm.len() > 20 && curve.tool.len() > 20));
+    assert!((answer.curves[0].stroke_mm - answer.rows[0].worst_stroke_mm).abs() < 1e-9);
+    let picture = place.path().join("picture.svg");
+    draw(&picture, "run.mcap", &answer).unwrap();
+    let svg = std::fs::read_to_string(&picture).unwrap();
+    for words in ["What if: run.mcap", "as recorded: ", "trust=0: ", "time [s]", "robot, pen down"] {
+        assert!(svg.contains(words), "{words}");
+    }
     // The same on every machine, however many threads there are.
     assert_eq!(what_if(&file, &variants, 1).unwrap(), answer);
 

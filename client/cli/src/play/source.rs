@@ -3,11 +3,13 @@
 //! Contract: recorded ink is recentred into the workspace, one scale for all of it; a CSV is taken as it
 //! stands. What had to be left out is reported in `notes`.
 
+use std::convert::Infallible;
 use std::fmt::Display;
 use std::path::Path;
 
 use foretrace_config::Settings;
-use foretrace_record::read::pen_samples;
+use foretrace_record::pen::pen_samples;
+use foretrace_record::read::Reader;
 use foretrace_sim::data::{
     Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height,
 };
@@ -88,13 +90,15 @@ pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Re
 fn recorded_pen(file: &Path) -> Result<PenPath, Failure> {
     let mut samples: Vec<PathSample> = Vec::new();
     let mut first_ns = None;
-    pen_samples(file, |sample| {
+    let mut reader = Reader::open(file).map_err(unrecorded)?;
+    let Ok(()) = pen_samples(&mut reader, |sample| {
         let from = *first_ns.get_or_insert(sample.stamp_ns);
         let t_s = sample.stamp_ns.saturating_sub(from) as f64 * 1e-9;
         let rises = samples.last().is_none_or(|last| t_s > last.t_s);
         if rises && sample.x_m.is_finite() && sample.y_m.is_finite() {
-            samples.push(PathSample { t_s, x_m: sample.x_m, y_m: sample.y_m, contact: sample.contact != 0 });
+            samples.push(PathSample { t_s, x_m: sample.x_m, y_m: sample.y_m, contact: sample.contact });
         }
+        Ok::<(), Infallible>(())
     })
     .map_err(unrecorded)?;
     if samples.len() < 2 {

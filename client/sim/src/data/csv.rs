@@ -12,9 +12,9 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
-const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
+pub(super) const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 const TIME_MAX_S: f64 = 1e7;
-const POSITION_MAX_M: f64 = 100.0;
+pub(super) const POSITION_MAX_M: f64 = 100.0;
 
 /// A CSV path that was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -108,6 +108,11 @@ pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording
     let pen = parse_csv(text, path)?;
     let head = head(text, path)?.unwrap_or_default();
     let rate_hz = head.rate_hz.unwrap_or(pen.rate_hz);
+    Ok(recording_of(&pen, rate_hz, head.writer, path))
+}
+
+/// `pen` as one character without a label, a component per change of contact and per gap.
+pub(super) fn recording_of(pen: &PenPath, rate_hz: f64, writer: String, path: &Path) -> Recording {
     let gap_s = GAP_PERIODS / rate_hz;
     let mut components: Vec<Component> = Vec::new();
     let mut last: Option<PathSample> = None;
@@ -124,14 +129,14 @@ pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording
         }
         last = Some(*sample);
     }
-    Ok(Recording {
+    Recording {
         source: path.to_path_buf(),
         rate_hz,
         rate_assumed: false,
         units_per_m: Some([1.0; 2]),
         quantity: Quantity::Position,
-        segments: vec![Character { components, writer: head.writer, ..Character::default() }],
-    })
+        segments: vec![Character { components, writer, ..Character::default() }],
+    }
 }
 
 /// Whether the text begins as this format does.

@@ -4,6 +4,7 @@ use super::csv::{begins_csv, parse_csv_recording};
 use super::file::{Refusal, open, read_limited, unreadable};
 use super::inkml::{begins_inkml, parse_inkml};
 use super::mat::{begins_mat, parse_mat};
+use super::mcap_pen::{begins_mcap, load_mcap, read_mcap};
 use super::unipen::parse_unipen;
 use super::{CsvError, Recording, UnipenError};
 use std::fmt;
@@ -25,6 +26,8 @@ pub enum Format {
     InkMl,
     /// Plain CSV with `t_s,x_m,y_m,contact`, foretrace's own recordings included.
     Csv,
+    /// MCAP: foretrace's own recordings of everything.
+    Mcap,
 }
 
 impl fmt::Display for Format {
@@ -34,6 +37,7 @@ impl fmt::Display for Format {
             Self::Mat => "MATLAB v5",
             Self::InkMl => "InkML",
             Self::Csv => "CSV",
+            Self::Mcap => "MCAP",
         })
     }
 }
@@ -58,7 +62,10 @@ pub enum FileError {
 /// # Errors
 /// [`FileError`] with file, line and reason; a file of no known format is refused with the formats there are.
 pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
-    parse_recording(&read_limited(path)?, path)
+    match Format::of_file(path)? {
+        Some(Format::Mcap) => Format::Mcap.load(path),
+        _ => parse_recording(&read_limited(path)?, path),
+    }
 }
 
 /// Reads a recording from the bytes of a file; `path` stands in messages, and UNIPEN looks for includes
@@ -79,8 +86,8 @@ pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError
 
 impl Format {
     /// For messages.
-    pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV \
-                                        with the columns t_s,x_m,y_m,contact";
+    pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with \
+                                        the columns t_s,x_m,y_m,contact, or MCAP of foretrace record";
 
     /// The part that a file's name tells in sets that are published without a table.
     pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
@@ -98,7 +105,11 @@ impl Format {
 
     /// Loads `path` as this format.
     pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
-        self.parse(&read_limited(path)?, path)
+        match self {
+            // Far larger than its pen.
+            Self::Mcap => Ok(load_mcap(path)?),
+            _ => self.parse(&read_limited(path)?, path),
+        }
     }
 
     fn parse(self, bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
@@ -107,6 +118,7 @@ impl Format {
             Self::Mat => Ok(parse_mat(bytes, path)?),
             Self::InkMl => Ok(parse_inkml(bytes, path)?),
             Self::Csv => Ok(parse_csv_recording(bytes, path)?),
+            Self::Mcap => Ok(read_mcap(bytes, path)?),
         }
     }
 
@@ -122,6 +134,9 @@ impl Format {
     fn of_contents(head: &[u8]) -> Option<Self> {
         if begins_mat(head) {
             return Some(Self::Mat);
+        }
+        if begins_mcap(head) {
+            return Some(Self::Mcap);
         }
         if begins_inkml(head) {
             return Some(Self::InkMl);
@@ -145,6 +160,7 @@ impl Format {
             "mat" => Some(Self::Mat),
             "inkml" => Some(Self::InkMl),
             "csv" => Some(Self::Csv),
+            "mcap" => Some(Self::Mcap),
             _ => None,
         }
     }

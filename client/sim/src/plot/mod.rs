@@ -9,6 +9,7 @@ mod overlay;
 mod panels;
 mod histogram;
 mod bars;
+mod panels_and_cells;
 mod scatter;
 mod log_panels;
 pub mod page;
@@ -18,6 +19,7 @@ pub use histogram::Distribution;
 pub use log_panels::{LogLine, LogPanel, log_panels};
 pub use overlay::{Cell, letter_grid};
 pub use panels::{Line, Mark, Panel, lines, panels, panels_and_curve};
+pub use panels_and_cells::panels_and_cells;
 pub use scatter::{Named, scatter};
 
 use std::io::Write;

@@ -61,7 +61,7 @@ pub fn letter_grid(file: &Path, title: &str, subtitle: &str, cells: &[Cell<'_>])
     })
 }
 
-fn small_picture(
+pub(super) fn small_picture(
     area: &Area<'_>,
     label: &str,
     runs: &Runs,
@@ -86,7 +86,7 @@ fn small_picture(
 }
 
 /// Stretches of one kind, in millimetres, in the order in which they are painted.
-struct Runs {
+pub(super) struct Runs {
     pen_hover: Polylines,
     pen_down: Polylines,
     tool_hover: Polylines,
@@ -94,7 +94,7 @@ struct Runs {
 }
 
 impl Runs {
-    fn new(pen: &[PathSample], tool: &[ToolSample]) -> Self {
+    pub(super) fn new(pen: &[PathSample], tool: &[ToolSample]) -> Self {
         let pen_rows = pen.iter().map(|s| (s.t_s, s.x_m, s.y_m, s.contact));
         let (pen_down, pen_hover) = split_runs(pen_rows, PEN_GAP_MAX_S);
         let mut newest = pen.iter().peekable();
@@ -118,11 +118,11 @@ impl Runs {
         ]
     }
 
-    fn legend(&self) -> Vec<Key<'static>> {
+    pub(super) fn legend(&self) -> Vec<Key<'static>> {
         self.all().into_iter().filter(|(_, runs)| !runs.is_empty()).map(|(key, _)| key).collect()
     }
 
-    fn bounds(&self) -> Option<[[f64; 2]; 2]> {
+    pub(super) fn bounds(&self) -> Option<[[f64; 2]; 2]> {
         let points = || self.all().into_iter().flat_map(|(_, runs)| runs.iter().flatten());
         let (left, right) = extent(points().map(|p| p.0))?;
         let (low, high) = extent(points().map(|p| p.1))?;

@@ -116,7 +116,7 @@ pub fn panels_and_curve(
 }
 
 /// From the first to the last finite point of all panels.
-fn x_range(file: &Path, panels: &[Panel<'_>]) -> Result<Range<f64>, PlotError> {
+pub(super) fn x_range(file: &Path, panels: &[Panel<'_>]) -> Result<Range<f64>, PlotError> {
     let all = panels.iter().flat_map(|p| p.lines).flat_map(|l| l.points);
     let Some((first, last)) = extent(all.map(|p| p.0)) else {
         return Err(PlotError::Empty { file: file.to_path_buf(), what: "no points" });
@@ -125,7 +125,7 @@ fn x_range(file: &Path, panels: &[Panel<'_>]) -> Result<Range<f64>, PlotError> {
 }
 
 /// A colour for every label, in the order in which they come.
-fn coloured<'a>(panels: impl Iterator<Item = &'a Panel<'a>>) -> Vec<Key<'a>> {
+pub(super) fn coloured<'a>(panels: impl Iterator<Item = &'a Panel<'a>>) -> Vec<Key<'a>> {
     let mut names: Vec<&str> = Vec::new();
     for line in panels.flat_map(|p| p.lines) {
         if !names.contains(&line.label) {
@@ -135,7 +135,7 @@ fn coloured<'a>(panels: impl Iterator<Item = &'a Panel<'a>>) -> Vec<Key<'a>> {
     names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect()
 }
 
-fn draw_panel(
+pub(super) fn draw_panel(
     area: &Area<'_>,
     panel: &Panel<'_>,
     keys: &[Key<'_>],

@@ -32,13 +32,14 @@ fn every_picture_is_whole_svg_with_its_title_and_leaves_no_other_file() {
     scatter(&at("3.svg"), "Title & co", "", ("x", "y"), &named).unwrap();
     let panel = Panel { y_label: "y", y_range: None, lines: &[line] };
     panels_and_curve(&at("4.svg"), "Title & co", "", ("t", "s"), &[panel, panel], &panel).unwrap();
-    for i in 0..5 {
+    panels_and_cells(&at("5.svg"), "Title & co", "", "t", &[panel], &[cell, cell, cell, cell, cell]).unwrap();
+    for i in 0..6 {
         let svg = std::fs::read_to_string(at(&format!("{i}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{i}");
         assert!(svg.contains("<title>Title &amp; co</title>") && svg.contains("<desc>"), "{i}");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{i}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 5);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6);
 }
 
 #[test]
@@ -52,6 +53,10 @@ fn hostile_data_draws_or_is_refused_but_never_panics() {
         let _ = lines(&file, "", "", ("", ""), &[line]);
         let panel = Panel { y_label: "", y_range: None, lines: &[line] };
         let _ = panels_and_curve(&file, "", "", ("", ""), &[panel], &panel);
+        let tool: Vec<_> =
+            points[..count].iter().map(|p| ToolSample { t_s: p.0, x_m: p.0, y_m: p.1 }).collect();
+        let cell = Cell { label: "", pen: &[], tool: &tool };
+        let _ = panels_and_cells(&file, "", "", "", &[panel], &[cell]);
         let values = odd[..count].iter().map(|v| Some(*v)).collect();
         let bars = Bars { label: "", values, digits: 3, best: Best::Highest };
         let _ = bar_table(&file, "", "", &[""; 7][..count], &[bars]);

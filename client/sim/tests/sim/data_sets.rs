@@ -1,5 +1,6 @@
 //! Set folders made here: words of the split table, folders without one, and everything that is refused.
 
+use crate::made;
 use foretrace_sim::data::{DataSet, SetError, Split};
 use std::path::Path;
 
@@ -114,7 +115,7 @@ fn one_bad_file_stops_a_set_only_when_strict() {
         format!(
             "{path}/odd.bin: not a recording in a known format; legal: UNIPEN text, InkML, MATLAB v5 (UCI \
              Character \
-             Trajectories), or CSV with the columns t_s,x_m,y_m,contact"
+             Trajectories), CSV with the columns t_s,x_m,y_m,contact, or MCAP of foretrace record"
         ),
     ];
     assert_eq!((loaded.files.len(), found), (1, wanted.to_vec()));
@@ -123,10 +124,30 @@ fn one_bad_file_stops_a_set_only_when_strict() {
 }
 
 #[test]
+fn recordings_of_everything_are_a_set_of_their_pens() {
+    let set = folder(&[("split.tsv", "set\tfile\twriter\ntrain\ta.mcap\tanna\ntest\tb.mcap\tbert\n")]);
+    let whole = made::mcap(true);
+    std::fs::write(set.path().join("a.mcap"), &whole).unwrap();
+    std::fs::write(set.path().join("b.mcap"), &whole[..whole.len() - 40]).unwrap();
+    let loaded = DataSet::load(set.path(), &Split::train(), true).unwrap();
+    let recording = &loaded.files[0].recording;
+    assert!((recording.rate_hz - 200.0).abs() < 1e-6, "{} Hz", recording.rate_hz);
+    let [character] = &recording.segments[..] else { panic!("{recording:?}") };
+    assert_eq!(character.writer, "anna");
+    // What did not move on, is no number or out of this world is left out.
+    let points: Vec<_> = character.components.iter().map(|c| (c.contact, c.points.len())).collect();
+    assert_eq!(points, [(true, 20), (false, 10), (true, 2)]);
+    assert_eq!(character.components[0].points[1], [0.001, -0.0005]);
+    assert!(character.components[2].dt_before_s.is_some_and(|gap_s| (gap_s - 0.1).abs() < 1e-9));
+    let cut = message(set.path(), DataSet::load(set.path(), &named("test"), true));
+    assert!(cut.starts_with("b.mcap: ") && cut.contains("record --repair"), "{cut}");
+}
+
+#[test]
 fn what_is_no_set_is_refused_with_what_would_be() {
     let table = |text: &'static str| [("split.tsv", text)];
-    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), or CSV with the columns \
-                 t_s,x_m,y_m,contact";
+    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with the columns \
+                 t_s,x_m,y_m,contact, or MCAP of foretrace record";
     let cases: [(&[(&str, &str)], String); 9] = [
         (&[], format!("SET: no recording in this folder; a set is a folder of {known}")),
         (&[("a.txt", "hello")], format!("SET: no recording in this folder; a set is a folder of {known}")),

@@ -2,7 +2,7 @@
 //!
 //! Deterministic: the same number of cases is the same cases. FORETRACE_FUZZ_CASES=N runs N cases per format.
 
-use crate::made::Mat;
+use crate::made::{self, Mat};
 use foretrace_sim::data::{DataSet, Recording, Split, parse_recording};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
@@ -232,6 +232,12 @@ fn csv() {
                0.000000,0.1000000,0.0500000,1\n0.005000,0.1000000,0.0500000,1\n\
                0.010000,0.1000000,0.0500000,0\n";
     fuzz("a.csv", &[plain.into(), own.into()]);
+}
+
+#[test]
+fn mcap() {
+    // Without checksums damage reaches what reads the messages.
+    fuzz("a.mcap", &[made::mcap(false), made::mcap(false), made::mcap(true)]);
 }
 
 #[test]

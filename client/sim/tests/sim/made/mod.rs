@@ -105,3 +105,55 @@ impl Mat {
         self.file(&variables)
     }
 }
+
+/// A recording of everything with 34 pen samples, 32 of them of use, in `chunks` with checksums or plain.
+pub(crate) fn mcap(chunks: bool) -> Vec<u8> {
+    let mut table = "layout 0 size 216\npen_samples 0 4 u32\npart 4 4 u32\n".to_owned();
+    for index in 0..4 {
+        let fields = [("stamp_ns", 0, "u64"), ("x_m", 8, "f64"), ("y_m", 16, "f64"), ("contact", 24, "u32")];
+        for (name, offset, kind) in fields {
+            table.push_str(&format!("pen[{index}].{name} {} 8 {kind}\n", 8 + 28 * index + offset));
+        }
+    }
+    let options = mcap::WriteOptions::new().compression(None).use_chunks(chunks).emit_summary_records(chunks);
+    let options = options.calculate_data_section_crc(chunks).calculate_summary_section_crc(chunks);
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut writer = options.create(&mut file).unwrap();
+    let schema = writer.add_schema("TickInput", "foretrace.wire", table.as_bytes()).unwrap();
+    let none = std::collections::BTreeMap::new();
+    let channel = writer.add_channel(schema, "/raw/input", "foretrace.wire", &none).unwrap();
+    let other = writer.add_channel(0, "/tick", "protobuf", &none).unwrap();
+    let mut samples: Vec<(u64, f64, f64, u32)> =
+        (0..30).map(|k| (k * 5_000_000, 1e-3 * k as f64, -5e-4 * k as f64, u32::from(k < 20))).collect();
+    samples.push((245_000_000, 0.1, 0.1, 1));
+    samples.push((245_000_000, 0.2, 0.2, 1));
+    samples.push((248_000_000, f64::NAN, 0.0, 1));
+    samples.push((250_000_000, 0.1, 0.1, 1));
+    // Nine in a tick come in parts of four.
+    for (tick, given) in samples.chunks(9).enumerate() {
+        for (part, here) in given.chunks(4).enumerate() {
+            let mut message = (given.len() as u32).to_le_bytes().to_vec();
+            message.extend((part as u32).to_le_bytes());
+            for (stamp_ns, x_m, y_m, contact) in here {
+                message.extend((stamp_ns + 7_000_000_000).to_le_bytes());
+                message.extend(x_m.to_le_bytes());
+                message.extend(y_m.to_le_bytes());
+                message.extend(contact.to_le_bytes());
+            }
+            message.resize(8 + 4 * 28, 0xff);
+            for (channel_id, data) in [(channel, message.as_slice()), (other, b"not ours")] {
+                let time = tick as u64;
+                let header = mcap::records::MessageHeader {
+                    channel_id,
+                    sequence: 0,
+                    log_time: time,
+                    publish_time: time,
+                };
+                writer.write_to_known_channel(&header, data).unwrap();
+            }
+        }
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    file.into_inner()
+}

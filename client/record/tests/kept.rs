@@ -1,0 +1,55 @@
+//! Recordings of every layout that there was are kept in `tests/kept`, and stay readable.
+
+use std::path::{Path, PathBuf};
+
+use foretrace_record::info::info;
+use foretrace_record::pen::pen_samples;
+use foretrace_record::read::Reader;
+use foretrace_record::table;
+use foretrace_record::topics::layouts;
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/kept")
+}
+
+#[test]
+fn this_version_has_kept_a_recording_of_its_layouts() {
+    let file = folder().join(format!("{:016x}.mcap", layouts()));
+    assert!(
+        file.exists(),
+        "a layout has changed: keep the recordings that there are, and add one by `tests/record/keep.sh`"
+    );
+    assert_eq!(info(&file).unwrap().foreign, Vec::<String>::new());
+}
+
+#[test]
+fn every_kept_recording_is_read_whatever_its_layouts() {
+    let files = std::fs::read_dir(folder()).unwrap().map(|file| file.unwrap().path()).collect::<Vec<_>>();
+    assert!(!files.is_empty());
+    for path in files {
+        let name = path.display();
+        let told = info(&path).unwrap();
+        assert_eq!(told.damage, None, "{name}");
+        assert!(told.begin.contains_key("version") && told.laws.len() == 1, "{name}: {told:?}");
+        assert_eq!(told.missing_ticks, 0, "{name}");
+        for topic in ["/raw/tick", "/raw/input", "/raw/status"] {
+            let mut csv = Vec::new();
+            let rows = table::csv(&mut Reader::open(&path).unwrap(), topic, 1, &[], &mut csv).unwrap();
+            assert_eq!(told.topics.get(topic), Some(&rows), "{name}: {topic}");
+            let text = String::from_utf8(csv).unwrap();
+            let columns = text.lines().next().unwrap().split(',').count();
+            assert!(columns > 20 && text.contains("tick [1]"), "{name}: {topic}: {columns} columns");
+            assert!(text.lines().all(|line| line.split(',').count() == columns), "{name}: {topic}");
+        }
+        let mut seen = Vec::new();
+        let mut reader = Reader::open(&path).unwrap();
+        let keep = |sample| {
+            seen.push(sample);
+            Ok::<(), ()>(())
+        };
+        pen_samples(&mut reader, keep).unwrap().unwrap();
+        assert!(seen.len() > 1, "{name}: no pen");
+        assert!(seen.windows(2).all(|pair| pair[0].stamp_ns < pair[1].stamp_ns), "{name}: {seen:?}");
+        assert!(seen.iter().all(|sample| sample.x_m.hypot(sample.y_m) < 1.0), "{name}: {seen:?}");
+    }
+}

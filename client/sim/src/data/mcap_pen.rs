@@ -1,0 +1,298 @@
+//! The pen of foretrace's MCAP recordings: what the ticks of a loop were given, as a data set.
+//!
+//! Contract: found by the table of fields that a recording carries, so that recordings of any version are
+//! read. Read as a stream: memory is for the samples only, and bounded.
+
+use super::Recording;
+use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
+use super::file::{Refusal, open, unreadable};
+use crate::path::{PathSample, PenPath};
+use mcap::records::{Record, op};
+use std::collections::BTreeMap;
+use std::io::{BufReader, ErrorKind, Read};
+use std::path::Path;
+
+/// The topic of what ticks were given, and the encoding of its messages.
+const TOPIC: &str = "/raw/input";
+const ENCODING: &str = "foretrace.wire";
+/// Bytes of a record's kind and length.
+const HEAD: usize = 1 + size_of::<u64>();
+/// Bytes of a record at most: far more than a recorder writes.
+const RECORD_BYTES_MAX: usize = 8 << 20;
+/// Schemas and channels of ours at most, and places for samples in a message.
+const CHANNELS_MAX: usize = 256;
+const PLACES_MAX: usize = 64;
+/// Samples at most: those of five hours at 200 Hz, 128 MB.
+const SAMPLES_MAX: usize = 4 << 20;
+
+/// A pen sample as a tick was given it, in the pen's own plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PenSeen {
+    /// When the pen was there, on the monotonic clock \[ns\].
+    pub stamp_ns: u64,
+    /// \[m\]
+    pub x_m: f64,
+    /// \[m\]
+    pub y_m: f64,
+    /// It touched the paper.
+    pub contact: bool,
+}
+
+/// Where the pen samples are in a message about a tick.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PenTable {
+    part: usize,
+    pen_samples: usize,
+    /// Stamp, x, y, contact of each place for a sample.
+    places: Vec<[usize; 4]>,
+}
+
+impl PenTable {
+    /// From the table of fields of a recording's schema: a line `name offset size type` each, after the first
+    /// line. `None`: it does not tell.
+    #[must_use]
+    pub fn of(table: &str) -> Option<Self> {
+        let mut fields = BTreeMap::new();
+        for line in table.lines().skip(1) {
+            let mut words = line.split(' ');
+            if let (Some(name), Some(offset), Some(_), Some(kind)) =
+                (words.next(), words.next(), words.next(), words.next())
+            {
+                fields.insert(name, (offset.parse::<usize>().ok()?, kind));
+            }
+        }
+        let place = |name: &str, kind: &str| {
+            fields.get(name).filter(|(_, found)| *found == kind).map(|(offset, _)| *offset)
+        };
+        let (part, pen_samples) = (place("part", "u32")?, place("pen_samples", "u32")?);
+        let of_sample = |index: usize| {
+            let of = |field: &str, kind| place(&format!("pen[{index}].{field}"), kind);
+            Some([of("stamp_ns", "u64")?, of("x_m", "f64")?, of("y_m", "f64")?, of("contact", "u32")?])
+        };
+        let places: Vec<_> = (0..PLACES_MAX).map_while(of_sample).collect();
+        (!places.is_empty()).then_some(Self { part, pen_samples, places })
+    }
+
+    /// The samples of `message`, oldest first; `None` if it is too short for its table.
+    pub fn samples(&self, message: &[u8], mut use_sample: impl FnMut(PenSeen)) -> Option<()> {
+        let before = (whole(message, self.part)? as usize).saturating_mul(self.places.len());
+        let here = (whole(message, self.pen_samples)? as usize).saturating_sub(before);
+        for [stamp, x, y, contact] in self.places.iter().take(here) {
+            use_sample(PenSeen {
+                stamp_ns: u64::from_le_bytes(bytes(message, *stamp)?),
+                x_m: f64::from_le_bytes(bytes(message, *x)?),
+                y_m: f64::from_le_bytes(bytes(message, *y)?),
+                contact: whole(message, *contact)? != 0,
+            });
+        }
+        Some(())
+    }
+}
+
+fn bytes<const N: usize>(message: &[u8], at: usize) -> Option<[u8; N]> {
+    message.get(at..)?.first_chunk().copied()
+}
+
+fn whole(message: &[u8], at: usize) -> Option<u32> {
+    bytes(message, at).map(u32::from_le_bytes)
+}
+
+/// Whether a file begins as this format does.
+pub(super) fn begins_mcap(head: &[u8]) -> bool {
+    head.starts_with(mcap::MAGIC)
+}
+
+/// Loads a recording: one character without a label, a component per change of contact and per gap.
+pub(super) fn load_mcap(path: &Path) -> Result<Recording, Refusal> {
+    read_mcap(BufReader::new(open(path)?), path)
+}
+
+/// The same from its bytes.
+pub(super) fn read_mcap(from: impl Read, path: &Path) -> Result<Recording, Refusal> {
+    let refused = |why: String| Refusal::whole(path, why);
+    let samples = samples(from, path)?;
+    if samples.len() < 2 {
+        return Err(refused(format!(
+            "it holds {} pen samples, a path needs 2; record while the pen writes",
+            samples.len()
+        )));
+    }
+    let pen = PenPath::from_samples(samples);
+    if !RATE_HZ.contains(&pen.rate_hz) {
+        return Err(refused(format!(
+            "the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000",
+            pen.rate_hz
+        )));
+    }
+    Ok(recording_of(&pen, pen.rate_hz, String::new(), path))
+}
+
+/// All samples with a place, times rising from 0.
+fn samples(from: impl Read, path: &Path) -> Result<Vec<PathSample>, Refusal> {
+    let mut pen =
+        Pen { path, tables: BTreeMap::new(), channels: BTreeMap::new(), samples: Vec::new(), from_ns: None };
+    each_record(from, path, |kind, body| pen.take(kind, body))?;
+    Ok(pen.samples)
+}
+
+fn damaged(path: &Path, why: impl std::fmt::Display) -> Refusal {
+    Refusal::whole(path, format!("{why}; mend it with `foretrace record --repair`"))
+}
+
+/// Calls `use_record` with kind and body of every record of a whole file, those of chunks one by one.
+fn each_record(
+    mut from: impl Read,
+    path: &Path,
+    mut use_record: impl FnMut(u8, &[u8]) -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    let mut read = |bytes: &mut [u8]| {
+        from.read_exact(bytes).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => damaged(path, "it ends early"),
+            _ => unreadable(path, error),
+        })
+    };
+    let mut magic = [0; mcap::MAGIC.len()];
+    read(&mut magic)?;
+    let mut body = Vec::new();
+    loop {
+        let mut head = [0; HEAD];
+        read(&mut head)?;
+        let [kind, length @ ..] = head;
+        let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
+        if length > RECORD_BYTES_MAX {
+            return Err(damaged(
+                path,
+                format!("a record of {length} bytes, {RECORD_BYTES_MAX} are the most"),
+            ));
+        }
+        body.resize(length, 0);
+        read(&mut body)?;
+        match kind {
+            op::CHUNK => {
+                let mut records = chunk(&body).map_err(|why| damaged(path, why))?;
+                while !records.is_empty() {
+                    let (kind, record, rest) =
+                        split(records).ok_or_else(|| damaged(path, "a chunk ends early"))?;
+                    use_record(kind, record)?;
+                    records = rest;
+                }
+            }
+            op::FOOTER => {
+                read(&mut magic)?;
+                return if magic == *mcap::MAGIC { Ok(()) } else { Err(damaged(path, "its end is damaged")) };
+            }
+            kind => use_record(kind, &body)?,
+        }
+    }
+}
+
+/// Kind, body and what follows, of the record at the front of `bytes`; `None` if it is not all there.
+fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let [kind, length @ ..] = *bytes.first_chunk::<HEAD>()?;
+    let (body, rest) = bytes.get(HEAD..)?.split_at_checked(u64::from_le_bytes(length).try_into().ok()?)?;
+    Some((kind, body, rest))
+}
+
+/// The records in a chunk; an error says what is wrong.
+fn chunk(body: &[u8]) -> Result<&[u8], &'static str> {
+    // Two times and the size come before.
+    let checksum = whole(body, 24).ok_or("a chunk without a beginning")?;
+    let named = whole(body, 28).ok_or("a chunk without a beginning")? as usize;
+    if named != 0 {
+        return Err("a chunk is compressed, which no recorder of foretrace does");
+    }
+    let length = bytes(body, 32).map(u64::from_le_bytes);
+    let records = body.get(40..).filter(|records| Some(records.len() as u64) == length);
+    let records = records.ok_or("a chunk of another length than it says")?;
+    if checksum != 0 && crc32fast::hash(records) != checksum {
+        return Err("the checksum of a chunk is wrong");
+    }
+    Ok(records)
+}
+
+/// Collects the samples of a file.
+struct Pen<'a> {
+    path: &'a Path,
+    /// By the numbers of their schemas.
+    tables: BTreeMap<u16, Option<PenTable>>,
+    channels: BTreeMap<u16, PenTable>,
+    samples: Vec<PathSample>,
+    from_ns: Option<u64>,
+}
+
+impl Pen<'_> {
+    fn take(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
+        if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+            return Ok(());
+        }
+        if self.tables.len().max(self.channels.len()) > CHANNELS_MAX {
+            return Err(damaged(
+                self.path,
+                format!("more than {CHANNELS_MAX} schemas or channels of {TOPIC}"),
+            ));
+        }
+        match mcap::parse_record(kind, body).map_err(|error| damaged(self.path, error))? {
+            Record::Schema { header, data } if header.encoding == ENCODING => {
+                self.tables.insert(header.id, std::str::from_utf8(&data).ok().and_then(PenTable::of));
+            }
+            Record::Channel(channel) if channel.topic == TOPIC => {
+                let table = self.tables.get(&channel.schema_id).cloned().flatten().ok_or_else(|| {
+                    Refusal::whole(self.path, format!("{TOPIC} does not tell where its pen samples are"))
+                })?;
+                self.channels.insert(channel.id, table);
+            }
+            Record::Message { header, data } => {
+                let Some(table) = self.channels.get(&header.channel_id) else { return Ok(()) };
+                let (samples, from_ns) = (&mut self.samples, &mut self.from_ns);
+                let done = table.samples(&data, |seen| {
+                    let from_ns = *from_ns.get_or_insert(seen.stamp_ns);
+                    let t_s = seen.stamp_ns.saturating_sub(from_ns) as f64 * 1e-9;
+                    let rises = samples.last().is_none_or(|last| t_s > last.t_s);
+                    // A NaN is beyond every bound.
+                    let here = seen.x_m.abs() <= POSITION_MAX_M && seen.y_m.abs() <= POSITION_MAX_M;
+                    if rises && here {
+                        samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact });
+                    }
+                });
+                done.ok_or_else(|| damaged(self.path, format!("a message of {TOPIC} is too short")))?;
+                if self.samples.len() > SAMPLES_MAX {
+                    let why = format!("more than {SAMPLES_MAX} pen samples, which is the most that is read");
+                    return Err(Refusal::whole(self.path, why));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_found_by_the_table_whatever_else_is_in_it() {
+        let table = "layout 0 size 72\npen_samples 0 4 u32\npart 4 4 u32\nnew 8 8 bytes\npen[0].contact 16 4 u32\n\
+                     pen[0].y_m 20 8 f64\npen[0].x_m 28 8 f64\npen[0].stamp_ns 36 8 u64\n";
+        let found = PenTable::of(table).unwrap();
+        let mut message = vec![0; 44];
+        message[0] = 3;
+        message[16] = 1;
+        message[20..28].copy_from_slice(&0.25_f64.to_le_bytes());
+        message[28..36].copy_from_slice(&(-0.5_f64).to_le_bytes());
+        message[36] = 9;
+        let mut seen = Vec::new();
+        assert_eq!(found.samples(&message, |sample| seen.push(sample)), Some(()));
+        assert_eq!(seen, [PenSeen { stamp_ns: 9, x_m: -0.5, y_m: 0.25, contact: true }]);
+        // The part after the last sample, and a message that is too short.
+        message[4] = 3;
+        assert_eq!(found.samples(&message, |_| panic!("none is left")), Some(()));
+        message[4] = 0;
+        assert_eq!(found.samples(&message[..40], |_| ()), None);
+        for wrong in
+            ["", "layout\npart 4 4 u32\n", &table.replace("f64", "f32"), &table.replace("pen[0]", "p")]
+        {
+            assert_eq!(PenTable::of(wrong), None, "{wrong}");
+        }
+    }
+}
