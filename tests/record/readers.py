@@ -38,9 +38,9 @@ def main() -> int:
         }
         if counts != wanted:
             problems.append(f"index counts {counts}, foretrace {wanted}")
-        raw, people, frames, lost = {}, {}, 0, None
+        raw, people, frames, lost, lines = {}, {}, 0, None, []
         for schema, channel, message, decoded in reader.iter_decoded_messages(
-            topics=["/tick", "/tf", "/recorder"]
+            topics=["/tick", "/tf", "/log", "/recorder"]
         ):
             if channel.topic == "/tick":
                 people[decoded.tick] = decoded
@@ -48,6 +48,8 @@ def main() -> int:
                 frames += 1
                 if decoded.parent_frame_id != "paper" or decoded.rotation.w != 1.0:
                     problems.append(f"frame {decoded}")
+            elif channel.topic == "/log":
+                lines.append(decoded)
             else:
                 lost = decoded
     with open(path, "rb") as file:
@@ -72,13 +74,20 @@ def main() -> int:
         problems.append("the pen's age is never known")
     if frames != 3 * len(people):
         problems.append(f"{frames} frames for {len(people)} ticks")
+    order = [people[tick].mode for tick in sorted(people)]
+    changes = sum(before != after for before, after in zip(order, order[1:]))
+    modes = [line.message for line in lines if line.message.startswith(("mode ", "stopped: ", "fault: "))]
+    if len(modes) != changes or not changes:
+        problems.append(f"{changes} changes of mode, /log tells {modes}")
+    if any(line.Level.Name(line.level) not in ("DEBUG", "INFO", "WARNING", "ERROR") for line in lines):
+        problems.append("a line of /log has no level")
     if lost is None or lost.queue_lost != told["queue_lost"]:
         problems.append(f"/recorder {lost}, report {told}")
 
     for problem in problems:
         print(f"broken: {problem}")
     if not problems:
-        print(f"ok: {len(people)} ticks, {frames} frames, {sum(counts.values())} messages read by mcap and protobuf")
+        print(f"ok: {len(people)} ticks, {frames} frames, {len(lines)} lines, {sum(counts.values())} messages read by mcap and protobuf")
     return 1 if problems else 0
 
 

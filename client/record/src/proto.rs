@@ -28,6 +28,10 @@ pub enum Kind {
     F64s,
     /// A message of this full name.
     Part(&'static str),
+    /// `fixed32`
+    Fixed32,
+    /// An `enum` inside the message, of this name, with these values from 0.
+    Choice(&'static str, &'static [&'static str]),
 }
 
 impl Kind {
@@ -42,7 +46,9 @@ impl Kind {
             Self::Bool => (8, 1),
             Self::Text => (9, 1),
             Self::Part(_) => (11, 1),
+            Self::Fixed32 => (7, 1),
             Self::U32 => (13, 1),
+            Self::Choice(..) => (14, 1),
         }
     }
 }
@@ -88,6 +94,10 @@ pub enum Value<'a> {
     F64s(&'a [f64]),
     /// An encoded message of the kind's name.
     Part(&'a [u8]),
+    /// See [`Kind`].
+    Fixed32(u32),
+    /// Number of one of the kind's values.
+    Choice(u32),
 }
 
 /// `values` as a message of `shape`; `None` if they are not its fields.
@@ -111,6 +121,13 @@ pub fn encode(shape: &Shape, values: &[Value<'_>]) -> Option<Vec<u8>> {
                 sized(&mut bytes, number, &packed);
             }
             (Kind::Part(_), Value::Part(v)) => sized(&mut bytes, number, v),
+            (Kind::Fixed32, Value::Fixed32(v)) => {
+                key(&mut bytes, number, 5);
+                bytes.extend_from_slice(&v.to_le_bytes());
+            }
+            (Kind::Choice(_, values), Value::Choice(v)) if (v as usize) < values.len() => {
+                varint_field(&mut bytes, number, v.into());
+            }
             _ => return None,
         }
     }
@@ -149,10 +166,23 @@ fn described(shape: &Shape) -> Vec<u8> {
         let (code, label) = kind.codes();
         varint_field(&mut field, 4, label);
         varint_field(&mut field, 5, code);
-        if let Kind::Part(of) = kind {
-            sized(&mut field, 6, format!(".{of}").as_bytes());
+        match kind {
+            Kind::Part(of) => sized(&mut field, 6, format!(".{of}").as_bytes()),
+            Kind::Choice(of, _) => sized(&mut field, 6, format!(".{}.{of}", shape.name).as_bytes()),
+            _ => {}
         }
         sized(&mut bytes, 2, &field);
+        if let Kind::Choice(of, values) = kind {
+            let mut choice = Vec::new();
+            sized(&mut choice, 1, of.as_bytes());
+            for (number, value) in (0_u64..).zip(*values) {
+                let mut described = Vec::new();
+                sized(&mut described, 1, value.as_bytes());
+                varint_field(&mut described, 2, number);
+                sized(&mut choice, 2, &described);
+            }
+            sized(&mut bytes, 4, &choice);
+        }
     }
     bytes
 }
@@ -212,6 +242,21 @@ mod tests {
     fn values_that_are_not_the_fields_make_no_message() {
         assert!(encode(&THING, &[Value::I32(1)]).is_none());
         assert!(encode(&THING, &[Value::U64(1), Value::Text(""), Value::F64s(&[])]).is_none());
+    }
+
+    #[test]
+    fn an_enumeration_and_a_fixed_number_are_as_their_guide_says_and_unknown_values_make_no_message() {
+        const SHAPE: Shape = Shape {
+            name: "t.Log",
+            fields: &[("level", Kind::Choice("Level", &["UNKNOWN", "DEBUG"])), ("line", Kind::Fixed32)],
+        };
+        let bytes = encode(&SHAPE, &[Value::Choice(1), Value::Fixed32(258)]);
+        assert_eq!(bytes.as_deref(), Some(&[0x08, 1, 0x15, 2, 1, 0, 0][..]));
+        assert_eq!(encode(&SHAPE, &[Value::Choice(2), Value::Fixed32(0)]), None);
+        let set = descriptor_set(&[ProtoFile { name: "t.proto", imports: &[], messages: &[SHAPE] }]);
+        for text in [".t.Log.Level", "UNKNOWN", "DEBUG"] {
+            assert!(set.windows(text.len()).any(|part| part == text.as_bytes()), "{text}");
+        }
     }
 
     #[test]

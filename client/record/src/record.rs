@@ -18,7 +18,7 @@ use crate::RecordError;
 use crate::proto::{Value, encode};
 use crate::repair::numbered;
 use crate::source::{Heard, News, Source};
-use crate::topics::{RECORDER, Topic, frames, thing_bytes, tick};
+use crate::topics::{RECORDER, Topic, frames, log, thing_bytes, tick};
 use crate::write::{Facts, Output, part_of};
 
 /// Messages that may wait for the disk: four seconds at 500 Hz.
@@ -359,7 +359,10 @@ pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -
     record.put(&mut bytes);
     output.put(Topic::TickRaw, time_ns, &bytes)?;
     output.put(Topic::Tick, time_ns, &tick(record))?;
-    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))
+    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    let before = output.follow(record);
+    let lines = before.map_or_else(Vec::new, |before| log(&before, record, time_ns));
+    lines.iter().try_for_each(|line| output.put(Topic::Log, time_ns, line))
 }
 
 /// Counts as facts at the end of a file.

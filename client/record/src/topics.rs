@@ -31,12 +31,22 @@ pub enum Topic {
     Frames,
     /// The recorder's own counts.
     Recorder,
+    /// What changed from tick to tick, in words.
+    Log,
 }
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Input, Self::TickRaw, Self::StatusRaw, Self::Thing, Self::Tick, Self::Frames, Self::Recorder];
+    pub const ALL: [Self; 8] = [
+        Self::Input,
+        Self::TickRaw,
+        Self::StatusRaw,
+        Self::Thing,
+        Self::Tick,
+        Self::Frames,
+        Self::Recorder,
+        Self::Log,
+    ];
 
     /// Its name in the file.
     #[must_use]
@@ -49,6 +59,7 @@ impl Topic {
             Self::Tick => "/tick",
             Self::Frames => "/tf",
             Self::Recorder => "/recorder",
+            Self::Log => "/log",
         }
     }
 
@@ -81,6 +92,7 @@ impl Topic {
             Self::Tick => proto(&TICK, &[OURS]),
             Self::Frames => proto(&FRAME_TRANSFORM, &[TIME, FOXGLOVE]),
             Self::Recorder => proto(&RECORDER, &[OURS]),
+            Self::Log => proto(&LOG, &[TIME, FOXGLOVE_LOG]),
         }
     }
 
@@ -89,7 +101,7 @@ impl Topic {
     pub const fn encoding(self) -> &'static str {
         match self {
             Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing => WIRE,
-            Self::Tick | Self::Frames | Self::Recorder => "protobuf",
+            Self::Tick | Self::Frames | Self::Recorder | Self::Log => "protobuf",
         }
     }
 }
@@ -202,6 +214,22 @@ const FOXGLOVE: ProtoFile = ProtoFile {
     imports: &["google/protobuf/timestamp.proto"],
     messages: &[VECTOR, QUATERNION, FRAME_TRANSFORM],
 };
+
+/// Foxglove's `Log`.
+pub const LOG: Shape = Shape {
+    name: "foxglove.Log",
+    fields: &[
+        ("timestamp", Kind::Part("google.protobuf.Timestamp")),
+        ("level", Kind::Choice("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"])),
+        ("message", Kind::Text),
+        ("name", Kind::Text),
+        ("file", Kind::Text),
+        ("line", Kind::Fixed32),
+    ],
+};
+
+const FOXGLOVE_LOG: ProtoFile =
+    ProtoFile { name: "foxglove/Log.proto", imports: &["google/protobuf/timestamp.proto"], messages: &[LOG] };
 
 /// One tick for people: names end in their units, unknown numbers are NaN.
 pub const TICK: Shape = Shape {
@@ -321,19 +349,70 @@ pub fn tick(record: &TickRecord) -> Vec<u8> {
     encode(&TICK, &values).unwrap_or_default()
 }
 
+/// A `Timestamp`.
+fn timestamp(time_ns: u64) -> Vec<u8> {
+    let seconds = i64::try_from(time_ns / 1_000_000_000).unwrap_or(i64::MAX);
+    let nanos = (time_ns % 1_000_000_000) as i32;
+    let shape = TIME.messages.first();
+    shape.and_then(|shape| encode(shape, &[Value::I64(seconds), Value::I32(nanos)])).unwrap_or_default()
+}
+
+/// What changed from the tick `before` to `record`, at `time_ns` since 1970: mode, stop, late tick, plan,
+/// predictor, and why trust is what it is.
+#[must_use]
+pub fn log(before: &TickRecord, record: &TickRecord, time_ns: u64) -> Vec<Vec<u8>> {
+    let [debug, info, warning, error] = [1, 2, 3, 4];
+    let mut lines = Vec::new();
+    let mut line = |level: u32, words: String| {
+        let time = timestamp(time_ns);
+        let values = [
+            Value::Part(&time),
+            Value::Choice(level),
+            Value::Text(&words),
+            Value::Text("foretrace"),
+            Value::Text(""),
+            Value::Fixed32(0),
+        ];
+        lines.extend(encode(&LOG, &values));
+    };
+    let mode = Mode::try_from(record.mode);
+    if record.mode != before.mode {
+        let name = mode.map_or("unknown", Mode::label);
+        match (mode, FaultReason::try_from(record.fault)) {
+            (Ok(Mode::Stopped | Mode::Fault), Ok(why)) => line(error, format!("{name}: {why}")),
+            _ => line(info, format!("mode {name}")),
+        }
+    }
+    if record.counters.overruns > before.counters.overruns {
+        let us = f64::from(record.stage(Stage::Step)) * 1e-3;
+        line(warning, format!("tick {} ended late after {us:.0} µs of work", record.tick));
+    }
+    let following = [before.mode, record.mode] == [u32::from(Mode::Following); 2];
+    if following && record.rung != before.rung {
+        let rung = Rung::try_from(record.rung).map_or("unknown", Rung::label);
+        let level = if record.rung == u32::from(Rung::FreshPlan) { info } else { warning };
+        line(level, format!("moves by {rung}"));
+    }
+    if record.predictor != before.predictor {
+        line(info, format!("predictor {}", record.predictor.as_str().unwrap_or("")));
+    }
+    if record.trust_reason != before.trust_reason {
+        let reason = TrustReason::try_from(record.trust_reason).map_or("unknown", TrustReason::label);
+        line(debug, format!("trust {:.2}: {reason}", record.trust));
+    }
+    lines
+}
+
 /// Where pen, tool and ghost of `record` are on the paper, at `time_ns` since 1970.
 #[must_use]
 pub fn frames(record: &TickRecord, time_ns: u64) -> [Vec<u8>; 3] {
     let frame = |child: &str, at: &[f64; 3]| {
         let [x, y, z] = at.map(Value::F64);
-        let seconds = i64::try_from(time_ns / 1_000_000_000).unwrap_or(i64::MAX);
-        let nanos = (time_ns % 1_000_000_000) as i32;
-        let time =
-            TIME.messages.first().and_then(|shape| encode(shape, &[Value::I64(seconds), Value::I32(nanos)]));
+        let time = timestamp(time_ns);
         let place = encode(&VECTOR, &[x, y, z]);
         let upright = [0.0, 0.0, 0.0, 1.0].map(Value::F64);
         let turn = encode(&QUATERNION, &upright);
-        let [time, place, turn] = [time, place, turn].map(Option::unwrap_or_default);
+        let [place, turn] = [place, turn].map(Option::unwrap_or_default);
         let values = [
             Value::Part(&time),
             Value::Text("paper"),
@@ -356,6 +435,33 @@ mod tests {
         for frame in frames(&TickRecord::default(), 1_700_000_000_123_456_789) {
             assert!(!frame.is_empty());
         }
+    }
+
+    #[test]
+    fn changes_from_tick_to_tick_are_told_once_in_words_with_their_weight() {
+        let following = TickRecord { mode: Mode::Following.into(), ..TickRecord::default() };
+        let told = |before: &TickRecord, record: &TickRecord| -> Vec<(u8, String)> {
+            let lines = log(before, record, 1_700_000_000_123_456_789);
+            let level =
+                |line: &[u8]| line.windows(3).find(|part| part[0] == 0x10 && part[2] == 0x1a).unwrap()[1];
+            lines.iter().map(|line| (level(line), String::from_utf8_lossy(line).into_owned())).collect()
+        };
+        assert!(told(&following, &following).is_empty());
+        let stopped =
+            TickRecord { mode: Mode::Stopped.into(), fault: FaultReason::Requested.into(), ..following };
+        let lines = told(&following, &stopped);
+        assert_eq!(lines.len(), 1, "{lines:?}");
+        assert!(
+            lines[0].0 == 4 && lines[0].1.contains(&format!("stopped: {}", FaultReason::Requested)),
+            "{lines:?}"
+        );
+        let mut late = TickRecord { tick: 7, trust_reason: TrustReason::ALL[1].into(), ..following };
+        late.counters.overruns = 1;
+        let lines = told(&following, &late);
+        assert_eq!(lines.iter().map(|line| line.0).collect::<Vec<_>>(), [3, 1], "{lines:?}");
+        assert!(lines[0].1.contains("tick 7 ended late"), "{lines:?}");
+        let without = TickRecord { rung: Rung::Stop.into(), ..following };
+        assert!(told(&following, &without)[0].0 == 3 && told(&without, &following)[0].0 == 2);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::fs::{File, OpenOptions};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
+use foretrace_shm::TickRecord;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{WriteOptions, Writer};
@@ -31,6 +32,7 @@ pub struct Output {
     target: PathBuf,
     bytes: u64,
     written: u64,
+    newest: Option<TickRecord>,
 }
 
 impl std::fmt::Debug for Output {
@@ -87,7 +89,8 @@ impl Output {
         let about = Metadata { name: "foretrace".to_owned(), metadata: facts.clone() };
         writer.write_metadata(&about).map_err(broken)?;
         let (sequences, target) = ([0; Topic::ALL.len()], target.to_path_buf());
-        let mut output = Self { writer, channels, sequences, part, target, bytes: 0, written: 0 };
+        let mut output =
+            Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest: None };
         output.flush()?;
         Ok(output)
     }
@@ -102,6 +105,11 @@ impl Output {
     #[must_use]
     pub fn part(&self) -> &Path {
         &self.part
+    }
+
+    /// The tick record before `record`, which is the newest from here on.
+    pub(crate) const fn follow(&mut self, record: &TickRecord) -> Option<TickRecord> {
+        self.newest.replace(*record)
     }
 
     /// Bytes of messages so far.

@@ -32,6 +32,7 @@ function decoder(channel) {
 class Counter {
   ticks = [];
   frames = new Map();
+  lines = [];
   tick(message) {
     this.ticks.push(Number(message.tick));
     judge.bad = judge.bad || !(message.qRad ?? message.q_rad)?.length;
@@ -39,6 +40,11 @@ class Counter {
   frame(message) {
     const child = message.childFrameId ?? message.child_frame_id;
     this.frames.set(child, (this.frames.get(child) ?? 0) + 1);
+  }
+  take(topic, message) {
+    if (topic === "/tick") this.tick(message);
+    else if (topic === "/tf") this.frame(message);
+    else this.lines.push(message.message);
   }
   judge(who) {
     const { ticks, frames } = this;
@@ -66,7 +72,7 @@ function npmClient() {
     const kind = kinds.get(subscriptionId);
     const bytes = new Uint8Array(data.buffer, data.byteOffset, data.byteLength);
     const message = kind.decode(bytes);
-    kind.topic === "/tick" ? counter.tick(message) : counter.frame(message);
+    counter.take(kind.topic, message);
   });
   client.on("advertiseServices", (services) => all.services.push(...services));
   client.on("serviceCallFailure", (failure) => all.failures.push(failure));
@@ -96,7 +102,7 @@ function sdkClient() {
     } else if (data[0] === 1) {
       const kind = kinds.get(data.readUInt32LE(1));
       const message = kind.decode(data.subarray(13));
-      kind.topic === "/tick" ? counter.tick(message) : counter.frame(message);
+      counter.take(kind.topic, message);
     }
   });
   return { counter, socket };
@@ -135,6 +141,9 @@ npm.call("/foretrace/stop", {});
 for (let at = 0; at < 100 && !npm.answers.length; at++) await sleep(50);
 const answer = npm.answers[0] && Buffer.from(npm.answers[0].data.buffer, npm.answers[0].data.byteOffset, npm.answers[0].data.byteLength);
 judge(answer?.toString().includes("the arm stops"), `stop: ${answer}`);
+
+for (let at = 0; at < 100 && !npm.counter.lines.length; at++) await sleep(50);
+judge(npm.counter.lines.some((line) => line.startsWith("stopped")), `log: ${npm.counter.lines.join("; ")}`);
 
 const wrong = new WebSocket(`ws://${ADDRESS}`, ["foxglove.sdk.v9"]);
 const status = await within(

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::TickRecord;
 use foretrace_record::read::{Content, Entry, Reader};
-use foretrace_record::topics::{FRAME_TRANSFORM, TICK};
+use foretrace_record::topics::{FRAME_TRANSFORM, LOG, TICK};
 use foretrace_tests::{Process, World, json, until};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
@@ -121,6 +121,11 @@ fn fields(mut bytes: &[u8]) -> BTreeMap<u64, Vec<u8>> {
             0 => varint(&mut bytes).to_le_bytes().to_vec(),
             1 => {
                 let (content, rest) = bytes.split_at(8);
+                bytes = rest;
+                content.to_vec()
+            }
+            5 => {
+                let (content, rest) = bytes.split_at(4);
                 bytes = rest;
                 content.to_vec()
             }
@@ -251,8 +256,19 @@ fn anybody_stops_the_arm_and_only_the_token_arms_it_and_sets_parameters() {
     let (server, _stdout, address, token) = server(&world);
     let mut guest = Viewer::open(&address, "/", PROTOCOLS[0]).unwrap();
     guest.wait_text("advertiseServices");
+    let mut watcher = Viewer::open(&address, "/", PROTOCOLS[1]).unwrap();
+    watcher.say(r#"{"op":"subscribe","subscriptions":[{"id":4,"channelId":3}]}"#);
+    // The newest parameters come after it is subscribed.
+    watcher.say(r#"{"op":"getParameters","parameterNames":[]}"#);
+    watcher.wait_text("parameterValues");
     let answer = guest.call(1, "{}").unwrap();
     assert!(answer["words"].as_str().unwrap().contains("the arm stops"), "{answer}");
+    let line = watcher.wait("a line of the log", |message| {
+        let Message::Binary(bytes) = message else { return None };
+        (bytes[..5] == [1, 4, 0, 0, 0]).then(|| fields(&bytes[13..]))
+    });
+    let words = String::from_utf8(field(&LOG, &line, "message")).unwrap();
+    assert!(words.starts_with("stopped: "), "{words}");
     world.wait_for_mode(0, "stopped");
     for payload in ["{}", r#"{"token":"0123"}"#] {
         let refused = guest.call(2, payload).unwrap_err();

@@ -54,6 +54,7 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     assert_eq!(info["damage"], Value::Null);
     assert_eq!(info["topics"]["/raw/tick"], report["ticks"], "{info}");
     assert_eq!(info["topics"]["/tick"], report["ticks"], "{info}");
+    assert!(info["topics"]["/log"].as_u64() >= Some(2), "it followed and was stopped: {info}");
     assert_eq!(info["end"]["queue_lost"], "0", "{info}");
     let again = replayed(&world, &file);
     assert_eq!(again["start"], "state");

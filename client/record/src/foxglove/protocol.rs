@@ -18,7 +18,7 @@ pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
 const ENTRIES: usize = 64;
 
 /// Topics that viewers get, each at the channel of its place here, from 1.
-pub(crate) const CHANNELS: [Topic; 2] = [Topic::Tick, Topic::Frames];
+pub(crate) const CHANNELS: [Topic; 3] = [Topic::Tick, Topic::Frames, Topic::Log];
 
 /// A service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

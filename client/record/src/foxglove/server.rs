@@ -21,7 +21,7 @@ use super::viewer::Viewer;
 use crate::RecordError;
 use crate::record::unix_minus_monotonic;
 use crate::source::{Heard, News, Source, Wants};
-use crate::topics::{Topic, frames, tick};
+use crate::topics::{Topic, frames, log, tick};
 
 /// Most viewers at a time.
 const VIEWERS: usize = 16;
@@ -113,7 +113,7 @@ impl Server {
 
     /// Serves viewers until `over` says so; `tell` is told what changed.
     pub fn run(mut self, mut tell: impl FnMut(News), mut over: impl FnMut() -> bool) -> Tally {
-        let mut shown = Shown::default();
+        let (mut shown, mut before) = (Shown::default(), None);
         while !over() {
             // No more at once than there may be: ticks do not wait.
             for _ in 0..VIEWERS {
@@ -125,7 +125,10 @@ impl Server {
             let wanted = CHANNELS.map(|topic| self.hub.wants(place(topic)));
             let (hub, clock) = (&self.hub, self.clock);
             let news = self.source.hear(|heard| match heard {
-                Heard::Tick(record) => publish(hub, &record, clock, wanted),
+                Heard::Tick(record) => {
+                    publish(hub, before.as_deref(), &record, clock, wanted);
+                    before = Some(record);
+                }
                 Heard::Status(status) => shown.show(hub, &status),
                 Heard::Input(_) | Heard::Thing(_) => {}
             });
@@ -248,10 +251,17 @@ fn place(topic: Topic) -> usize {
     CHANNELS.iter().position(|known| *known == topic).unwrap_or(CHANNELS.len())
 }
 
-/// Puts a record into the queues, in the encodings that anybody wants.
-fn publish(hub: &Hub, record: &TickRecord, clock: u64, wanted: [bool; CHANNELS.len()]) {
+/// Puts a record, and what changed since the one `before`, into the queues, in the encodings that anybody
+/// wants.
+fn publish(
+    hub: &Hub,
+    before: Option<&TickRecord>,
+    record: &TickRecord,
+    clock: u64,
+    wanted: [bool; CHANNELS.len()],
+) {
     let time_ns = record.header.stamp_ns.wrapping_add(clock);
-    let [ticks, transforms] = wanted;
+    let [ticks, transforms, lines] = wanted;
     let send = |topic: Topic, bytes: Vec<u8>| {
         hub.publish(&Data { channel: place(topic), time_ns, bytes: bytes.into() });
     };
@@ -260,6 +270,9 @@ fn publish(hub: &Hub, record: &TickRecord, clock: u64, wanted: [bool; CHANNELS.l
     }
     if transforms {
         frames(record, time_ns).into_iter().for_each(|frame| send(Topic::Frames, frame));
+    }
+    if lines && let Some(before) = before {
+        log(before, record, time_ns).into_iter().for_each(|line| send(Topic::Log, line));
     }
 }
 
