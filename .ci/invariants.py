@@ -25,7 +25,7 @@ ROOMS = {
     ],
     "client/record/src": [
         "proto", "topics", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
-        "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "stages", "metrics", "foxglove",
+        "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "stages", "metrics", "foxglove",
     ],
     "client/console/src": ["certificate", "wire", "guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "link", "session", "server"],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The console in a real browser: tests/console/judge.sh [FOLDER for pictures]. Needs a Chromium (Debian's package
+# The console in a real browser: tests/console/judge.sh [FOLDER for pictures, docs/pictures for those of the documents]. Needs a Chromium (Debian's package
 # `chromium`, or CHROMIUM=/path), node 20 and npm; where one of them cannot be had, says so and leaves with 0.
 # FORETRACE is the program (default: built here). Also makes three.bundle.js anew and compares it.
 set -euo pipefail
@@ -31,5 +31,6 @@ program=${FORETRACE:-target/release/foretrace}
 if [[ -z ${FORETRACE:-} ]]; then
   cargo build --release --package foretrace --bin foretrace --locked
 fi
-mkdir -p "$pictures"
-CHROMIUM=$chromium PROGRAM=$(realpath "$program") SCRATCH=$scratch PICTURES=$pictures node "$scratch/judge.mjs"
+more=$(realpath -m target/console-tall)
+mkdir -p "$pictures" "$more"
+CHROMIUM=$chromium PROGRAM=$(realpath "$program") SCRATCH=$scratch PICTURES=$pictures MORE_PICTURES=$more node "$scratch/judge.mjs"

@@ -64,19 +64,20 @@ export async function strangers({ check, until, pause, open }, browser, address,
 }
 
 // A finger draws a line on the pad of the page that controls.
-export async function finger({ check, pause }, page) {
+export async function finger({ check, pause, pictures }, page) {
   const cdp = await page.context().newCDPSession(page);
   await cdp.send("Emulation.setTouchEmulationEnabled", { enabled: true, maxTouchPoints: 2 });
   const before = await page.evaluate(() => {
     const { pad } = globalThis.foretrace;
     globalThis.kinds = new Set();
+    pad.clear();
     pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
     pad.leave();
     const { box } = pad.frame();
     return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
   });
   const touch = (type, step) => cdp.send("Input.dispatchTouchEvent", {
-    type, touchPoints: type === "touchEnd" ? [] : [{ x: before.x + 2 * step, y: before.y }],
+    type, touchPoints: type === "touchEnd" ? [] : [{ x: before.x - 90 + 6 * step, y: before.y - 40 * Math.sin(step / 5) }],
   });
   await touch("touchStart", 0);
   for (let step = 1; step <= 30; step += 1) {
@@ -90,7 +91,47 @@ export async function finger({ check, pause }, page) {
     ink: globalThis.foretrace.pad.ink.slice(-20).filter(([, , contact]) => contact).length }));
   check("a finger writes", after.kinds.includes("touch") && after.sent - before.sent >= 20 && after.ink > 10,
     `${after.sent - before.sent} samples`);
+  await page.locator("section.pad").screenshot({ path: `${pictures}/pad-touch.png` });
   await page.evaluate(() => globalThis.foretrace.pad.leave());
+}
+
+// A clutch that is held while the hand goes elsewhere, and the half scale: the pen stays, and goes on without a jump.
+export async function clutch({ check, pause, end, start }, page, rows) {
+  const record = start("record", "--pen", rows.file);
+  await pause(1000);
+  const cdp = await page.context().newCDPSession(page);
+  const middle = await page.evaluate(() => {
+    globalThis.foretrace.pad.leave();
+    const { box, scale, cx } = globalThis.foretrace.pad.frame();
+    return { x: box.left + box.width / 2, y: box.top + box.height / 2, scale, cx };
+  });
+  const pen = (type, right, buttons) => cdp.send("Input.dispatchMouseEvent", { type, x: middle.x + right, y: middle.y,
+    button: type === "mouseMoved" ? "none" : "left", buttons, pointerType: "pen", force: buttons ? 0.6 : 0 });
+  const glide = async (from, to) => {
+    for (let step = 1; step <= 20; step += 1) {
+      await pen("mouseMoved", from + (to - from) * step / 20, 1);
+      await pause(10);
+    }
+  };
+  await pen("mousePressed", -60, 1);
+  await glide(-60, -40);
+  await page.keyboard.down("c");
+  await page.evaluate(() => globalThis.foretrace.pad.scaled(0.5));
+  await glide(-40, 60);
+  await page.keyboard.up("c");
+  await glide(60, 20);
+  const at = await page.evaluate(() => globalThis.foretrace.pad.at);
+  await pen("mouseReleased", 20, 0);
+  await page.evaluate(() => { const { pad } = globalThis.foretrace; pad.clutch(true); pad.scaled(1); pad.offset = [0, 0]; pad.clutch(false); pad.anchor = null; pad.leave(); });
+  await cdp.detach();
+  await pause(500);
+  await end(record);
+  const ink = rows.read().filter((row) => row[3] === 1);
+  const leap = Math.max(...ink.slice(1).map(([, x, y], index) => Math.hypot(x - ink[index][1], y - ink[index][2])));
+  check("a clutched pen stays and goes on without a jump", leap * middle.scale < 6, `${(leap * middle.scale).toFixed(2)} px`);
+  // 20 px to the right; then from the first sample of the hand that leads again, at 58, to 20 at half scale.
+  const right = (at[0] - middle.cx) * middle.scale;
+  check("the hand leads at the scale that was set meanwhile", Math.abs(right + 59) < 0.6, `${right.toFixed(2)} px`);
 }
 
 // The page on another machine: under TLS, by an address that works once.

@@ -3,6 +3,8 @@
 import * as three from "./three.js";
 
 const TRACE = 3000;
+// No hand goes further between two points of the traces, a hundredth of a second [m].
+const LEAP = 0.02;
 const UP = new three.Vector3(0, 1, 0);
 
 export class Arm {
@@ -167,7 +169,10 @@ export class Arm {
       const whole = tick - this.tick <= 60;
       this.tick = tick;
       const writes = tz < 0.002 && whole;
-      this.add(this.traces.pen, this.at(px, py, 0.0005), (flags & 1) === 1 && whole);
+      // Another hand begins elsewhere.
+      const near = this.pen && Math.hypot(px - this.pen[0], py - this.pen[1]) < LEAP;
+      this.pen = [px, py];
+      this.add(this.traces.pen, this.at(px, py, 0.0005), (flags & 1) === 1 && whole && near);
       this.add(this.traces.tool, this.at(tx, ty, 0.001), writes);
       this.add(this.traces.ghost, this.at(gx, gy, 0.0002), writes && (gx !== 0 || gy !== 0));
       this.tip.position.copy(this.at(tx, ty, tz));

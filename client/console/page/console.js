@@ -40,6 +40,7 @@ let mine = false;
 let arm = null;
 let frames = 0;
 let stops = 0;
+let recording = false;
 // This page had the control when its link broke: it asks again until the console has noticed that.
 let wanted = 0;
 
@@ -126,12 +127,29 @@ function show(frame) {
   byId("control-note").textContent = mine ? "this page controls" : other || "this page only watches";
   byId("pad-note").textContent = note(here);
   hold.shown(here.held && mine);
+  byId("recording").textContent = tape(here.recording);
+}
+
+// Where the recording goes, what was lost, and at the end what the run was worth.
+function tape({ on, ending, path, seconds, bytes, lost, figures, failed }) {
+  recording = Boolean(on);
+  byId("record").textContent = on ? "end recording" : "record";
+  byId("record").setAttribute("aria-pressed", String(recording));
+  const mm = (value) => (value === null ? "not known" : `${value.toFixed(2)} mm`);
+  const size = path ? `${path}: ${(bytes / 1e6).toFixed(1)} MB, ${lost} lost` : "";
+  if (failed) return failed;
+  if (on) return `${seconds.toFixed(0)} s into ${size}`;
+  if (ending) return `${size}; working out its figures`;
+  if (!figures) return size;
+  return `${size}; rms ${mm(figures.rms_mm)}, feedback alone ${mm(figures.ghost_rms_mm)}, saved ${mm(figures.saved_mm)}; `
+    + `${figures.violations} violations in ${figures.commands} commands; max |jerk| ${figures.max_jerk_mps3.toFixed(1)} m/s³`;
 }
 
 function note(here) {
   if (!mine) return "Take control to write here.";
   if (here.pen_note) return here.pen_note;
   if (here.hold_note) return here.hold_note;
+  if (pad.clutched) return "Clutched: the hand moves, the arm stays.";
   if (here.writing) return "The built-in writer writes.";
   return "Write with pen, finger or mouse. The paper's borders are the workspace.";
 }
@@ -173,10 +191,18 @@ addEventListener("blur", () => hold.letGo());
 
 byId("stop").addEventListener("click", stop);
 byId("control").addEventListener("click", () => send(mine ? { release: true } : { control: token }));
+byId("record").addEventListener("click", () => send({ record: !recording }));
 byId("take-pen").addEventListener("click", () => send({ take_pen: true }));
 for (const button of document.querySelectorAll("[data-ask]")) {
   button.addEventListener("click", () => send({ ask: JSON.parse(button.dataset.ask) }));
 }
+function clutch(held) {
+  pad.clutch(held);
+  byId("clutch").setAttribute("aria-pressed", String(held));
+  byId("scale").disabled = !held;
+}
+byId("clutch").addEventListener("click", () => clutch(!pad.clutched));
+byId("scale").addEventListener("change", (event) => { event.target.value = pad.scaled(Number(event.target.value)); });
 byId("trust").addEventListener("change", (event) => send({ ask: { trust: Number(event.target.value) } }));
 byId("predictor").addEventListener("change", (event) => send({ ask: { predictor: event.target.value } }));
 byId("write").addEventListener("submit", (event) => {
@@ -201,9 +227,13 @@ addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if ((event.key === "s" || event.key === "S") && !event.repeat && !typing(event.target)) stop();
   if ((event.key === "a" || event.key === "A") && !event.repeat && !typing(event.target)) send({ ask: { arm: true } });
+  if ((event.key === "c" || event.key === "C") && !event.repeat && !typing(event.target)) clutch(true);
   if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press(); }
 });
-addEventListener("keyup", (event) => { if (event.key === " ") hold.letGo(); });
+addEventListener("keyup", (event) => {
+  if (event.key === " ") hold.letGo();
+  if ((event.key === "c" || event.key === "C") && !typing(event.target)) clutch(false);
+});
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);

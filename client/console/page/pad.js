@@ -6,6 +6,8 @@ const REPEAT_MS = 20;
 // Repeated samples are stamped this long ago, so that an event on its way stays later than they.
 const MARGIN_MS = 4;
 const TRACE = 4000;
+// No hand goes further between two points of the traces, a hundredth of a second [m].
+const LEAP = 0.02;
 
 // A lifted pen leaves one point, however long it hovers.
 function keep(trace, point) {
@@ -33,6 +35,13 @@ export class Pad {
     this.tool = [];
     this.ghost = [];
     this.aim = null;
+    // Pen metres per hand metre, and where the hand's zero lies for the pen.
+    this.scale = 1;
+    this.offset = [0, 0];
+    // While the clutch is held the hand moves and the pen stays; it goes on from there, wherever the hand is by then.
+    this.clutched = false;
+    this.stays = null;
+    this.anchor = null;
     this.tick = 0;
     // What a browser lacks outside of a secure context, or at all.
     this.raw = "onpointerrawupdate" in window;
@@ -104,7 +113,51 @@ export class Pad {
     // Plane metres, then the pen's own.
     const x = cx + (event.clientX - box.left - box.width / 2) / scale;
     const y = cy - (event.clientY - box.top - box.height / 2) / scale;
+    const keys = this.stays ?? this.read(event);
+    const [px, py] = this.stays ? this.stays.at : this.lead([x, y]);
+    // Held since before the first sample: this one is where the pen stays.
+    if (this.clutched) this.stays ??= { ...keys, at: [px, py] };
     const [ox, oy] = this.plane.pen_origin;
+    const { flags, pressure, tilt } = keys;
+    this.put({ at: event.timeStamp, x: ox + px / this.plane.scale, y: oy + py / this.plane.scale, flags, pressure, tilt });
+    this.at = [px, py];
+    if (this.lastEvent !== undefined) this.intervals.push(event.timeStamp - this.lastEvent);
+    this.lastEvent = event.timeStamp;
+    if (this.other) keep(this.ink, [px, py, false]);
+    this.other = null;
+    keep(this.ink, [px, py, (flags & CONTACT) !== 0]);
+  }
+
+  // The pen's place for a hand that leads, both in plane metres.
+  lead(hand) {
+    if (this.anchor) {
+      this.offset = hand.map((value, axis) => this.anchor[axis] - this.scale * value);
+      this.anchor = null;
+    }
+    return hand.map((value, axis) => this.scale * value + this.offset[axis]);
+  }
+
+  // Holds the clutch, or lets it go.
+  clutch(held) {
+    if (held && !this.clutched && this.last) {
+      const { flags, pressure, tilt } = this.last;
+      this.stays = { flags, pressure, tilt, at: this.at };
+    }
+    if (!held && this.clutched) {
+      this.anchor = this.stays?.at ?? this.anchor;
+      this.stays = null;
+    }
+    this.clutched = held;
+  }
+
+  // Only while the clutch is held: else the pen would jump.
+  scaled(scale) {
+    if (this.clutched) this.scale = scale;
+    return this.scale;
+  }
+
+  // Buttons, pressure and tilt of an event.
+  read(event) {
     const contact = (event.buttons & 1) === 1 || (event.buttons & 32) === 32;
     let flags = IN_RANGE;
     if (contact) flags |= CONTACT;
@@ -113,11 +166,7 @@ export class Pad {
     if (event.buttons & 32) flags |= ERASER;
     const pressure = event.pointerType === "pen" ? event.pressure : -1;
     const rad = Math.PI / 180;
-    this.put({ at: event.timeStamp, x: ox + x / this.plane.scale, y: oy + y / this.plane.scale, flags, pressure,
-      tilt: [event.tiltX * rad, -event.tiltY * rad] });
-    if (this.lastEvent !== undefined) this.intervals.push(event.timeStamp - this.lastEvent);
-    this.lastEvent = event.timeStamp;
-    keep(this.ink, [x, y, contact]);
+    return { flags, pressure, tilt: [event.tiltX * rad, -event.tiltY * rad] };
   }
 
   put(reading) {
@@ -152,6 +201,8 @@ export class Pad {
     this.put(last);
     this.flush();
     this.last = null;
+    // A hand that comes back goes on where the pen stayed.
+    if (this.stays) [this.anchor, this.stays] = [this.stays.at, null];
     this.lastEvent = undefined;
   }
 
@@ -177,14 +228,27 @@ export class Pad {
     this.aim = aim ?? null;
     // Another daemon counts from 1 again.
     if (points.length && points[points.length - 1][0] < this.tick) this.tick = 0;
-    for (const [tick, , , , x, y, z, gx, gy] of points) {
+    for (const [tick, px, py, flags, x, y, z, gx, gy] of points) {
       if (tick <= this.tick) continue;
       // A gap in what was heard is a gap in the line.
-      const writes = z < 0.002 && tick - this.tick <= 60;
+      const whole = tick - this.tick <= 60;
+      const writes = z < 0.002 && whole;
       this.tick = tick;
+      // The hand of another page, a tablet or the writer; between two of them it leaps.
+      if (!this.last) {
+        const near = this.other && Math.hypot(px - this.other[0], py - this.other[1]) < LEAP;
+        keep(this.ink, [px, py, (flags & CONTACT) !== 0 && whole && Boolean(near)]);
+        this.other = [px, py];
+      }
       keep(this.tool, [x, y, writes]);
       keep(this.ghost, [gx, gy, writes && (gx !== 0 || gy !== 0)]);
     }
+    this.ask();
+  }
+
+  // An empty sheet.
+  clear() {
+    for (const trace of [this.ink, this.tool, this.ghost]) trace.length = 0;
     this.ask();
   }
 

@@ -33,6 +33,7 @@ pub(crate) enum What {
     Ask(Request),
     Write(String),
     TakePen,
+    Record(bool),
 }
 
 impl Order {

@@ -42,6 +42,7 @@ pub(crate) struct Here {
     pub(crate) daemon: bool,
     pub(crate) writing: bool,
     pub(crate) samples: u64,
+    pub(crate) recording: Value,
 }
 
 impl Frames {
@@ -110,6 +111,7 @@ impl Frames {
                 "hold_note": here.hold_note,
                 "writing": here.writing,
                 "samples": here.samples,
+                "recording": here.recording,
             },
         } })
     }

@@ -31,5 +31,5 @@ mod server;
 
 pub use board::Tally;
 pub use certificate::{Certificate, CertificateError};
-pub use link::{Link, LinkError, Point, Writer};
+pub use link::{Link, LinkError, Point, Records, Writer};
 pub use server::{Console, ConsoleError, Lan, Renewer};

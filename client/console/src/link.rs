@@ -56,6 +56,26 @@ pub type Point = (f64, f64, f64, bool);
 /// The path of a text by the built-in writer, or why there is none.
 pub type Writer = Box<dyn Fn(&str) -> Result<Vec<Point>, String> + Send>;
 
+/// Records what the daemon sees and does, for pages that ask for it. No call may wait for the disk.
+pub trait Records: Send {
+    /// Begins a recording; in words, where.
+    ///
+    /// # Errors
+    ///
+    /// Why not, in words.
+    fn begin(&mut self) -> Result<String, String>;
+
+    /// Ends the one under way.
+    ///
+    /// # Errors
+    ///
+    /// There is none.
+    fn end(&mut self) -> Result<String, String>;
+
+    /// What a page is shown: `on`, `ending`, `path`, `seconds`, `bytes`, `lost`, `figures`, `failed`.
+    fn shown(&self) -> serde_json::Value;
+}
+
 /// What the link needs to know, and to be told.
 pub struct Link {
     /// The daemon's instance.
@@ -66,6 +86,8 @@ pub struct Link {
     pub writer: Writer,
     /// What to do about a stop.
     pub remedy: fn(FaultReason) -> &'static str,
+    /// For the record button.
+    pub recordings: Box<dyn Records>,
 }
 
 impl std::fmt::Debug for Link {
@@ -165,6 +187,8 @@ impl Running {
             What::Ask(_) => return self.asks.pass(order, board),
             What::Write(text) => self.write(text, order.asked_ns),
             What::TakePen => self.hand.take_over(&self.foretrace),
+            What::Record(true) => self.link.recordings.begin(),
+            What::Record(false) => self.link.recordings.end(),
         };
         // The page may be gone.
         let _ = order.reply.send(match answer {
@@ -255,6 +279,7 @@ impl Running {
             daemon: self.daemon,
             writing: self.writing.is_some(),
             samples: hand.board.tally().samples,
+            recording: self.link.recordings.shown(),
         };
         let status = self.status.latest().copied();
         let frame = self.frames.frame(status.as_ref(), &here, self.link.remedy);

@@ -37,6 +37,8 @@ pub(crate) enum Message {
     Write(String),
     /// Ask whoever holds the pen to give way.
     TakePen(bool),
+    /// Begin a recording, or end it.
+    Record(bool),
 }
 
 /// What an operator asks for.
@@ -76,7 +78,15 @@ impl Message {
 
     /// Only the page that controls may say it.
     pub(crate) const fn needs_control(&self) -> bool {
-        matches!(self, Self::Pen(_) | Self::Hold(..) | Self::Ask(_) | Self::Write(_) | Self::TakePen(_))
+        matches!(
+            self,
+            Self::Pen(_)
+                | Self::Hold(..)
+                | Self::Ask(_)
+                | Self::Write(_)
+                | Self::TakePen(_)
+                | Self::Record(_)
+        )
     }
 }
 
@@ -121,6 +131,7 @@ mod tests {
             r#"{"ask":{"predictor":"hold"}}"#,
             r#"{"write":"Hello"}"#,
             r#"{"take_pen":true}"#,
+            r#"{"record":true}"#,
         ];
         assert!(free.iter().all(|text| !Message::read(text).unwrap().needs_control()));
         assert!(bound.iter().all(|text| Message::read(text).unwrap().needs_control()));

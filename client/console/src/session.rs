@@ -217,6 +217,7 @@ impl Page<'_> {
             Message::Ask(request) => self.order(What::Ask(request)),
             Message::Write(text) => self.order(What::Write(text)),
             Message::TakePen(_) => self.order(What::TakePen),
+            Message::Record(on) => self.order(What::Record(on)),
         }
     }
 

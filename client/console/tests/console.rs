@@ -260,6 +260,26 @@ fn the_built_in_writer_writes_by_itself_and_samples_meanwhile_are_counted() {
 }
 
 #[test]
+fn the_page_that_controls_records_and_every_page_sees_it() {
+    let rig = Rig::start();
+    let (mut page, mut viewer) = (rig.controller(), rig.page());
+    viewer.say(json!({ "record": true }));
+    assert_eq!(viewer.hears("reply")["done"], false);
+    let mut asks = |on: bool| {
+        page.say(json!({ "record": on }));
+        page.hears("reply")
+    };
+    assert_eq!(asks(false)["done"], false);
+    assert_eq!(asks(true), json!({ "done": true, "words": "recording into here" }));
+    assert_eq!(asks(true)["done"], false);
+    wait_until(|| rig.frame_says(&mut viewer, |here| here["recording"]["on"] == true));
+    assert_eq!(asks(false)["done"], true);
+    wait_until(|| rig.frame_says(&mut viewer, |here| here["recording"]["on"] == false));
+    assert!(rig.frame_says(&mut viewer, |here| here["recording"]["on"] == false));
+    assert_eq!(rig.end().refused["without control"], 1);
+}
+
+#[test]
 fn a_stop_ends_the_writer() {
     let rig = Rig::start();
     let mut page = rig.controller();

@@ -6,8 +6,8 @@
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
 //! `table`, `pen`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
-//! `flight`, `last_flight`, `info`, `explain`, `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`,
-//! `picture`, `stages`, `metrics`, `foxglove`.
+//! `flight`, `last_flight`, `info`, `figures`, `explain`, `law`, `replay`, `modelled`, `stretch`, `score`,
+//! `what_if`, `picture`, `stages`, `metrics`, `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -28,6 +28,7 @@ mod trace;
 pub mod flight;
 pub mod last_flight;
 pub mod info;
+pub mod figures;
 pub mod explain;
 mod law;
 pub mod replay;

@@ -66,6 +66,14 @@ pub struct Counts {
     pub refused: u64,
 }
 
+impl Counts {
+    /// Inputs and tick records that are not in the file, by whatever way.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        self.queue_lost + self.inputs_lost + self.ticks_lost
+    }
+}
+
 enum Job {
     Input(Box<TickInput>),
     Tick(Box<TickRecord>),

@@ -6,6 +6,7 @@ mod chaos;
 mod demo;
 mod doctor;
 mod foxglove;
+mod hands;
 mod lab_closed_loop;
 mod lab_tables;
 mod move_home;

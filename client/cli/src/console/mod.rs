@@ -5,7 +5,9 @@
 //! daemon and a simulated arm of its own, which end with it.
 
 mod lan;
+mod recordings;
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Foretrace, Instance, RequestError};
@@ -13,6 +15,7 @@ use foretrace_config::Settings;
 use foretrace_console::{Console, Link};
 use foretraced::{Base, Source};
 
+use self::recordings::Recordings;
 use crate::attach::{attach_within, instance_of, unattached};
 use crate::demo::children::Child;
 use crate::demo::scratch::{Leftovers, Scratch};
@@ -58,6 +61,10 @@ pub(crate) struct ConsoleArgs {
     #[arg(long)]
     sim: bool,
 
+    /// Folder of what the record button records; without it below $XDG_DATA_HOME or ~/.local/share
+    #[arg(long, value_name = "DIR")]
+    recordings: Option<PathBuf>,
+
     /// Seconds to wait for the daemon to come up
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
@@ -75,6 +82,7 @@ pub(crate) struct ConsoleArgs {
 
 pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     args.json.claim()?;
+    recordings::checked(args.recordings.as_deref())?;
     let interrupt = Interrupt::listen()?;
     let scratch = if args.sim { Some(Scratch::create()?) } else { None };
     let mut source = args.settings.source()?;
@@ -97,11 +105,13 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         }
     };
     let settings = config.settings().clone();
+    let recordings = Recordings::new(args.recordings.as_deref(), &instance, &config);
     let link = Link {
         instance,
         config,
         writer: Box::new(move |text| written(text, &settings)),
         remedy: stopped::remedy,
+        recordings: Box::new(recordings),
     };
     say!("open {}", console.address());
     match &certificate {

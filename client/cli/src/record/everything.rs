@@ -62,13 +62,13 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
         std::thread::sleep(NAP);
     }
     let (files, counts) = recorder.finish().map_err(unrecorded)?;
-    let lost = counts.queue_lost + counts.inputs_lost + counts.ticks_lost;
     say!(
-        "{}: {} ticks, {} inputs, {} states to replay from, {lost} messages lost",
+        "{}: {} ticks, {} inputs, {} states to replay from, {} messages lost",
         files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", "),
         counts.ticks,
         counts.inputs,
         counts.states,
+        counts.lost(),
     );
     args.json.write(&RecordReport { files, counts })
 }

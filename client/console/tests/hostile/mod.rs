@@ -31,6 +31,7 @@ fn kinds(token: &str) -> Vec<Value> {
         json!({ "hold": [true, now_us] }),
         json!({ "write": "Hello" }),
         json!({ "take_pen": true }),
+        json!({ "record": true }),
         json!({ "release": true }),
     ];
     all.extend(asks.into_iter().map(|ask| json!({ "ask": ask })));
@@ -110,7 +111,7 @@ fn nothing_that_a_page_without_the_token_says_moves_anything_whatever_it_says() 
     let cases: usize = std::env::var("FORETRACE_FUZZ_CASES").map_or(2000, |text| text.parse().unwrap());
     let rig = Rig::start();
     let wrong = "0123456789abcdef0123456789abcdef";
-    let (mut dice, mut said, mut alive) = (Dice(0x0000_c045_01e1), 0_u64, false);
+    let (mut dice, mut said, mut alive, mut records) = (Dice(0x0000_c045_01e1), 0_u64, false, true);
     let mut held = Vec::new();
     let mut pens = Vec::new();
     let ops = asked(&rig, |_| {
@@ -128,9 +129,11 @@ fn nothing_that_a_page_without_the_token_says_moves_anything_whatever_it_says() 
                 let mut page = rig.page();
                 page.say(json!({ "ping": 1.0 }));
                 alive = page.hears("pong")[0] == 1.0;
+                records = rig.frame_says(&mut page, |here| here["recording"]["on"] == true);
             });
         });
     });
+    assert!(!records, "a recording was begun");
     assert!(
         alive && ops.is_empty() && pens.is_empty() && held.is_empty(),
         "{ops:?} {} {}",

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::{HeaderBounds, Instance, monotonic_now_ns};
 use foretrace_config::Config;
-use foretrace_console::{Certificate, Console, Lan, Link, Renewer, Tally};
+use foretrace_console::{Certificate, Console, Lan, Link, Records, Renewer, Tally};
 use foretrace_shm::{InstanceLock, Message, Services, Session, Topic};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message as Packet, WebSocket};
@@ -66,6 +66,7 @@ impl Rig {
                 Ok((0..count).map(|i| (0.005 * f64::from(i), 0.001, 0.002, true)).collect())
             }),
             remedy: |_| "look at the arm",
+            recordings: Box::new(Tape(false)),
         };
         let ends = over.clone();
         let running = std::thread::spawn(move || console.run(link, || ends.load(Ordering::Acquire)).unwrap());
@@ -223,6 +224,25 @@ fn trusted(folder: &std::path::Path) -> (Option<Lan>, Option<Arc<rustls::ClientC
 /// What a page's bytes go through.
 pub(crate) trait Line: Read + Write + Send {}
 impl<T: Read + Write + Send> Line for T {}
+
+/// A recording that holds nothing.
+struct Tape(bool);
+
+impl Records for Tape {
+    fn begin(&mut self) -> Result<String, String> {
+        let was = std::mem::replace(&mut self.0, true);
+        if was { Err("a recording is under way".to_owned()) } else { Ok("recording into here".to_owned()) }
+    }
+
+    fn end(&mut self) -> Result<String, String> {
+        let was = std::mem::replace(&mut self.0, false);
+        if was { Ok("the recording ends".to_owned()) } else { Err("no recording is under way".to_owned()) }
+    }
+
+    fn shown(&self) -> Value {
+        json!({ "on": self.0 })
+    }
+}
 
 /// The socket, and what came that nobody has asked for yet.
 pub(crate) struct Page(pub(crate) WebSocket<Box<dyn Line>>, pub(crate) Vec<Value>, TcpStream);
