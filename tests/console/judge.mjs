@@ -41,7 +41,10 @@ async function run(...words) {
 async function until(what, test, seconds = 60) {
   const end = Date.now() + 1000 * seconds;
   for (;;) {
-    const found = await test();
+    // A page that is being loaded again has nothing to say yet.
+    const found = await Promise.resolve(test()).catch((error) => {
+      if (!String(error).includes("Execution context was destroyed")) throw error;
+    });
     if (found) return found;
     if (Date.now() > end) throw new Error(`${what} did not come about within ${seconds} s`);
     await pause(50);
@@ -229,6 +232,22 @@ async function judge(browser) {
   await page.setViewportSize({ width: 1280, height: 720 });
   await page.emulateMedia({ colorScheme: "light" });
 
+  await page.evaluate(() => {
+    document.getElementById("answers").replaceChildren();
+    const trust = document.getElementById("trust");
+    trust.value = 0.5;
+    trust.dispatchEvent(new Event("change"));
+  });
+  const answered = () => page.evaluate(() => [...document.getElementById("answers").children].map((line) => `${line.className}${line.textContent}`));
+  await until("an answer about trust", async () => (await answered()).length > 0, 20);
+  const said = await answered();
+  check("trust is set from the page", !said[0].startsWith("no"), said[0]);
+  await page.selectOption("#predictor", "constant-velocity");
+  await until("the predictor that was asked for", () => page.evaluate(() => document.getElementById("figures").textContent
+    .includes("predictorconstant-velocity")), 30);
+  check("and the predictor", true);
+  await page.selectOption("#predictor", "mixture");
+  await page.click('[data-ask=\'{"trust_auto":true}\']');
   await strangers(tools, browser, address, page);
   await finger({ ...tools, pictures: PICTURES }, page);
   const clutched = `${SCRATCH}/clutched.csv`;
