@@ -41,7 +41,8 @@ impl Remote {
         let mut stream = UnixStream::connect(relay_socket(instance)).ok()?;
         stream.set_write_timeout(Some(GREETING)).ok()?;
         stream.write_all(&wants_frame(wants)).ok()?;
-        stream.set_read_timeout(Some(GREETING / 10)).ok()?;
+        // A relay never pauses: what waits for a pause would wait for long.
+        stream.set_nonblocking(true).ok()?;
         let (begin, mut inbox) = (Instant::now(), Inbox::of_relay());
         while begin.elapsed() < GREETING {
             inbox.fill(&mut stream).ok()?;
@@ -49,7 +50,6 @@ impl Remote {
                 if found != kind::HELLO || body != hello() {
                     return None;
                 }
-                stream.set_nonblocking(true).ok()?;
                 return Some(Self {
                     stream,
                     inbox,
@@ -60,6 +60,7 @@ impl Remote {
                     refused: 0,
                 });
             }
+            std::thread::sleep(Duration::from_millis(1));
         }
         None
     }
@@ -114,5 +115,44 @@ impl Remote {
 
     pub(super) fn counts(&self) -> Counts {
         Counts { refused: self.counts.refused + self.refused, ..self.counts }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::frame::frame_of;
+    use std::os::unix::net::UnixListener;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    #[test]
+    fn a_listener_of_a_relay_that_sends_all_the_time_is_there_at_once_and_hears_it_all() {
+        let folder = tempfile::TempDir::new_in("/tmp").unwrap();
+        let instance = Instance::at(3, folder.path()).unwrap();
+        assert!(Remote::connect(&instance, Wants::TICKS).is_none(), "nobody listens");
+        let listener = UnixListener::bind(relay_socket(&instance)).unwrap();
+        let (heard, ended) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+        let (is_heard, has_ended) = (heard.clone(), ended.clone());
+        let relay = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.write_all(&framed(kind::HELLO, &hello())).unwrap();
+            let (_, frame) = frame_of(&Heard::Tick(Box::default()));
+            let mut sent = 0_u64;
+            while sent < 500 && !is_heard.load(Ordering::Relaxed) {
+                stream.write_all(&frame).unwrap();
+                sent += 1;
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            has_ended.store(true, Ordering::Relaxed);
+            sent
+        });
+        let mut remote = Remote::connect(&instance, Wants::TICKS).unwrap();
+        assert!(!ended.load(Ordering::Relaxed), "it waited for a pause of five seconds");
+        heard.store(true, Ordering::Relaxed);
+        let (sent, mut came) = (relay.join().unwrap(), 0);
+        remote.hear(&mut |_| came += 1);
+        assert_eq!(came, sent);
+        assert!(remote.is_over(), "the relay went");
     }
 }
