@@ -30,9 +30,11 @@ until "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1; do sleep 0.1; do
 "$FORETRACE" record "$scratch/run.mcap" --seconds "$seconds" --json "$scratch/report.json" "${at[@]}" &
 recorder=$!
 style=1
+words=(quick brown fox jumps over lazy dog)
 while kill -0 "$recorder" 2>/dev/null; do
-  # Another hand each time, so that no law learns one text by heart.
-  "$FORETRACE" play "glyphs:The quick brown fox jumps over the lazy dog" --style "$style" "${at[@]}" >"$scratch/log" 2>&1 &
+  # Another word by another hand each time, so that no law learns one by heart; after a stop the loop is armed again.
+  "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1 || true
+  "$FORETRACE" play "glyphs:${words[style % ${#words[@]}]}" --style "$style" "${at[@]}" >"$scratch/log" 2>&1 &
   hand=$!
   while kill -0 "$hand" 2>/dev/null && kill -0 "$recorder" 2>/dev/null; do sleep 0.2; done
   kill -INT "$hand" 2>/dev/null || true
@@ -41,6 +43,7 @@ while kill -0 "$recorder" 2>/dev/null; do
 done
 wait "$recorder"
 
+"$FORETRACE" explain "$scratch/run.mcap"
 "$FORETRACE" replay "$scratch/run.mcap" --json "$scratch/replay.json"
 begin=$(date +%s)
 "$FORETRACE" replay "$scratch/run.mcap" --json "$scratch/what-if.json" --picture "${FORETRACE_PICTURE:-$scratch/what-if.svg}" \

@@ -65,11 +65,7 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         outcome.seconds,
         outcome.first_tick
     );
-    let damage = match &outcome.end {
-        End::Damaged { after, why } => Some(format!("after {after} bytes: {why}")),
-        _ => None,
-    };
-    let verdict = verdict(&outcome).and(undamaged(&args.file, damage.as_deref()));
+    let verdict = verdict(&outcome).and(undamaged(&args.file, outcome.damage.as_deref()));
     args.json.write(&outcome)?;
     verdict
 }

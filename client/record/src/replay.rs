@@ -127,6 +127,8 @@ pub struct Outcome {
     pub seconds: f64,
     /// Why it ended.
     pub end: End,
+    /// Where and why the file ends early, which what is missing may come of; `None`: it is whole.
+    pub damage: Option<String>,
     /// The first difference, if there is any.
     pub difference: Option<Difference>,
     /// Ticks with a difference.
@@ -148,6 +150,7 @@ struct Beginning {
     sets: BTreeMap<(u64, u64), Vec<u8>>,
     /// Daemon, first and last tick of inputs without a gap, in order.
     stretches: Vec<(u64, u64, u64)>,
+    damage: Option<String>,
 }
 
 impl Beginning {
@@ -177,6 +180,7 @@ impl Beginning {
                 _ => {}
             }
         }
+        found.damage = reader.damage();
         Ok(found)
     }
 
@@ -240,6 +244,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
             ticks: 0,
             seconds: 0.0,
             end: End::OfRecording,
+            damage: beginning.damage.clone(),
             difference: None,
             different_ticks: 0,
             largest_rad: 0.0,

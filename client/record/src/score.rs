@@ -1,6 +1,6 @@
 //! How a law did: its tool beside the pen, as numbers and as curves for a picture.
 
-use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, motion, tracking};
+use foretrace_sim::metrics::{ErrorSample, PEN_GAP_MAX_S, ToolSample, error_series, motion, tracking};
 use foretrace_sim::path::PathSample;
 use serde::Serialize;
 
@@ -126,9 +126,9 @@ fn stretches(errors: &[ErrorSample], origin_s: f64, length_s: f64) -> Vec<(f64, 
 /// The stroke with the largest rms error.
 fn worst_stroke(errors: &[ErrorSample]) -> Stroke {
     let begin_s = errors.first().map_or(0.0, |error| error.t_s);
-    let strokes = errors
-        .chunk_by(|a, b| a.contact == b.contact)
-        .filter(|part| part.first().is_some_and(|error| error.contact));
+    // Where the pen was silent, another stroke begins.
+    let goes_on = |a: &ErrorSample, b: &ErrorSample| a.contact == b.contact && b.t_s - a.t_s <= PEN_GAP_MAX_S;
+    let strokes = errors.chunk_by(goes_on).filter(|part| part.first().is_some_and(|error| error.contact));
     let rated = strokes.filter_map(|part| {
         let sum: f64 = part.iter().map(|error| error.error_m * error.error_m).sum();
         let (first, last) = (part.first()?, part.last()?);
@@ -148,10 +148,14 @@ mod tests {
 
     #[test]
     fn the_worst_stroke_is_a_stroke_and_not_a_moment() {
-        let errors = [error(0, 1.0, true), error(1, 1.0, true), error(2, 9.0, false), error(3, 2.0, true)];
-        assert_eq!(worst_stroke(&errors), Stroke { rms_m: 2.0, from_s: 3.0, to_s: 3.0 });
-        assert_eq!(worst_stroke(&errors[..3]), Stroke { rms_m: 1.0, from_s: 0.0, to_s: 1.0 });
+        let at = |ms: u32, error_m, contact| ErrorSample { t_s: f64::from(ms) * 1e-3, error_m, contact };
+        let errors = [at(0, 1.0, true), at(1, 1.0, true), at(2, 9.0, false), at(3, 2.0, true)];
+        assert_eq!(worst_stroke(&errors), Stroke { rms_m: 2.0, from_s: 0.003, to_s: 0.003 });
+        assert_eq!(worst_stroke(&errors[..3]), Stroke { rms_m: 1.0, from_s: 0.0, to_s: 0.001 });
         assert_eq!(worst_stroke(&[]), Stroke::default());
+        // A pen that is silent for seconds and writes elsewhere writes another stroke.
+        let silent = [at(0, 1.0, true), at(1, 1.0, true), at(9000, 3.0, true), at(9001, 3.0, true)];
+        assert_eq!(worst_stroke(&silent), Stroke { rms_m: 3.0, from_s: 9.0, to_s: 9001.0 * 1e-3 });
     }
 
     #[test]

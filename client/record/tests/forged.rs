@@ -1,17 +1,19 @@
 //! Recordings that nobody recorded: whatever is in them, reading ends soon with a sentence and says nothing
 //! else.
 
+use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_record::explain;
 use foretrace_record::info::info;
 use foretrace_record::read::Reader;
+use foretrace_record::repair::repair;
 use foretrace_record::replay::replay;
 use foretrace_record::table;
 use foretrace_record::topics::{Topic, thing_bytes};
 use foretrace_record::what_if::what_if;
-use foretrace_record::write::{Facts, Output};
+use foretrace_record::write::{Facts, Output, part_of};
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire, input_flags};
 use tempfile::TempDir;
 
@@ -182,4 +184,40 @@ fn damaged_bytes_behind_a_good_checksum_never_panic() {
         }
     }
     assert!(heard > cases * 60, "{heard} messages reached the decoders");
+}
+
+#[test]
+fn a_file_that_is_no_recording_gets_a_sentence() {
+    let place = TempDir::new().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = place.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let huge = file("huge", b"");
+    std::fs::File::options().write(true).open(&huge).unwrap().set_len(1 << 40).unwrap();
+    let cases = [
+        (file("empty", b""), "is empty or too short"),
+        (file("text", b"t_s,x_m,y_m,contact\n"), "does not begin as an MCAP file"),
+        (huge, "does not begin as an MCAP file"),
+        (place.path().to_path_buf(), "no ordinary file"),
+        (place.path().join("nowhere"), "cannot read"),
+    ];
+    for (path, words) in cases {
+        for told in [
+            info(&path).unwrap_err().to_string(),
+            replay(&path).unwrap_err().to_string(),
+            repair(&path, &place.path().join("mended")).unwrap_err().to_string(),
+        ] {
+            assert!(told.contains(words) && !told.contains('{'), "{told}");
+        }
+    }
+    assert!(!part_of(&place.path().join("mended")).exists());
+
+    // Begins as a recording, and then a terabyte of holes.
+    let sparse = file("sparse", mcap::MAGIC);
+    let mut holes = std::fs::File::options().write(true).open(&sparse).unwrap();
+    holes.seek(SeekFrom::Start(1 << 40)).unwrap();
+    holes.write_all(b"x").unwrap();
+    assert!(info(&sparse).unwrap().damage.is_some());
 }
