@@ -223,7 +223,8 @@ async function judge(browser) {
       && globalThis.foretrace.state.errors.length > 50);
   }, 90);
   await page.click("#record");
-  await until("the run's figures", async () => /rms [\d.]+ mm, feedback alone [\d.]+ mm, saved .* violations/.test(await tape()), 60);
+  await until("the run's figures", async () => /rms [\d.]+ mm, feedback alone [\d.]+ mm, saved .* violations/.test(await tape()), 60)
+    .catch(async (error) => { throw new Error(`${error.message}: ${await tape()}`); });
   const figures = await tape();
   check("the run is recorded, and its figures are shown", figures.includes("; 0 violations in"), figures);
   const info = await run("record", `--info=${figures.split(": ")[0]}`);

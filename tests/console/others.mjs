@@ -155,9 +155,12 @@ export async function lan({ check, until, start, open, draw, end, circle }, brow
   const careful = await (await browser.newContext()).newPage();
   const warned = await careful.goto(address).then(() => "", (error) => String(error));
   check("a browser warns before it goes on", warned.includes("ERR_CERT_AUTHORITY_INVALID"), warned.slice(0, 80));
-  await careful.goto(`http://${host}/`).catch(() => {});
-  check("plain HTTP is told where to go", (await answer(careful)).includes(`https://${host}/`));
   await careful.context().close();
+  const plain = await (await browser.newContext()).newPage();
+  await plain.goto(`http://${host}/`).catch(() => {});
+  await until("words for plain HTTP", async () => (await answer(plain)).includes(`https://${host}/`), 20);
+  check("plain HTTP is told where to go", true);
+  await plain.context().close();
 
   const trusting = { ignoreHTTPSErrors: true };
   const page = await open(browser, address, trusting);
