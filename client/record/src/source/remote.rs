@@ -122,6 +122,7 @@ impl Remote {
 mod tests {
     use super::*;
     use crate::source::frame::frame_of;
+    use std::os::unix::fs::PermissionsExt as _;
     use std::os::unix::net::UnixListener;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
@@ -129,6 +130,8 @@ mod tests {
     #[test]
     fn a_listener_of_a_relay_that_sends_all_the_time_is_there_at_once_and_hears_it_all() {
         let folder = tempfile::TempDir::new_in("/tmp").unwrap();
+        // As a daemon makes it.
+        std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o700)).unwrap();
         let instance = Instance::at(3, folder.path()).unwrap();
         assert!(Remote::connect(&instance, Wants::TICKS).is_none(), "nobody listens");
         let listener = UnixListener::bind(relay_socket(&instance)).unwrap();
