@@ -95,12 +95,16 @@ fn run() -> Fallible<()> {
     };
     for (name, scored) in [("preset", Some(&before)), ("with the settings given", other.as_ref())] {
         let Some(scored) = scored else { continue };
-        println!("{name}\nafter      still      preview    Kalman     corrected [m²]");
+        println!(
+            "{name}\nafter      still      preview    Kalman     corrected [m²]; the same with no jump before"
+        );
         for (lead, lead_s) in LEADS_S.iter().enumerate() {
-            let count: f64 = scored.iter().map(|hand| hand.all[lead].1).sum();
-            let mean = |way: usize| scored.iter().map(|hand| hand.all[lead].0[way]).sum::<f64>() / count;
-            let means = [0, 1, 2, 3].map(|way| format!("{:.3e}", mean(way))).join("  ");
-            println!("{:4.0} ms    {means}", lead_s * 1e3);
+            let mean = |of: fn(&Scored) -> &Sums, way: usize| {
+                let sum = scored.iter().map(|hand| of(hand)[lead].0[way]).sum::<f64>();
+                sum / scored.iter().map(|hand| of(hand)[lead].1).sum::<f64>()
+            };
+            let row = |of| [0, 1, 2, 3].map(|way| format!("{:.3e}", mean(of, way))).join("  ");
+            println!("{:4.0} ms    {};  {}", lead_s * 1e3, row(|hand| &hand.all), row(|hand| &hand.within));
         }
     }
     if let Some(other) = &other {

@@ -4,12 +4,13 @@
 use std::ops::ControlFlow;
 
 use foretrace_control::pen::{PenReading, PenSettings, PenTracker};
+use foretrace_control::predict::Seen;
 use foretrace_control::predict::models::foresight::{FEATURES, Foresight, History, OUTPUTS};
 use foretrace_control::predict::{ModelSettings, Models, Networks, PreviewSettings, Previewer};
 use foretrace_control::units::Stamp;
 use foretrace_lab::train::foresight::{
-    Change, Context, Engine, Examples, Fit, Plan, Shape, Study, Without, Writing, examples, hold_out,
-    of_writing, weights_of,
+    Change, Context, Engine, Examples, Fit, Plan, Sequence, Shape, Study, Without, Writing, examples,
+    hold_out, of_writing, weights_of,
 };
 use foretrace_lab::train::{FitError, Schedule, State};
 use foretrace_sim::path::PathSample;
@@ -31,13 +32,17 @@ fn samples(seed: u32, count: usize) -> Vec<PathSample> {
         .collect()
 }
 
+fn sequence(samples: Vec<PathSample>) -> Sequence {
+    Sequence { label: "a".to_owned(), samples, leaps: Vec::new() }
+}
+
 fn writing(seed: u32) -> Writing {
-    let sequences = (0..3).map(|k| ("a".to_owned(), samples(seed * 10 + k, 300))).collect();
+    let sequences = (0..3).map(|k| sequence(samples(seed * 10 + k, 300))).collect();
     Writing { writer: format!("set/{seed}"), rate_hz: 200.0, sequences }
 }
 
 fn seen(samples: &[PathSample], study: &Study) -> Examples {
-    examples([("a", samples)], STEP_NS, 0.003, study)
+    examples(&[sequence(samples.to_vec())], STEP_NS, 0.003, study)
 }
 
 #[test]
@@ -56,7 +61,7 @@ fn examples_are_what_the_loop_sees() {
         while let Some(step) = tracker.next_step() {
             let learn = previewer.observe(&step);
             if previewer.history() > 0 {
-                history.observe(learn.x, learn.touch());
+                history.observe(&learn.seen());
                 rows.push(history.look(0.01, 2).features);
             }
         }
@@ -179,7 +184,7 @@ fn what_an_ablation_leaves_out_has_no_weight_in_the_loop() {
         let mut history = History::EMPTY;
         for k in 0..40 {
             let touch = foretrace_control::pen::Touch { contact, steps: if contact { k } else { 0 } };
-            history.observe([10.0, f64::from(k)], touch);
+            history.observe(&Seen { touch, ..Seen::of([10.0, f64::from(k)]) });
         }
         *foresight.foresee(&history).path()
     };
@@ -207,15 +212,37 @@ fn writers_are_held_out_whole() {
 }
 
 #[test]
+fn nothing_is_learned_across_a_jump_however_short() {
+    let mut with = sequence(samples(1, 300));
+    with.leaps = vec![101, 202];
+    for sample in &mut with.samples[101..] {
+        sample.x_m += 2e-3;
+    }
+    let without = Sequence { leaps: Vec::new(), ..with.clone() };
+    let of = |sequence: &Sequence| examples(std::slice::from_ref(sequence), STEP_NS, 0.0, &Study::default());
+    let (seen, blind) = (of(&with), of(&without));
+    // The loop sees the same pen; what the jump hides is no target: nodes of up to 24 steps before each.
+    assert!(seen.features[..40] == blind.features[..40]);
+    let known = |examples: &Examples| examples.known.iter().map(|known| u32::from(*known)).sum::<u32>();
+    assert!(known(&seen) + 2 * 150 < known(&blind), "{} {}", known(&seen), known(&blind));
+    // A slower tablet sees only where the jump leads.
+    for seed in 0..50 {
+        let copy = Change::drawn(seed, 0.01, 0.005, 1.0).apply(&with);
+        assert_eq!(copy.leaps.len(), 2, "seed {seed}");
+        assert!(copy.leaps.iter().all(|leap| (1..copy.samples.len()).contains(leap)));
+    }
+}
+
+#[test]
 fn a_changed_copy_is_another_device_or_hand_and_an_unchanged_one_the_same() {
-    let samples = samples(1, 200);
+    let samples = sequence(samples(1, 200));
     assert_eq!(Change::NONE.apply(&samples), samples);
     let mut lengths = std::collections::BTreeSet::new();
     for seed in 0..200 {
-        let change = Change::drawn(seed, 0.01, 1.0);
-        let copy = change.apply(&samples);
-        assert_eq!(change, Change::drawn(seed, 0.01, 1.0));
-        assert!(copy.len() < 2 * samples.len() && copy.len() > 40, "{}", copy.len());
+        let change = Change::drawn(seed, 0.01, 0.005, 1.0);
+        let copy = change.apply(&samples).samples;
+        assert_eq!(change, Change::drawn(seed, 0.01, 0.005, 1.0));
+        assert!(copy.len() < 2 * samples.samples.len() && copy.len() > 40, "{}", copy.len());
         assert!(copy.windows(2).all(|pair| pair[0].t_s < pair[1].t_s));
         lengths.insert(copy.len());
     }

@@ -132,7 +132,7 @@ impl Calibration {
     pub fn observe(&mut self, step: &LearnStep) {
         let moved = step.x.map(|x| x * step.scale_m);
         self.judge(moved);
-        self.panel.observe(step.x, step.touch());
+        self.panel.observe(&step.seen());
         self.since += 1;
         if self.since < STRIDE {
             return;

@@ -159,9 +159,9 @@ impl<P: Handed> AnyCourse for Course<P> {
         let moving = self.shadow.settle(step.x);
         self.since = self.since.saturating_add(u32::from(moving));
         if learnable {
-            self.candidate.learn_pen(step.x, step.touch());
+            self.candidate.learn_pen(&step.seen());
         } else {
-            self.candidate.observe_pen(step.x, step.touch());
+            self.candidate.observe_pen(&step.seen());
         }
         if self.candidate.parameters().validate().is_err() {
             self.counters.poisoned += 1;

@@ -81,6 +81,13 @@ pub struct GridStep {
     pub position: [f64; 2],
     /// Position now minus position at k−1 \[m\]; zero for `Start`, to be ignored as motion for `Jump`.
     pub displacement: [f64; 2],
+    /// Its part in the first half of the step \[m\]: half of it where the pen was not seen between.
+    pub half: [f64; 2],
+    /// From k·Δ to the sample that closed the step \[m\]; zero for all but the newest of several steps that
+    /// one sample closed, and after a jump.
+    pub ahead: [f64; 2],
+    /// How long after k·Δ that sample is stamped \[ns\]; zero where `ahead` is not told.
+    pub ahead_ns: u64,
     /// Whether the displacement is motion.
     pub motion: Motion,
     /// The samples on both sides of k·Δ touch the paper.
@@ -113,7 +120,9 @@ impl GridStep {
     }
 }
 
-state! { whole [] GridStep { index, position, displacement, motion, contact, contact_steps } }
+state! {
+    whole [] GridStep { index, position, displacement, half, ahead, ahead_ns, motion, contact, contact_steps }
+}
 
 /// Why a reading was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

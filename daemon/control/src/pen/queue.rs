@@ -30,7 +30,7 @@ impl StepQueue {
                 && oldest.motion == Motion::Continues
             {
                 oldest.motion = Motion::Start;
-                oldest.displacement = [0.0; 2];
+                (oldest.displacement, oldest.half) = ([0.0; 2], [0.0; 2]);
             }
         }
         if let Some(slot) = self.slots.get_mut((self.head + self.len) % STEP_QUEUE_CAPACITY) {

@@ -79,6 +79,8 @@ pub struct PenTracker {
     suspect: Option<PenReading>,
     /// Position of the newest closed grid point since the last restart, and the pen's touch there.
     closed: Option<([f64; 2], Touch)>,
+    /// Position half a step after that, once the pen has passed there.
+    middle: Option<[f64; 2]>,
     /// A jump happened since the newest closed grid point.
     jumped: bool,
     queue: StepQueue,
@@ -86,7 +88,9 @@ pub struct PenTracker {
     refused: Option<PenRefusal>,
 }
 
-state! { [] PenTracker { newest, suspect, closed, jumped, queue, counters, refused } fixed { settings } }
+state! {
+    [] PenTracker { newest, suspect, closed, middle, jumped, queue, counters, refused } fixed { settings }
+}
 
 impl PenTracker {
     /// A tracker without readings.
@@ -101,6 +105,7 @@ impl PenTracker {
             newest: None,
             suspect: None,
             closed: None,
+            middle: None,
             jumped: false,
             queue: StepQueue::new(),
             counters: PenCounters::default(),
@@ -235,12 +240,13 @@ impl PenTracker {
 
     fn restart(&mut self, reading: &PenReading) {
         self.counters.restarts += 1;
-        self.closed = None;
+        (self.closed, self.middle) = (None, None);
         self.jumped = false;
         self.suspect = None;
         self.newest = Some(*reading);
         if reading.stamp.0.is_multiple_of(self.settings.step_ns) {
-            self.close(reading.stamp.0 / self.settings.step_ns, reading.position, reading.contact);
+            let index = reading.stamp.0 / self.settings.step_ns;
+            self.close(index, reading.position, reading.contact, ([0.0; 2], 0));
         }
     }
 
@@ -248,18 +254,33 @@ impl PenTracker {
         let step_ns = self.settings.step_ns;
         let (first, last) = (from.stamp.0 / step_ns + 1, to.stamp.0 / step_ns);
         let span_ns = (to.stamp.0 - from.stamp.0) as f64;
-        for index in first..=last {
+        let position_at = |stamp_ns: u64| match motion {
+            // The path of a jumping pen is unknown: it stays until the sample that shows it elsewhere.
+            Motion::Jump if stamp_ns < to.stamp.0 => from.position,
+            Motion::Jump => to.position,
+            _ => {
+                let into_ns = stamp_ns.saturating_sub(from.stamp.0);
+                interpolate(from.position, to.position, into_ns as f64 / span_ns)
+            }
+        };
+        for index in first..=last.saturating_add(1) {
+            let middle_ns = index.saturating_mul(step_ns).saturating_sub(step_ns / 2);
+            if from.stamp.0 < middle_ns && middle_ns <= to.stamp.0 {
+                self.middle = Some(position_at(middle_ns));
+            }
+            if index > last {
+                break;
+            }
             self.jumped |= motion == Motion::Jump;
             // index <= to.stamp / step_ns, so the product cannot overflow.
-            let into_ns = index * step_ns - from.stamp.0;
-            let position = match motion {
-                // The path of a jumping pen is unknown: it stays until the sample that shows it elsewhere.
-                Motion::Jump if index * step_ns < to.stamp.0 => from.position,
-                Motion::Jump => to.position,
-                _ => interpolate(from.position, to.position, into_ns as f64 / span_ns),
-            };
+            let position = position_at(index * step_ns);
             let contact = if index * step_ns == to.stamp.0 { to.contact } else { from.contact && to.contact };
-            self.close(index, position, contact);
+            let ahead = if index == last && motion == Motion::Continues {
+                (difference(to.position, position), to.stamp.0 - index * step_ns)
+            } else {
+                ([0.0; 2], 0)
+            };
+            self.close(index, position, contact, ahead);
         }
         // The part of the jump after the last closed point belongs to the next one.
         self.jumped |= motion == Motion::Jump && !to.stamp.0.is_multiple_of(step_ns);
@@ -267,11 +288,16 @@ impl PenTracker {
         self.newest = Some(*to);
     }
 
-    fn close(&mut self, index: u64, position: [f64; 2], contact: bool) {
+    fn close(&mut self, index: u64, position: [f64; 2], contact: bool, (ahead, ahead_ns): ([f64; 2], u64)) {
         let (motion, displacement) = match self.closed {
             None => (Motion::Start, [0.0; 2]),
             Some((before, _)) if self.jumped => (Motion::Jump, difference(position, before)),
             Some((before, _)) => (Motion::Continues, difference(position, before)),
+        };
+        let half = match (motion, self.closed, self.middle.take()) {
+            (Motion::Start, ..) => [0.0; 2],
+            (Motion::Continues, Some((before, _)), Some(middle)) => difference(middle, before),
+            _ => displacement.map(|x| 0.5 * x),
         };
         let contact_steps = match self.closed {
             Some((_, touch)) if motion == Motion::Continues && touch.contact == contact => {
@@ -281,7 +307,8 @@ impl PenTracker {
         };
         self.closed = Some((position, Touch { contact, steps: contact_steps }));
         self.jumped = false;
-        let step = GridStep { index, position, displacement, motion, contact, contact_steps };
+        let step =
+            GridStep { index, position, displacement, half, ahead, ahead_ns, motion, contact, contact_steps };
         self.counters.overwritten += self.queue.push(step);
     }
 }

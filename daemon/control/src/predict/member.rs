@@ -5,8 +5,7 @@ use std::fmt::Debug;
 
 use super::online::WeightsError;
 use super::taught::Handed;
-use super::{OnlineWeights, Predictor};
-use crate::pen::Touch;
+use super::{OnlineWeights, Predictor, Seen};
 use crate::state::{Reader, State, StateError, Writer};
 
 /// A predictor of any type, for any thread.
@@ -72,8 +71,8 @@ macro_rules! predicts_as_its_own {
                 self.0.observe(x);
             }
 
-            fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
-                self.0.observe_pen(x, touch);
+            fn observe_pen(&mut self, seen: &Seen) {
+                self.0.observe_pen(seen);
             }
 
             fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

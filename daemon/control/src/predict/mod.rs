@@ -34,10 +34,8 @@ pub use online_weights::OnlineWeights;
 pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
 pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
-pub use step::LearnStep;
+pub use step::{LearnStep, Seen};
 pub use taught::{Handed, Learning, Pace, Parameters, Taught};
-
-use crate::pen::Touch;
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;
@@ -48,8 +46,8 @@ pub trait Predictor {
     fn observe(&mut self, x: [f64; 2]);
 
     /// As `observe`, with what the pen knows besides. For predictors that look at contact.
-    fn observe_pen(&mut self, x: [f64; 2], _touch: Touch) {
-        self.observe(x);
+    fn observe_pen(&mut self, seen: &Seen) {
+        self.observe(seen.x);
     }
 
     /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed

@@ -8,7 +8,8 @@ use std::fmt::Debug;
 
 use thiserror::Error;
 
-use crate::pen::{TARGET_RMS, Touch};
+use crate::pen::TARGET_RMS;
+use crate::predict::Seen;
 
 /// A displacement with a component beyond this \[per axis\] is no motion in any unit: its square would swamp
 /// or overflow a learner's sums.
@@ -87,13 +88,13 @@ pub trait OnlineModel {
     fn observe(&mut self, x: [f64; 2]);
 
     /// As `learn`, with what the pen knows besides. For models that look at contact.
-    fn learn_pen(&mut self, x: [f64; 2], _touch: Touch) -> [f64; 2] {
-        self.learn(x)
+    fn learn_pen(&mut self, seen: &Seen) -> [f64; 2] {
+        self.learn(seen.x)
     }
 
     /// As `observe`, with what the pen knows besides.
-    fn observe_pen(&mut self, x: [f64; 2], _touch: Touch) {
-        self.observe(x);
+    fn observe_pen(&mut self, seen: &Seen) {
+        self.observe(seen.x);
     }
 
     /// Forgets the history; parameters and accumulators stay.

@@ -7,9 +7,8 @@
 use super::member::{Member, Plain};
 use super::models::REGISTRY;
 use super::online::WeightsError;
-use crate::pen::Touch;
 
-use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind};
+use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind, Seen};
 use crate::state::{Reader, State, StateError, Writer, load_part, save_part};
 
 /// Answers for a predictor that is absent or has no history.
@@ -65,10 +64,10 @@ impl Panel {
         Ok(Self { members, knows: false })
     }
 
-    /// Remembers one real normalised displacement, with the pen's touch after it.
-    pub fn observe(&mut self, x: [f64; 2], touch: Touch) {
+    /// Remembers one real normalised displacement, and what the pen tells besides.
+    pub fn observe(&mut self, seen: &Seen) {
         for member in self.members.iter_mut().flatten() {
-            member.observe_pen(x, touch);
+            member.observe_pen(seen);
         }
         self.knows = true;
     }

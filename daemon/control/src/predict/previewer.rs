@@ -14,8 +14,8 @@ use thiserror::Error;
 use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
 use super::{Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
-use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS, Touch};
-use crate::predict::LearnStep;
+use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
+use crate::predict::{LearnStep, Seen};
 
 /// What a previewer needs to start.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,20 +164,30 @@ impl Previewer {
             given => given,
         };
         self.newest = Some(*step);
-        let x = if motion == Motion::Continues {
+        let seen = if motion == Motion::Continues {
             self.scale.observe(step);
             let x = self.scale.normalise(step.displacement);
-            self.remember(x, step.touch());
-            x
+            let seen = Seen {
+                x,
+                half: self.scale.normalise(step.half),
+                ahead: self.scale.normalise(step.ahead),
+                ahead_s: step.ahead_ns as f64 * 1e-9,
+                touch: step.touch(),
+            };
+            self.remember(&seen);
+            seen
         } else {
             self.forget();
-            [0.0; 2]
+            Seen::of([0.0; 2])
         };
         let scale_m = self.scale.metres_per_unit();
         self.panel.place(step.index, scale_m);
         LearnStep {
             index: step.index,
-            x,
+            x: seen.x,
+            half: seen.half,
+            ahead: seen.ahead,
+            ahead_s: seen.ahead_s,
             motion,
             contact: step.contact,
             contact_steps: step.contact_steps,
@@ -301,12 +311,12 @@ impl Previewer {
         self.scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST_OBSERVED)
     }
 
-    fn remember(&mut self, x: [f64; 2], touch: Touch) {
+    fn remember(&mut self, seen: &Seen) {
         self.history = self.history.saturating_add(1);
-        let [dx, dy] = x;
+        let [dx, dy] = seen.x;
         self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
-        self.level_square = bands::level_square(self.level_square, x);
-        self.panel.observe(x, touch);
+        self.level_square = bands::level_square(self.level_square, seen.x);
+        self.panel.observe(seen);
     }
 }
 

@@ -7,10 +7,8 @@
 
 use std::fmt::Debug;
 
-use crate::pen::Touch;
-
 use super::online::{ModelParameters, OnlineModel, WeightsError};
-use super::{Models, OnlineWeights, Predictor};
+use super::{Models, OnlineWeights, Predictor, Seen};
 use crate::state::State;
 
 /// How a model's live weights follow its candidate.
@@ -106,8 +104,8 @@ impl<M: OnlineModel> Predictor for Learning<M> {
         self.0.learn(x);
     }
 
-    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
-        self.0.learn_pen(x, touch);
+    fn observe_pen(&mut self, seen: &Seen) {
+        self.0.learn_pen(seen);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

@@ -12,7 +12,7 @@ use foretrace_control::predict::models::foresight::{
 };
 use foretrace_control::predict::models::mixture::{EXPERTS, NODES, Present, Trained};
 use foretrace_control::predict::{
-    MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings, Models, Networks, OnlineModel,
+    MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings, Models, Networks, OnlineModel, Seen,
 };
 use foretrace_control::units::Stamp;
 use rand::{RngExt as _, SeedableRng as _};
@@ -50,7 +50,10 @@ fn looks(readings: &[PenReading]) -> Vec<(u64, Look)> {
         while let Some(step) = tracker.next_step() {
             if step.motion == Motion::Continues {
                 scale.observe(&step);
-                history.observe(scale.normalise(step.displacement), step.touch());
+                let x = scale.normalise(step.displacement);
+                let (half, ahead) = (scale.normalise(step.half), scale.normalise(step.ahead));
+                let ahead_s = step.ahead_ns as f64 * 1e-9;
+                history.observe(&Seen { x, half, ahead, ahead_s, touch: step.touch() });
             } else {
                 history = History::EMPTY;
             }
@@ -74,7 +77,7 @@ fn no_feature_changes_when_later_samples_are_cut_off() {
 fn history(steps: usize, touch: impl Fn(usize) -> Touch, way: impl Fn(f64) -> [f64; 2]) -> History {
     let mut history = History::EMPTY;
     for k in 0..steps {
-        history.observe(way(k as f64), touch(k));
+        history.observe(&Seen { touch: touch(k), ..Seen::of(way(k as f64)) });
     }
     history
 }
@@ -117,7 +120,7 @@ fn contact_age_and_rest_are_told() {
     assert!(rest.frame == [1.0, 0.0] && rest.features.iter().all(|f| f.is_finite()));
     // A jump begins a new history, as in the mixture.
     let mut jumped = history(20, ink, way);
-    jumped.observe([500.0, 0.0], Touch::INK);
+    jumped.observe(&Seen::of([500.0, 0.0]));
     assert_eq!(jumped.steps(), 1);
 }
 
@@ -169,7 +172,8 @@ fn error_with(trained: Trained) -> (f64, MixtureParameters) {
         .collect();
     let (mut error, mut count) = (0.0, 0.0);
     for (k, (x, contact)) in hand.iter().enumerate() {
-        learner.learn_pen(*x, Touch { contact: *contact, steps: 0 });
+        let touch = Touch { contact: *contact, steps: 0 };
+        learner.learn_pen(&Seen { touch, ..Seen::of(*x) });
         if k > hand.len() / 2 && k + 6 < hand.len() {
             let mut steps = [[0.0; 2]; 6];
             learner.preview(&mut steps);

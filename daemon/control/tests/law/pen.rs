@@ -6,6 +6,8 @@ use foretrace_control::pen::{
 };
 use foretrace_control::units::Stamp;
 use proptest::prelude::*;
+use rand::SeedableRng as _;
+use rand_pcg::Pcg64;
 
 const MS: u64 = 1_000_000;
 
@@ -358,6 +360,52 @@ proptest! {
             prop_assert_eq!(one.normalise(displacement), other.normalise(in_other));
         }
     }
+}
+
+#[test]
+fn a_step_tells_its_first_half_and_the_sample_beyond_it() {
+    let mut rng = Pcg64::seed_from_u64(3);
+    let mut stamps = vec![1_003_000_000_u64];
+    for _ in 0..300 {
+        // From several samples per step to several steps per sample.
+        stamps.push(stamps.last().unwrap() + rng.random_range(1_000_000..30_000_000));
+    }
+    let at = |stamp: u64| {
+        let t = (stamp - 1_000_000_000) as f64 * 1e-9;
+        [0.02 * (3.0 * t).sin(), 0.02 * (5.0 * t).cos()]
+    };
+    // Where a reader of the samples would draw the pen.
+    let drawn = |stamp: u64| {
+        let after = stamps.partition_point(|other| *other < stamp);
+        let (from, to) = (stamps[after - 1], stamps[after]);
+        let part = (stamp - from) as f64 / (to - from) as f64;
+        let (a, b) = (at(from), at(to));
+        [0, 1].map(|axis| a[axis] + part * (b[axis] - a[axis]))
+    };
+    let near = |a: [f64; 2], b: [f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+    let mut pen = PenTracker::new(PenSettings::default()).unwrap();
+    let mut steps = 0;
+    for stamp in &stamps {
+        let reading = PenReading::new(Stamp(*stamp), at(*stamp), true);
+        assert_eq!(feed(&mut pen, reading), Receipt::Accepted);
+        let closed = drain(&mut pen);
+        for (place, step) in closed.iter().enumerate() {
+            let end = step.index * 10 * MS;
+            let newest = place + 1 == closed.len();
+            let [ahead_ns, x, y] = [(stamp - end) as f64, at(*stamp)[0], at(*stamp)[1]];
+            let beyond = [x - step.position[0], y - step.position[1]];
+            let (wanted, wanted_ns) = if newest { (beyond, ahead_ns) } else { ([0.0; 2], 0.0) };
+            assert!(near(step.ahead, wanted) && step.ahead_ns as f64 == wanted_ns, "{step:?}");
+            if step.motion == Motion::Start {
+                assert_eq!(step.half, [0.0; 2]);
+                continue;
+            }
+            let (before, middle) = (drawn(end - 10 * MS), drawn(end - 5 * MS));
+            assert!(near(step.half, [middle[0] - before[0], middle[1] - before[1]]), "{step:?}");
+            steps += 1;
+        }
+    }
+    assert!(steps > 300);
 }
 
 fn moving(index: u64, amplitude: f64) -> GridStep {

@@ -2,11 +2,11 @@
 
 use crate::support;
 
-use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings, Touch};
+use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
-    Panel, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
+    Panel, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer, Seen,
 };
 use proptest::prelude::*;
 
@@ -327,7 +327,7 @@ fn what_was_forgotten_is_in_no_preview() {
     let fresh = Panel::new(&models, &models.initial_weights()).unwrap();
     let mut used = fresh.clone();
     (0..60).map(f64::from).for_each(|t| {
-        used.observe([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()], Touch::INK);
+        used.observe(&Seen::of([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
     });
     let path = |panel: &Panel, kind| {
         let mut path = [[0.0; 2]; 12];
@@ -344,8 +344,8 @@ fn what_was_forgotten_is_in_no_preview() {
         for kind in PredictorKind::LIVE {
             assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
         }
-        used.observe(x, Touch::INK);
-        first.observe(x, Touch::INK);
+        used.observe(&Seen::of(x));
+        first.observe(&Seen::of(x));
     }
 }
 

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use foretrace_config::models::ForesightModel;
 use foretrace_lab::train::foresight::{
-    Context, Fit, LEADS_S, Plan, Study, Without, Writing, hold_out, weights_of, writings,
+    Context, Fit, LEADS_S, Plan, Sequence, Study, Without, Writing, hold_out, weights_of, writings,
 };
 use foretrace_lab::train::{Epoch, FitError, Schedule, Scores};
 use serde_json::json;
@@ -27,11 +27,11 @@ use crate::output::{note, say};
 /// Usual step of the grid \[ms\].
 const STEP_MS: f64 = 10.0;
 /// Usual passes over the writings.
-const EPOCHS: usize = 24;
+const EPOCHS: usize = 40;
 /// Usual examples per step of Adam.
-const BATCH: usize = 1024;
+const BATCH: usize = 256;
 /// Usual peak of the learning rate, and the share of the training until it.
-const RATE: f64 = 3e-3;
+const RATE: f64 = 6e-3;
 const WARM_UP: f64 = 0.15;
 /// Share of the copies that are changed beyond size and phase.
 const CHANGED: f64 = 0.3;
@@ -172,7 +172,7 @@ impl Data {
     /// Changes with every sample (FNV-1a over their bits).
     fn fingerprint(&self) -> u64 {
         let mut hash = 0xcbf2_9ce4_8422_2325_u64;
-        for (_, samples) in self.train.iter().chain(&self.held_out).flat_map(|w| &w.sequences) {
+        for Sequence { samples, .. } in self.train.iter().chain(&self.held_out).flat_map(|w| &w.sequences) {
             let words = samples.iter().flat_map(|s| [s.t_s, s.x_m, s.y_m, f64::from(u8::from(s.contact))]);
             for word in words.map(f64::to_bits).chain([samples.len() as u64]) {
                 hash = (hash ^ word).wrapping_mul(0x0100_0000_01b3);

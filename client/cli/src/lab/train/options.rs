@@ -40,15 +40,15 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "NAME", value_parser = recipe)]
     pub(super) recipe: Option<Recipe>,
 
-    /// Passes over the train sequences [default: 40; robust: 60, 40 or 30 by size; foresight: 24]
+    /// Passes over the train sequences [default: 40; robust: 60, 40 or 30 by size; foresight: 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(super) epochs: Option<u32>,
 
-    /// Sequences per step of Adam, with foresight grid steps [default: 16; robust: 32; foresight: 1024]
+    /// Sequences per step of Adam, with foresight grid steps [default: 16; robust: 32; foresight: 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub(super) batch: Option<u32>,
 
-    /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2; foresight: 3e-3]
+    /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2; foresight: 6e-3]
     #[arg(long, value_name = "RATE", value_parser = rate)]
     pub(super) rate: Option<f64>,
 

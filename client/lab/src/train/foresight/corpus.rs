@@ -18,8 +18,19 @@ pub struct Writing {
     pub writer: String,
     /// Device samples per second.
     pub rate_hz: f64,
-    /// Label and samples of each character, in order.
-    pub sequences: Vec<(String, Vec<PathSample>)>,
+    /// The characters, in order.
+    pub sequences: Vec<Sequence>,
+}
+
+/// A character as recorded, or a changed copy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sequence {
+    /// What was written.
+    pub label: String,
+    /// By time.
+    pub samples: Vec<PathSample>,
+    /// Samples that a jump leads to: the pen was not seen before them.
+    pub leaps: Vec<usize>,
 }
 
 /// A set that cannot be trained on.
@@ -57,10 +68,15 @@ pub fn writings(
     if left_out > 0 {
         remarks.push(format!("{}: {left_out} characters do not fit or have one sample", set.name));
     }
+    let sequence = |sequence: crate::closed_loop::Sequence| Sequence {
+        label: sequence.label,
+        samples: sequence.path.samples,
+        leaps: sequence.path.leaps,
+    };
     let writing = |hand: crate::closed_loop::Hand| Writing {
         writer: format!("{}/{}", set.name, hand.writer),
         rate_hz: hand.sequences.first().map_or(0.0, |sequence| sequence.path.rate_hz),
-        sequences: hand.sequences.into_iter().map(|s| (s.label, s.path.samples)).collect(),
+        sequences: hand.sequences.into_iter().map(sequence).collect(),
     };
     let writings = hands.into_iter().map(writing).collect();
     Ok((set.name, writings, remarks))
@@ -94,15 +110,17 @@ impl Change {
 
     /// Drawn from `seed`, for a grid of `step_s` \[s\]: most copies are those of the hand itself, in another
     /// size and phase; a share of `changed` is turned, sheared, mirrored, stretched in time, and seen by
-    /// slower and coarser tablets.
+    /// slower and coarser tablets. Half of the copies have samples on grid points, as tablets whose driver
+    /// stamps in whole milliseconds; `period_s` \[s\] is that of the recording.
     #[must_use]
-    pub fn drawn(seed: u64, step_s: f64, changed: f64) -> Self {
+    pub fn drawn(seed: u64, step_s: f64, period_s: f64, changed: f64) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut between = |low: f64, high: f64| rng.random_range(low..high);
         let size = (between(-1.4, 0.2)).exp();
         let phase_s = between(0.0, step_s);
         let own = between(0.0, 1.0) >= changed;
         let kinds = [0; 5].map(|_| between(0.0, 1.0));
+        let phase_s = if kinds[4] < 0.5 { phase_s - phase_s % period_s } else { phase_s };
         let angle = if kinds[0] < 0.15 { between(-180.0, 180.0) } else { between(-12.0, 12.0) };
         let shear = between(-0.2, 0.2);
         let aspect = between(-0.15, 0.15).exp();
@@ -120,23 +138,24 @@ impl Change {
         Self { matrix, time, period_s, pitch_m: 0.1 * size * pitch, phase_s }
     }
 
-    /// The changed copy of `samples`.
+    /// The changed copy of `sequence`.
     #[must_use]
-    pub fn apply(&self, samples: &[PathSample]) -> Vec<PathSample> {
+    pub fn apply(&self, sequence: &Sequence) -> Sequence {
         let [[xx, xy], [yx, yy]] = self.matrix;
-        let first_s = samples.first().map_or(0.0, |sample| sample.t_s);
-        let moved = samples.iter().map(|sample| PathSample {
+        let first_s = sequence.samples.first().map_or(0.0, |sample| sample.t_s);
+        let moved = sequence.samples.iter().map(|sample| PathSample {
             t_s: (sample.t_s - first_s) * self.time,
             x_m: xx * sample.x_m + xy * sample.y_m,
             y_m: yx * sample.x_m + yy * sample.y_m,
             contact: sample.contact,
         });
-        let mut copy: Vec<PathSample> = moved.collect();
+        let samples = moved.collect();
+        let mut copy = Sequence { samples, ..sequence.clone() };
         if self.period_s > 0.0 {
             copy = slower(&copy, self.period_s);
         }
         if self.pitch_m > 0.0 {
-            for sample in &mut copy {
+            for sample in &mut copy.samples {
                 sample.x_m = (sample.x_m / self.pitch_m).round() * self.pitch_m;
                 sample.y_m = (sample.y_m / self.pitch_m).round() * self.pitch_m;
             }
@@ -147,19 +166,28 @@ impl Change {
 
 /// As a device of another period would have seen it: on straight lines between neighbouring samples, and
 /// nothing where nothing was seen.
-fn slower(samples: &[PathSample], period_s: f64) -> Vec<PathSample> {
+fn slower(sequence: &Sequence, period_s: f64) -> Sequence {
     /// Samples further apart than this many periods are a gap.
     const GAP: f64 = 2.5;
-    let Some(first) = samples.first() else { return Vec::new() };
-    let mut copy = vec![*first];
+    let Sequence { label, samples, leaps } = sequence;
+    let mut copy = Sequence { label: label.clone(), samples: Vec::new(), leaps: Vec::new() };
+    let Some(first) = samples.first() else { return copy };
+    copy.samples.push(*first);
     let mut next_s = first.t_s + period_s;
-    for (a, b) in samples.iter().zip(samples.iter().skip(1)) {
+    let mut leapt = false;
+    for (place, (a, b)) in samples.iter().zip(samples.iter().skip(1)).enumerate() {
         let span_s = b.t_s - a.t_s;
+        let leaps = leaps.contains(&(place + 1));
+        leapt |= leaps;
         while next_s <= b.t_s {
             let part = (next_s - a.t_s) / span_s;
             let (x, y) = (b.x_m - a.x_m, b.y_m - a.y_m);
-            if span_s <= GAP * period_s {
-                copy.push(PathSample {
+            // Between the samples of a jump only its end was seen.
+            if span_s <= GAP * period_s && (!leaps || part >= 1.0) {
+                if std::mem::take(&mut leapt) {
+                    copy.leaps.push(copy.samples.len());
+                }
+                copy.samples.push(PathSample {
                     t_s: next_s,
                     x_m: a.x_m + part * x,
                     y_m: a.y_m + part * y,

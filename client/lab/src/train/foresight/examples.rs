@@ -7,11 +7,13 @@
 use foretrace_control::pen::{
     Motion, PenReading, PenSettings, PenTracker, SpeedScale, SpeedScaleSettings, TARGET_RMS, Touch,
 };
+use foretrace_control::predict::Seen;
 use foretrace_control::predict::models::foresight::{FEATURES, History, OUTPUTS, turned, unit};
 use foretrace_control::predict::models::mixture::{NODES, is_motion};
 use foretrace_control::units::Stamp;
 use foretrace_sim::path::PathSample;
 
+use super::corpus::Sequence;
 use super::study::{Study, Teller};
 
 /// Rest between two sequences, for which the grid begins anew \[s\].
@@ -62,15 +64,10 @@ struct Step {
     follows: bool,
 }
 
-/// The examples of one hand's `sequences`, each with its label, on a grid of `step_ns` \[ns\]; the first
+/// The examples of one hand's `sequences` on a grid of `step_ns` \[ns\]; the first
 /// sample stands `phase_s` \[s\] after a grid point.
 #[must_use]
-pub fn examples<'a>(
-    sequences: impl IntoIterator<Item = (&'a str, &'a [PathSample])>,
-    step_ns: u64,
-    phase_s: f64,
-    study: &Study,
-) -> Examples {
+pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Study) -> Examples {
     let settings = PenSettings {
         step_ns,
         max_speed_mps: 10.0,
@@ -89,13 +86,23 @@ pub fn examples<'a>(
     let mut examples = Examples::default();
     let mut begin_s = BEGIN_S + phase_s;
     let mut newest = None;
-    for (label, samples) in sequences {
+    for Sequence { label, samples, leaps } in sequences {
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         let mut teller = Teller::new(label);
+        let stamp_of = |sample: &PathSample| ((begin_s + sample.t_s - first_s) * 1e9).round() as u64;
+        // No hand could tell where a jump leads, however short it is.
+        let unseen: Vec<[u64; 2]> = leaps
+            .iter()
+            .filter_map(|leap| Some([samples.get(leap.checked_sub(1)?)?, samples.get(*leap)?].map(stamp_of)))
+            .collect();
         for sample in samples {
-            let stamp = Stamp(((begin_s + sample.t_s - first_s) * 1e9).round() as u64);
+            let stamp = Stamp(stamp_of(sample));
             let reading = PenReading::new(stamp, [sample.x_m, sample.y_m], sample.contact);
             tracker.ingest(stamp, &reading);
+            let leapt = |index: u64| {
+                let (begin_ns, end_ns) = (index.saturating_sub(1) * step_ns, index * step_ns);
+                unseen.iter().any(|[from, to]| *from < end_ns && begin_ns < *to)
+            };
             while let Some(step) = tracker.next_step() {
                 let follows = newest.is_some_and(|newest: u64| newest + 1 == step.index);
                 newest = Some(step.index);
@@ -117,7 +124,13 @@ pub fn examples<'a>(
                 scale.observe(&step);
                 let x = scale.normalise(step.displacement);
                 let touch: Touch = step.touch();
-                history.observe(x, touch);
+                history.observe(&Seen {
+                    x,
+                    half: scale.normalise(step.half),
+                    ahead: scale.normalise(step.ahead),
+                    ahead_s: step.ahead_ns as f64 * 1e-9,
+                    touch,
+                });
                 let look = history.look(step_s, block);
                 teller.observe(x, touch, step_s);
                 let mut row = vec![0.0; study.inputs()];
@@ -130,7 +143,7 @@ pub fn examples<'a>(
                     displacement: step.displacement,
                     scale_m: scale.metres_per_unit(),
                     frame: look.frame,
-                    follows: is_motion(x),
+                    follows: is_motion(x) && !leapt(step.index),
                 });
             }
         }

@@ -13,6 +13,7 @@ use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64;
 
+use super::balance;
 use super::corpus::{Change, Writing};
 use super::examples::{Examples, examples};
 use super::network::{Bench, PIECE, Packed, Shape};
@@ -73,7 +74,7 @@ impl Fit {
         });
         let mut fit =
             Self { plan, shape, threads: threads.max(1), train, held_out: Examples::default(), state };
-        fit.held_out = fit.gathered(&held_out, |_| Change::NONE);
+        (fit.held_out, _) = fit.gathered(&held_out, |_| Change::NONE);
         fit
     }
 
@@ -120,11 +121,13 @@ impl Fit {
         let number = self.state.history.len();
         let Plan { seed, batch, step_ns, changed, .. } = self.plan;
         let step_s = step_ns as f64 * 1e-9;
-        let corpus = self.gathered(&self.train, |place| {
-            Change::drawn(mixed(seed, number as u64 + 1, place as u64), step_s, changed)
+        let (corpus, ends) = self.gathered(&self.train, |place| {
+            let period_s = 1.0 / self.train[place].rate_hz.max(1.0);
+            Change::drawn(mixed(seed, number as u64 + 1, place as u64), step_s, period_s, changed)
         });
         let mut order: Vec<usize> = (0..corpus.len()).collect();
         order.shuffle(&mut Pcg64::seed_from_u64(mixed(seed, number as u64 + 1, u64::MAX)));
+        self.balance(&mut order, &ends);
         let batch = batch.next_multiple_of(PIECE);
         // How many examples changed copies have differs a little from epoch to epoch.
         let batches = (order.len() / batch).max(1);
@@ -165,28 +168,52 @@ impl Fit {
         Ok(epoch)
     }
 
-    /// The examples of all `writings`, each changed as `change` says of its place.
-    fn gathered(&self, writings: &[Writing], change: impl Fn(usize) -> Change + Sync) -> Examples {
+    /// Leaves out examples of sets that have more than their share; `ends` are those of the writings.
+    fn balance(&self, order: &mut Vec<usize>, ends: &[usize]) {
+        let sets: Vec<&str> = self.train.iter().map(|w| w.writer.split('/').next().unwrap_or("")).collect();
+        let mut names = sets.clone();
+        names.sort_unstable();
+        names.dedup();
+        let set_of = |example: usize| {
+            let writing = ends.partition_point(|end| *end <= example);
+            sets.get(writing).and_then(|set| names.binary_search(set).ok()).unwrap_or(0)
+        };
+        let mut counts = vec![0_usize; names.len()];
+        order.iter().for_each(|example| counts[set_of(*example)] += 1);
+        let mut left = balance::caps(&counts);
+        order.retain(|example| {
+            let left = &mut left[set_of(*example)];
+            let keeps = *left > 0;
+            *left = left.saturating_sub(1);
+            keeps
+        });
+    }
+
+    /// The examples of all `writings`, each changed as `change` says of its place, and where each ends.
+    fn gathered(
+        &self,
+        writings: &[Writing],
+        change: impl Fn(usize) -> Change + Sync,
+    ) -> (Examples, Vec<usize>) {
         let Plan { step_ns, study, .. } = self.plan;
         let places: Vec<usize> = (0..writings.len()).collect();
         let parts = in_order(&places, self.threads, |place| {
             of_writing(&writings[*place], &change(*place), step_ns, &study)
         });
-        let mut all = Examples::default();
+        let (mut all, mut ends) = (Examples::default(), Vec::new());
         for part in parts {
             all.extend(&part);
+            ends.push(all.len());
         }
-        all
+        (all, ends)
     }
 }
 
 /// The examples of one writing, changed.
 #[must_use]
 pub fn of_writing(writing: &Writing, change: &Change, step_ns: u64, study: &Study) -> Examples {
-    let copies: Vec<_> =
-        writing.sequences.iter().map(|(label, samples)| (label, change.apply(samples))).collect();
-    let sequences = copies.iter().map(|(label, samples)| (label.as_str(), samples.as_slice()));
-    examples(sequences, step_ns, change.phase_s, study)
+    let copies: Vec<_> = writing.sequences.iter().map(|sequence| change.apply(sequence)).collect();
+    examples(&copies, step_ns, change.phase_s, study)
 }
 
 /// Results of `work` in the order of `jobs`, on so many threads.

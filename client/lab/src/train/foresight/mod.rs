@@ -3,6 +3,7 @@
 //! Contract: the same seed, data and options give the same weights bit for bit, on any number of threads.
 //! Examples come from the loop's own pen grid, scale and features. Absent: what learns online.
 
+mod balance;
 mod product;
 mod network;
 mod study;
@@ -14,7 +15,7 @@ mod model;
 mod trial;
 
 pub use super::corpus::hold_out;
-pub use corpus::{Change, Writing, WritingError, writings};
+pub use corpus::{Change, Sequence, Writing, WritingError, writings};
 pub use examples::{Examples, examples};
 pub use fit::{Engine, Fit, Plan, of_writing};
 pub use model::weights_of;

@@ -38,8 +38,7 @@ impl Predictor for DampedVelocity {
 
 #[cfg(test)]
 mod tests {
-    use crate::pen::Touch;
-    use crate::predict::{ModelSettings, Models, Networks, Panel, PredictorKind};
+    use crate::predict::{ModelSettings, Models, Networks, Panel, PredictorKind, Seen};
 
     #[test]
     fn the_loop_has_it_by_its_name() {
@@ -47,7 +46,7 @@ mod tests {
         let mut panel = Panel::new(&models, &models.initial_weights()).unwrap();
         let kind = PredictorKind::from_name("damped-velocity").unwrap();
         assert!(panel.offers(kind) && PredictorKind::LIVE.contains(&kind) && !kind.learns());
-        panel.observe([4.0, -2.0], Touch::INK);
+        panel.observe(&Seen::of([4.0, -2.0]));
         let mut positions = [[0.0; 2]; 3];
         assert!(panel.roll_out(kind, f64::INFINITY, 1.0, [0.0; 2], &mut positions).finite);
         // 4 (0.9 + 0.81 + 0.729), and half of it downwards.

@@ -183,8 +183,8 @@ fn roll_out(damping: &Damping, mut x: [f64; 2], limit: f64, out: &mut [[f64; 2]]
 mod tests {
     use super::*;
     use crate::learn::{Learner, LearnerSettings};
-    use crate::pen::{Motion, Touch};
-    use crate::predict::{LearnStep, ModelSettings, Networks, Panel, PredictorKind};
+    use crate::pen::Motion;
+    use crate::predict::{LearnStep, ModelSettings, Networks, Panel, PredictorKind, Seen};
 
     #[test]
     fn what_the_learner_found_reaches_the_loop() {
@@ -201,14 +201,14 @@ mod tests {
             if learner.learn(&step).hand_over {
                 panel.set_weights(learner.weights()).unwrap();
             }
-            panel.observe(x, Touch::INK);
+            panel.observe(&Seen::of(x));
         }
         let learned = learner.weights().learned_damping;
         assert!(learned.version > 0 && learner.counters_of(kind).promotions > 0, "{learned:?}");
         assert!((0.6..0.95).contains(&learned.rho), "{learned:?}");
         let mut next = [[0.0; 2]];
         panel.forget();
-        panel.observe([10.0, 0.0], Touch::INK);
+        panel.observe(&Seen::of([10.0, 0.0]));
         panel.roll_out(kind, f64::INFINITY, 1.0, [0.0; 2], &mut next);
         assert_eq!(next, [[10.0 * learned.rho, 0.0]]);
     }

@@ -5,11 +5,14 @@
 //! absolute quantity is the direction of that frame in the plane.
 
 use crate::pen::{TARGET_RMS, Touch};
+use crate::predict::Seen;
 use crate::predict::models::mixture::is_motion;
 use crate::state::state;
 
 /// Displacements that enter one by one, and blocks of displacements before them.
 const SINGLE: usize = 8;
+/// Displacements whose first halves enter too: how speed and direction change just now.
+const HALVES: usize = 6;
 /// Blocks of displacements that enter as sums.
 const BLOCKS: usize = 8;
 /// Longest block \[steps\]: a second of history at 10 ms.
@@ -24,7 +27,7 @@ const DIRECTION_DECAY: f64 = 0.7;
 const LEAST_WAY: f64 = 1e-3;
 
 /// How many numbers the network sees.
-pub const FEATURES: usize = 55;
+pub const FEATURES: usize = 72;
 
 /// Where the features of one kind stand, for studies that leave them out.
 pub mod kinds {
@@ -52,6 +55,12 @@ pub struct Look {
 pub struct History {
     /// Newest first, normalised.
     recent: [[f32; 2]; HISTORY],
+    /// First halves of the newest, less half of the displacements.
+    halves: [[f32; 2]; HALVES],
+    /// From the newest step's end to the newest sample, normalised.
+    ahead: [f32; 2],
+    /// How long that took \[s\].
+    ahead_s: f32,
     /// Steps since it was cleared.
     steps: u32,
     /// The touch at the newest step.
@@ -60,19 +69,34 @@ pub struct History {
     before: u32,
 }
 
-state! { [] History { recent, steps, touch, before } }
+state! { [] History { recent, halves, ahead, ahead_s, steps, touch, before } }
 
 impl History {
     /// Nothing seen yet.
-    pub const EMPTY: Self = Self { recent: [[0.0; 2]; HISTORY], steps: 0, touch: Touch::INK, before: 0 };
+    pub const EMPTY: Self = Self {
+        recent: [[0.0; 2]; HISTORY],
+        halves: [[0.0; 2]; HALVES],
+        ahead: [0.0; 2],
+        ahead_s: 0.0,
+        steps: 0,
+        touch: Touch::INK,
+        before: 0,
+    };
 
-    /// Remembers a normalised displacement and the touch after it; a jump clears the memory and counts as
-    /// rest.
-    pub fn observe(&mut self, x: [f64; 2], touch: Touch) {
+    /// Remembers a step; a jump clears the memory and counts as rest.
+    pub fn observe(&mut self, seen: &Seen) {
+        let Seen { x, half, ahead, ahead_s, touch } = *seen;
         if !is_motion(x) {
             *self = Self::EMPTY;
-            return self.observe([0.0; 2], touch);
+            return self.observe(&Seen { touch, ..Seen::of([0.0; 2]) });
         }
+        let [hx, hy] = if is_motion(half) { half } else { x.map(|x| 0.5 * x) };
+        let known = is_motion(ahead) && ahead_s.is_finite();
+        (self.ahead, self.ahead_s) =
+            if known { (ahead.map(|x| x as f32), ahead_s as f32) } else { ([0.0; 2], 0.0) };
+        self.halves.copy_within(..HALVES - 1, 1);
+        let [newest, ..] = &mut self.halves;
+        *newest = [(hx - 0.5 * x[0]) as f32, (hy - 0.5 * x[1]) as f32];
         self.recent.copy_within(..HISTORY - 1, 1);
         let [newest, ..] = &mut self.recent;
         *newest = x.map(|x| x as f32);
@@ -127,6 +151,16 @@ impl History {
         features.extend([whole_s / (whole_s + 0.1), whole_s / (whole_s + 1.0)]);
         features.extend(if moving { [c, s] } else { [0.0; 2] });
         features.extend(if moving { [c * c - s * s, 2.0 * s * c] } else { [0.0; 2] });
+        for half in self.halves {
+            features.extend(turned(half.map(f64::from)).map(|x| 4.0 * x / TARGET_RMS));
+        }
+        // The newest sample: where it is, how far beyond the way so far, and how new.
+        let share = (f64::from(self.ahead_s) / step_s).clamp(0.0, 1.0);
+        let ahead = self.ahead.map(f64::from);
+        let [x, y] = singles[0];
+        features.extend(turned(ahead).map(|x| 2.0 * x / TARGET_RMS));
+        features.extend(turned([ahead[0] - share * x, ahead[1] - share * y]).map(|x| 4.0 * x / TARGET_RMS));
+        features.push(2.0 * share);
         Look { features: features.numbers, frame: [c, s] }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! The same function serves the daemon's learner thread, replay and the tables.
 
-use crate::pen::{TARGET_RMS, Touch};
+use crate::pen::TARGET_RMS;
+use crate::predict::Seen;
 use crate::predict::models::ar_rls::{ArRlsLearner, ArRlsSettings};
 use crate::predict::models::foresight::READ;
 use crate::predict::models::mixture::mixer::{Mixer, MixerRule};
@@ -130,10 +131,11 @@ impl OnlineModel for MixtureLearner {
     type Memory = MixtureMemory;
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
-        self.learn_pen(x, Touch::INK)
+        self.learn_pen(&Seen::of(x))
     }
 
-    fn learn_pen(&mut self, x: [f64; 2], touch: Touch) -> [f64; 2] {
+    fn learn_pen(&mut self, seen: &Seen) -> [f64; 2] {
+        let x = seen.x;
         let predicted = self.expected;
         if is_motion(x) {
             self.show(x);
@@ -148,20 +150,20 @@ impl OnlineModel for MixtureLearner {
             self.ar.learn(x);
             self.parameters.ar = *self.ar.parameters();
         }
-        self.observe_pen(x, touch);
+        self.observe_pen(seen);
         predicted
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        self.observe_pen(x, Touch::INK);
+        self.observe_pen(&Seen::of(x));
     }
 
-    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
-        let motion = is_motion(x);
+    fn observe_pen(&mut self, seen: &Seen) {
+        let motion = is_motion(seen.x);
         if !motion {
             self.reset_state();
         }
-        self.trunk.observe(&mut self.memory, x, touch);
+        self.trunk.observe(&mut self.memory, seen);
         let paths = self.parameters.experts(&self.memory);
         if motion {
             self.keep(&paths);

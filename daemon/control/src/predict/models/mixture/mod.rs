@@ -35,10 +35,10 @@ pub use learner::{MixtureLearner, MixtureSettings};
 pub use parameters::MixtureParameters;
 pub use trunk::{MixtureMemory, Present, Trained, Trunk, is_motion};
 
-use crate::pen::{TARGET_RMS, Touch};
+use crate::pen::TARGET_RMS;
 use crate::predict::models::lstm::FADE;
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
+use crate::predict::{Entry, Models, Pace, Predictor, Seen, Taught, shortened};
 
 pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of its experts to believe");
 
@@ -115,11 +115,11 @@ impl Taught for Mixture {
 
 impl Predictor for Mixture {
     fn observe(&mut self, x: [f64; 2]) {
-        self.observe_pen(x, Touch::INK);
+        self.observe_pen(&Seen::of(x));
     }
 
-    fn observe_pen(&mut self, x: [f64; 2], touch: Touch) {
-        self.trunk.observe(&mut self.memory, x, touch);
+    fn observe_pen(&mut self, seen: &Seen) {
+        self.trunk.observe(&mut self.memory, seen);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

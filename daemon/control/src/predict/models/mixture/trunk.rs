@@ -6,13 +6,13 @@
 use crate::state::state;
 use std::sync::Arc;
 
-use crate::pen::{TARGET_RMS, Touch};
+use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, REGRESSORS};
 use crate::predict::models::esn::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
 use crate::predict::models::foresight::{Foreseen, Foresight, ForesightWeights, History};
 use crate::predict::models::lstm::MAX_HIDDEN;
 use crate::predict::models::mixture::{GATE, LEADS, NODES, Path};
-use crate::predict::{Lstm, LstmWeights, Predictor, WeightsError};
+use crate::predict::{Lstm, LstmWeights, Predictor, Seen, WeightsError};
 
 /// Features that need no training: FIFO and reservoir.
 pub(super) const PLAIN: usize = REGRESSORS + UNITS;
@@ -136,18 +136,19 @@ impl Trunk {
         Present { lstm: self.lstm.is_some(), foresight: self.foresight.is_some() }
     }
 
-    /// Takes in one displacement and the touch after it; a jump (or NaN) clears the memory and counts as
+    /// Takes in one step; a jump (or NaN) clears the memory and counts as
     /// rest, as in training.
-    pub fn observe(&mut self, memory: &mut MixtureMemory, x: [f64; 2], touch: Touch) {
-        if is_motion(x) {
-            self.take_in(memory, x, touch);
+    pub fn observe(&mut self, memory: &mut MixtureMemory, seen: &Seen) {
+        if is_motion(seen.x) {
+            self.take_in(memory, seen);
         } else {
             self.reset(memory);
-            self.take_in(memory, [0.0; 2], touch);
+            self.take_in(memory, &Seen { touch: seen.touch, ..Seen::of([0.0; 2]) });
         }
     }
 
-    fn take_in(&mut self, memory: &mut MixtureMemory, x: [f64; 2], touch: Touch) {
+    fn take_in(&mut self, memory: &mut MixtureMemory, seen: &Seen) {
+        let x = seen.x;
         memory.recent.observe(x);
         self.reservoir.observe(&mut memory.reservoir, x);
         let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
@@ -156,7 +157,7 @@ impl Trunk {
             *feature = value as f32;
         }
         if let Some(foresight) = &self.foresight {
-            memory.history.observe(x, touch);
+            memory.history.observe(seen);
             memory.foresight = Some(foresight.foresee(&memory.history));
         }
         let Some(lstm) = &mut self.lstm else { return };
