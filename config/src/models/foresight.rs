@@ -242,7 +242,7 @@ mod tests {
             parse(&bytes)
         };
         assert!(changed("layers.2.bias", "layers.2.bits").contains("layers.2.bias is missing"));
-        assert!(changed("[128, 55]", "[55, 128]").contains("needed is [128, 55]"));
+        assert!(changed("[128, 72]", "[72, 128]").contains("needed is [128, 72]"));
         assert!(changed("\"10000000\"", "\"1000000x\"").contains("step_ns"));
         assert!(changed("\"block\":\"2\"", "\"block\":\"0\"").contains("block is 0, legal are 1 to 12"));
     }

@@ -32,7 +32,8 @@ const MODELS: &[Shipped] = &shipped![
     "lstm10-10ms",
     "mixture-5ms",
     "mixture-8ms",
-    "mixture-10ms"
+    "mixture-10ms",
+    "foresight-10ms"
 ];
 
 impl Shipped {

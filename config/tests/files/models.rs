@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use foretrace_config::models::{
-    Assumed, Container, DType, LstmModel, Shipped, container_bytes, shipped, shipped_names,
+    Assumed, Container, DType, ForesightModel, LstmModel, Shipped, container_bytes, shipped, shipped_names,
 };
 use foretrace_control::predict::models::lstm::{LstmState, LstmTensors, Precision};
 use foretrace_control::predict::{Lstm, Predictor};
@@ -349,6 +349,11 @@ fn every_shipped_model_loads_has_a_card_and_is_as_foretrace_writes_it() {
         assert!(card.starts_with(&format!("# {name}\n")), "{name}");
         for word in ["split", "seed", "scores", "citation", "icence"] {
             assert!(card.contains(word), "{name}.md says nothing about {word}");
+        }
+        if let Ok(model) = ForesightModel::parse(name, bytes) {
+            assert!(model.notes.contains_key("citation"), "{name}");
+            assert!(model.to_bytes() == *bytes, "{name} is not as foretrace would write it");
+            continue;
         }
         let Ok(model) = shipped(name).unwrap().lstm() else { continue };
         assert!(model.notes.contains_key("citation"), "{name}");
