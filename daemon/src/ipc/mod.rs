@@ -278,7 +278,7 @@ impl Ipc {
         self.links.inputs.tick(facts, &mut self.links.rings, &mut self.ports.inputs);
         let ghost = self.links.ghost.follow(facts, self.links.rings.facts.slots());
         if facts.tick.is_multiple_of(self.settings.telemetry_every.max(1)) {
-            let record = record::tick_record(facts, &parts, &ghost, &self.tally());
+            let record = record::tick_record((self.newest.as_ref(), facts), &parts, &ghost, &self.tally());
             if self.ports.telemetry.publish(facts.finished.0, record).is_err() {
                 self.telemetry_failed += 1;
             }

@@ -96,9 +96,14 @@ fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
     rejected
 }
 
-/// One tick's facts as published.
+/// One tick's facts as published; `before` are those of the last tick that was heard of.
 #[must_use]
-pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &IpcTally) -> shm::TickRecord {
+pub fn tick_record(
+    (before, facts): (Option<&TickFacts>, &TickFacts),
+    parts: &Parts,
+    ghost: &GhostReport,
+    ipc: &IpcTally,
+) -> shm::TickRecord {
     let output = &facts.output;
     let (q, qd) = output.command.map_or(([0.0; JOINTS], [0.0; JOINTS]), |command| (command.q, command.qd));
     let [pen_x, pen_y] = output.pen_position;
@@ -127,6 +132,7 @@ pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &
         setpoint_m: output.setpoint.map(|axis| axis.position),
         setpoint_mps: output.setpoint.map(|axis| axis.velocity),
         setpoint_mps2: output.setpoint.map(|axis| axis.acceleration),
+        jerk_mps3: jerk(before, facts),
         tool_m: output.tool,
         q,
         qd,
@@ -172,6 +178,21 @@ pub fn tick_record(facts: &TickFacts, parts: &Parts, ghost: &GhostReport, ipc: &
         record.set_stage(stage, ns);
     }
     record
+}
+
+/// Jerk of the setpoint over this tick \[m/s³\]; 0 where the tick before sent nothing or is not known.
+fn jerk(before: Option<&TickFacts>, facts: &TickFacts) -> [f64; shm::AXES] {
+    let sent = |facts: &TickFacts| facts.output.command.map(|command| command.stamp);
+    let follows = |before: &&TickFacts| before.tick.checked_add(1) == Some(facts.tick);
+    let Some(before) = before.filter(follows) else { return [0.0; shm::AXES] };
+    let elapsed_s = match (sent(before), sent(facts)) {
+        (Some(earlier), Some(now)) if now > earlier => now.since(earlier) as f64 * 1e-9,
+        _ => return [0.0; shm::AXES],
+    };
+    let mut axes = facts.output.setpoint.iter().zip(&before.output.setpoint);
+    std::array::from_fn(|_| {
+        axes.next().map_or(0.0, |(now, before)| (now.acceleration - before.acceleration) / elapsed_s)
+    })
 }
 
 /// Parts of the latency as on the wire.
@@ -238,4 +259,26 @@ fn health(facts: &TickFacts) -> u32 {
 
 fn age_ns(now: Stamp, stamp: Option<Stamp>) -> u64 {
     stamp.map_or(u64::MAX, |stamp| now.0.saturating_sub(stamp.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::jerk;
+    use crate::ipc::tests::{commanding, facts};
+
+    #[test]
+    fn the_jerk_is_the_change_of_the_setpoints_acceleration_per_second() {
+        let with = |tick, acceleration: f64| {
+            let mut facts = commanding(tick);
+            facts.output.setpoint[1].acceleration = acceleration;
+            facts
+        };
+        // Ticks of 2 ms.
+        let [x, y, z] = jerk(Some(&with(7, 0.25)), &with(8, 0.5));
+        assert!((y - 125.0).abs() < 1e-9 && [x, z] == [0.0; 2], "{y}");
+        // Nothing is told over a gap, from the first tick on, or where nothing was sent.
+        assert_eq!(jerk(Some(&with(6, 0.25)), &with(8, 0.5)), [0.0; 3]);
+        assert_eq!(jerk(None, &with(8, 0.5)), [0.0; 3]);
+        assert_eq!(jerk(Some(&facts(7)), &with(8, 0.5)), [0.0; 3]);
+    }
 }

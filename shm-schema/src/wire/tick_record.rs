@@ -109,7 +109,7 @@ wire! {
         pub setpoint_mps: [f64; AXES],
         /// Setpoint: acceleration \[m/s²\].
         pub setpoint_mps2: [f64; AXES],
-        /// Jerk applied \[m/s³\].
+        /// Jerk of the setpoint since the tick before \[m/s³\]; 0 where that tick sent no command.
         pub jerk_mps3: [f64; AXES],
         /// Tool position of the published command \[m\].
         pub tool_m: [f64; AXES],
