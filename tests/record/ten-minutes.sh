@@ -63,9 +63,7 @@ rate = replay["ticks"] / max(replay["seconds"], 1e-9)
 problems = []
 if lost:
     problems.append(f"lost while recording: {lost}")
-# A recorder that is stopped between a tick and the weights that it took over has the tick, but not these.
-whole = replay["end"] == "of_recording" or ("no_weights" in replay["end"] and seconds - replay["seconds"] < 0.5)
-if not whole or replay["difference"] or not replay["same_build"]:
+if replay["end"] != "of_recording" or replay["difference"] or not replay["same_build"]:
     problems.append(f"the replay: {replay}")
 if replay["seconds"] < seconds - 3:
     problems.append(f"{replay['seconds']:.1f} s of {seconds} s were replayed")
