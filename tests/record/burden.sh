@@ -4,32 +4,9 @@
 # (default 8) each. Tells the p99 of wake-up and step of every run and their ratios, whose median must be at most
 # LIMIT (default 1.1; on a machine that does other work at the same time it means nothing). Without node and npm,
 # which the viewers need, it says so and leaves with 0. FORETRACE is the program (default: built here).
-set -euo pipefail
-cd "$(dirname "$0")/../.."
-for tool in node npm; do
-  if ! command -v "$tool" >/dev/null; then
-    echo "burden: skipped: two viewers need node and npm"
-    exit 0
-  fi
-done
-scratch=$(mktemp -d /tmp/ftb-XXXXXX)
-children=()
-finish() {
-  for child in "${children[@]}"; do kill "$child" 2>/dev/null || true; done
-  wait 2>/dev/null || true
-  rm -rf "$scratch"
-}
-trap finish EXIT
-cp tests/record/foxglove/{package.json,package-lock.json} "$scratch"
-if ! (cd "$scratch" && npm ci --ignore-scripts --no-audit --no-fund --silent) >"$scratch/log" 2>&1; then
-  echo "burden: skipped: npm cannot have the packages of the lock file here"
-  exit 0
-fi
-if [[ -z ${FORETRACE:-} ]]; then
-  cargo build --release --locked -p foretrace
-  FORETRACE=target/release/foretrace
-fi
-FORETRACE=$(realpath "$FORETRACE")
+source "$(dirname "$0")/head.sh"
+npm_packages
+program
 cat >"$scratch/viewer.mjs" <<'END'
 import WebSocket from "ws";
 const socket = new WebSocket(`ws://${process.argv[2]}`, ["foxglove.sdk.v1"]);
@@ -39,35 +16,28 @@ socket.on("open", () => socket.send(JSON.stringify({ op: "subscribe", subscripti
 socket.on("message", () => count++);
 process.on("SIGTERM", () => { console.log(count); process.exit(0); });
 END
-at=(--instance 44 --root "$scratch/i")
 
 # One run: a daemon of its own, an arm, a writing hand; prints its status as JSON at the end.
 run() {
-  local watched=$1 number=$2 mine=()
-  "$FORETRACE" daemon "${at[@]}" 2>"$scratch/daemon.log" &
-  local daemon=$!
-  children+=("$daemon")
-  for _ in $(seq 100); do "$FORETRACE" status "${at[@]}" >"$scratch/log" 2>&1 && break; sleep 0.1; done
-  "$FORETRACE" arm sim "${at[@]}" >"$scratch/arm.log" 2>&1 &
-  mine+=($!)
-  for _ in $(seq 100); do "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1 && break; sleep 0.1; done
+  local watched=$1 number=$2 mine daemon arm foxglove address
+  start_daemon 44
+  start_arm
+  mine=("$arm")
   if [[ $watched == watched ]]; then
     "$FORETRACE" relay "${at[@]}" >"$scratch/relay.log" 2>&1 &
     mine+=($!)
-    for _ in $(seq 100); do [[ -S $scratch/i/relay.sock ]] && break; sleep 0.1; done
+    try "no relay" test -S "$scratch/i/relay.sock"
     "$FORETRACE" record "$scratch/run-$number.mcap" "${at[@]}" >"$scratch/record.log" 2>&1 &
     mine+=($!)
     "$FORETRACE" flight "$scratch/box" "${at[@]}" >"$scratch/flight.log" 2>&1 &
     mine+=($!)
     "$FORETRACE" metrics --listen 127.0.0.1:0 "${at[@]}" 2>"$scratch/metrics.log" &
     mine+=($!)
-    "$FORETRACE" foxglove --listen 127.0.0.1:0 "${at[@]}" >"$scratch/told" 2>"$scratch/foxglove.log" &
-    mine+=($!)
-    for _ in $(seq 100); do grep -q token= "$scratch/told" && grep -q /metrics "$scratch/metrics.log" && break; sleep 0.1; done
-    local address target viewer
-    address=$(sed -n 's|^open ws://\([^ ]*\) .*|\1|p' "$scratch/told")
+    start_foxglove
+    mine+=("$foxglove")
+    try "no metrics" grep -q /metrics "$scratch/metrics.log"
+    local target viewer
     target=$(sed -n 's|.*http://\([^/]*\)/metrics.*|\1|p' "$scratch/metrics.log")
-    [[ -n $address && -n $target ]] || { cat "$scratch"/*.log; exit 1; }
     for viewer in 1 2; do
       node "$scratch/viewer.mjs" "$address" >"$scratch/viewer-$viewer" &
       mine+=($!)

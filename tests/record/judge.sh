@@ -3,47 +3,20 @@
 # recorders that are killed (KILLS, default 20), whose files pymcap-cli recovers too. Makes a Python environment from PyPI in FORETRACE_RECORD_VENV
 # (default: a scratch folder); what cannot be had is said, and the script leaves with 0. FORETRACE is the
 # program (default: built here).
-set -euo pipefail
-cd "$(dirname "$0")/../.."
+source "$(dirname "$0")/head.sh"
 here=$PWD/tests/record
-
-scratch=$(mktemp -d)
-children=()
-finish() {
-  for child in "${children[@]}"; do kill "$child" 2>/dev/null || true; done
-  wait 2>/dev/null || true
-  rm -rf "$scratch"
-}
-trap finish EXIT
 
 venv=$(realpath -m "${FORETRACE_RECORD_VENV:-$scratch/venv}")
 if [[ ! -x $venv/bin/python ]]; then
   if ! python3 -m venv "$venv" >"$scratch/log" 2>&1 ||
     ! timeout 600 "$venv/bin/pip" install -q mcap==1.6.0 mcap-protobuf-support==0.6.0 perfetto pymcap-cli==0.34.0 >>"$scratch/log" 2>&1; then
-    echo "record: skipped, a Python environment with mcap cannot be had here: $(tail -1 "$scratch/log")"
-    exit 0
+    skip "a Python environment with mcap cannot be had here: $(tail -1 "$scratch/log")"
   fi
 fi
 
-if [[ -z ${FORETRACE:-} ]]; then
-  cargo build --release --locked -p foretrace
-  FORETRACE=target/release/foretrace
-fi
-FORETRACE=$(realpath "$FORETRACE")
-
-at=(--instance 41 --root "$scratch/i")
-"$FORETRACE" daemon --no-rights "${at[@]}" 2>"$scratch/daemon.log" &
-children+=($!)
-for _ in $(seq 100); do
-  "$FORETRACE" status "${at[@]}" >"$scratch/log" 2>&1 && break
-  sleep 0.1
-done
-"$FORETRACE" arm sim "${at[@]}" >"$scratch/arm.log" 2>&1 &
-children+=($!)
-for _ in $(seq 100); do
-  "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1 && break
-  sleep 0.1
-done
+program
+start_daemon 41 --no-rights
+start_arm
 "$FORETRACE" record "$scratch/run.mcap" --seconds 6 "${at[@]}" --json "$scratch/report.json" &
 recorder=$!
 "$FORETRACE" play glyphs:Kx "${at[@]}" >"$scratch/log" 2>&1

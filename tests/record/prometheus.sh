@@ -3,48 +3,23 @@
 # histograms of the stages have numbers, and an alert of docs/operate/metrics/alerts.yml fires when the daemon
 # ends. Where the package cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here);
 # PROMETHEUS_FOLDER is where the package is unpacked, or is to be.
-set -euo pipefail
-cd "$(dirname "$0")/../.."
+source "$(dirname "$0")/head.sh"
 root=$PWD
-scratch=$(mktemp -d /tmp/ftp-XXXXXX)
-children=()
-finish() {
-  for child in "${children[@]}"; do kill -INT "$child" 2>/dev/null || true; done
-  wait 2>/dev/null || true
-  rm -rf "$scratch"
-}
-trap finish EXIT
 folder=$(realpath -m "${PROMETHEUS_FOLDER:-$scratch/prometheus}")
 if [[ ! -x $folder/usr/bin/prometheus ]]; then
   mkdir -p "$folder"
   if ! (cd "$scratch" && apt-get download prometheus && dpkg -x prometheus_*.deb "$folder") >"$scratch/log" 2>&1; then
-    echo "prometheus: skipped: Debian's package cannot be had here: $(tail -1 "$scratch/log")"
-    exit 0
+    skip "Debian's package cannot be had here: $(tail -1 "$scratch/log")"
   fi
 fi
 
 "$folder/usr/bin/promtool" check rules docs/operate/metrics/alerts.yml
-if [[ -z ${FORETRACE:-} ]]; then
-  cargo build --release --locked -p foretrace
-  FORETRACE=target/release/foretrace
-fi
-FORETRACE=$(realpath "$FORETRACE")
-at=(--instance 43 --root "$scratch/i")
-"$FORETRACE" daemon --no-rights "${at[@]}" 2>"$scratch/daemon.log" &
-daemon=$!
-children+=("$daemon")
-for _ in $(seq 100); do
-  "$FORETRACE" status "${at[@]}" >"$scratch/log" 2>&1 && break
-  sleep 0.1
-done
-"$FORETRACE" arm sim "${at[@]}" >"$scratch/arm.log" 2>&1 &
-children+=($!)
+program
+start_daemon 43 --no-rights
+start_arm
 "$FORETRACE" metrics --listen 127.0.0.1:0 "${at[@]}" 2>"$scratch/metrics.log" &
 children+=($!)
-for _ in $(seq 100); do
-  grep -q /metrics "$scratch/metrics.log" && "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1 && break
-  sleep 0.1
-done
+try "no metrics" grep -q /metrics "$scratch/metrics.log"
 target=$(sed -n 's|.*http://\([^/]*\)/metrics.*|\1|p' "$scratch/metrics.log")
 curl -s "http://$target/metrics" | "$folder/usr/bin/promtool" check metrics
 cat >"$scratch/prometheus.yml" <<END

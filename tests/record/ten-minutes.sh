@@ -1,31 +1,11 @@
 #!/usr/bin/env bash
 # Ten minutes (FORETRACE_MINUTES) of a loop at its preset's rate, recorded, replayed bit for bit, and run again with five other laws,
 # which must take less time than the recording. FORETRACE is the program (default: built here).
-set -euo pipefail
-cd "$(dirname "$0")/../.."
+source "$(dirname "$0")/head.sh"
 seconds=$((60 * ${FORETRACE_MINUTES:-10}))
-
-scratch=$(mktemp -d)
-children=()
-finish() {
-  for child in "${children[@]}"; do kill "$child" 2>/dev/null || true; done
-  wait 2>/dev/null || true
-  rm -rf "$scratch"
-}
-trap finish EXIT
-
-if [[ -z ${FORETRACE:-} ]]; then
-  cargo build --release --locked -p foretrace
-  FORETRACE=${CARGO_TARGET_DIR:-target}/release/foretrace
-fi
-
-at=(--instance 43 --root "$scratch/i")
-"$FORETRACE" daemon --no-rights "${at[@]}" 2>"$scratch/daemon.log" &
-children+=($!)
-until "$FORETRACE" status "${at[@]}" >"$scratch/log" 2>&1; do sleep 0.1; done
-"$FORETRACE" arm sim "${at[@]}" >"$scratch/arm.log" 2>&1 &
-children+=($!)
-until "$FORETRACE" request arm "${at[@]}" >"$scratch/log" 2>&1; do sleep 0.1; done
+program
+start_daemon 43 --no-rights
+start_arm
 
 "$FORETRACE" record "$scratch/run.mcap" --seconds "$seconds" --json "$scratch/report.json" "${at[@]}" &
 recorder=$!
