@@ -131,12 +131,13 @@ function show(frame) {
 }
 
 // Where the recording goes, what was lost, and at the end what the run was worth.
-function tape({ on, ending, path, seconds, bytes, lost, figures, failed }) {
+function tape({ on, ending, path, seconds, bytes, lost, full, figures, failed }) {
   recording = Boolean(on);
   byId("record").textContent = on ? "end recording" : "record";
   byId("record").setAttribute("aria-pressed", String(recording));
   const mm = (value) => (value === null ? "not known" : `${value.toFixed(2)} mm`);
-  const size = path ? `${path}: ${(bytes / 1e6).toFixed(1)} MB, ${lost} lost` : "";
+  const bound = full ? `; it ended by itself: no file may be larger than ${(full / 1e6).toFixed(0)} MB (--max-size)` : "";
+  const size = path ? `${path}: ${(bytes / 1e6).toFixed(1)} MB, ${lost} lost${bound}` : "";
   if (failed) return failed;
   if (on) return `${seconds.toFixed(0)} s into ${size}`;
   if (ending) return `${size}; working out its figures`;

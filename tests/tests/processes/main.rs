@@ -3,6 +3,7 @@
 mod calibrate;
 mod chain;
 mod chaos;
+mod console;
 mod demo;
 mod doctor;
 mod foxglove;

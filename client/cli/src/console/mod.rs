@@ -65,6 +65,10 @@ pub(crate) struct ConsoleArgs {
     #[arg(long, value_name = "DIR")]
     recordings: Option<PathBuf>,
 
+    /// End a recording of the record button at this many bytes: 4G is about 45 minutes at 500 Hz
+    #[arg(long, value_name = "BYTES", default_value = "4G", value_parser = crate::record::bytes)]
+    max_size: u64,
+
     /// Seconds to wait for the daemon to come up
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::values::wait)]
     wait: f64,
@@ -105,7 +109,7 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         }
     };
     let settings = config.settings().clone();
-    let recordings = Recordings::new(args.recordings.as_deref(), &instance, &config);
+    let recordings = Recordings::new(args.recordings.as_deref(), args.max_size, &instance, &config);
     let link = Link {
         instance,
         config,

@@ -1,7 +1,8 @@
 //! The console's record button: everything that the daemon sees and does, into a new file of a folder.
 //!
-//! Contract: a thread of its own listens and ends the file; a page is shown what that thread last told. One
-//! recording at a time; one that is under way when the console ends is finished first.
+//! Contract: a thread of its own listens and ends the file, at the button or at the bound on its size; a page
+//! is shown what that thread last told. One recording at a time; one that is under way when the console ends
+//! is finished first.
 
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
@@ -42,6 +43,8 @@ struct Shown {
     seconds: f64,
     bytes: u64,
     lost: u64,
+    /// It reached this bound and was ended \[bytes\].
+    full: Option<u64>,
     figures: Option<Figures>,
     failed: Option<String>,
 }
@@ -49,6 +52,7 @@ struct Shown {
 /// The folder of the recordings, and the one under way.
 pub(super) struct Recordings {
     folder: Result<PathBuf, String>,
+    max_bytes: u64,
     instance: Instance,
     limits: JointLimits<JOINTS>,
     shown: Arc<Mutex<Shown>>,
@@ -57,10 +61,12 @@ pub(super) struct Recordings {
 }
 
 impl Recordings {
-    /// Into `folder`, else the user's own below `$XDG_DATA_HOME`.
-    pub(super) fn new(folder: Option<&Path>, instance: &Instance, config: &Config) -> Self {
+    /// Into `folder`, else the user's own below `$XDG_DATA_HOME`; no file grows beyond `max_bytes` by more
+    /// than what comes between two looks.
+    pub(super) fn new(folder: Option<&Path>, max_bytes: u64, instance: &Instance, config: &Config) -> Self {
         Self {
             folder: folder.map_or_else(usual, |folder| Ok(folder.to_owned())),
+            max_bytes,
             instance: instance.clone(),
             limits: config.follower_settings().limits,
             shown: Arc::default(),
@@ -87,9 +93,9 @@ impl Records for Recordings {
         self.over = Arc::default();
         *locked(&self.shown) = Shown { on: true, path: Some(target.clone()), ..Shown::default() };
         let (shown, over, limits) = (self.shown.clone(), self.over.clone(), self.limits);
-        let (instance, goal) = (self.instance.clone(), target.clone());
+        let (instance, goal, most) = (self.instance.clone(), target.clone(), self.max_bytes);
         let work = std::thread::Builder::new().name("console-record".to_owned()).spawn(move || {
-            let ended = records(&instance, goal, &over, &shown);
+            let ended = records(&instance, goal, most, &over, &shown);
             let told = ended.and_then(|path| {
                 note!("console: recorded {}", path.display());
                 let mut shown = locked(&shown);
@@ -145,10 +151,11 @@ fn locked(shown: &Mutex<Shown>) -> MutexGuard<'_, Shown> {
     shown.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Records into `target` until it is over; the file that holds it.
+/// Records into `target` until it is over, or holds `most` bytes; the file that holds it.
 fn records(
     instance: &Instance,
     target: PathBuf,
+    most: u64,
     over: &AtomicBool,
     shown: &Mutex<Shown>,
 ) -> Result<PathBuf, String> {
@@ -167,6 +174,11 @@ fn records(
             let mut shown = locked(shown);
             shown.seconds = begin.elapsed().as_secs_f64();
             (shown.bytes, shown.lost) = (bytes, recorder.counts().lost());
+            if bytes >= most {
+                shown.full = Some(most);
+                note!("console: the recording holds {most} bytes, the most that --max-size allows: it ends");
+                break;
+            }
         }
         std::thread::sleep(NAP);
     }

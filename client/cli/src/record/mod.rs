@@ -153,7 +153,7 @@ fn mend(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
 }
 
 /// Bytes with k, M or G for powers of a thousand.
-fn bytes(text: &str) -> Result<u64, String> {
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = match text.char_indices().last() {
         Some((at, 'k')) => (&text[..at], 1_000),
         Some((at, 'M')) => (&text[..at], 1_000_000),
