@@ -24,7 +24,7 @@ ROOMS = {
         "supervisor",
     ],
     "client/record/src": [
-        "proto", "topics", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
+        "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
         "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "stages", "metrics", "foxglove",
     ],
     "client/console/src": ["certificate", "wire", "guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "link", "session", "server"],

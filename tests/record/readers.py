@@ -1,5 +1,6 @@
 """A recording through the Python packages of MCAP and protobuf: every topic is there as often as foretrace says,
-and the numbers of the protobuf topics are those of the raw ones. Exits non-zero with what is wrong."""
+the numbers of the protobuf topics are those of the raw ones, and the arm that is drawn holds the tool where the
+tick records measured it. Exits non-zero with what is wrong."""
 
 import json
 import math
@@ -23,6 +24,51 @@ def fields(schema: bytes) -> dict[str, tuple[int, str]]:
     return table
 
 
+def turned(q, v):
+    """The vector `v` turned by the unit quaternion `q`."""
+    x, y, z, w = q.x, q.y, q.z, q.w
+    cross = lambda a, b: (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    twice = [2 * c for c in cross((x, y, z), v)]
+    return tuple(a + w * b + c for a, b, c in zip(v, twice, cross((x, y, z), twice)))
+
+
+def placed(frame, v):
+    """The point `v` of a frame in its parent."""
+    at = frame.translation
+    return tuple(a + b for a, b in zip(turned(frame.rotation, v), (at.x, at.y, at.z)))
+
+
+def drawn(scenes, around, ticks) -> list[str]:
+    """What is wrong with the scene, and with the frames that it hangs in, by their times."""
+    problems = []
+    if len(scenes) != 1:
+        return [f"{len(scenes)} scenes for settings that never changed"]
+    entities = {entity.id: entity for entity in scenes[0].entities}
+    newest = list(around.values())[-1] if around else {}
+    for entity in entities.values():
+        if entity.frame_id != "base" and entity.frame_id not in newest:
+            problems.append(f"{entity.id} hangs in {entity.frame_id}, which has no place")
+        solids = [*entity.cubes, *entity.spheres, *entity.cylinders]
+        if not solids or any(min(s.size.x, s.size.y, s.size.z) <= 0 or s.color.a <= 0 for s in solids):
+            problems.append(f"{entity.id} cannot be seen")
+        if any((c.bottom_scale, c.top_scale) != (1.0, 1.0) for c in entity.cylinders):
+            problems.append(f"{entity.id} has a cone")
+    if not {"paper", "pen"} <= set(entities) or sum(id.startswith("arm ") for id in entities) < 4:
+        problems.append(f"no whole scene: {sorted(entities)}")
+        return problems
+    # While the arm rests, the drawn tip is where the command put the tool.
+    tip, best = entities["pen"].spheres[-1].pose.position, math.inf
+    for time, frames in around.items():
+        tick = ticks.get(time)
+        if tick is not None and {"paper", "arm_6"} <= set(frames):
+            at = placed(frames["arm_6"], (tip.x, tip.y, tip.z))
+            tool = placed(frames["paper"], tuple(tick.tool_m))
+            best = min(best, math.dist(at, tool))
+    if not best < 1e-4:
+        problems.append(f"the drawn tip never comes nearer than {best} m to the tool")
+    return problems
+
+
 def main() -> int:
     path, info, report = sys.argv[1:4]
     wanted = json.load(open(info, encoding="utf-8"))["topics"]
@@ -38,16 +84,20 @@ def main() -> int:
         }
         if counts != wanted:
             problems.append(f"index counts {counts}, foretrace {wanted}")
-        raw, people, frames, lost, lines = {}, {}, 0, None, []
+        raw, people, frames, lost, lines, scenes, around, times = {}, {}, 0, None, [], [], {}, {}
         for schema, channel, message, decoded in reader.iter_decoded_messages(
-            topics=["/tick", "/tf", "/log", "/recorder"]
+            topics=["/tick", "/tf", "/log", "/recorder", "/scene"]
         ):
             if channel.topic == "/tick":
-                people[decoded.tick] = decoded
+                people[decoded.tick] = times[message.log_time] = decoded
+            elif channel.topic == "/tf" and decoded.parent_frame_id == "base":
+                around.setdefault(message.log_time, {})[decoded.child_frame_id] = decoded
             elif channel.topic == "/tf":
                 frames += 1
                 if decoded.parent_frame_id != "paper" or decoded.rotation.w != 1.0:
                     problems.append(f"frame {decoded}")
+            elif channel.topic == "/scene":
+                scenes.append(decoded)
             elif channel.topic == "/log":
                 lines.append(decoded)
             else:
@@ -74,6 +124,10 @@ def main() -> int:
         problems.append("the pen's age is never known")
     if frames != 3 * len(people):
         problems.append(f"{frames} frames for {len(people)} ticks")
+    problems += drawn(scenes, around, times)
+    seconds = len(people) and (max(times) - min(times)) * 1e-9
+    if not 15 * seconds < len(around) < 21 * seconds + 1:
+        problems.append(f"the arm was placed {len(around)} times in {seconds:.1f} s")
     order = [people[tick].mode for tick in sorted(people)]
     changes = sum(before != after for before, after in zip(order, order[1:]))
     modes = [line.message for line in lines if line.message.startswith(("mode ", "stopped: ", "fault: "))]
@@ -87,7 +141,7 @@ def main() -> int:
     for problem in problems:
         print(f"broken: {problem}")
     if not problems:
-        print(f"ok: {len(people)} ticks, {frames} frames, {len(lines)} lines, {sum(counts.values())} messages read by mcap and protobuf")
+        print(f"ok: {len(people)} ticks, {frames} frames, {len(around)} times the arm, {len(lines)} lines, {sum(counts.values())} messages read by mcap and protobuf")
     return 1 if problems else 0
 
 

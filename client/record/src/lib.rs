@@ -4,10 +4,10 @@
 //! Contract: a recorder is a reader of shared memory like any other and cannot disturb the loop. What it had
 //! to drop is counted, in the file too. Whatever a file holds, reading it ends with a result or a sentence.
 //!
-//! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `write`, `read`,
-//! `table`, `pen`, `repair`, `source` (where everything comes from), `relay`, `record` (into files), `trace`,
-//! `flight`, `last_flight`, `info`, `figures`, `explain`, `law`, `replay`, `modelled`, `stretch`, `score`,
-//! `what_if`, `picture`, `stages`, `metrics`, `foxglove`.
+//! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `scene` (what
+//! stands around the pen), `write`, `read`, `table`, `pen`, `repair`, `source` (where everything comes
+//! from), `relay`, `record` (into files), `trace`, `flight`, `last_flight`, `info`, `figures`, `explain`,
+//! `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `stages`, `metrics`, `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -16,6 +16,7 @@
 
 pub mod proto;
 pub mod topics;
+mod scene;
 pub mod write;
 pub mod read;
 pub mod table;

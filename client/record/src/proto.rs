@@ -28,8 +28,14 @@ pub enum Kind {
     F64s,
     /// A message of this full name.
     Part(&'static str),
+    /// Any number of messages of this full name.
+    Parts(&'static str),
     /// `fixed32`
     Fixed32,
+    /// `repeated fixed32`, which is described and never written.
+    Fixed32s,
+    /// `bytes`, which are described and never written.
+    Bytes,
     /// An `enum` inside the message, of this name, with these values from 0.
     Choice(&'static str, &'static [&'static str]),
 }
@@ -46,7 +52,10 @@ impl Kind {
             Self::Bool => (8, 1),
             Self::Text => (9, 1),
             Self::Part(_) => (11, 1),
+            Self::Parts(_) => (11, 3),
             Self::Fixed32 => (7, 1),
+            Self::Fixed32s => (7, 3),
+            Self::Bytes => (12, 1),
             Self::U32 => (13, 1),
             Self::Choice(..) => (14, 1),
         }
@@ -94,6 +103,8 @@ pub enum Value<'a> {
     F64s(&'a [f64]),
     /// An encoded message of the kind's name.
     Part(&'a [u8]),
+    /// Encoded messages of the kind's name.
+    Parts(&'a [Vec<u8>]),
     /// See [`Kind`].
     Fixed32(u32),
     /// Number of one of the kind's values.
@@ -121,6 +132,7 @@ pub fn encode(shape: &Shape, values: &[Value<'_>]) -> Option<Vec<u8>> {
                 sized(&mut bytes, number, &packed);
             }
             (Kind::Part(_), Value::Part(v)) => sized(&mut bytes, number, v),
+            (Kind::Parts(_), Value::Parts(v)) => v.iter().for_each(|v| sized(&mut bytes, number, v)),
             (Kind::Fixed32, Value::Fixed32(v)) => {
                 key(&mut bytes, number, 5);
                 bytes.extend_from_slice(&v.to_le_bytes());
@@ -167,7 +179,7 @@ fn described(shape: &Shape) -> Vec<u8> {
         varint_field(&mut field, 4, label);
         varint_field(&mut field, 5, code);
         match kind {
-            Kind::Part(of) => sized(&mut field, 6, format!(".{of}").as_bytes()),
+            Kind::Part(of) | Kind::Parts(of) => sized(&mut field, 6, format!(".{of}").as_bytes()),
             Kind::Choice(of, _) => sized(&mut field, 6, format!(".{}.{of}", shape.name).as_bytes()),
             _ => {}
         }

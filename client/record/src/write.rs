@@ -15,6 +15,7 @@ use mcap::write::NoSeek;
 use mcap::{WriteOptions, Writer};
 
 use crate::RecordError;
+use crate::scene::Scene;
 use crate::topics::Topic;
 
 /// Bytes of a chunk at most; most are closed by time before that.
@@ -33,6 +34,8 @@ pub struct Output {
     bytes: u64,
     written: u64,
     newest: Option<TickRecord>,
+    /// That of the settings in the file.
+    pub(crate) scene: Option<Scene>,
 }
 
 impl std::fmt::Debug for Output {
@@ -89,8 +92,9 @@ impl Output {
         let about = Metadata { name: "foretrace".to_owned(), metadata: facts.clone() };
         writer.write_metadata(&about).map_err(broken)?;
         let (sequences, target) = ([0; Topic::ALL.len()], target.to_path_buf());
+        let (newest, scene) = (None, None);
         let mut output =
-            Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest: None };
+            Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest, scene };
         output.flush()?;
         Ok(output)
     }

@@ -33,6 +33,7 @@ class Counter {
   ticks = [];
   frames = new Map();
   lines = [];
+  scenes = [];
   tick(message) {
     this.ticks.push(Number(message.tick));
     judge.bad = judge.bad || !(message.qRad ?? message.q_rad)?.length;
@@ -44,6 +45,7 @@ class Counter {
   take(topic, message) {
     if (topic === "/tick") this.tick(message);
     else if (topic === "/tf") this.frame(message);
+    else if (topic === "/scene") this.scenes.push(message);
     else this.lines.push(message.message);
   }
   judge(who) {
@@ -54,6 +56,11 @@ class Counter {
     judge(ticks.length >= 0.95 * span && span > 100 * seconds, `${who}: of ${span} that the loop did meanwhile`);
     const counts = ["pen", "tool", "ghost"].map((child) => frames.get(child) ?? 0);
     judge(counts.every((count) => count >= 0.95 * span), `${who}: ${counts.join(", ")} frames of pen, tool, ghost`);
+    const arm = frames.get("arm_6") ?? 0;
+    judge(arm > 14 * seconds && arm < 22 * seconds, `${who}: ${arm} times the arm's last link in ${seconds} s`);
+    const entities = this.scenes.flatMap((scene) => scene.entities);
+    const hang = entities.every((entity) => ["base", ...frames.keys()].includes(entity.frameId));
+    judge(this.scenes.length === 1 && hang, `${who}: a scene of ${entities.map((entity) => entity.id).join(", ")}`);
   }
 }
 

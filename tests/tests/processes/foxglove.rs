@@ -190,12 +190,12 @@ fn viewers_of_all_subprotocols_see_what_the_daemon_sent_beside_one_that_never_re
             let all = channels["channels"].as_array().unwrap();
             all.iter().find(|channel| channel["topic"] == topic).unwrap()["id"].clone()
         };
-        let (ticks, frames) = (channel("/tick"), channel("/tf"));
-        viewer.say(&format!(
-            r#"{{"op":"subscribe","subscriptions":[{{"id":5,"channelId":{ticks}}},{{"id":9,"channelId":{frames}}}]}}"#
-        ));
-        let (mut seen, mut pens) = (Vec::new(), 0);
-        while seen.len() < 300 || pens == 0 {
+        let subscriptions: Vec<Value> = [(5, "/tick"), (9, "/tf"), (11, "/scene")]
+            .map(|(id, topic)| serde_json::json!({ "id": id, "channelId": channel(topic) }))
+            .into();
+        viewer.say(&serde_json::json!({ "op": "subscribe", "subscriptions": subscriptions }).to_string());
+        let (mut seen, mut pens, mut links, mut scenes) = (Vec::new(), 0, 0, 0);
+        while seen.len() < 300 || pens == 0 || links == 0 || scenes == 0 {
             let (subscription, bytes) = viewer.wait("a message of a topic", |message| match message {
                 Message::Binary(bytes) if bytes[0] == 1 => {
                     Some((u32::from_le_bytes(bytes[1..5].try_into().unwrap()), bytes[13..].to_vec()))
@@ -204,7 +204,16 @@ fn viewers_of_all_subprotocols_see_what_the_daemon_sent_beside_one_that_never_re
             });
             let message = fields(&bytes);
             if subscription == 9 {
-                pens += u32::from(field(&FRAME_TRANSFORM, &message, "child_frame_id") == b"pen");
+                let child = field(&FRAME_TRANSFORM, &message, "child_frame_id");
+                pens += u32::from(child == b"pen");
+                links += u32::from(child == b"arm_6");
+                continue;
+            }
+            // Whoever comes later gets it too, and once.
+            if subscription == 11 {
+                let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
+                assert!(has(b"arm 6") && has(b"paper"), "{bytes:?}");
+                scenes += 1;
                 continue;
             }
             assert_eq!(subscription, 5);
@@ -212,7 +221,8 @@ fn viewers_of_all_subprotocols_see_what_the_daemon_sent_beside_one_that_never_re
             shown.push(message);
         }
         assert!(seen.is_sorted_by(|a, b| a < b), "{protocol}: each once, in order");
-        viewer.say(r#"{"op":"unsubscribe","subscriptionIds":[5,9]}"#);
+        assert_eq!(scenes, 1, "{protocol}");
+        viewer.say(r#"{"op":"unsubscribe","subscriptionIds":[5,9,11]}"#);
         let _ = viewer.0.close(None);
     }
 

@@ -2,11 +2,12 @@
 //! bit for bit, and survives a killed recorder.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use foretrace_client::Foretrace;
 use foretrace_record::info::{Info, info};
 use foretrace_record::read::{Content, Entry, Reader};
-use foretrace_shm::monotonic_now_ns;
+use foretrace_shm::{input_flags, monotonic_now_ns};
 use foretrace_tests::{World, assert_refused, json, told, until};
 use serde_json::Value;
 
@@ -113,6 +114,40 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     // Half a recording may be too short for these.
     assert_refused(&world.run_plain(&["export", &flipped, "--pen", &pen]), 5, &["flipped.mcap"]);
     assert_refused(&world.run_plain(&["replay", &flipped, "--what-if", "trust=0"]), 5, &["record"]);
+}
+
+#[test]
+fn a_recording_that_ends_while_weights_are_on_their_way_is_run_again_to_its_last_tick() {
+    // This process listens beside the recorder, which only the daemon's user may.
+    let world = World::with_rights_kept(PROGRAM);
+    let daemon = world.daemon(0);
+    let arm = world.armed_arm(0, &[]);
+    let foretrace = Foretrace::attach_within(&world.instance(0), Duration::from_secs(5)).unwrap();
+    let mut inputs = foretrace.inputs().unwrap();
+    let hand = world.start(0, &["play", "glyphs:Kxabcdefghijklmnop"]);
+    for number in 0..4 {
+        let name = format!("{number}.mcap");
+        let recorder = world.start(0, &["record", &name, "--json", &format!("{number}.json")]);
+        recorded(&world, &format!("{name}.part"), 50);
+        inputs.drain(|_| {});
+        let begin = Instant::now();
+        let mut offered = false;
+        while !offered {
+            inputs.drain(|input| offered |= input.flags & input_flags::WEIGHTS != 0);
+            inputs.things(drop);
+            assert!(begin.elapsed() < Duration::from_secs(60), "the hand writes, and nothing is learned");
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        recorder.end();
+        let again = replayed(&world, &world.file(&name).display().to_string());
+        let report = json(&world.file(&format!("{number}.json")));
+        let lost = report["inputs_lost"].as_u64().unwrap() + report["queue_lost"].as_u64().unwrap();
+        assert!(lost > 0 || again["end"] == "of_recording", "{again} {report}");
+    }
+    drop((inputs, foretrace));
+    hand.end();
+    arm.end();
+    daemon.end();
 }
 
 #[test]

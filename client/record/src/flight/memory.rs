@@ -9,8 +9,7 @@ use std::path::Path;
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord};
 
 use crate::RecordError;
-use crate::record::{put_input, put_tick, unix_minus_monotonic};
-use crate::topics::{Topic, thing_bytes};
+use crate::record::{Offered, put_input, put_thing, put_tick, unix_minus_monotonic};
 use crate::trace;
 use crate::write::Output;
 
@@ -26,12 +25,24 @@ pub(super) struct Memory {
     settings: Option<Thing>,
     states: VecDeque<Thing>,
     sets: VecDeque<Thing>,
-    pub(super) inputs: VecDeque<Box<TickInput>>,
+    inputs: VecDeque<Box<TickInput>>,
     pub(super) ticks: VecDeque<Box<TickRecord>>,
+    offered: Offered,
 }
 
 impl Memory {
+    /// Whether the newest tick cannot be run again yet: its weights are on their way.
+    pub(super) const fn lacks_weights(&self) -> bool {
+        self.offered.is_due()
+    }
+
+    pub(super) fn input(&mut self, input: Box<TickInput>) {
+        self.offered.input(&input);
+        self.inputs.push_back(input);
+    }
+
     pub(super) fn thing(&mut self, thing: Thing) {
+        self.offered.thing(&thing);
         match thing.kind {
             PieceKind::Law => self.law = Some(thing),
             PieceKind::Settings => self.settings = Some(thing),
@@ -95,7 +106,7 @@ impl Memory {
         let at = |ns: u64| ns.wrapping_add(clock);
         let begin = at(self.inputs.front().map_or(0, |input| input.header.stamp_ns));
         for thing in self.law.iter().chain(&self.settings).chain(&self.states).chain(&self.sets) {
-            output.put(Topic::Thing, begin, &thing_bytes(thing))?;
+            put_thing(output, begin, thing)?;
         }
         // In order of time, as they came.
         let mut ticks = self.ticks.iter().peekable();

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use foretrace_shm::{Mode, Rung, TickRecord, health};
 use serde::Serialize;
 
+use crate::record::WEIGHTS_PATIENCE;
 use crate::source::{Heard, News, Source};
 use crate::write::{Facts, Output, part_of};
 use crate::{RecordError, whole};
@@ -183,7 +184,7 @@ impl Flight {
             self.trigger(trigger);
         }
         if let Some((at, trigger)) = self.due
-            && Instant::now() >= at
+            && Instant::now() >= if self.memory.lacks_weights() { at + WEIGHTS_PATIENCE } else { at }
         {
             self.due = std::mem::take(&mut self.asked).then(|| (Instant::now(), Trigger::Request));
             let written = self.write(trigger)?;
@@ -212,7 +213,7 @@ impl Flight {
                 found = found.into_iter().chain(new).min();
                 memory.ticks.push_back(record);
             }
-            Heard::Input(input) => memory.inputs.push_back(input),
+            Heard::Input(input) => memory.input(input),
             Heard::Thing(thing) => memory.thing(thing),
             Heard::Status(_) => {}
         });

@@ -123,6 +123,8 @@ pub(crate) struct Hub {
     queues: Mutex<Vec<Arc<Queue>>>,
     tally: Mutex<Tally>,
     parameters: Mutex<(u64, Arc<Parameters>)>,
+    /// The newest message of a topic that whoever comes later needs too.
+    kept: Mutex<Option<Data>>,
     /// Now, since 1970 \[ns\]; at least ten times a second.
     pub(crate) now_ns: AtomicU64,
     over: AtomicBool,
@@ -161,6 +163,17 @@ impl Hub {
         if dropped > 0 {
             self.count(|tally| tally.dropped += dropped);
         }
+    }
+
+    /// The same, and for every viewer that subscribes later.
+    pub(crate) fn keep(&self, data: Data) {
+        self.publish(&data);
+        *lock(&self.kept) = Some(data);
+    }
+
+    /// The message that was kept, if it is of this channel.
+    pub(crate) fn kept(&self, channel: usize) -> Option<Data> {
+        lock(&self.kept).clone().filter(|data| data.channel == channel)
     }
 
     /// Says a text to every viewer.

@@ -17,11 +17,13 @@ use super::guard::{Admitted, Door, Refusal, Token};
 use super::hub::{Data, Hub, Parameters, Tally};
 use super::orders::Orders;
 use super::protocol::{self, CHANNELS, Level, MESSAGE_BYTES};
+use super::settings::Settings;
 use super::viewer::Viewer;
 use crate::RecordError;
 use crate::record::unix_minus_monotonic;
+use crate::scene::Scene;
 use crate::source::{Heard, News, Source, Wants};
-use crate::topics::{Topic, frames, log, tick};
+use crate::topics::{Topic, frames, log, tick, warning};
 
 /// Most viewers at a time.
 const VIEWERS: usize = 16;
@@ -70,6 +72,8 @@ pub struct Server {
     hub: Arc<Hub>,
     orders: Orders,
     source: Source,
+    settings: Settings,
+    scene: Option<Scene>,
     /// From the monotonic clock to the time since 1970 \[ns\].
     clock: u64,
 }
@@ -96,7 +100,8 @@ impl Server {
         let door = Arc::new(Door::new(at, origins, Token::random()?));
         let orders = Orders::start(instance)?;
         let (hub, clock) = (Arc::new(Hub::default()), unix_minus_monotonic());
-        Ok(Self { listener, door, at, hub, orders, source, clock })
+        let (settings, scene) = (Settings::new(instance), None);
+        Ok(Self { listener, door, at, hub, orders, source, settings, scene, clock })
     }
 
     /// Where it listens.
@@ -123,10 +128,11 @@ impl Server {
             let now = monotonic_now_ns().wrapping_add(self.clock);
             self.hub.now_ns.store(now, Ordering::Relaxed);
             let wanted = CHANNELS.map(|topic| self.hub.wants(place(topic)));
-            let (hub, clock) = (&self.hub, self.clock);
+            self.look_around(now, &mut tell);
+            let (hub, clock, scene) = (&self.hub, self.clock, &mut self.scene);
             let news = self.source.hear(|heard| match heard {
                 Heard::Tick(record) => {
-                    publish(hub, before.as_deref(), &record, clock, wanted);
+                    publish(hub, (before.as_deref(), &record), scene.as_mut(), clock, wanted);
                     before = Some(record);
                 }
                 Heard::Status(status) => shown.show(hub, &status),
@@ -138,7 +144,10 @@ impl Server {
                         let words = "the daemon is gone; waiting for another";
                         self.hub.say(&protocol::status(Level::Error, words, Some("daemon")));
                     }
-                    News::Back | News::Renewed => self.hub.say(&protocol::remove_status("daemon")),
+                    News::Back | News::Renewed => {
+                        self.hub.say(&protocol::remove_status("daemon"));
+                        self.settings.want();
+                    }
                     News::Elsewhere | News::Deaf(_) => {}
                 }
                 tell(news);
@@ -147,6 +156,32 @@ impl Server {
         }
         self.hub.finish();
         self.hub.tally()
+    }
+
+    /// Hears which settings are in force, and shows what they place around the pen; `now` is since 1970
+    /// \[ns\].
+    fn look_around(&mut self, now: u64, tell: &mut impl FnMut(News)) {
+        let text = match self.settings.look() {
+            Ok(text) => text,
+            Err(error) => return tell(News::Deaf(error)),
+        };
+        let Some(text) = text.filter(|text| !self.scene.as_ref().is_some_and(|scene| scene.is_of(text)))
+        else {
+            return;
+        };
+        match Scene::of(&text) {
+            Ok(scene) => {
+                let bytes = scene.update(now).into();
+                self.hub.keep(Data { channel: place(Topic::Scene), time_ns: now, bytes });
+                self.scene = Some(scene);
+            }
+            Err(why) => {
+                let words = format!("the arm is not shown: the settings cannot be read here: {why}");
+                self.hub.say(&protocol::status(Level::Warning, &words, Some("scene")));
+                let bytes = warning(&words, now).into();
+                self.hub.publish(&Data { channel: place(Topic::Log), time_ns: now, bytes });
+            }
+        }
     }
 
     /// Gives the connection a thread, or turns it away.
@@ -255,13 +290,13 @@ fn place(topic: Topic) -> usize {
 /// wants.
 fn publish(
     hub: &Hub,
-    before: Option<&TickRecord>,
-    record: &TickRecord,
+    (before, record): (Option<&TickRecord>, &TickRecord),
+    scene: Option<&mut Scene>,
     clock: u64,
     wanted: [bool; CHANNELS.len()],
 ) {
     let time_ns = record.header.stamp_ns.wrapping_add(clock);
-    let [ticks, transforms, lines] = wanted;
+    let [ticks, transforms, lines, _] = wanted;
     let send = |topic: Topic, bytes: Vec<u8>| {
         hub.publish(&Data { channel: place(topic), time_ns, bytes: bytes.into() });
     };
@@ -269,7 +304,8 @@ fn publish(
         send(Topic::Tick, tick(record));
     }
     if transforms {
-        frames(record, time_ns).into_iter().for_each(|frame| send(Topic::Frames, frame));
+        let around = scene.map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
+        frames(record, time_ns).into_iter().chain(around).for_each(|frame| send(Topic::Frames, frame));
     }
     if lines && let Some(before) = before {
         log(before, record, time_ns).into_iter().for_each(|line| send(Topic::Log, line));

@@ -14,7 +14,7 @@ use tungstenite::error::ProtocolError;
 use tungstenite::{Bytes, Error, Message as Packet, WebSocket};
 
 use super::guard::{Admitted, Door};
-use super::hub::{Hub, Parameters, Queue};
+use super::hub::{Data, Hub, Parameters, Queue};
 use super::orders::{Answer, Orders, What};
 use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
 
@@ -304,8 +304,19 @@ impl<'a> Viewer<'a> {
             None => self.refuse("unknown channel"),
             Some(_) if self.subscriptions.contains_key(&id) => self.refuse("subscription in use"),
             Some(_) if self.subscriptions.len() >= SUBSCRIPTIONS => self.refuse("too many subscriptions"),
-            Some(place) => drop(self.subscriptions.insert(id, place)),
+            Some(place) => {
+                self.subscriptions.insert(id, place);
+                if let Some(data) = self.hub.kept(place) {
+                    self.send(id, &data);
+                }
+            }
         }
+    }
+
+    fn send(&mut self, id: u32, data: &Data) {
+        self.hub.count(|tally| tally.sent += 1);
+        let packet = protocol::message_data(id, data.time_ns, &data.bytes);
+        self.write(Packet::Binary(packet.into()));
     }
 
     /// Tells the publisher what is subscribed to.

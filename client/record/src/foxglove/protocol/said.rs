@@ -1,49 +1,15 @@
-//! The messages of Foxglove's WebSocket protocol: what a viewer may say, and what it is told.
+//! What a viewer may say.
 //!
 //! Contract: pure and total: any text or bytes give a message or a word for the count of refusals. Lists and
 //! names have bounds. Fields that the protocol may gain later are ignored.
-//!
-//! Source: the specification in github.com/foxglove/ws-protocol; the messages of
-//! github.com/foxglove/foxglove-sdk.
 
-use data_encoding::BASE64;
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use crate::topics::Topic;
+use super::MESSAGE_BYTES;
 
-/// Largest message of a viewer \[bytes\].
-pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
 /// Most entries of a list in a message.
 const ENTRIES: usize = 64;
-
-/// Topics that viewers get, each at the channel of its place here, from 1.
-pub(crate) const CHANNELS: [Topic; 3] = [Topic::Tick, Topic::Frames, Topic::Log];
-
-/// A service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Service {
-    Stop,
-    Arm,
-}
-
-impl Service {
-    pub(crate) const ALL: [Self; 2] = [Self::Stop, Self::Arm];
-
-    pub(crate) const fn id(self) -> u32 {
-        match self {
-            Self::Stop => 1,
-            Self::Arm => 2,
-        }
-    }
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Stop => "/foretrace/stop",
-            Self::Arm => "/foretrace/arm",
-        }
-    }
-}
 
 /// What a viewer wants to be set.
 #[derive(Debug, Clone, PartialEq)]
@@ -193,127 +159,6 @@ fn number(bytes: &[u8]) -> Result<(u32, &[u8]), &'static str> {
     Ok((u32::from_le_bytes(*number), rest))
 }
 
-/// What the server is and can; the first message to a viewer.
-pub(crate) fn server_info(session: &str) -> String {
-    json!({
-        "op": "serverInfo",
-        "name": format!("foretrace {}", env!("CARGO_PKG_VERSION")),
-        "capabilities": ["time", "parameters", "parametersSubscribe", "services"],
-        "supportedEncodings": ["json"],
-        "metadata": { "frame": "paper" },
-        "sessionId": session,
-    })
-    .to_string()
-}
-
-/// The topics, with the schemas of the recording.
-pub(crate) fn advertise() -> String {
-    let channels: Vec<Value> = (1_u64..)
-        .zip(CHANNELS)
-        .map(|(id, topic)| {
-            let (name, encoding, schema) = topic.schema();
-            json!({
-                "id": id,
-                "topic": topic.name(),
-                "encoding": topic.encoding(),
-                "schemaName": name,
-                "schemaEncoding": encoding,
-                "schema": BASE64.encode(&schema),
-            })
-        })
-        .collect();
-    json!({ "op": "advertise", "channels": channels }).to_string()
-}
-
-/// The services.
-pub(crate) fn advertise_services() -> String {
-    let schema = |name: &str, properties: Value| {
-        let schema = json!({ "type": "object", "properties": properties }).to_string();
-        json!({ "encoding": "json", "schemaName": name, "schemaEncoding": "jsonschema", "schema": schema })
-    };
-    let services: Vec<Value> = Service::ALL
-        .into_iter()
-        .map(|service| {
-            let asked = match service {
-                Service::Stop => schema("foretrace.Stop", json!({})),
-                Service::Arm => schema("foretrace.Arm", json!({ "token": { "type": "string" } })),
-            };
-            json!({
-                "id": service.id(),
-                "name": service.name(),
-                "type": service.name(),
-                "request": asked,
-                "response": schema("foretrace.Answer", json!({ "words": { "type": "string" } })),
-            })
-        })
-        .collect();
-    json!({ "op": "advertiseServices", "services": services }).to_string()
-}
-
-/// How grave a status is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Level {
-    Warning = 1,
-    Error = 2,
-}
-
-pub(crate) fn status(level: Level, words: &str, id: Option<&str>) -> String {
-    let mut status = json!({ "op": "status", "level": level as u8, "message": words });
-    if let (Some(id), Some(fields)) = (id, status.as_object_mut()) {
-        fields.insert("id".to_owned(), id.into());
-    }
-    status.to_string()
-}
-
-pub(crate) fn remove_status(id: &str) -> String {
-    json!({ "op": "removeStatus", "statusIds": [id] }).to_string()
-}
-
-/// Values of parameters, for whoever asked under `id` or subscribed to them.
-pub(crate) fn parameter_values(values: &[(&str, Value)], id: Option<&str>) -> String {
-    let parameters: Vec<Value> = values
-        .iter()
-        .map(|(name, value)| match value {
-            Value::Number(_) => json!({ "name": name, "type": "float64", "value": value }),
-            _ => json!({ "name": name, "value": value }),
-        })
-        .collect();
-    let mut values = json!({ "op": "parameterValues", "parameters": parameters });
-    if let (Some(id), Some(fields)) = (id, values.as_object_mut()) {
-        fields.insert("id".to_owned(), id.into());
-    }
-    values.to_string()
-}
-
-pub(crate) fn call_failed(service: u32, call: u32, words: &str) -> String {
-    json!({ "op": "serviceCallFailure", "serviceId": service, "callId": call, "message": words }).to_string()
-}
-
-pub(crate) fn call_done(service: u32, call: u32, words: &str) -> Vec<u8> {
-    let mut bytes = vec![3];
-    for number in [service, call, 4] {
-        bytes.extend_from_slice(&number.to_le_bytes());
-    }
-    bytes.extend_from_slice(b"json");
-    bytes.extend_from_slice(json!({ "words": words }).to_string().as_bytes());
-    bytes
-}
-
-pub(crate) fn message_data(subscription: u32, time_ns: u64, data: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(13 + data.len());
-    bytes.push(1);
-    bytes.extend_from_slice(&subscription.to_le_bytes());
-    bytes.extend_from_slice(&time_ns.to_le_bytes());
-    bytes.extend_from_slice(data);
-    bytes
-}
-
-pub(crate) fn time(time_ns: u64) -> Vec<u8> {
-    let mut bytes = vec![2];
-    bytes.extend_from_slice(&time_ns.to_le_bytes());
-    bytes
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -389,33 +234,6 @@ mod tests {
         ] {
             assert_eq!(binary(&given), Err(reason), "{given:?}");
         }
-    }
-
-    #[test]
-    fn what_viewers_are_told_has_the_form_of_the_protocol() {
-        let advertised: Value = serde_json::from_str(&advertise()).unwrap();
-        for (channel, topic) in advertised["channels"].as_array().unwrap().iter().zip(CHANNELS) {
-            assert_eq!(channel["topic"], topic.name());
-            let schema = BASE64.decode(channel["schema"].as_str().unwrap().as_bytes()).unwrap();
-            assert_eq!(
-                (channel["schemaName"].as_str().unwrap(), schema),
-                (&*topic.schema().0, topic.schema().2)
-            );
-        }
-        assert_eq!(message_data(7, 258, &[9]), [1, 7, 0, 0, 0, 2, 1, 0, 0, 0, 0, 0, 0, 9]);
-        assert_eq!(time(1), [2, 1, 0, 0, 0, 0, 0, 0, 0]);
-        let done = call_done(1, 2, "x");
-        assert_eq!(
-            (&done[..9], &done[9..13], &done[13..17]),
-            (&[3, 1, 0, 0, 0, 2, 0, 0, 0][..], &[4, 0, 0, 0][..], &b"json"[..])
-        );
-        let values = parameter_values(&[("trust", json!(0.5)), ("mode", json!("idle"))], Some("a"));
-        let values: Value = serde_json::from_str(&values).unwrap();
-        assert_eq!(values["parameters"][0]["type"], "float64");
-        assert_eq!(
-            (&values["id"], &values["parameters"][1]),
-            (&json!("a"), &json!({"name":"mode","value":"idle"}))
-        );
     }
 
     #[test]

@@ -4,27 +4,28 @@
 //! there, what shared memory overwrote and what was refused is counted, once a second in the file too. A file
 //! that has grown beyond its bound is ended and followed by the next, with a start of its own.
 
+mod files;
+mod offered;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use foretrace_client::monotonic_now_ns;
-use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord, Wire};
+use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord};
 
 use crate::RecordError;
-use crate::proto::{Value, encode};
-use crate::repair::numbered;
-use crate::source::{Heard, News, Source};
-use crate::topics::{RECORDER, Topic, frames, log, thing_bytes, tick};
-use crate::write::{Facts, Output, part_of};
+use crate::source::{Heard, Lost, News, Source};
+use crate::write::{Facts, Output};
+use files::FileWriter;
+pub(crate) use files::{put_input, put_thing, put_tick};
+pub(crate) use offered::{Offered, PATIENCE as WEIGHTS_PATIENCE};
 
 /// Messages that may wait for the disk: four seconds at 500 Hz.
 const QUEUE: usize = 4096;
-/// Work that a killed recorder loses at most, beside what waits in the queue.
-const FLUSH: Duration = Duration::from_millis(250);
 /// Between two messages about the recorder itself.
 const TELL: Duration = Duration::from_secs(1);
 /// A start that has not come whole after this time is asked for again.
@@ -100,6 +101,7 @@ pub struct Recorder {
     counts: Counts,
     told: Instant,
     start: Start,
+    offered: Offered,
 }
 
 /// The settings, weights and state that a file begins with.
@@ -137,16 +139,7 @@ impl Recorder {
         let output = Output::create(&options.target, &options.facts)?;
         let (jobs, due) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
-        let writer = FileWriter {
-            output,
-            options,
-            shared: shared.clone(),
-            finished: Vec::new(),
-            number: 1,
-            last: Counts::default(),
-            flushed: Instant::now(),
-            clock: unix_minus_monotonic(),
-        };
+        let writer = FileWriter::new(output, options, shared.clone());
         let thread = std::thread::Builder::new()
             .name("foretrace-write".to_owned())
             .spawn(move || writer.run(&due))
@@ -159,6 +152,7 @@ impl Recorder {
             counts: Counts::default(),
             told: Instant::now(),
             start: Start::due(),
+            offered: Offered::default(),
         })
     }
 
@@ -199,17 +193,18 @@ impl Recorder {
     /// Takes what has come.
     fn take(&mut self) -> Option<News> {
         let Some(jobs) = &self.jobs else { return None };
-        let (counts, start) = (&mut self.counts, &mut self.start);
+        let Self { source, counts, start, offered, .. } = self;
         let (mut lost, mut told) = (0, 0);
-        let mut send = |job: Job, count: &mut u64| match jobs.try_send(job) {
-            Ok(()) => *count += 1,
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => lost += 1,
-        };
-        let news = self.source.hear(|heard| match heard {
+        let mut send = |job: Job, count: &mut u64| pass(jobs, job, count, &mut lost);
+        let news = source.hear(|heard| match heard {
             Heard::Tick(record) => send(Job::Tick(record), &mut counts.ticks),
-            Heard::Input(input) => send(Job::Input(input), &mut counts.inputs),
+            Heard::Input(input) => {
+                offered.input(&input);
+                send(Job::Input(input), &mut counts.inputs);
+            }
             Heard::Status(status) => send(Job::Status(status), &mut told),
             Heard::Thing(thing) => {
+                offered.thing(&thing);
                 if thing.kind == PieceKind::State {
                     counts.states += 1;
                     start.came = true;
@@ -217,8 +212,28 @@ impl Recorder {
                 send(Job::Thing(thing), &mut counts.things);
             }
         });
-        self.counts.queue_lost += lost;
+        counts.queue_lost += lost;
         news
+    }
+
+    /// Takes the weights that the last ticks were offered, and settings; waits for them, but not for long.
+    fn take_weights(&mut self) {
+        let begin = Instant::now();
+        while self.offered.is_due() && begin.elapsed() < WEIGHTS_PATIENCE && !self.has_failed() {
+            std::thread::sleep(Duration::from_millis(2));
+            let Some(jobs) = &self.jobs else { return };
+            let Self { source, counts, offered, .. } = self;
+            let mut lost = 0;
+            source.hear(|heard| match heard {
+                // A state of now has no ticks behind it.
+                Heard::Thing(thing) if thing.kind != PieceKind::State => {
+                    offered.thing(&thing);
+                    pass(jobs, Job::Thing(thing), &mut counts.things, &mut lost);
+                }
+                _ => {}
+            });
+            counts.queue_lost += lost;
+        }
     }
 
     /// Counts so far.
@@ -246,14 +261,19 @@ impl Recorder {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Ends the recording; returns its files and what is in them.
+    /// Ends the recording with the tick that has come last; returns its files and what is in them. Takes up
+    /// to a fifth of a second more where the weights of that tick are still on their way: a thread that
+    /// others wait for must not call this.
     ///
     /// # Errors
     ///
     /// The disk refused; what was written until then is in the part.
     pub fn finish(mut self) -> Result<(Vec<PathBuf>, Counts), RecordError> {
-        self.hear();
-        let counts = self.counts();
+        self.take();
+        // From here on ticks pass by that are not to be in the file.
+        let Lost { inputs, ticks, refused, .. } = self.source.lost();
+        self.take_weights();
+        let counts = Counts { inputs_lost: inputs, ticks_lost: ticks, refused, ..self.counts() };
         if let Some(jobs) = self.jobs.take() {
             let _ = jobs.send(Job::Counts(counts));
         }
@@ -265,128 +285,12 @@ impl Recorder {
     }
 }
 
-/// The writing thread.
-struct FileWriter {
-    output: Output,
-    options: Options,
-    shared: Arc<Shared>,
-    finished: Vec<PathBuf>,
-    number: usize,
-    last: Counts,
-    flushed: Instant,
-    /// From the monotonic clock to the time since 1970 \[ns\].
-    clock: u64,
-}
-
-impl FileWriter {
-    fn run(mut self, due: &Receiver<Job>) -> Result<Vec<PathBuf>, RecordError> {
-        loop {
-            match due.recv_timeout(Duration::from_millis(50)) {
-                Ok(job) => self.write(job)?,
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-            if self.flushed.elapsed() >= FLUSH {
-                self.flushed = Instant::now();
-                self.output.flush()?;
-                self.turn_over()?;
-            }
-        }
-        let Self { output, mut finished, last, .. } = self;
-        finished.push(output.finish(&told(&last))?);
-        Ok(finished)
+/// Passes `job` on; it counts as `sent`, or as `lost` where there is no room.
+fn pass(jobs: &SyncSender<Job>, job: Job, sent: &mut u64, lost: &mut u64) {
+    match jobs.try_send(job) {
+        Ok(()) => *sent += 1,
+        Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => *lost += 1,
     }
-
-    fn write(&mut self, job: Job) -> Result<(), RecordError> {
-        let output = &mut self.output;
-        let at = |stamp_ns: u64| stamp_ns.wrapping_add(self.clock);
-        let mut bytes = Vec::new();
-        match job {
-            Job::Input(input) => put_input(output, at(input.header.stamp_ns), &input)?,
-            Job::Tick(record) => put_tick(output, at(record.header.stamp_ns), &record)?,
-            Job::Status(status) => {
-                status.put(&mut bytes);
-                output.put(Topic::StatusRaw, at(status.header.stamp_ns), &bytes)?;
-            }
-            Job::Thing(thing) => output.put(Topic::Thing, at(monotonic_now_ns()), &thing_bytes(&thing))?,
-            Job::Counts(counts) => {
-                self.last = counts;
-                let values = [
-                    Value::U64(output.written()),
-                    Value::U64(counts.queue_lost),
-                    Value::U64(counts.inputs_lost),
-                    Value::U64(counts.ticks_lost),
-                    Value::U64(counts.things_broken),
-                    Value::U64(counts.refused),
-                ];
-                let counts = encode(&RECORDER, &values).unwrap_or_default();
-                output.put(Topic::Recorder, at(monotonic_now_ns()), &counts)?;
-            }
-        }
-        self.shared.written.fetch_add(1, Ordering::Relaxed);
-        Ok(())
-    }
-
-    /// Ends a file that is large enough, and begins the next.
-    fn turn_over(&mut self) -> Result<(), RecordError> {
-        if self.options.max_bytes.is_none_or(|most| self.output.bytes() < most) {
-            return Ok(());
-        }
-        // An earlier recording may have some of the numbers.
-        let next = loop {
-            self.number += 1;
-            let next = numbered(&self.options.target, &self.number.to_string());
-            if !next.exists() && !part_of(&next).exists() {
-                break Output::create(&next, &self.options.facts)?;
-            }
-        };
-        let full = std::mem::replace(&mut self.output, next);
-        self.finished.push(full.finish(&told(&self.last))?);
-        self.shared.renew.store(true, Ordering::Release);
-        if let Some(kept) = self.options.max_files {
-            while self.finished.len() + 1 > kept.max(1) {
-                let oldest = self.finished.remove(0);
-                std::fs::remove_file(&oldest)
-                    .map_err(|source| RecordError::Write { path: oldest.clone(), source })?;
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Writes one input at `time_ns` since 1970.
-pub(crate) fn put_input(output: &mut Output, time_ns: u64, input: &TickInput) -> Result<(), RecordError> {
-    let mut bytes = Vec::new();
-    input.put(&mut bytes);
-    output.put(Topic::Input, time_ns, &bytes)
-}
-
-/// Writes one tick record in all its encodings at `time_ns` since 1970.
-pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -> Result<(), RecordError> {
-    let mut bytes = Vec::new();
-    record.put(&mut bytes);
-    output.put(Topic::TickRaw, time_ns, &bytes)?;
-    output.put(Topic::Tick, time_ns, &tick(record))?;
-    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
-    let before = output.follow(record);
-    let lines = before.map_or_else(Vec::new, |before| log(&before, record, time_ns));
-    lines.iter().try_for_each(|line| output.put(Topic::Log, time_ns, line))
-}
-
-/// Counts as facts at the end of a file.
-fn told(counts: &Counts) -> Facts {
-    let all = [
-        ("inputs", counts.inputs),
-        ("ticks", counts.ticks),
-        ("things", counts.things),
-        ("states", counts.states),
-        ("queue_lost", counts.queue_lost),
-        ("inputs_lost", counts.inputs_lost),
-        ("ticks_lost", counts.ticks_lost),
-        ("things_broken", counts.things_broken),
-        ("refused", counts.refused),
-    ];
-    all.iter().map(|(key, count)| ((*key).to_owned(), count.to_string())).collect()
 }
 
 /// What to add to a stamp of the monotonic clock for the time since 1970 \[ns\].
@@ -398,3 +302,105 @@ pub fn unix_minus_monotonic() -> u64 {
 
 /// A piece at a time is enough: the largest thing has some hundred.
 const _: () = assert!(size_of::<Piece>() < 8192);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::net::{UnixListener, UnixStream};
+    use std::sync::mpsc::{Sender, channel};
+
+    use foretrace_client::Instance;
+    use foretrace_shm::{Header, host_boot_id, input_flags};
+
+    use crate::read::{Content, Entry, Reader};
+    use crate::source::Wants;
+    use crate::source::frame::{frame_of, framed, hello, kind};
+    use crate::source::remote::relay_socket;
+
+    /// A recorder of a daemon that has sent ticks 1 to 6, of which the last one was offered weights 9; `more`
+    /// is sent when the recording ends. Returns ticks and weights in the file, and the counts.
+    fn ended(more: impl FnOnce(&mut UnixStream) + Send + 'static) -> (Vec<u64>, Vec<u64>, Counts) {
+        let folder = tempfile::TempDir::new_in("/tmp").unwrap();
+        std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o700)).unwrap();
+        let instance = Instance::at(3, folder.path()).unwrap();
+        let mut lock = instance.lock().unwrap();
+        lock.announce().unwrap();
+        let listener = UnixListener::bind(relay_socket(&instance)).unwrap();
+        let (ends, ending): (Sender<()>, _) = channel();
+        let relay = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.write_all(&framed(kind::HELLO, &hello())).unwrap();
+            (1..=6).for_each(|tick| send(&mut stream, Heard::Input(input(tick))));
+            ending.recv().unwrap();
+            more(&mut stream);
+            // The other end goes first.
+            let _ = ending.recv();
+        });
+        let target = folder.path().join("run.mcap");
+        let options =
+            Options { target: target.clone(), max_bytes: None, max_files: None, facts: Facts::default() };
+        let source = Source::open(&instance, Wants::ALL).unwrap();
+        let mut recorder = Recorder::start(source, options).unwrap();
+        while recorder.counts().inputs < 6 {
+            recorder.hear();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        ends.send(()).unwrap();
+        let (files, counts) = recorder.finish().unwrap();
+        assert_eq!(files, std::slice::from_ref(&target));
+        drop(ends);
+        relay.join().unwrap();
+        let (mut ticks, mut sets) = (Vec::new(), Vec::new());
+        let mut reader = Reader::open(&target).unwrap();
+        while let Some(entry) = reader.next_entry().unwrap() {
+            let Entry::Message(message) = entry else { continue };
+            match reader.content(&message).unwrap() {
+                Content::Input(input) => ticks.push(input.tick),
+                Content::Thing(thing) => sets.push(thing.number),
+                _ => {}
+            }
+        }
+        (ticks, sets, counts)
+    }
+
+    fn send(stream: &mut UnixStream, heard: Heard) {
+        stream.write_all(&frame_of(&heard).1).unwrap();
+    }
+
+    fn input(tick: u64) -> Box<TickInput> {
+        let header = Header { sequence: tick, stamp_ns: monotonic_now_ns(), boot_id: host_boot_id() };
+        let flags = if tick == 6 { input_flags::WEIGHTS } else { 0 };
+        Box::new(TickInput {
+            header,
+            tick,
+            parts: 1,
+            daemon_id: 1,
+            flags,
+            weights_version: 9 * u64::from(tick == 6),
+            ..TickInput::default()
+        })
+    }
+
+    #[test]
+    fn a_recording_ends_with_its_last_tick_and_the_weights_that_it_was_offered() {
+        let thing = |kind, number| Heard::Thing(Thing { kind, number, daemon_id: 1, bytes: vec![7] });
+        let (ticks, sets, counts) = ended(move |stream| {
+            std::thread::sleep(Duration::from_millis(80));
+            send(stream, Heard::Input(input(7)));
+            // Tick 8 is lost, which is no loss of this recording.
+            send(stream, Heard::Input(input(9)));
+            send(stream, thing(PieceKind::State, 9));
+            send(stream, thing(PieceKind::Weights, 9));
+        });
+        assert_eq!((ticks, sets), ((1..=6).collect(), vec![9]));
+        assert_eq!((counts.inputs, counts.things, counts.lost()), (6, 1, 0), "{counts:?}");
+    }
+
+    #[test]
+    fn a_recording_ends_also_if_the_weights_of_its_last_tick_never_come() {
+        let (ticks, sets, counts) = ended(|_| {});
+        assert_eq!((ticks.len(), sets.len(), counts.lost()), (6, 0, 0), "{counts:?}");
+    }
+}

@@ -1,0 +1,44 @@
+//! The messages of Foxglove's WebSocket protocol: what a viewer may say (`said`), what it is told (`told`).
+//!
+//! Source: the specification in github.com/foxglove/ws-protocol; the messages of
+//! github.com/foxglove/foxglove-sdk.
+
+mod said;
+mod told;
+
+use crate::topics::Topic;
+pub(crate) use said::{Said, Setting, binary, text};
+pub(crate) use told::{
+    Level, advertise, advertise_services, call_done, call_failed, message_data, parameter_values,
+    remove_status, server_info, status, time,
+};
+
+/// Largest message of a viewer \[bytes\].
+pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
+/// Topics that viewers get, each at the channel of its place here, from 1.
+pub(crate) const CHANNELS: [Topic; 4] = [Topic::Tick, Topic::Frames, Topic::Log, Topic::Scene];
+
+/// A service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Service {
+    Stop,
+    Arm,
+}
+
+impl Service {
+    pub(crate) const ALL: [Self; 2] = [Self::Stop, Self::Arm];
+
+    pub(crate) const fn id(self) -> u32 {
+        match self {
+            Self::Stop => 1,
+            Self::Arm => 2,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Stop => "/foretrace/stop",
+            Self::Arm => "/foretrace/arm",
+        }
+    }
+}

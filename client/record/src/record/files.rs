@@ -1,0 +1,196 @@
+//! The thread that writes: messages in, files out.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+use foretrace_client::monotonic_now_ns;
+use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire};
+
+use super::{Counts, Job, Offered, Options, Shared, WEIGHTS_PATIENCE, unix_minus_monotonic};
+use crate::RecordError;
+use crate::proto::{Value, encode};
+use crate::repair::numbered;
+use crate::scene::Scene;
+use crate::topics::{RECORDER, Topic, frames, log, thing_bytes, tick, warning};
+use crate::write::{Facts, Output, part_of};
+
+/// Work that a killed recorder loses at most, beside what waits in the queue.
+const FLUSH: Duration = Duration::from_millis(250);
+
+/// The writing thread.
+pub(super) struct FileWriter {
+    output: Output,
+    options: Options,
+    shared: Arc<Shared>,
+    finished: Vec<PathBuf>,
+    number: usize,
+    last: Counts,
+    flushed: Instant,
+    /// Weights that the ticks of the file need.
+    offered: Offered,
+    /// Since when the file is large enough.
+    full_since: Option<Instant>,
+    /// From the monotonic clock to the time since 1970 \[ns\].
+    clock: u64,
+}
+
+impl FileWriter {
+    pub(super) fn new(output: Output, options: Options, shared: Arc<Shared>) -> Self {
+        Self {
+            output,
+            options,
+            shared,
+            finished: Vec::new(),
+            number: 1,
+            last: Counts::default(),
+            flushed: Instant::now(),
+            offered: Offered::default(),
+            full_since: None,
+            clock: unix_minus_monotonic(),
+        }
+    }
+
+    pub(super) fn run(mut self, due: &Receiver<Job>) -> Result<Vec<PathBuf>, RecordError> {
+        loop {
+            match due.recv_timeout(Duration::from_millis(50)) {
+                Ok(job) => self.write(job)?,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if self.flushed.elapsed() >= FLUSH {
+                self.flushed = Instant::now();
+                self.output.flush()?;
+                if self.options.max_bytes.is_some_and(|most| self.output.bytes() >= most) {
+                    self.full_since.get_or_insert_with(Instant::now);
+                }
+            }
+            // Not between a tick and its weights, which would be in the next file.
+            let ends = |since: Instant| !self.offered.is_due() || since.elapsed() >= WEIGHTS_PATIENCE;
+            if self.full_since.is_some_and(ends) {
+                self.full_since = None;
+                self.turn_over()?;
+            }
+        }
+        let Self { output, mut finished, last, .. } = self;
+        finished.push(output.finish(&told(&last))?);
+        Ok(finished)
+    }
+
+    fn write(&mut self, job: Job) -> Result<(), RecordError> {
+        match &job {
+            Job::Input(input) => self.offered.input(input),
+            Job::Thing(thing) => self.offered.thing(thing),
+            Job::Tick(_) | Job::Status(_) | Job::Counts(_) => {}
+        }
+        let output = &mut self.output;
+        let at = |stamp_ns: u64| stamp_ns.wrapping_add(self.clock);
+        let mut bytes = Vec::new();
+        match job {
+            Job::Input(input) => put_input(output, at(input.header.stamp_ns), &input)?,
+            Job::Tick(record) => put_tick(output, at(record.header.stamp_ns), &record)?,
+            Job::Status(status) => {
+                status.put(&mut bytes);
+                output.put(Topic::StatusRaw, at(status.header.stamp_ns), &bytes)?;
+            }
+            Job::Thing(thing) => put_thing(output, at(monotonic_now_ns()), &thing)?,
+            Job::Counts(counts) => {
+                self.last = counts;
+                let values = [
+                    Value::U64(output.written()),
+                    Value::U64(counts.queue_lost),
+                    Value::U64(counts.inputs_lost),
+                    Value::U64(counts.ticks_lost),
+                    Value::U64(counts.things_broken),
+                    Value::U64(counts.refused),
+                ];
+                let counts = encode(&RECORDER, &values).unwrap_or_default();
+                output.put(Topic::Recorder, at(monotonic_now_ns()), &counts)?;
+            }
+        }
+        self.shared.written.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Ends the file and begins the next.
+    fn turn_over(&mut self) -> Result<(), RecordError> {
+        // An earlier recording may have some of the numbers.
+        let next = loop {
+            self.number += 1;
+            let next = numbered(&self.options.target, &self.number.to_string());
+            if !next.exists() && !part_of(&next).exists() {
+                break Output::create(&next, &self.options.facts)?;
+            }
+        };
+        let full = std::mem::replace(&mut self.output, next);
+        self.finished.push(full.finish(&told(&self.last))?);
+        self.shared.renew.store(true, Ordering::Release);
+        if let Some(kept) = self.options.max_files {
+            while self.finished.len() + 1 > kept.max(1) {
+                let oldest = self.finished.remove(0);
+                std::fs::remove_file(&oldest)
+                    .map_err(|source| RecordError::Write { path: oldest.clone(), source })?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes one input at `time_ns` since 1970.
+pub(crate) fn put_input(output: &mut Output, time_ns: u64, input: &TickInput) -> Result<(), RecordError> {
+    let mut bytes = Vec::new();
+    input.put(&mut bytes);
+    output.put(Topic::Input, time_ns, &bytes)
+}
+
+/// Writes a thing at `time_ns` since 1970; settings as a scene too.
+pub(crate) fn put_thing(output: &mut Output, time_ns: u64, thing: &Thing) -> Result<(), RecordError> {
+    output.put(Topic::Thing, time_ns, &thing_bytes(thing))?;
+    let shown = output.scene.as_ref().is_some_and(|scene| scene.is_of(&thing.bytes));
+    if thing.kind != PieceKind::Settings || shown {
+        return Ok(());
+    }
+    match Scene::of(&thing.bytes) {
+        Ok(scene) => {
+            let update = scene.update(time_ns);
+            output.scene = Some(scene);
+            output.put(Topic::Scene, time_ns, &update)
+        }
+        Err(why) => {
+            let words = format!("the arm is not shown: the settings cannot be read here: {why}");
+            output.put(Topic::Log, time_ns, &warning(&words, time_ns))
+        }
+    }
+}
+
+/// Writes one tick record in all its encodings at `time_ns` since 1970.
+pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -> Result<(), RecordError> {
+    let mut bytes = Vec::new();
+    record.put(&mut bytes);
+    output.put(Topic::TickRaw, time_ns, &bytes)?;
+    output.put(Topic::Tick, time_ns, &tick(record))?;
+    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    let around = output.scene.as_mut().map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
+    around.iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    let before = output.follow(record);
+    let lines = before.map_or_else(Vec::new, |before| log(&before, record, time_ns));
+    lines.iter().try_for_each(|line| output.put(Topic::Log, time_ns, line))
+}
+
+/// Counts as facts at the end of a file.
+fn told(counts: &Counts) -> Facts {
+    let all = [
+        ("inputs", counts.inputs),
+        ("ticks", counts.ticks),
+        ("things", counts.things),
+        ("states", counts.states),
+        ("queue_lost", counts.queue_lost),
+        ("inputs_lost", counts.inputs_lost),
+        ("ticks_lost", counts.ticks_lost),
+        ("things_broken", counts.things_broken),
+        ("refused", counts.refused),
+    ];
+    all.iter().map(|(key, count)| ((*key).to_owned(), count.to_string())).collect()
+}

@@ -1,0 +1,146 @@
+//! The topics of a recording: what is written under which name, and in which encoding.
+//!
+//! Contract: raw topics hold the messages of shared memory byte for byte, and the layout table that says what
+//! the bytes are; the others hold protobuf for readers of others. Times are those of the host's clock since
+//! 1970; stamps inside messages stay on the monotonic clock.
+
+mod foxglove;
+mod people;
+mod raw;
+pub(crate) mod scene;
+
+use foretrace_shm::layout::{Field, fnv1a};
+use foretrace_shm::{Status, TickInput, TickRecord, Wire};
+
+use crate::proto::{ProtoFile, Shape, descriptor_set};
+pub use foxglove::{FRAME_TRANSFORM, LOG};
+pub(crate) use foxglove::{Turn, frame_transform};
+pub(crate) use people::warning;
+pub use people::{RECORDER, TICK, frames, log, tick};
+pub(crate) use raw::layout_of;
+use raw::{THING_LAYOUT, layout_table, pen_rows};
+pub use raw::{thing_bytes, thing_of};
+pub use scene::SCENE_UPDATE;
+
+/// Encoding of raw topics.
+pub const WIRE: &str = "foretrace.wire";
+
+/// A topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Topic {
+    /// Inputs of ticks, raw.
+    Input,
+    /// Tick records, raw.
+    TickRaw,
+    /// The status, raw.
+    StatusRaw,
+    /// Settings, weights and states, raw.
+    Thing,
+    /// Tick records in numbers and words.
+    Tick,
+    /// Where pen, tool and ghost are.
+    Frames,
+    /// The recorder's own counts.
+    Recorder,
+    /// What changed from tick to tick, in words.
+    Log,
+    /// The arm's shapes, what it keeps away from, and the paper.
+    Scene,
+}
+
+impl Topic {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Input,
+        Self::TickRaw,
+        Self::StatusRaw,
+        Self::Thing,
+        Self::Tick,
+        Self::Frames,
+        Self::Recorder,
+        Self::Log,
+        Self::Scene,
+    ];
+
+    /// Its name in the file.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Input => "/raw/input",
+            Self::TickRaw => "/raw/tick",
+            Self::StatusRaw => "/raw/status",
+            Self::Thing => "/raw/thing",
+            Self::Tick => "/tick",
+            Self::Frames => "/tf",
+            Self::Recorder => "/recorder",
+            Self::Log => "/log",
+            Self::Scene => "/scene",
+        }
+    }
+
+    /// The topic of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|topic| topic.name() == name)
+    }
+
+    /// Name, encoding and text of its schema.
+    #[must_use]
+    pub fn schema(self) -> (String, &'static str, Vec<u8>) {
+        let raw = |name: &str, hash: u64, fields: &[Field], size: usize| {
+            (name.to_owned(), WIRE, layout_table(hash, fields, size).into_bytes())
+        };
+        let proto =
+            |shape: &Shape, files: &[ProtoFile]| (shape.name.to_owned(), "protobuf", descriptor_set(files));
+        match self {
+            Self::Input => {
+                let (name, encoding, mut table) =
+                    raw("TickInput", TickInput::LAYOUT_HASH, TickInput::FIELDS, size_of::<TickInput>());
+                table.extend(pen_rows().into_bytes());
+                (name, encoding, table)
+            }
+            Self::TickRaw => {
+                raw("TickRecord", TickRecord::LAYOUT_HASH, TickRecord::FIELDS, size_of::<TickRecord>())
+            }
+            Self::StatusRaw => raw("Status", Status::LAYOUT_HASH, Status::FIELDS, size_of::<Status>()),
+            Self::Thing => raw("Thing", THING_LAYOUT, &[], 0),
+            Self::Tick => proto(&TICK, &[people::OURS]),
+            Self::Frames => proto(&FRAME_TRANSFORM, foxglove::FRAME_FILES),
+            Self::Recorder => proto(&RECORDER, &[people::OURS]),
+            Self::Log => proto(&LOG, foxglove::LOG_FILES),
+            Self::Scene => proto(&SCENE_UPDATE, scene::SCENE_FILES),
+        }
+    }
+
+    /// Its encoding of messages.
+    #[must_use]
+    pub const fn encoding(self) -> &'static str {
+        match self {
+            Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing => WIRE,
+            Self::Tick | Self::Frames | Self::Recorder | Self::Log | Self::Scene => "protobuf",
+        }
+    }
+}
+
+/// Stands for the layouts of all raw topics of this version.
+#[must_use]
+pub fn layouts() -> u64 {
+    let mut heads = Vec::new();
+    for topic in Topic::ALL.into_iter().filter(|topic| topic.encoding() == WIRE) {
+        heads.extend_from_slice(layout_of(&topic.schema().2));
+    }
+    fnv1a(&heads)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_message_has_exactly_the_fields_of_its_shape() {
+        assert!(!tick(&TickRecord::default()).is_empty());
+        for frame in frames(&TickRecord::default(), 1_700_000_000_123_456_789) {
+            assert!(!frame.is_empty());
+        }
+    }
+}
