@@ -1,6 +1,7 @@
 //! Open loop: how well the pen is predicted at the moment of a sample, without plan and arm.
 //!
 //! `cargo run --release -p foretrace-lab --example open_loop -- FOLDER [LIMIT [EVERY [SPLIT [SETTINGS]]]]`
+//! (SETTINGS: KEY=VALUE ..., or two of them with `--` between)
 //!
 //! FOLDER: a set such as `DATA/unipen-tos`, its median glyph 0.1 m high. The first LIMIT sequences (default
 //! 25) of every EVERY-th hand (default 6) of SPLIT (default train), each hand cold at first. Mean squared
@@ -9,9 +10,9 @@
 //! saturated. Points of a preview are joined by straight lines. Samples that the loop refuses, as the first
 //! of a jump, are not scored; the Kalman filter observes them.
 //!
-//! With SETTINGS (KEY=VALUE ...), every hand is foreseen with the preset and with these settings over it; the
-//! ratios of the squared errors stand below, each with the middle 95 % of bootstraps over writers, over all
-//! samples and over those with no jump before the lead.
+//! SETTINGS (KEY=VALUE ...) stand over the preset. With two of them, every hand is foreseen with both; the
+//! ratios of the squared errors, second over first, stand below, each with the middle 95 % of bootstraps over
+//! writers, over all samples and over those with no jump before the lead.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -81,19 +82,14 @@ fn run() -> Fallible<()> {
     let height = median_glyph_height(set.characters()).ok_or("no glyph")?;
     let (hands, _) = hands(&set, height, BenchArm::Ideal, &config, Lift::Leap)?;
     let hands: Vec<Hand> = hands.into_iter().step_by(every).collect();
-    let overrides = arguments.get(4..).unwrap_or_default();
-    let before = scored(&hands, limit, &config)?;
-    let other = if overrides.is_empty() {
-        None
-    } else {
-        let mut draft = Draft::preset("ur5");
-        for pair in overrides {
-            let (key, value) = pair.split_once('=').ok_or_else(|| format!("{pair:?} is not KEY=VALUE"))?;
-            draft = draft.set(key, value);
-        }
-        Some(scored(&hands, limit, &draft.finish()?)?)
+    let words = arguments.get(4..).unwrap_or_default();
+    let (first, second) = match words.iter().position(|word| word == "--") {
+        Some(at) => (&words[..at], Some(&words[at + 1..])),
+        None => (words, None),
     };
-    for (name, scored) in [("preset", Some(&before)), ("with the settings given", other.as_ref())] {
+    let before = scored(&hands, limit, &over_preset(first)?)?;
+    let other = second.map(|words| scored(&hands, limit, &over_preset(words)?)).transpose()?;
+    for (name, scored) in [("first settings", Some(&before)), ("second settings", other.as_ref())] {
         let Some(scored) = scored else { continue };
         println!(
             "{name}\nafter      still      preview    Kalman     corrected [m²]; the same with no jump before"
@@ -113,9 +109,19 @@ fn run() -> Fallible<()> {
     Ok(())
 }
 
+/// The preset with `words` (KEY=VALUE) over it.
+fn over_preset(words: &[String]) -> Fallible<Config> {
+    let mut draft = Draft::preset("ur5");
+    for pair in words {
+        let (key, value) = pair.split_once('=').ok_or_else(|| format!("{pair:?} is not KEY=VALUE"))?;
+        draft = draft.set(key, value);
+    }
+    Ok(draft.finish()?)
+}
+
 /// Prints the ratios of squared errors, preview and corrected, with their bootstraps over writers.
 fn ratios(before: &[Scored], after: &[Scored]) {
-    println!("with the settings / preset, 95 % over writers");
+    println!("second / first, 95 % over writers");
     println!(
         "after      preview                corrected              preview, no jump       corrected, no jump"
     );

@@ -10,7 +10,8 @@ use foretrace_control::predict::models::foresight::features::{HISTORY, block_of,
 use foretrace_control::predict::models::foresight::{
     Dense, FEATURES, Foresight, ForesightError, ForesightSpec, ForesightWeights, History, Look, NAMES, SHAPES,
 };
-use foretrace_control::predict::models::mixture::{EXPERTS, NODES, Present, Trained};
+use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
+use foretrace_control::predict::models::mixture::{EXPERTS, LEADS, NODES, Present, Trained};
 use foretrace_control::predict::{
     MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings, Models, Networks, OnlineModel, Seen,
 };
@@ -192,11 +193,46 @@ fn the_mixture_believes_foresight_where_it_is_right_and_loses_little_where_it_is
     let with = |weights| Trained { foresight: Some(weights), ..Trained::default() };
     let (without, _) = error_with(Trained::default());
     let (right, parameters) = error_with(with(straight_on(1.2, 0.0)));
-    let believed: f32 = parameters.shares()[5][EXPERTS - 2..].iter().sum();
+    let believed: f32 = parameters.shares()[5][EXPERTS - 3..].iter().sum();
     assert!(believed > 0.5, "{believed}");
     assert!(right < 0.8 * without, "{right} with, {without} without");
     let (wrong, _) = error_with(with(straight_on(-3.0, -3.0)));
     assert!(wrong < 1.1 * without, "{wrong} with a wrong network, {without} without");
+}
+
+#[test]
+fn the_last_expert_is_the_mean_of_both_corrected_networks_and_needs_both() {
+    let spec = LstmSpec {
+        hidden: 10,
+        leads: LEADS,
+        residual: true,
+        input_clip: Some(4.0),
+        input_scale: 10.0,
+        step_ns: STEP_NS,
+    };
+    let mut rng = Pcg64::seed_from_u64(9);
+    let mut tensors = LstmTensors::zero(10, LEADS);
+    tensors.all_mut().into_iter().flatten().for_each(|number| *number = rng.random_range(-0.2..0.2));
+    let lstm = Some(Arc::new(LstmWeights::new(spec, tensors).unwrap()));
+    let foresight = Some(straight_on(1.2, 0.3));
+    for (lstm, foresight) in [(lstm.clone(), foresight.clone()), (lstm, None), (None, foresight)] {
+        let both = lstm.is_some() && foresight.is_some();
+        let trained = Trained { lstm, foresight };
+        let parameters = MixtureParameters::untrained(STEP_NS, &trained);
+        let mut learner = MixtureLearner::new(MixtureSettings::default(), trained, parameters).unwrap();
+        for k in 0..300 {
+            let t = f64::from(k) * 0.1;
+            learner.learn([10.0 * t.cos(), 8.0 * (1.3 * t).sin()]);
+            let [.., lstm, _, foresight, mean] = learner.experts();
+            for ((mean, a), b) in
+                mean.as_flattened().iter().zip(lstm.as_flattened()).zip(foresight.as_flattened())
+            {
+                assert!(!both || (mean - 0.5 * (a + b)).abs() < 1e-9, "{mean} of {a} and {b}");
+            }
+        }
+        let believed = learner.parameters().shares().iter().map(|shares| shares[EXPERTS - 1]);
+        assert!(believed.into_iter().all(|share| (share > 0.0) == both), "both there: {both}");
+    }
 }
 
 #[test]
@@ -207,7 +243,7 @@ fn parameters_of_another_set_of_experts_are_refused() {
     let error = learner.continue_from(&MixtureParameters::untrained(STEP_NS, with)).unwrap_err();
     assert!(error.to_string().contains("foresight"), "{error}");
     // Without a network its experts have no weight.
-    assert!(bare.shares().iter().all(|shares| shares[EXPERTS - 2..] == [0.0; 2]));
+    assert!(bare.shares().iter().all(|shares| shares[EXPERTS - 3..] == [0.0; 3]));
 }
 
 #[test]

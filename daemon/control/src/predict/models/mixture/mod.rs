@@ -1,4 +1,4 @@
-//! `mixture`: up to seven experts, and a mixture of them that learns online, separately for every lead.
+//! `mixture`: up to eight experts, and a mixture of them that learns online, separately for every lead.
 //!
 //! The experts' features of the pen are made once per step by the [`Trunk`]: the last 8 displacements, a
 //! fixed random reservoir (that of DyBM+ESN), and the cells of an LSTM trained offline on other writers with
@@ -14,10 +14,11 @@
 //! | corrected LSTM | LSTM + read-out of FIFO, reservoir and cells | read-out, by RLS |
 //! | foresight | the way to every node ([`crate::predict::models::foresight`]) | nothing |
 //! | corrected foresight | foresight + read-out of its last layer | read-out, by RLS |
+//! | both corrected | the mean of the two corrected networks, whose errors differ | nothing |
 //!
 //! The mixture weighs them per lead by exponential weights with fixed share (Herbster & Warmuth 1998) on
-//! realised position errors. Without an LSTM (`mixture-cold`) its two experts are left out,
-//! and so are those of `foresight` without that network.
+//! realised position errors, which finds the best expert, not the best mean of two: that is why a mean is an
+//! expert of its own. Without a network (`mixture-cold` has none) the experts that need it are left out.
 //!
 //! Contract: one displacement per step, normalised (RMS about 10 while moving); one longer than [`GATE`] is a
 //! jump, not motion: memory is cleared, and nothing is learned from it or across it. Parameters, memory and
@@ -49,7 +50,7 @@ pub const NODE_COUNT: usize = 16;
 /// The farthest of them, and the number of direct outputs that the LSTM must have.
 pub const LEADS: usize = 24;
 /// Experts of the mixture.
-pub const EXPERTS: usize = 7;
+pub const EXPERTS: usize = 8;
 /// Displacements longer than this (normalised, in the plane) are jumps: five ordinary steps.
 pub const GATE: f64 = 7.0 * TARGET_RMS;
 

@@ -51,7 +51,7 @@ impl MixtureParameters {
     }
 
     /// Weight of each expert (constant velocity, AR-RLS, DyBM+ESN, LSTM, corrected LSTM, foresight, corrected
-    /// foresight) at each node.
+    /// foresight, the mean of both corrected ones) at each node.
     #[must_use]
     pub fn shares(&self) -> &[[f32; EXPERTS]; NODE_COUNT] {
         &self.shares
@@ -87,7 +87,7 @@ impl MixtureParameters {
             }
             _ => [constant; 2],
         };
-        [constant, rolled, plain, lstm, full, foresight, corrected]
+        [constant, rolled, plain, lstm, full, foresight, corrected, mean(&full, &corrected)]
     }
 
     /// The weighted mean of the experts.
@@ -110,7 +110,7 @@ impl MixtureParameters {
 /// Which experts take part.
 pub(super) fn taking_part(present: Present) -> [bool; EXPERTS] {
     let Present { lstm, foresight } = present;
-    [true, true, true, lstm, lstm, foresight, foresight]
+    [true, true, true, lstm, lstm, foresight, foresight, lstm && foresight]
 }
 
 fn sum(a: &Path, b: &Path) -> Path {
@@ -119,6 +119,10 @@ fn sum(a: &Path, b: &Path) -> Path {
         *out += b;
     }
     out
+}
+
+fn mean(a: &Path, b: &Path) -> Path {
+    sum(a, b).map(|way| way.map(|x| 0.5 * x))
 }
 
 /// Largest magnitude of a read-out's number: the displacement for a feature of 1 \[per axis\], a thousand
