@@ -12,6 +12,7 @@ mod preset_edges;
 #[path = "../../../sim/tests/sim/shared.rs"]
 mod shared;
 mod soak;
+mod starved;
 mod stop_duration;
 mod train_fit;
 mod train_foresight;

@@ -295,6 +295,12 @@ pub fn viable_velocity(room: f64, h: f64, hold: f64, decel: f64, v_max: f64) -> 
     }
 }
 
+/// The longest time \[s\] in which a joint is stopped from its `velocity` \[rad/s\] by `deceleration`
+/// [rad/s²].
+pub(crate) fn longest<const J: usize>(velocity: &[f64; J], deceleration: &[f64; J]) -> f64 {
+    velocity.iter().zip(deceleration).map(|(v, a)| v / a).fold(0.0, f64::max)
+}
+
 /// `qd` \[rad/s\] after braking toward zero for `elapsed` seconds at `deceleration` \[rad/s²\], joint by
 /// joint.
 #[must_use]

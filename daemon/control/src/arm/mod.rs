@@ -7,6 +7,7 @@ pub mod chain;
 pub mod lag;
 pub mod limits;
 pub(crate) mod servo;
+pub(crate) mod silence;
 mod sincos;
 pub(crate) mod urdf;
 

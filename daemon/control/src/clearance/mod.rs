@@ -40,11 +40,11 @@ pub use obstacle::{MAX_OBSTACLES, Obstacle, ObstacleError};
 pub use pairs::Nearest;
 
 use crate::arm::chain::{Chain, Kinematics};
-use crate::arm::limits::stop_jerk;
-use crate::arm::limits::{JointLimits, JointMotion, VelocityBox};
+use crate::arm::limits::{JointLimits, JointMotion, VelocityBox, longest, stop_jerk};
+use crate::arm::silence::Silence;
 use crate::qp::offered::Offered;
 use crate::qp::row_qp::RowSet;
-use motion::{Moving, Silence};
+use motion::Moving;
 use pairs::Pair;
 use watch::{Reach, Watch};
 pub use way::{Looked, Obstructed, Way};
@@ -159,7 +159,6 @@ impl<const J: usize> Clearance<J> {
         if !settings.obstacles.is_empty() && chain.capsules().iter().all(|capsule| capsule.link == 0) {
             return Err(ClearanceError::NoShape { meshes: chain.mesh_links().join(", ") });
         }
-        let longest = |v: &[f64; J], a: &[f64; J]| v.iter().zip(a).map(|(v, a)| v / a).fold(0.0, f64::max);
         let own = longest(limits.velocity(), limits.acceleration());
         let consumer = 0.5 * longest(limits.velocity(), limits.deceleration()) + limits.hold_s();
         let ease = longest(limits.acceleration(), &stop_jerk(limits));

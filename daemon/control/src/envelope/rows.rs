@@ -1,10 +1,11 @@
 //! The envelope as rows on the joint velocities of one step.
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::{SVector, Vector3, Vector6};
 
-use super::Envelope;
+use super::{Envelope, TILT_MARGIN_RAD};
 use crate::arm::Kinematics;
 use crate::arm::limits::{JointMotion, VelocityBox, viable_velocity};
+use crate::arm::silence::Silence;
 use crate::mpc::AxisLimits;
 use crate::qp::offered::Offered;
 use crate::units::AxisState;
@@ -15,6 +16,10 @@ const WEIGHT: f64 = 0.1;
 const COUNTED_ON: f64 = 0.5;
 /// Bisections for the fastest speed that can still be stopped, where joints have jerk limits.
 const HALVINGS: u32 = 24;
+/// Number of the tilt among the ways, after the plane's axes.
+const TILT: usize = 3;
+/// Share of the margin over the largest tilt that silence may use.
+const SILENT_TILT: f64 = 0.5;
 
 /// The bounds along one direction: an axis of the plane, or the tilt.
 struct Way<const J: usize> {
@@ -42,12 +47,16 @@ impl<const J: usize> Envelope<J> {
             return true;
         }
         let mut broken = false;
-        self.ways(kinematics, motion, elapsed, |way| {
+        let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
+        self.ways(kinematics, &bending, &self.inner, self.tilt, |_, way| {
             let v = dot(&way.row, wanted) + way.bent;
             let [below, above] = way.room;
             let room = if v < 0.0 { below } else { above };
             broken |=
                 !(v.abs() <= self.fastest(&way, motion, room, elapsed, if v < 0.0 { -1.0 } else { 1.0 }));
+        });
+        self.silent_ways(kinematics, motion, elapsed, |row, most| {
+            broken |= !(dot(row, wanted) <= most);
         });
         broken
     }
@@ -63,13 +72,17 @@ impl<const J: usize> Envelope<J> {
         elapsed: f64,
         offered: &mut Offered<J>,
     ) {
-        self.ways(kinematics, motion, elapsed, |way| {
+        let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
+        self.ways(kinematics, &bending, &self.inner, self.tilt, |_, way| {
             let [below, above] = way.room;
             for (sign, room) in [(-1.0, below), (1.0, above)] {
                 let fastest = self.fastest(&way, motion, room, elapsed, sign);
                 let row = way.row.map(|c| -sign * c * WEIGHT);
                 offered.offer(&row, (sign * way.bent - fastest) * WEIGHT, allowed);
             }
+        });
+        self.silent_ways(kinematics, motion, elapsed, |row, most| {
+            offered.offer(&row.map(|c| -c * WEIGHT), -most * WEIGHT, allowed);
         });
         let jacobian = kinematics.jacobian.fixed_rows::<3>(0);
         let linear: Vector3<f64> = jacobian * SVector::<f64, J>::from_column_slice(wanted);
@@ -80,26 +93,55 @@ impl<const J: usize> Envelope<J> {
         }
     }
 
-    /// Calls `see` with the plane's axes and the tilt.
+    /// Calls `see` with the plane's axes and the tilt, numbered, and the room inside `bounds` \[m\] and
+    /// `most` \[rad\].
     fn ways(
         &self,
         kinematics: &Kinematics<J>,
-        motion: &JointMotion<J>,
-        elapsed: f64,
-        mut see: impl FnMut(Way<J>),
+        bending: &Vector6<f64>,
+        bounds: &[[f64; 2]; 3],
+        most: f64,
+        mut see: impl FnMut(usize, Way<J>),
     ) {
-        let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
         let linear: Vector3<f64> = bending.fixed_rows::<3>(0).into_owned();
         let tool = self.plane.point_from_base(&kinematics.position);
         let axes = self.plane.rotation.matrix();
-        for ((axis, at), [low, high]) in axes.column_iter().zip(&tool).zip(&self.inner) {
+        for (index, ((axis, at), [low, high])) in axes.column_iter().zip(&tool).zip(bounds).enumerate() {
             let [row] = kinematics.jacobian.fixed_rows::<3>(0).tr_mul(&axis).data.0;
-            see(Way { row, bent: linear.dot(&axis), room: [at - low, high - at] });
+            see(index, Way { row, bent: linear.dot(&axis), room: [at - low, high - at] });
         }
         let (tilt, about) = self.tilted(kinematics);
         let [row] = kinematics.jacobian.fixed_rows::<3>(3).tr_mul(&about).data.0;
         let bent = bending.fixed_rows::<3>(3).dot(&about);
-        see(Way { row, bent, room: [f64::INFINITY, self.tilt - tilt] });
+        see(TILT, Way { row, bent, room: [f64::INFINITY, most - tilt] });
+    }
+
+    /// Calls `see` with rows c and bounds b \[m/s\] such that c·q̇ ≤ b keeps the place inside where the arm
+    /// comes to rest if the next command is the last one for long, or lets it lie no farther out than the
+    /// tool is. Every joint brakes by itself then, which is not straight for the tool.
+    fn silent_ways(
+        &self,
+        kinematics: &Kinematics<J>,
+        motion: &JointMotion<J>,
+        elapsed: f64,
+        mut see: impl FnMut(&[f64; J], f64),
+    ) {
+        let Some(gap_s) = self.gaps.expected_s else { return };
+        let (still, tilt) = (Vector6::zeros(), self.tilt + SILENT_TILT * TILT_MARGIN_RAD);
+        let mut here = [[0.0; 2]; 4];
+        self.ways(kinematics, &still, &self.inner, tilt, |index, way| {
+            here.get_mut(index).into_iter().for_each(|room| *room = way.room);
+        });
+        let rest = Silence::after(&self.chain, &self.limits, motion, elapsed + gap_s);
+        self.ways(&rest.kinematics, &still, &self.inner, tilt, |index, way| {
+            let mut row = way.row;
+            row.iter_mut().zip(&rest.gain).for_each(|(c, gain)| *c *= gain * self.rate);
+            let now = dot(&row, &motion.qd);
+            let here = here.get(index).copied().unwrap_or_default();
+            for (sign, (room, here)) in [-1.0, 1.0].into_iter().zip(way.room.into_iter().zip(here)) {
+                see(&row.map(|c| sign * c), sign * now + self.rate * (room - here.min(0.0)));
+            }
+        });
     }
 
     /// The fastest speed along `way` in the direction `sign` that can be stopped within `room`; 0 if there is
@@ -156,10 +198,16 @@ mod tests {
     use nalgebra::Rotation3;
 
     use super::*;
-    use crate::arm::JointLimits;
+    use crate::arm::{Chain, JointLimits};
     use crate::envelope::EnvelopeSettings;
     use crate::plane::Plane;
 
+    /// Rows are given by hand: of the chain only its number of joints counts.
+    const TWO_JOINTS: &str = r#"<robot name="two"><link name="a"/><link name="b"/><link name="c"/>
+        <joint name="1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+            <limit lower="-6" upper="6" velocity="3" effort="1"/></joint>
+        <joint name="2" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+            <limit lower="-6" upper="6" velocity="3" effort="1"/></joint></robot>"#;
     const ROW: [f64; 2] = [0.5, -0.2];
     /// Half of what the joints give along the row: 10 and 20 rad/s², 100 and 300 rad/s³.
     const BRAKING: f64 = 0.5 * (0.5 * 10.0 + 0.2 * 20.0);
@@ -176,7 +224,8 @@ mod tests {
             pen_origin: [0.0; 2],
             lift_height: 0.01,
         };
-        Envelope::new(&settings, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()
+        let chain = Chain::from_urdf(TWO_JOINTS, None, None).unwrap();
+        Envelope::new(&settings, &chain, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()
     }
 
     /// How far a step at `v` after one at `now` leads \[m\], together with the stop after it that ends

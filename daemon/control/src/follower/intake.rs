@@ -40,6 +40,13 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if lost_ns > self.settings.safety.latch_after_ns {
             self.watch.latch(now, StopReason::TimeLost);
         }
+        // The arm went on by itself: that is what its joints answer, before the next command is made.
+        if lost_ns > 0
+            && let Some((q, tool)) = self.mover.carried()
+        {
+            self.lag.commanded(now, &q);
+            self.monitor.commanded(now, &q, &tool);
+        }
         if let Some((reason, detail)) = input.halt {
             self.watch.latch_with(now, reason, detail);
         }

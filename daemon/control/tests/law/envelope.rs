@@ -2,12 +2,15 @@
 //! a latched stop with its reason where it cannot be kept.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
+use foretrace_control::arm::JointMotion;
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
 use foretrace_control::extent::{Extent, ExtentBounds};
-use foretrace_control::follower::{Budget, FollowerSettings, Mode, Refusal, Request};
+use foretrace_control::follower::{Budget, FollowerSettings, JointCommand, Mode, Refusal, Request};
+use foretrace_control::guard::{Commanded, consumer_state};
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::{StopCause, StopReason};
+use foretrace_control::units::Stamp;
 use nalgebra::{Rotation3, Vector3};
 
 const MARGIN_M: f64 = 0.001;
@@ -173,13 +176,48 @@ fn what_no_row_can_keep_latches_a_stop_that_says_what_was_seen() {
     }
 }
 
+/// Each joint brakes by itself then, which is not straight for the tool. A loop that never lost a tick does
+/// not look at it; one that did looks at it for ten seconds.
+#[test]
+fn after_a_gap_silence_leads_hardly_beyond_the_margin_from_any_command() {
+    let settings = within(usual());
+    let mut bench = Bench::armed(settings.clone());
+    let [mut before, mut after, mut later] = [0.0_f64; 3];
+    for tick in 0..9000 {
+        if tick == 2000 {
+            bench.now = bench.now + PERIOD_NS;
+        }
+        let output = bench.tick(&[bench.pen(corner(tick))]);
+        assert!(matches!(output.mode, Mode::Following), "{tick}: {:?}", output.stop_detail);
+        let JointCommand { stamp, valid_until, q, qd, .. } = output.command.unwrap();
+        let command = Commanded::new(stamp, JointMotion { q, qd, qdd: [0.0; 6] }).unwrap();
+        let rest = consumer_state(&command, valid_until, settings.limits.deceleration(), Stamp(u64::MAX / 2));
+        let tool = settings.plane.point_from_base(&settings.chain.forward(&rest.q).position);
+        let axes = tool.iter().zip(&settings.mpc.axes);
+        let outside =
+            axes.map(|(at, axis)| (at - axis.position_m[1]).max(axis.position_m[0] - at)).fold(0.0, f64::max);
+        // Twenty ticks to slow down in.
+        match tick {
+            0..2000 => before = before.max(outside),
+            2020..7000 => after = after.max(outside),
+            7000.. => later = later.max(outside),
+            _ => {}
+        }
+    }
+    println!("{:.2} mm outside, {:.2} after a gap, {:.2} later", before * 1e3, after * 1e3, later * 1e3);
+    assert!(before > 5.0 * MARGIN_M && later > 5.0 * MARGIN_M, "{before} and {later} m: nothing to look at");
+    assert!(after <= 2.0 * MARGIN_M, "{after} m");
+}
+
 #[test]
 fn every_bound_names_itself() {
     let settings = within(usual());
     let workspace = settings.mpc.axes.map(|axis| axis.position_m);
-    let build = || Envelope::<6>::new(&usual(), settings.plane, workspace, 1.0, &settings.limits).unwrap();
+    let build = |envelope: &EnvelopeSettings| {
+        Envelope::<6>::new(envelope, &settings.chain, settings.plane, workspace, 1.0, &settings.limits)
+    };
     let inside = EnvelopeFigures { tool: [0.0, 0.0, 0.01], tilt: 0.1, speed: 0.5 };
-    assert_eq!(build().judge(&inside), None);
+    assert_eq!(build(&usual()).unwrap().judge(&inside), None);
     for (figures, cause, limit) in [
         (EnvelopeFigures { tool: [0.0, 0.0, -0.052], ..inside }, StopCause::Height, -0.051),
         (EnvelopeFigures { tool: [0.0, 0.0, 0.052], ..inside }, StopCause::Height, 0.051),
@@ -188,7 +226,7 @@ fn every_bound_names_itself() {
         (EnvelopeFigures { speed: 1.2, ..inside }, StopCause::ToolSpeed, 1.1),
         (EnvelopeFigures { speed: f64::NAN, ..inside }, StopCause::ToolSpeed, 1.1),
     ] {
-        let detail = build().judge(&figures).unwrap();
+        let detail = build(&usual()).unwrap().judge(&figures).unwrap();
         assert_eq!(detail.cause, cause);
         assert!((detail.limit - limit).abs() < 1e-12, "{detail:?}");
     }
@@ -196,7 +234,7 @@ fn every_bound_names_itself() {
         [(0.0, 0.3, None), (f64::NAN, 0.3, None), (0.001, 2.0, None), (0.001, 0.3, Some(0.0))]
     {
         let wrong = EnvelopeSettings { margin_m, max_tilt_rad, max_speed_mps };
-        assert!(Envelope::<6>::new(&wrong, settings.plane, workspace, 1.0, &settings.limits).is_err());
+        assert!(build(&wrong).is_err());
     }
 }
 

@@ -3,10 +3,12 @@
 use std::collections::VecDeque;
 
 use foretrace_config::Config;
+use foretrace_control::arm::JointMotion;
 use foretrace_control::follower::{
-    Budget, Follower, FollowerSettings, JointReading, Mode, NoClock, Refusal, Request, StepInput, StepOutput,
+    Budget, Follower, FollowerSettings, JointCommand, JointReading, Mode, NoClock, Refusal, Request,
+    StepInput, StepOutput,
 };
-use foretrace_control::guard::CommandChecker;
+use foretrace_control::guard::{CommandChecker, Commanded, consumer_state};
 use foretrace_control::pen::PenReading;
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
@@ -49,6 +51,11 @@ pub(crate) struct Seen {
     pub(crate) share: Option<f64>,
     /// Fastest that the tool was commanded to move lately \[m/s\].
     pub(crate) tool_mps: f64,
+    /// Farthest outside the workspace that a command had the tool \[m\].
+    pub(crate) outside_m: f64,
+    /// Farthest outside where the arm would have come to rest after any command, once ticks had been lost
+    /// \[m\].
+    pub(crate) silence_m: f64,
 }
 
 pub(crate) struct Desk {
@@ -60,6 +67,10 @@ pub(crate) struct Desk {
     now: Stamp,
     begin: Stamp,
     sent: VecDeque<Vector3<f64>>,
+    last: Option<JointCommand<JOINTS>>,
+    /// How many periods are lost before the next tick; and whether any were.
+    gaps: Option<Box<dyn FnMut() -> u64>>,
+    lost: bool,
     pub(crate) seen: Seen,
     pub(crate) mode: Mode,
 }
@@ -80,6 +91,9 @@ impl Desk {
             now: Stamp(10_000_000_000),
             begin: Stamp(10_000_000_000 + WAIT_NS),
             sent: VecDeque::new(),
+            last: None,
+            gaps: None,
+            lost: false,
             seen: Seen::default(),
             mode: Mode::Idle,
         }
@@ -165,12 +179,57 @@ impl Desk {
         [middle(0), middle(1)]
     }
 
+    /// From the next tick on, loses as many periods before each as `gaps` says.
+    pub(crate) fn lose(&mut self, gaps: impl FnMut() -> u64 + 'static) {
+        self.gaps = Some(Box::new(gaps));
+    }
+
+    /// Where the arm is asked to be at `now` if nothing comes after the last command \[rad\].
+    fn unheard(&self, now: Stamp) -> [f64; JOINTS] {
+        let Some(last) = &self.last else { return self.target };
+        let motion = JointMotion { q: last.q, qd: last.qd, qdd: [0.0; JOINTS] };
+        let command = Commanded::new(last.stamp, motion).unwrap();
+        let limits = self.follower.settings().limits;
+        consumer_state(&command, last.valid_until, limits.deceleration(), now).q
+    }
+
+    /// Periods without a tick, in which the arm goes on by itself; how many.
+    fn gap(&mut self) -> u64 {
+        let lost = self.gaps.as_mut().map_or(0, |gaps| gaps());
+        for _ in 0..lost {
+            self.target = self.unheard(self.now);
+            self.pass();
+        }
+        self.lost |= lost > 0;
+        lost
+    }
+
+    /// One period of the arm.
+    fn pass(&mut self) {
+        let period_ns = self.follower.settings().period_ns;
+        let ticks_per_cycle = (self.arm.settings().cycle_s * 1e9).round() as u64 / period_ns;
+        if self.tick.is_multiple_of(ticks_per_cycle) {
+            self.arm.cycle(self.target);
+        }
+        self.tick += 1;
+        self.now = self.now + period_ns;
+    }
+
+    /// Distance outside the workspace of an arm at `q` \[m\].
+    fn outside_m(&self, q: &[f64; JOINTS]) -> f64 {
+        let settings = self.follower.settings();
+        let tool = settings.plane.point_from_base(&settings.chain.forward(q).position);
+        let axes = tool.iter().zip(&settings.mpc.axes);
+        axes.map(|(at, axis)| (at - axis.position_m[1]).max(axis.position_m[0] - at)).fold(0.0, f64::max)
+    }
+
     fn tick(&mut self, pen: &[PenReading], request: Option<Request>) -> StepOutput<JOINTS> {
+        let gap = self.gap();
         let period_ns = self.follower.settings().period_ns;
         let ticks_per_cycle = (self.arm.settings().cycle_s * 1e9).round() as u64 / period_ns;
         let joints = self.arm.joints();
         let reading = JointReading { stamp: self.now, q: joints.q, qd: joints.qd, motion_allowed: true };
-        let fresh = self.tick.is_multiple_of(ticks_per_cycle).then_some(&reading);
+        let fresh = (gap > 0 || self.tick.is_multiple_of(ticks_per_cycle)).then_some(&reading);
         let input = StepInput { pen, joints: fresh, request, ..StepInput::nothing(self.now) };
         let output = self.follower.step(&input, Budget::default(), &mut NoClock);
         if output.begins {
@@ -181,14 +240,18 @@ impl Desk {
             assert!(legal, "illegal command: {command:?}");
         }
         self.look(&output);
-        if self.tick.is_multiple_of(ticks_per_cycle) {
-            self.arm.cycle(self.target);
-        }
+        self.pass();
         if let Some(command) = &output.command {
             self.target = command.q;
         }
-        self.tick += 1;
-        self.now = self.now + period_ns;
+        self.last = output.command;
+        if self.last.is_some() {
+            let rest = self.unheard(self.now.plus_ns(1_000_000_000));
+            self.seen.outside_m = self.seen.outside_m.max(self.outside_m(&self.target));
+            if self.lost {
+                self.seen.silence_m = self.seen.silence_m.max(self.outside_m(&rest));
+            }
+        }
         self.mode = output.mode;
         output
     }

@@ -34,11 +34,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.plane.point_from_base(&tool)
     }
 
-    /// Advances the modelled arm by one period, as the command moved from `from` to where it is.
-    fn trail(&mut self, servo: &Servo, from: &Vector3<f64>) {
+    /// Advances the modelled arm by `elapsed_s`, in which the command moved from `from` to where it is.
+    pub(super) fn trail(&mut self, servo: &Servo, from: &Vector3<f64>, elapsed_s: f64) {
         let to = self.commanded_tool();
         for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
-            *axis = servo.follow(axis, *from, *to, self.period_s);
+            *axis = servo.follow(axis, *from, *to, elapsed_s);
         }
     }
 
@@ -76,7 +76,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         health: &mut Health,
     ) {
         if let Some(servo) = self.servo {
-            self.trail(&servo, from);
+            self.trail(&servo, from, self.period_s);
         }
         match planned.next {
             Some(next) if follows_plan && !limited => self.tool = next,

@@ -3,6 +3,8 @@
 //! Contract: a command stamp never decreases, not even across an arming. After lost time the commanded state
 //! is that of a consumer which followed the last command as long as it was valid and then braked.
 
+use nalgebra::Vector3;
+
 use super::{Held, Mover};
 use crate::follower::io::{Health, Refusal};
 use crate::guard::{Commanded, StopProfile, consumer_state};
@@ -44,8 +46,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ///
     /// Returns how long nothing was commanded \[ns\].
     pub(in crate::follower) fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
+        let from = self.commanded_tool();
+        let lost = self.held.as_ref().map_or(0, |held| now.since(held.command.stamp()));
+        if let Some(envelope) = self.ik.envelope() {
+            envelope.tick(now, u64::try_from(lost).unwrap_or(0));
+        }
         let Some(held) = &mut self.held else { return 0 };
-        let Ok(lost @ 1..) = u64::try_from(now.since(held.command.stamp())) else { return 0 };
+        let Ok(lost @ 1..) = u64::try_from(lost) else { return 0 };
         health.set(Health::TIME_LOST | Health::RESYNCHRONISED);
         let decel = self.guard.limits().deceleration();
         let motion = consumer_state(&held.command, held.valid_until, decel, now);
@@ -54,12 +61,36 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         held.command = Commanded::new(now, motion).or(at_rest).unwrap_or(held.command);
         held.valid_until = now + self.valid_ns;
         held.kinematics = self.chain.forward(held.command.q());
+        let planned = self.tool;
+        self.resynchronise();
         if lost > self.valid_ns {
             self.plan_start = None;
+            self.arm = self.tool;
+        } else {
+            self.resume(&planned, &from, lost as f64 * 1e-9);
         }
-        self.resynchronise();
-        self.arm = self.tool;
         self.miss_home(lost);
         lost
+    }
+
+    /// Joints \[rad\] and tool \[m\], plane frame, that consumers were carried to, while there is a command.
+    pub(in crate::follower) fn carried(&self) -> Option<([f64; J], [f64; 3])> {
+        let held = self.held.as_ref()?;
+        Some((*held.command.q(), self.commanded_tool().into()))
+    }
+
+    /// Goes on after `lost_s` in which the arm followed the last command, from `from` \[m\].
+    ///
+    /// Nothing accelerated meanwhile, but the plan's acceleration is taken up where it was: built up again
+    /// within the plan's jerk after every gap, it would never be reached by a loop that loses every third
+    /// period, and what the plan brakes for would be passed.
+    fn resume(&mut self, planned: &[AxisState; 3], from: &Vector3<f64>, lost_s: f64) {
+        for (axis, planned) in self.tool.iter_mut().zip(planned) {
+            axis.acceleration = planned.acceleration;
+        }
+        match self.servo {
+            Some(servo) => self.trail(&servo, from, lost_s),
+            None => self.arm = self.tool,
+        }
     }
 }

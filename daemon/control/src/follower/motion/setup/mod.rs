@@ -122,5 +122,6 @@ pub(super) fn inverse_kinematics<const J: usize>(
     let fastest = speeds.norm() + settings.ik.correction_mps;
     let workspace = axes.map(|axis| axis.position_m);
     let envelope = &settings.safety.envelope;
-    Ok(ik.inside(Envelope::new(envelope, settings.plane, workspace, fastest, &settings.limits)?))
+    let (chain, plane, limits) = (&settings.chain, settings.plane, &settings.limits);
+    Ok(ik.inside(Envelope::new(envelope, chain, plane, workspace, fastest, limits)?))
 }
