@@ -27,7 +27,7 @@ ROOMS = {
         "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
         "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "stages", "metrics", "foxglove",
     ],
-    "client/console/src": ["certificate", "wire", "guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "link", "session", "server"],
+    "client/console/src": ["certificate", "wire", "guard", "http", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand", "link", "session", "server"],
     "client/ur/src": ["rtde", "primary", "dashboard", "script", "bridge", "controller"],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.

@@ -51,9 +51,10 @@ pub use wire::{
 
 pub use instance::{
     SHARED_MEMORY,
+    holder::{Claimant, Holder, HolderKind, Place},
     leftovers::{Cleaned, Leftovers, Prefixed, prefixed},
     occupancy::{DaemonMark, InstanceLock, Purge, SharedMemory},
-    place::{Claim, Claimant, Holder, HolderKind, Place, PlaceError},
+    place::{Claim, PlaceError},
     root::{Instance, InstanceError, LONGEST_ROOT_BYTES},
     stop_path::{STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, StopAnswer, StopFrame, StopFrameError},
 };

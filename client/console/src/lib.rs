@@ -7,8 +7,8 @@
 //!
 //! In the order of a message's way: `certificate` and `wire` are the connection, `http` and `guard` let a
 //! page in, `message` reads what it says, `session` is one page, `board` is what all pages share, `link`
-//! feeds the daemon, with `hold` for the button; `orders` asks the daemon and `stops` stops the arm, a thread
-//! each; `scene` and `frame` are what a page is told.
+//! feeds the daemon, with `hand` for pen and button, and `hold` for what a button means; `orders` asks the
+//! daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is told.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -25,6 +25,7 @@ mod frame;
 mod hold;
 mod orders;
 mod stops;
+mod hand;
 mod link;
 mod session;
 mod server;

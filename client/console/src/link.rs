@@ -1,23 +1,22 @@
-//! The thread that feeds the daemon and hears it: the pen, the hold-to-run button, telemetry and status.
+//! The thread that feeds the daemon and hears it: pages' samples and orders, the built-in writer, telemetry
+//! and status.
 //!
 //! Contract: it outlives the daemon. Nothing that a page sends makes it wait, but a request to take the pen
-//! over, which waits for its holder for a bounded time. The places of pen and dead-man switch are taken when
-//! they are needed, in the browser's name, and given back with the control.
+//! over, which waits for its holder for a bounded time.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use foretrace_client::admission::Admission;
 use foretrace_client::{
-    Attachment, Claimant, DeadMan, FaultReason, FeedError, Foretrace, HolderKind, Instance, PenFeed,
-    PenReading, PenSample, Place, ServiceError, StatusReader, Telemetry, pen_flags,
+    Attachment, FaultReason, Foretrace, Instance, PenReading, PenSample, Place, ServiceError, StatusReader,
+    Telemetry, pen_flags,
 };
 use foretrace_config::Config;
 
 use crate::board::{Board, Order, Reply, What, now_ns};
 use crate::frame::{Frames, Here};
-use crate::hold::{Grip, Step};
+use crate::hand::Hand;
 use crate::orders::Asks;
 use crate::scene::scene;
 
@@ -25,13 +24,8 @@ use crate::scene::scene;
 const LOOK_EVERY: Duration = Duration::from_millis(4);
 /// Thirty frames per second.
 const FRAME_EVERY: Duration = Duration::from_millis(33);
-/// Between two attempts to get a place or a daemon.
+/// Between two attempts to get a daemon.
 const AGAIN: Duration = Duration::from_millis(500);
-/// How long a holder has to give the pen up.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// The gateway's bounds: samples per second in the long run, and at once.
-const RATE: u32 = 2000;
-const BURST: u32 = 400;
 
 /// Why a console has no link.
 #[derive(thiserror::Error)]
@@ -284,161 +278,6 @@ impl Running {
         let status = self.status.latest().copied();
         let frame = self.frames.frame(status.as_ref(), &here, self.link.remedy);
         hand.board.show(frame.to_string().into());
-    }
-}
-
-/// The pen and the hold-to-run button, in the name of the page that controls.
-struct Hand {
-    board: Arc<Board>,
-    admission: Admission,
-    feed: Option<PenFeed>,
-    dead_man: Option<DeadMan>,
-    grip: Grip,
-    next_pen: Instant,
-    pen_note: Option<String>,
-    hold_note: Option<String>,
-}
-
-impl Hand {
-    fn new(board: Arc<Board>) -> Self {
-        let now = Instant::now();
-        Self {
-            board,
-            admission: Admission::new(RATE, BURST, now_ns()),
-            feed: None,
-            dead_man: None,
-            grip: Grip::default(),
-            next_pen: now,
-            pen_note: None,
-            hold_note: None,
-        }
-    }
-
-    fn who(&self) -> Claimant {
-        Claimant::new(HolderKind::Browser, &self.board.controller().unwrap_or_else(|| "console".to_owned()))
-    }
-
-    /// A sample of the page that controls.
-    fn pen(&mut self, foretrace: &Foretrace, sample: &PenSample) {
-        let refusal = match self.admission.judge(sample, now_ns()) {
-            Ok(()) if self.feed.is_none() && Instant::now() < self.next_pen => Some("the pen is held"),
-            Ok(()) if self.feed.is_none() && self.claim(foretrace).is_err() => Some("the pen is held"),
-            Ok(()) => None,
-            Err(refusal) => Some(refusal.label()),
-        };
-        if let Some(label) = refusal {
-            return self.refused(label);
-        }
-        match self.feed.as_mut().map(|feed| feed.send_sample(*sample)) {
-            Some(Ok(_)) => self.board.count(|tally| tally.samples += 1),
-            Some(Err(FeedError::HandedOver)) => self.handed_over(),
-            Some(Err(_)) | None => {
-                self.refused("not sent");
-            }
-        }
-    }
-
-    fn refused(&self, label: &'static str) {
-        self.board.count(|tally| *tally.samples_refused.entry(label).or_default() += 1);
-    }
-
-    /// A reading of the writer; `false`: the pen is gone.
-    fn send(&mut self, reading: PenReading) -> bool {
-        match self.feed.as_mut().map(|feed| feed.send(reading)) {
-            Some(Err(FeedError::HandedOver)) | None => {
-                self.handed_over();
-                false
-            }
-            Some(_) => true,
-        }
-    }
-
-    fn claim(&mut self, foretrace: &Foretrace) -> Result<(), String> {
-        if self.feed.is_none() {
-            self.next_pen = Instant::now() + AGAIN;
-            match foretrace.pen_feed_as(&self.who()) {
-                Ok(feed) => (self.feed, self.pen_note) = (Some(feed), None),
-                Err(error) => {
-                    self.pen_note = Some(error.to_string());
-                    return Err(error.to_string());
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn take_over(&mut self, foretrace: &Foretrace) -> Result<String, String> {
-        if self.feed.is_some() {
-            return Ok("this page has the pen already".to_owned());
-        }
-        match foretrace.take_pen_feed(&self.who(), PATIENCE) {
-            Ok(feed) => {
-                (self.feed, self.pen_note) = (Some(feed), None);
-                Ok("this page has the pen".to_owned())
-            }
-            Err(error) => Err(error.to_string()),
-        }
-    }
-
-    fn handed_over(&mut self) {
-        let to = self.feed.as_mut().and_then(|feed| feed.handed_to().map(ToString::to_string));
-        if let Some(to) = to {
-            self.board.note(&format!("the pen was handed to {to}"));
-            self.pen_note = Some(format!("the pen was handed to {to}, which asked for it"));
-        }
-        self.feed = None;
-        // Whoever asked gets the time to take it.
-        self.next_pen = Instant::now() + PATIENCE;
-    }
-
-    fn go_on(&mut self, foretrace: &Foretrace, now: u64) {
-        if self.board.controller().is_none() {
-            self.let_go();
-            self.grip = Grip::default();
-            return;
-        }
-        if self.feed.as_mut().is_some_and(|feed| feed.handed_to().is_some()) {
-            self.handed_over();
-        }
-        self.button(foretrace, self.board.is_held(now), now);
-    }
-
-    fn button(&mut self, foretrace: &Foretrace, held: bool, now: u64) {
-        let mut step = self.grip.look(held, self.dead_man.is_some(), now);
-        if step == Step::Claim {
-            match foretrace.dead_man_as(&self.who()) {
-                Ok(dead_man) => (self.dead_man, self.hold_note) = (Some(dead_man), None),
-                Err(error) => self.hold_note = Some(error.to_string()),
-            }
-            step = self.grip.claimed(self.dead_man.is_some(), now);
-        }
-        let Some(dead_man) = &mut self.dead_man else { return };
-        let sent = match step {
-            Step::Beat => dead_man.beat(),
-            // Silence stops as well.
-            Step::Stop => dead_man.stop(),
-            Step::GiveBack => {
-                self.dead_man = None;
-                return;
-            }
-            Step::Nothing | Step::Claim => match dead_man.handed_to() {
-                Some(_) => Err(foretrace_client::DeadManError::HandedOver),
-                None => Ok(()),
-            },
-        };
-        if let Err(error) = sent {
-            self.hold_note = Some(error.to_string());
-            self.dead_man = None;
-        }
-    }
-
-    /// Gives pen and button back; a button that was held says stop.
-    fn let_go(&mut self) {
-        if let (true, Some(dead_man)) = (self.grip.is_held(), &mut self.dead_man) {
-            let _ = dead_man.stop();
-        }
-        (self.feed, self.dead_man) = (None, None);
-        (self.pen_note, self.hold_note) = (None, None);
     }
 }
 

@@ -3,6 +3,7 @@
 
 pub(crate) mod root;
 pub(crate) mod occupancy;
+pub(crate) mod holder;
 pub(crate) mod place;
 pub(crate) mod leftovers;
 pub(crate) mod stop_path;
