@@ -5,7 +5,7 @@ import { once } from "node:events";
 import { readFileSync, writeFileSync } from "node:fs";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
-import { clutch, finger, lan, strangers } from "./others.mjs";
+import { clutch, finger, lan, mouse, strangers } from "./others.mjs";
 
 const { CHROMIUM, PROGRAM, SCRATCH, PICTURES, MORE_PICTURES } = process.env;
 const root = [`--root=${SCRATCH}/root`, "--instance=7"];
@@ -251,6 +251,7 @@ async function judge(browser) {
   await page.click('[data-ask=\'{"trust_auto":true}\']');
   await strangers(tools, browser, address, page);
   await finger({ ...tools, pictures: PICTURES }, page);
+  await mouse({ ...tools, pictures: PICTURES }, page);
   const clutched = `${SCRATCH}/clutched.csv`;
   await clutch(tools, page, { file: clutched, read: () => read(clutched) });
 

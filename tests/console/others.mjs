@@ -95,6 +95,33 @@ export async function finger({ check, pause, pictures }, page) {
   await page.evaluate(() => globalThis.foretrace.pad.leave());
 }
 
+// A mouse writes on the same pad: no pressure, and as many samples as it gives.
+export async function mouse({ check, pause, pictures }, page) {
+  const before = await page.evaluate(() => {
+    const { pad } = globalThis.foretrace;
+    globalThis.kinds = new Set();
+    pad.clear();
+    pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
+    pad.leave();
+    const { box } = pad.frame();
+    return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
+  });
+  const at = (step) => [before.x - 90 + 3 * step, before.y + 30 * Math.sin(step / 4) * Math.sin(step / 19)];
+  await page.mouse.move(...at(0));
+  await page.mouse.down();
+  for (let step = 1; step <= 60; step += 1) {
+    await page.mouse.move(...at(step));
+    await pause(10);
+  }
+  await page.mouse.up();
+  const after = await page.evaluate(() => ({ sent: globalThis.foretrace.pad.sent, kinds: [...globalThis.kinds],
+    ink: globalThis.foretrace.pad.ink.slice(-40).filter(([, , contact]) => contact).length }));
+  check("a mouse writes", after.kinds.includes("mouse") && after.sent - before.sent >= 40 && after.ink > 20,
+    `${after.sent - before.sent} samples`);
+  await page.locator("section.pad").screenshot({ path: `${pictures}/pad-mouse.png` });
+  await page.evaluate(() => globalThis.foretrace.pad.leave());
+}
+
 // A clutch that is held while the hand goes elsewhere, and the half scale: the pen stays, and goes on without a jump.
 export async function clutch({ check, pause, end, start }, page, rows) {
   const record = start("record", "--pen", rows.file);

@@ -152,8 +152,14 @@ mod tests {
     use super::*;
 
     /// Made by `tests/console/judge.sh`, with a browser.
-    const OF_THE_CONSOLE: [&str; 5] =
-        ["console-light.png", "console-dark.png", "console-strip.png", "pad-pen.png", "pad-touch.png"];
+    const OF_THE_CONSOLE: [&str; 6] = [
+        "console-light.png",
+        "console-dark.png",
+        "console-strip.png",
+        "pad-mouse.png",
+        "pad-pen.png",
+        "pad-touch.png",
+    ];
 
     #[test]
     fn every_picture_of_the_documents_has_a_command_that_parses_and_none_is_left_over() {
