@@ -17,10 +17,10 @@ const LAYOUT: &str = include_str!("../../../docs/operate/foxglove/foretrace-layo
 
 /// Show a running daemon in Foxglove or Lichtblick, live, until Ctrl-C
 ///
-/// A WebSocket server: in the viewer, open a connection to the address that it prints. It sends /tick and /tf
-/// as in a recording, the trust and the predictor as parameters, and takes two services: anybody who can
-/// connect may stop the arm; to arm it, or to set a parameter, a viewer gives the token that is printed. A
-/// viewer that reads too slowly loses the oldest messages and holds up nobody.
+/// A WebSocket server: in the viewer, open a connection to the address that it prints. It sends /tick, /tf,
+/// /log and /scene as in a recording, the trust and the predictor as parameters, and takes two services:
+/// anybody who can connect may stop the arm; to arm it, or to set a parameter, a viewer gives the token that
+/// is printed. A viewer that reads too slowly loses the oldest messages and holds up nobody.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  foretrace foxglove\n  foretrace foxglove --layout > foretrace-layout.json  \

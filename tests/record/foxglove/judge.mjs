@@ -59,7 +59,7 @@ class Counter {
     const arm = frames.get("arm_6") ?? 0;
     judge(arm > 14 * seconds && arm < 22 * seconds, `${who}: ${arm} times the arm's last link in ${seconds} s`);
     const entities = this.scenes.flatMap((scene) => scene.entities);
-    const hang = entities.every((entity) => ["base", ...frames.keys()].includes(entity.frameId));
+    const hang = entities.every((entity) => ["base", ...frames.keys()].includes(entity.frameId ?? entity.frame_id));
     judge(this.scenes.length === 1 && hang, `${who}: a scene of ${entities.map((entity) => entity.id).join(", ")}`);
   }
 }

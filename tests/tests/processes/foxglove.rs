@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::TickRecord;
 use foretrace_record::read::{Content, Entry, Reader};
 use foretrace_record::topics::{FRAME_TRANSFORM, LOG, TICK};
-use foretrace_tests::{Process, World, json, until};
+use foretrace_tests::{Process, World, json, told, until};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -322,4 +322,37 @@ fn anybody_stops_the_arm_and_only_the_token_arms_it_and_sets_parameters() {
     daemon.end();
     let tally = json(&world.file("foxglove.json"));
     assert_eq!((&tally["stops"], &tally["refused"]["without the token"]), (&1.into(), &3.into()), "{tally}");
+}
+
+#[test]
+fn without_a_place_for_the_settings_ticks_are_shown_and_the_arm_as_soon_as_there_is_one() {
+    let world = World::new(PROGRAM);
+    let daemon = world.daemon(0);
+    let _arm = world.armed_arm(0, &[]);
+    let recorders = ["a.mcap", "b.mcap"].map(|name| {
+        let recorder = world.start(0, &["record", name]);
+        until("it records", || world.file(&format!("{name}.part")).exists().then_some(()));
+        recorder
+    });
+    let (server, _stdout, address, _) = server(&world);
+    let mut viewer = Viewer::open(&address, "/", PROTOCOLS[0]).unwrap();
+    viewer.say(r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":1},{"id":4,"channelId":4}]}"#);
+    let mut subscription = |wanted: u32| {
+        viewer.wait("a message of a topic", |message| match message {
+            Message::Binary(bytes) if bytes[0] == 1 => {
+                let subscription = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
+                assert!(subscription == 1 || wanted == 4, "a scene without settings");
+                (subscription == wanted).then_some(())
+            }
+            _ => None,
+        });
+    };
+    (0..300).for_each(|_| subscription(1));
+    for recorder in recorders {
+        recorder.end();
+    }
+    subscription(4);
+    let told = told(&server.end());
+    assert!(told.contains("start `foretrace relay`"), "{told}");
+    daemon.end();
 }

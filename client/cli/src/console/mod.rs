@@ -65,7 +65,7 @@ pub(crate) struct ConsoleArgs {
     #[arg(long, value_name = "DIR")]
     recordings: Option<PathBuf>,
 
-    /// End a recording of the record button at this many bytes: 4G is about 45 minutes at 500 Hz
+    /// End a recording of the record button at this many bytes: 4G is about half an hour at 500 Hz
     #[arg(long, value_name = "BYTES", default_value = "4G", value_parser = crate::record::bytes)]
     max_size: u64,
 

@@ -166,6 +166,22 @@ mod tests {
     }
 
     #[test]
+    fn a_tick_lacks_the_weights_that_it_was_offered_until_they_are_whole() {
+        let mut memory = Memory::default();
+        memory.input(input(1));
+        assert!(!memory.lacks_weights());
+        memory.input(Box::new(TickInput {
+            flags: foretrace_shm::input_flags::WEIGHTS,
+            weights_version: 4,
+            ..*input(2)
+        }));
+        memory.input(input(3));
+        assert!(memory.lacks_weights());
+        memory.thing(Thing { kind: PieceKind::Weights, ..state(4) });
+        assert!(!memory.lacks_weights());
+    }
+
+    #[test]
     fn memory_is_bounded_when_no_further_state_comes() {
         let mut memory = Memory::default();
         memory.thing(state(1));

@@ -194,3 +194,61 @@ fn told(counts: &Counts) -> Facts {
     ];
     all.iter().map(|(key, count)| ((*key).to_owned(), count.to_string())).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foretrace_shm::input_flags;
+    use std::sync::mpsc::sync_channel;
+
+    use crate::read::{Content, Entry, Reader};
+
+    /// Versions of the weights in a file.
+    fn sets(path: &std::path::Path) -> Vec<u64> {
+        let (mut reader, mut sets) = (Reader::open(path).unwrap(), Vec::new());
+        while let Some(entry) = reader.next_entry().unwrap() {
+            if let Entry::Message(message) = entry
+                && let Content::Thing(thing) = reader.content(&message).unwrap()
+            {
+                sets.push(thing.number);
+            }
+        }
+        sets
+    }
+
+    #[test]
+    fn a_file_that_is_large_enough_ends_behind_the_weights_of_its_last_tick() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let target = folder.path().join("run.mcap");
+        let facts = Facts::default();
+        let options =
+            Options { target: target.clone(), max_bytes: Some(1), max_files: None, facts: facts.clone() };
+        let output = Output::create(&target, &facts).unwrap();
+        let writer = FileWriter::new(output, options, Arc::default());
+        let (jobs, due) = sync_channel(16);
+        let writing = std::thread::spawn(move || writer.run(&due));
+        let size = || std::fs::metadata(part_of(&target)).map_or(u64::MAX, |file| file.len());
+        let begin = size();
+        let input = TickInput {
+            parts: 1,
+            daemon_id: 1,
+            flags: input_flags::WEIGHTS,
+            weights_version: 9,
+            ..TickInput::default()
+        };
+        jobs.send(Job::Input(Box::new(input))).unwrap();
+        // The chunk is closed, and the file found to be large enough.
+        while size() == begin {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let thing = Thing { kind: PieceKind::Weights, number: 9, daemon_id: 1, bytes: vec![7] };
+        jobs.send(Job::Thing(thing)).unwrap();
+        let second = numbered(&target, "2");
+        while !part_of(&second).exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        drop(jobs);
+        assert_eq!(writing.join().unwrap().unwrap(), [target.clone(), second.clone()]);
+        assert_eq!((sets(&target), sets(&second)), (vec![9], vec![]));
+    }
+}
