@@ -143,3 +143,24 @@ fn a_console_for_other_machines_keeps_its_certificate_to_its_user_and_shows_how_
     assert_eq!(mode, 0o600);
     daemon.end();
 }
+
+#[test]
+fn a_console_with_an_arm_of_its_own_says_how_a_tablet_reaches_it() {
+    let world = World::new(PROGRAM);
+    let mut console = world.start_plain(&["console", "--sim", "--port=0"].map(str::to_owned));
+    let mut words = BufReader::new(console.take_stdout().unwrap());
+    let mut line = String::new();
+    words.read_line(&mut line).unwrap();
+    assert!(line.starts_with("open http://127.0.0.1:"), "{line}");
+    line.clear();
+    words.read_line(&mut line).unwrap();
+    let root =
+        line.trim().strip_prefix("with a tablet: foretrace tablet --root ").expect("the way of a tablet");
+    // What stands in for the tablet here has to reach the same daemon, and the arm is armed.
+    let played = world.run_plain(&["play", "glyphs:I", "--root", root]);
+    assert!(played.status.success(), "{}", told(&played));
+    let status = world.run_plain(&["status", "--root", root]);
+    assert!(status.status.success(), "{}", told(&status));
+    console.end();
+    assert!(!std::path::Path::new(root).exists());
+}

@@ -36,7 +36,8 @@ const STRIDE: Duration = Duration::from_millis(50);
 ///
 /// Serves a page on 127.0.0.1: a pad for pen, finger or mouse, the arm in space, its state and its controls.
 /// Open the address that it prints; the token in it lets that page control. Pages without it watch, and can
-/// stop the arm. One page controls at a time. Its hold-to-run button is no safety function.
+/// stop the arm. One page controls at a time. Its hold-to-run button is no safety function. With --sim it
+/// also prints how other programs reach its daemon, a tablet's above all.
 ///
 /// With --lan other machines reach it too, under TLS with a certificate that this machine made for itself:
 /// it prints an address that works once, a QR code of it, and the fingerprint to compare.
@@ -118,6 +119,9 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         recordings: Box::new(recordings),
     };
     say!("open {}", console.address());
+    if let Some(scratch) = &scratch {
+        say!("with a tablet: foretrace tablet --root {}", scratch.root().display());
+    }
     match &certificate {
         Some(certificate) => {
             lan::tell(&console.address(), certificate);
