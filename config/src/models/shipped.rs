@@ -33,6 +33,8 @@ const MODELS: &[Shipped] = &shipped![
     "mixture-5ms",
     "mixture-8ms",
     "mixture-10ms",
+    "foresight-5ms",
+    "foresight-8ms",
     "foresight-10ms"
 ];
 
