@@ -167,11 +167,13 @@ impl Hub {
 
     /// The same, and for every viewer that subscribes later.
     pub(crate) fn keep(&self, data: Data) {
+        let mut kept = lock(&self.kept);
         self.publish(&data);
-        *lock(&self.kept) = Some(data);
+        *kept = Some(data);
     }
 
-    /// The message that was kept, if it is of this channel.
+    /// The message that was kept, if it is of this channel. Whoever first wants the channel and then asks
+    /// misses none: what is not kept yet is published from now on.
     pub(crate) fn kept(&self, channel: usize) -> Option<Data> {
         lock(&self.kept).clone().filter(|data| data.channel == channel)
     }
@@ -244,6 +246,22 @@ mod tests {
         assert_eq!(slow.take().1.front().map(|data| data.time_ns), Some(1), "the oldest goes");
         hub.leave(&slow);
         assert!(hub.enter(2).is_some());
+    }
+
+    #[test]
+    fn whoever_subscribes_while_a_message_is_kept_does_not_miss_it() {
+        for _ in 0..2000 {
+            let hub = Arc::new(Hub::default());
+            let queue = hub.enter(1).unwrap();
+            let keeper = hub.clone();
+            let keeping = std::thread::spawn(move || {
+                keeper.keep(Data { channel: 3, time_ns: 1, bytes: Arc::new([]) });
+            });
+            queue.wanted.store(1 << 3, Ordering::Relaxed);
+            let kept = hub.kept(3);
+            keeping.join().unwrap();
+            assert!(kept.is_some() || queue.take().1.len() == 1);
+        }
     }
 
     #[test]

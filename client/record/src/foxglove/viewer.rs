@@ -250,7 +250,6 @@ impl<'a> Viewer<'a> {
                 for (id, channel) in wanted {
                     self.subscribe(id, channel);
                 }
-                self.want();
             }
             Said::Unsubscribe(ids) => {
                 for id in ids {
@@ -306,6 +305,7 @@ impl<'a> Viewer<'a> {
             Some(_) if self.subscriptions.len() >= SUBSCRIPTIONS => self.refuse("too many subscriptions"),
             Some(place) => {
                 self.subscriptions.insert(id, place);
+                self.want();
                 if let Some(data) = self.hub.kept(place) {
                     self.send(id, &data);
                 }
