@@ -63,19 +63,22 @@ export async function strangers({ check, until, pause, open }, browser, address,
   await pause(100);
 }
 
+// An empty pad that tells the kinds of what touches it, with its middle and the samples sent so far.
+const blank = (page) => page.evaluate(() => {
+  const { pad } = globalThis.foretrace;
+  globalThis.kinds = new Set();
+  pad.clear();
+  pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
+  pad.leave();
+  const { box } = pad.frame();
+  return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
+});
+
 // A finger draws a line on the pad of the page that controls.
 export async function finger({ check, pause, pictures }, page) {
   const cdp = await page.context().newCDPSession(page);
   await cdp.send("Emulation.setTouchEmulationEnabled", { enabled: true, maxTouchPoints: 2 });
-  const before = await page.evaluate(() => {
-    const { pad } = globalThis.foretrace;
-    globalThis.kinds = new Set();
-    pad.clear();
-    pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
-    pad.leave();
-    const { box } = pad.frame();
-    return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
-  });
+  const before = await blank(page);
   const touch = (type, step) => cdp.send("Input.dispatchTouchEvent", {
     type, touchPoints: type === "touchEnd" ? [] : [{ x: before.x - 90 + 6 * step, y: before.y - 40 * Math.sin(step / 5) }],
   });
@@ -97,15 +100,7 @@ export async function finger({ check, pause, pictures }, page) {
 
 // A mouse writes on the same pad: no pressure, and as many samples as it gives.
 export async function mouse({ check, pause, pictures }, page) {
-  const before = await page.evaluate(() => {
-    const { pad } = globalThis.foretrace;
-    globalThis.kinds = new Set();
-    pad.clear();
-    pad.canvas.addEventListener("pointerdown", (event) => globalThis.kinds.add(event.pointerType));
-    pad.leave();
-    const { box } = pad.frame();
-    return { sent: pad.sent, x: box.left + box.width / 2, y: box.top + box.height / 2 };
-  });
+  const before = await blank(page);
   const at = (step) => [before.x - 90 + 3 * step, before.y + 30 * Math.sin(step / 4) * Math.sin(step / 19)];
   await page.mouse.move(...at(0));
   await page.mouse.down();
