@@ -42,7 +42,7 @@ pub use wire::{
     status::{GhostState, Percentiles, Status, Tracking, WayHome},
     stop_detail::{StopCause, StopDetail, ToolExtent},
     tick_input::{PEN_PER_PART, PenInput, TickInput},
-    tick_record::{Chain, TickRecord},
+    tick_record::{Chain, PATH_POINTS, TickRecord},
     vocabulary::{
         ControlOp, ControlStatus, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES, SolverPath,
         Stage, TrustReason, UnknownValue,

@@ -107,6 +107,27 @@ async function awake() {
   });
 }
 
+// Shows a path of the preview and then none: whether the pad has its colour at two places of it and beside it, and how
+// many ends of lines the arm's picture has of it.
+function previewed() {
+  const { pad, arm } = globalThis.foretrace;
+  const pen = pad.canvas.getContext("2d");
+  const violet = (x, y) => {
+    const { box, scale, cx, cy } = pad.frame();
+    const [left, top] = [box.width / 2 + (x - cx) * scale, box.height / 2 - (y - cy) * scale].map((at) => at * devicePixelRatio - 3);
+    const { data } = pen.getImageData(left, top, 6, 6);
+    return [...data.keys()].some((at) => at % 4 === 0 && data[at + 2] - data[at + 1] > 60 && data[at] > data[at + 1] + 20);
+  };
+  const show = (aim, path) => {
+    pad.points([], aim, path);
+    pad.draw();
+    arm.frame({ arm: { known: false, commanded: [], aim, path }, points: [] });
+    return [violet(0.025, 0.045), violet(0.065, 0.045), violet(0.065, 0.055), arm.path.geometry.drawRange.count];
+  };
+  const path = Array.from({ length: 10 }, (_, index) => [0.01 * (index + 1) - 0.02, 0.045]);
+  return [...show([-0.02, 0.045, 0.004], path), "|", ...show(null, [])];
+}
+
 const tools = { check, until, pause, open, start, end, draw };
 const circle = (share) => [0.03 * Math.cos(2 * Math.PI * share), 0.03 * Math.sin(2 * Math.PI * share)];
 
@@ -211,17 +232,24 @@ async function judge(browser) {
   const pen = await page.evaluate(() => document.getElementById("link").textContent);
   check("the holder of the pen is named", pen.includes("the browser 127.0.0.1"), pen);
   check("the arm is drawn", await page.evaluate(() => globalThis.foretrace.arm?.drawn > 5));
+  const way = await page.evaluate(previewed);
+  check("the previewed path is drawn on pad and paper, and goes with the last one",
+    way.join(" ") === "true true false 20 | false false false 0", way.join(" "));
   await page.click("#record");
   const tape = () => page.evaluate(() => document.getElementById("recording").textContent);
   await until("a recording", async () => / s into .*\.mcap: [\d.]+ MB, \d+ lost/.test(await tape()), 20);
+  let led = 0;
   await until("the writer's text behind an armed loop", async () => {
     await awake();
     await page.fill("#text", "Hello");
     await page.click("#write button");
-    await pause(5000);
+    await pause(2500);
+    led = Math.max(led, await page.evaluate(() => globalThis.foretrace.pad.path.length));
+    await pause(2500);
     return page.evaluate(() => document.getElementById("answers").textContent.includes("the writer writes")
       && globalThis.foretrace.state.errors.length > 50);
   }, 90);
+  check("a loop that follows tells where the preview leads it", led === 10, `${led} points`);
   await page.click("#record");
   await until("the run's figures", async () => /rms [\d.]+ mm, feedback alone [\d.]+ mm, saved .* violations/.test(await tape()), 60)
     .catch(async (error) => { throw new Error(`${error.message}: ${await tape()}`); });

@@ -8,6 +8,8 @@ program
 start_daemon 42 --no-rights
 start_arm
 start_foxglove --json "$scratch/tally.json"
+"$FORETRACE" play glyphs:Kx "${at[@]}" >"$scratch/play.log" 2>&1 &
+children+=($!)
 ADDRESS=$address node "$scratch/judge.mjs"
 mode=$("$FORETRACE" status "${at[@]}" --json - 2>"$scratch/log" | sed -n 's/.*"mode": *"\([a-z]*\)".*/\1/p' | head -1)
 if [[ $mode != stopped ]]; then

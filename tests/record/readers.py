@@ -84,9 +84,9 @@ def main() -> int:
         }
         if counts != wanted:
             problems.append(f"index counts {counts}, foretrace {wanted}")
-        raw, people, frames, lost, lines, scenes, around, times = {}, {}, 0, None, [], [], {}, {}
+        raw, people, frames, lost, lines, scenes, around, times, paths = {}, {}, 0, None, [], [], {}, {}, {}
         for schema, channel, message, decoded in reader.iter_decoded_messages(
-            topics=["/tick", "/tf", "/log", "/recorder", "/scene"]
+            topics=["/tick", "/tf", "/log", "/recorder", "/scene", "/preview"]
         ):
             if channel.topic == "/tick":
                 people[decoded.tick] = times[message.log_time] = decoded
@@ -98,16 +98,26 @@ def main() -> int:
                     problems.append(f"frame {decoded}")
             elif channel.topic == "/scene":
                 scenes.append(decoded)
+            elif channel.topic == "/preview":
+                paths[message.log_time] = [(p.x, p.y) for e in decoded.entities for line in e.lines for p in line.points]
             elif channel.topic == "/log":
                 lines.append(decoded)
             else:
                 lost = decoded
+    previewed = 0
     with open(path, "rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(topics=["/raw/tick"]):
             table = fields(schema.data)
             take = lambda name: struct.unpack_from(table[name][1], message.data, table[name][0])
             raw[take("tick")[0]] = (take("q"), take("trust")[0], take("tool_m"), take("release_ns")[0])
+            if message.log_time in paths:
+                numbers = take("path_m")[: 2 * take("path_points")[0]]
+                if paths.pop(message.log_time) != list(zip(numbers[::2], numbers[1::2])):
+                    problems.append(f"tick {take('tick')[0]}: another path than that of its record")
+                previewed += len(numbers) == 20
 
+    if paths or previewed < 20:
+        problems.append(f"{previewed} previewed paths of ten points, {len(paths)} without a record")
     if set(raw) != set(people):
         problems.append(f"{len(raw)} raw ticks, {len(people)} for people")
     for tick, (q, trust, tool, release) in raw.items():

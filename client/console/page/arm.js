@@ -52,6 +52,8 @@ export class Arm {
     this.aim.quaternion.setFromRotationMatrix(new three.Matrix4().makeBasis(ax, ay, az));
     this.aim.visible = false;
     this.stage.add(this.aim);
+    // The previewed path, on the paper, from the ring on.
+    this.path = this.line();
     this.traces = { pen: this.line(), tool: this.line(), ghost: this.line() };
     this.tip = new three.Mesh(new three.SphereGeometry(0.004), new three.MeshBasicMaterial());
     this.stage.add(this.tip);
@@ -123,6 +125,7 @@ export class Arm {
     for (const name of ["pen", "tool", "ghost"]) this.traces[name].material.color = colour(`--${name}`);
     this.tip.material.color = colour("--tool");
     this.aim.material.color = colour("--aim");
+    this.path.material.color = colour("--aim");
     this.sheet.material.color = new three.Color(dark ? 0x2a3036 : 0xffffff);
     this.border.material.color = colour("--soft");
     this.grid.material.color = colour("--line");
@@ -160,6 +163,10 @@ export class Arm {
       this.aim.position.copy(this.at(x, y, 0.001));
       this.aim.scale.setScalar(Math.max(band ?? 0, 0.001));
     }
+    this.path.points = [];
+    this.path.before = null;
+    this.path.geometry.setDrawRange(0, 0);
+    for (const [x, y] of arm?.aim ? [arm.aim, ...arm.path] : []) this.add(this.path, this.at(x, y, 0.0012), true);
     const newest = points.length ? points[points.length - 1][0] : 0;
     // Another daemon counts from 1 again.
     if (newest && newest < this.tick) this.tick = 0;

@@ -112,7 +112,7 @@ function begin(scene) {
 }
 
 function show(frame) {
-  pad.points(frame.points, frame.arm?.aim);
+  pad.points(frame.points, frame.arm?.aim, frame.arm?.path);
   if (arm) arm.frame(frame);
   state.frame(frame);
   const here = frame.here;

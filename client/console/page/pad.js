@@ -35,6 +35,7 @@ export class Pad {
     this.tool = [];
     this.ghost = [];
     this.aim = null;
+    this.path = [];
     // Pen metres per hand metre, and where the hand's zero lies for the pen.
     this.scale = 1;
     this.offset = [0, 0];
@@ -224,8 +225,9 @@ export class Pad {
   }
 
   // The arm's tool and the ghost, drawn under the hand's own ink.
-  points(points, aim) {
+  points(points, aim, path) {
     this.aim = aim ?? null;
+    this.path = path ?? [];
     // Another daemon counts from 1 again.
     if (points.length && points[points.length - 1][0] < this.tick) this.tick = 0;
     for (const [tick, px, py, flags, x, y, z, gx, gy] of points) {
@@ -298,6 +300,10 @@ export class Pad {
       const [px, py] = at(this.aim[0], this.aim[1]);
       pen.strokeStyle = colour("--aim");
       pen.lineWidth = 1.5;
+      pen.beginPath();
+      pen.moveTo(px, py);
+      for (const [x, y] of this.path) pen.lineTo(...at(x, y));
+      pen.stroke();
       pen.beginPath();
       pen.arc(px, py, Math.max((this.aim[2] ?? 0) * scale, 3), 0, 2 * Math.PI);
       pen.stroke();

@@ -91,6 +91,7 @@ impl Frames {
         let arm = self.newest.map(|record| {
             json!({
                 "aim": aim(&record),
+                "path": path(&record),
                 "measured": placed(chain, &record.measured_q),
                 "commanded": placed(chain, &record.q),
                 "known": record.joint_state_age_ns != u64::MAX,
@@ -126,6 +127,13 @@ fn aim(record: &TickRecord) -> Option<[Option<f64>; 3]> {
     follows.then(|| [Some(metres(x)), Some(metres(y)), band])
 }
 
+/// The previewed path in the plane, from soon to late; empty while the plan follows no pen.
+fn path(record: &TickRecord) -> Vec<[f64; 2]> {
+    let follows = Mode::try_from(record.mode) == Ok(Mode::Following);
+    let points = record.path().filter(|_| follows).map(|at| at.map(|m| metres(m.into())));
+    points.filter(|at| at.iter().all(|m| m.is_finite())).collect()
+}
+
 fn push(list: &mut VecDeque<Value>, value: Value, most: usize) {
     if list.len() == most {
         list.pop_front();
@@ -135,7 +143,7 @@ fn push(list: &mut VecDeque<Value>, value: Value, most: usize) {
 
 /// Metres to a hundredth of a millimetre; what is not finite is null in JSON.
 fn metres(value: f64) -> f64 {
-    (value * 1e5).round() * 1e-5
+    (value * 1e5).round() / 1e5
 }
 
 /// Metres in whole micrometres; none below zero.
@@ -219,6 +227,17 @@ fn rms(tracking: &Tracking) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_path_is_that_of_the_record_and_there_is_none_while_nothing_is_followed() {
+        let mut record = TickRecord { mode: Mode::Following.into(), path_points: 2, ..TickRecord::default() };
+        record.path_m[..4].copy_from_slice(&[0.01, -0.02, 0.03, f32::NAN]);
+        assert_eq!(path(&record), [[0.01, -0.02]]);
+        record.path_m[3] = 0.04;
+        assert_eq!(path(&record), [[0.01, -0.02], [0.03, 0.04]]);
+        assert!(path(&TickRecord { mode: Mode::Stopped.into(), ..record }).is_empty());
+        assert!(path(&TickRecord { path_points: 0, ..record }).is_empty());
+    }
 
     #[test]
     fn the_aim_is_the_first_reference_with_its_band_and_only_while_the_plan_follows() {

@@ -32,9 +32,9 @@ pub enum Kind {
     Parts(&'static str),
     /// `fixed32`
     Fixed32,
-    /// `repeated fixed32`, which is described and never written.
+    /// `repeated fixed32`
     Fixed32s,
-    /// `bytes`, which are described and never written.
+    /// `bytes`, which are described only: no value has this kind.
     Bytes,
     /// An `enum` inside the message, of this name, with these values from 0.
     Choice(&'static str, &'static [&'static str]),
@@ -107,6 +107,8 @@ pub enum Value<'a> {
     Parts(&'a [Vec<u8>]),
     /// See [`Kind`].
     Fixed32(u32),
+    /// See [`Kind`].
+    Fixed32s(&'a [u32]),
     /// Number of one of the kind's values.
     Choice(u32),
 }
@@ -136,6 +138,10 @@ pub fn encode(shape: &Shape, values: &[Value<'_>]) -> Option<Vec<u8>> {
             (Kind::Fixed32, Value::Fixed32(v)) => {
                 key(&mut bytes, number, 5);
                 bytes.extend_from_slice(&v.to_le_bytes());
+            }
+            (Kind::Fixed32s, Value::Fixed32s(v)) => {
+                let packed: Vec<u8> = v.iter().flat_map(|v| v.to_le_bytes()).collect();
+                sized(&mut bytes, number, &packed);
             }
             (Kind::Choice(_, values), Value::Choice(v)) if (v as usize) < values.len() => {
                 varint_field(&mut bytes, number, v.into());

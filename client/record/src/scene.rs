@@ -19,6 +19,8 @@ use crate::topics::{Turn, frame_transform};
 const BASE: &str = "base";
 /// The writing plane: z points away from it.
 const PAPER: &str = "paper";
+/// Between two looks at the previewed path.
+const PREVIEW_NS: u64 = Duration::from_millis(20).as_nanos() as u64;
 /// Between two looks at where the arm is.
 const EVERY_NS: u64 = Duration::from_millis(50).as_nanos() as u64;
 /// Radius of the line from the last joint to the tip \[m\]: for the eye, without a part in the clearance.
@@ -31,6 +33,7 @@ const THIN_M: f64 = 0.001;
 const ARM: Color = [0.55, 0.6, 0.68, 1.0];
 const PEN: Color = [0.1, 0.1, 0.12, 1.0];
 const SHEET: Color = [1.0, 1.0, 1.0, 0.9];
+const PREVIEW: Color = [0.48, 0.25, 0.77, 1.0];
 const KEEP_OUT: Color = [0.85, 0.25, 0.2, 0.25];
 
 /// The scene of some settings.
@@ -88,6 +91,37 @@ impl Scene {
             }));
         }
         frames
+    }
+}
+
+/// The previewed path as a line.
+#[derive(Debug, Default)]
+pub(crate) struct Preview {
+    told_ns: u64,
+    /// A line is shown.
+    shown: bool,
+}
+
+impl Preview {
+    /// The `SceneUpdate` of the path in `record`, fifty times a second, and once when there is none any more;
+    /// `time_ns` is since 1970.
+    pub(crate) fn update(&mut self, record: &TickRecord, time_ns: u64) -> Option<Vec<u8>> {
+        let path = record.path().filter(|at| at.iter().all(|m| m.is_finite()));
+        let points: Vec<[f64; 3]> = path.map(|[x, y]| [x.into(), y.into(), 0.0]).collect();
+        let soon = record.release_ns.checked_sub(self.told_ns).is_some_and(|since| since < PREVIEW_NS);
+        let (shown, shows) = (self.shown, !points.is_empty());
+        if !(shown || shows) || (shown && shows && soon) {
+            return None;
+        }
+        (self.told_ns, self.shown) = (record.release_ns, shows);
+        let line = Entity {
+            frame: PAPER.to_owned(),
+            id: "preview".to_owned(),
+            color: PREVIEW,
+            lines: vec![points],
+            ..Entity::default()
+        };
+        Some(update(if shows { std::slice::from_ref(&line) } else { &[] }, time_ns))
     }
 }
 
@@ -254,6 +288,35 @@ mod tests {
         assert_eq!(scene.frames(&unknown, 1).len(), 1, "the paper is known");
         // A clock that went back, as that of another daemon may.
         assert_eq!(scene.frames(&known(1), 1).len(), 1 + JOINTS);
+    }
+
+    #[test]
+    fn the_previewed_path_is_told_fifty_times_a_second_and_its_end_once() {
+        let mut preview = Preview::default();
+        let mut record = TickRecord::default();
+        record.path_m[..6].copy_from_slice(&[0.01, 0.02, 0.03, 0.04, f32::NAN, 0.0]);
+        let mut told = |path_points: u32, tick: u64| {
+            record.release_ns = 1_000_000_000 + tick * 2_000_000;
+            record.path_points = path_points;
+            preview.update(&record, 1)
+        };
+        let has = |bytes: &[u8], number: f32| {
+            let wanted = f64::from(number).to_le_bytes();
+            bytes.windows(8).any(|eight| eight == wanted)
+        };
+        let mut lines = Vec::new();
+        for tick in 0..100 {
+            lines.extend(told(3, tick));
+        }
+        assert_eq!(lines.len(), 10, "in 0.2 s");
+        assert!([0.01, 0.02, 0.03, 0.04].iter().all(|m| has(&lines[0], *m)));
+        assert!(!has(&lines[0], f32::NAN), "a point that is not known is left out");
+        let end = told(0, 100).unwrap();
+        assert!(!has(&end, 0.01) && end.len() < lines[0].len() / 2);
+        assert_eq!((told(0, 101), told(0, 200)), (None, None));
+        assert!(told(3, 201).is_some());
+        // A forged number of points, and a clock that was set back.
+        assert!(told(u32::MAX, 300).is_some() && told(3, 250).is_some());
     }
 
     #[test]

@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry as Slot;
 use std::io::Write;
 
+use foretrace_shm::PATH_POINTS;
+
 use crate::RecordError;
 use crate::read::{Channel, Entry, Reader};
 use crate::topics::WIRE;
@@ -70,7 +72,7 @@ impl Number {
 }
 
 /// Entries of an array that become columns at most; longer ones are histograms and byte strings.
-const LONGEST_ARRAY: usize = 16;
+const LONGEST_ARRAY: usize = 2 * PATH_POINTS;
 /// Columns of one topic at most: a forged table must not fill the memory.
 const MOST_COLUMNS: usize = 4096;
 

@@ -15,7 +15,7 @@ use mcap::write::NoSeek;
 use mcap::{WriteOptions, Writer};
 
 use crate::RecordError;
-use crate::scene::Scene;
+use crate::scene::{Preview, Scene};
 use crate::topics::Topic;
 
 /// Bytes of a chunk at most; most are closed by time before that.
@@ -36,6 +36,7 @@ pub struct Output {
     newest: Option<TickRecord>,
     /// That of the settings in the file.
     pub(crate) scene: Option<Scene>,
+    pub(crate) preview: Preview,
 }
 
 impl std::fmt::Debug for Output {
@@ -92,9 +93,9 @@ impl Output {
         let about = Metadata { name: "foretrace".to_owned(), metadata: facts.clone() };
         writer.write_metadata(&about).map_err(broken)?;
         let (sequences, target) = ([0; Topic::ALL.len()], target.to_path_buf());
-        let (newest, scene) = (None, None);
+        let (newest, scene, preview) = (None, None, Preview::default());
         let mut output =
-            Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest, scene };
+            Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest, scene, preview };
         output.flush()?;
         Ok(output)
     }

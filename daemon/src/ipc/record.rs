@@ -165,6 +165,8 @@ pub fn tick_record(
         stop: wire::stop_detail(&output.stop_detail),
         arm_speed_share: output.arm_speed_share.unwrap_or(UNKNOWN),
         arm_line: facts.ports.arm_line,
+        path_points: output.path.points().len() as u32,
+        path_m: path(output.path.points()),
         ..Default::default()
     };
     if let Some(compared) = ghost.compared {
@@ -178,6 +180,14 @@ pub fn tick_record(
         record.set_stage(stage, ns);
     }
     record
+}
+
+const _: () = assert!(shm::PATH_POINTS == foretrace_control::follower::PATH_POINTS);
+
+/// Points as x and y in turn.
+fn path(points: &[[f32; 2]]) -> [f32; 2 * shm::PATH_POINTS] {
+    let mut numbers = points.as_flattened().iter();
+    std::array::from_fn(|_| numbers.next().copied().unwrap_or(0.0))
 }
 
 /// Jerk of the setpoint over this tick \[m/s³\]; 0 where the tick before sent nothing or is not known.

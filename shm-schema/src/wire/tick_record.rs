@@ -51,9 +51,12 @@ impl Chain {
     };
 }
 
+/// Points of the previewed path in a [`TickRecord`] at most.
+pub const PATH_POINTS: usize = 10;
+
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV6"
+    "foretrace.TickRecordV7"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -204,6 +207,13 @@ wire! {
         pub arm_speed_share: f64,
         /// The line to the arm's controller.
         pub arm_line: ArmLine,
+        /// Points of the next field that are known; 0: there was no preview, or no plan.
+        pub path_points: u32,
+        /// 0.
+        pub reserved: u32,
+        /// The previewed path that the plan was to follow, as far as it trusted it: x and y of each point in
+        /// turn, from soon to late, the plan's last reference at the end \[m\].
+        pub path_m: [f32; 2 * PATH_POINTS],
     }
 }
 
@@ -213,6 +223,12 @@ impl TickRecord {
     /// Cost of a stage \[ns\].
     pub fn stage(&self, stage: Stage) -> u32 {
         self.stage_ns.get(stage as usize).copied().unwrap_or(0)
+    }
+
+    /// Points of the previewed path, from soon to late \[m\].
+    pub fn path(&self) -> impl Iterator<Item = [f32; 2]> {
+        let points = self.path_m.as_chunks::<2>().0;
+        points.iter().copied().take(self.path_points as usize)
     }
 
     /// Sets the cost of a stage, saturated to 4.29 s.

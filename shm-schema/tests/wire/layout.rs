@@ -158,7 +158,7 @@ fn layouts_are_pinned() {
         0x6e01a9bec75bd4a7,
     );
     pinned::<TickRecord>(
-        1296,
+        1384,
         8,
         &[
             ("header", 0, 24),
@@ -230,8 +230,11 @@ fn layouts_are_pinned() {
             ("stop", 1224, 32),
             ("arm_speed_share", 1256, 8),
             ("arm_line", 1264, 32),
+            ("path_points", 1296, 4),
+            ("reserved", 1300, 4),
+            ("path_m", 1304, 80),
         ],
-        0xa6a5bd8e204aa8b9,
+        0x5a119bb3110be1e1,
     );
     pinned::<Percentiles>(
         16,

@@ -34,6 +34,7 @@ class Counter {
   frames = new Map();
   lines = [];
   scenes = [];
+  previews = 0;
   tick(message) {
     this.ticks.push(Number(message.tick));
     judge.bad = judge.bad || !(message.qRad ?? message.q_rad)?.length;
@@ -45,6 +46,7 @@ class Counter {
   take(topic, message) {
     if (topic === "/tick") this.tick(message);
     else if (topic === "/tf") this.frame(message);
+    else if (topic === "/preview") this.previews += message.entities.some((entity) => entity.lines[0].points.length === 10);
     else if (topic === "/scene") this.scenes.push(message);
     else this.lines.push(message.message);
   }
@@ -60,6 +62,7 @@ class Counter {
     judge(arm > 14 * seconds && arm < 22 * seconds, `${who}: ${arm} times the arm's last link in ${seconds} s`);
     const entities = this.scenes.flatMap((scene) => scene.entities);
     const hang = entities.every((entity) => ["base", ...frames.keys()].includes(entity.frameId ?? entity.frame_id));
+    judge(this.previews > 20, `${who}: ${this.previews} times a previewed path of ten points`);
     judge(this.scenes.length === 1 && hang, `${who}: a scene of ${entities.map((entity) => entity.id).join(", ")}`);
   }
 }

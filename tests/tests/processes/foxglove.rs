@@ -156,6 +156,17 @@ fn number(bytes: &[u8]) -> u64 {
     u64::from_le_bytes(bytes.try_into().unwrap())
 }
 
+/// Where the line of a `SceneUpdate` ends, if the message has one.
+fn end_of_preview(message: &Message) -> Option<[f64; 2]> {
+    // Entities of an update, lines of an entity, points of a line.
+    const NUMBERS: [u64; 3] = [2, 11, 5];
+    let Message::Binary(bytes) = message else { return None };
+    let bytes = bytes.strip_prefix(&[1, 3, 0, 0, 0])?;
+    let inside = |bytes: Vec<u8>, number: &u64| fields(&bytes).remove(number);
+    let point = fields(&NUMBERS.iter().try_fold(bytes[8..].to_vec(), inside)?);
+    Some([1, 2].map(|axis| doubles(&point[&axis])[0]))
+}
+
 /// The tick records of a recording, by number.
 fn recorded(world: &World, name: &str) -> BTreeMap<u64, TickRecord> {
     let mut reader = Reader::open(&world.file(name)).unwrap();
@@ -226,6 +237,12 @@ fn viewers_of_all_subprotocols_see_what_the_daemon_sent_beside_one_that_never_re
         let _ = viewer.0.close(None);
     }
 
+    let mut viewer = Viewer::open(&address, "/", PROTOCOLS[1]).unwrap();
+    viewer.say(r#"{"op":"subscribe","subscriptions":[{"id":3,"channelId":5}]}"#);
+    let hand = world.start(0, &["play", "glyphs:Kx"]);
+    let ends: Vec<[f64; 2]> = (0..20).map(|_| viewer.wait("a previewed path", end_of_preview)).collect();
+    hand.end();
+
     let refused = Viewer::open(&address, "/", "foxglove.sdk.v2").err().unwrap();
     assert!(refused.contains("this server speaks foxglove.sdk.v1"), "{refused}");
     let refused = Viewer::open(&address, "/?token=0", PROTOCOLS[0]).err().unwrap();
@@ -251,8 +268,12 @@ fn viewers_of_all_subprotocols_see_what_the_daemon_sent_beside_one_that_never_re
         compared += 1;
     }
     assert!(compared > 600, "{compared} of 900 were recorded");
+    let known: Vec<[f64; 2]> =
+        sent.values().filter_map(|record| record.path().last()).map(|end| end.map(f64::from)).collect();
+    let told = ends.iter().filter(|end| known.contains(end)).count();
+    assert!(told > 15, "{told} of 20 previewed paths end as one that was recorded: {ends:?}");
     let tally = json(&world.file("foxglove.json"));
-    assert_eq!(tally["viewers"], 4, "{tally}");
+    assert_eq!(tally["viewers"], 5, "{tally}");
     assert_eq!(tally["refused"]["another subprotocol"], 1, "{tally}");
     assert!(tally["sent"].as_u64() > Some(900), "{tally}");
     drop(never);

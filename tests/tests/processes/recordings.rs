@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::Foretrace;
 use foretrace_record::info::{Info, info};
 use foretrace_record::read::{Content, Entry, Reader};
-use foretrace_shm::{input_flags, monotonic_now_ns};
+use foretrace_shm::{Mode, input_flags, monotonic_now_ns};
 use foretrace_tests::{World, assert_refused, json, told, until};
 use serde_json::Value;
 
@@ -57,6 +57,19 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     assert_eq!(info["topics"]["/tick"], report["ticks"], "{info}");
     assert!(info["topics"]["/log"].as_u64() >= Some(2), "it followed and was stopped: {info}");
     assert_eq!(info["end"]["queue_lost"], "0", "{info}");
+    let (mut previewed, mut reader) = (0, Reader::open(&world.file("run.mcap")).unwrap());
+    while let Some(entry) = reader.next_entry().unwrap() {
+        let Entry::Message(message) = entry else { continue };
+        let Content::Tick(record) = reader.content(&message).unwrap() else { continue };
+        let path: Vec<[f32; 2]> = record.path().collect();
+        let off = |[x, y]: [f32; 2], of: [f64; 3]| (f64::from(x) - of[0]).hypot(f64::from(y) - of[1]);
+        assert!(path.is_empty() || path.len() == 10 && off(path[0], record.reference_m) < 0.01, "{record:?}");
+        assert!(path.iter().all(|at| off(*at, record.pen_m) < 0.2), "{path:?} at {:?}", record.pen_m);
+        let follows = [Mode::Following, Mode::Holding].map(u32::from).contains(&record.mode);
+        assert!(path.is_empty() || follows, "mode {}", record.mode);
+        previewed += usize::from(!path.is_empty());
+    }
+    assert!(previewed > 200, "{previewed} previewed paths");
     let again = replayed(&world, &file);
     assert_eq!(again["start"], "state");
     // On a busy machine the recorder may lose some: then the replay ends there, and says so.
@@ -70,12 +83,13 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     let output = world.run_plain(&["explain", &file, "--tick", &tick]);
     assert!(told(&output).contains("Trust was"), "{}", told(&output));
     let csv = world.file("run.csv").display().to_string();
-    let output = world.run_plain(&["export", &file, "--csv", &csv, "--every", "10", "--fields", "tick,q"]);
+    let fields = ["--every", "10", "--fields", "tick,q,path_m"];
+    let output = world.run_plain(&[&["export", &file, "--csv", &csv], &fields[..]].concat());
     assert!(output.status.success(), "{}", told(&output));
     let text = std::fs::read_to_string(&csv).unwrap();
-    let columns =
-        "time [ns since 1970],tick [1],q[0] [rad],q[1] [rad],q[2] [rad],q[3] [rad],q[4] [rad],q[5] [rad]";
-    assert_eq!(text.lines().next(), Some(columns));
+    let columns = "time [ns since 1970],tick [1],q[0] [rad],q[1] [rad],q[2] [rad],q[3] [rad],q[4] [rad],\
+                   q[5] [rad],path_m[0] [m],path_m[1] [m],";
+    assert!(text.starts_with(columns) && text.lines().next().unwrap().ends_with(",path_m[19] [m]"), "{text}");
     let rows = report["ticks"].as_u64().unwrap().div_ceil(10);
     assert_eq!(text.lines().count() as u64, 1 + rows);
     let pen = world.file("pen.csv").display().to_string();

@@ -21,7 +21,7 @@ use super::settings::Settings;
 use super::viewer::Viewer;
 use crate::RecordError;
 use crate::record::unix_minus_monotonic;
-use crate::scene::Scene;
+use crate::scene::{Preview, Scene};
 use crate::source::{Heard, News, Source, Wants};
 use crate::topics::{Topic, frames, log, tick, warning};
 
@@ -64,6 +64,13 @@ pub enum FoxgloveError {
 
 foretrace_shm::debug_is_sentence!(FoxgloveError);
 
+/// What is shown beside ticks.
+#[derive(Debug, Default)]
+struct Around {
+    scene: Option<Scene>,
+    preview: Preview,
+}
+
 /// A server that listens.
 pub struct Server {
     listener: TcpListener,
@@ -73,7 +80,7 @@ pub struct Server {
     orders: Orders,
     source: Source,
     settings: Settings,
-    scene: Option<Scene>,
+    around: Around,
     /// From the monotonic clock to the time since 1970 \[ns\].
     clock: u64,
 }
@@ -100,8 +107,8 @@ impl Server {
         let door = Arc::new(Door::new(at, origins, Token::random()?));
         let orders = Orders::start(instance)?;
         let (hub, clock) = (Arc::new(Hub::default()), unix_minus_monotonic());
-        let (settings, scene) = (Settings::new(instance), None);
-        Ok(Self { listener, door, at, hub, orders, source, settings, scene, clock })
+        let (settings, around) = (Settings::new(instance), Around::default());
+        Ok(Self { listener, door, at, hub, orders, source, settings, around, clock })
     }
 
     /// Where it listens.
@@ -129,10 +136,10 @@ impl Server {
             self.hub.now_ns.store(now, Ordering::Relaxed);
             let wanted = CHANNELS.map(|topic| self.hub.wants(place(topic)));
             self.look_around(now, &mut tell);
-            let (hub, clock, scene) = (&self.hub, self.clock, &mut self.scene);
+            let (hub, clock, around) = (&self.hub, self.clock, &mut self.around);
             let news = self.source.hear(|heard| match heard {
                 Heard::Tick(record) => {
-                    publish(hub, (before.as_deref(), &record), scene.as_mut(), clock, wanted);
+                    publish(hub, (before.as_deref(), &record), around, clock, wanted);
                     before = Some(record);
                 }
                 Heard::Status(status) => shown.show(hub, &status),
@@ -165,7 +172,8 @@ impl Server {
             Ok(text) => text,
             Err(error) => return tell(News::Deaf(error)),
         };
-        let Some(text) = text.filter(|text| !self.scene.as_ref().is_some_and(|scene| scene.is_of(text)))
+        let Some(text) =
+            text.filter(|text| !self.around.scene.as_ref().is_some_and(|scene| scene.is_of(text)))
         else {
             return;
         };
@@ -173,7 +181,7 @@ impl Server {
             Ok(scene) => {
                 let bytes = scene.update(now).into();
                 self.hub.keep(Data { channel: place(Topic::Scene), time_ns: now, bytes });
-                self.scene = Some(scene);
+                self.around.scene = Some(scene);
             }
             Err(why) => {
                 let words = format!("the arm is not shown: the settings cannot be read here: {why}");
@@ -291,12 +299,12 @@ fn place(topic: Topic) -> usize {
 fn publish(
     hub: &Hub,
     (before, record): (Option<&TickRecord>, &TickRecord),
-    scene: Option<&mut Scene>,
+    around: &mut Around,
     clock: u64,
     wanted: [bool; CHANNELS.len()],
 ) {
     let time_ns = record.header.stamp_ns.wrapping_add(clock);
-    let [ticks, transforms, lines, _] = wanted;
+    let [ticks, transforms, lines, _, path] = wanted;
     let send = |topic: Topic, bytes: Vec<u8>| {
         hub.publish(&Data { channel: place(topic), time_ns, bytes: bytes.into() });
     };
@@ -304,8 +312,12 @@ fn publish(
         send(Topic::Tick, tick(record));
     }
     if transforms {
-        let around = scene.map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
-        frames(record, time_ns).into_iter().chain(around).for_each(|frame| send(Topic::Frames, frame));
+        let scene = around.scene.as_mut();
+        let links = scene.map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
+        frames(record, time_ns).into_iter().chain(links).for_each(|frame| send(Topic::Frames, frame));
+    }
+    if path && let Some(line) = around.preview.update(record, time_ns) {
+        send(Topic::Preview, line);
     }
     if lines && let Some(before) = before {
         log(before, record, time_ns).into_iter().for_each(|line| send(Topic::Log, line));

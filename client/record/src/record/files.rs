@@ -174,6 +174,9 @@ pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -
     frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
     let around = output.scene.as_mut().map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
     around.iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    if let Some(line) = output.preview.update(record, time_ns) {
+        output.put(Topic::Preview, time_ns, &line)?;
+    }
     let before = output.follow(record);
     let lines = before.map_or_else(Vec::new, |before| log(&before, record, time_ns));
     lines.iter().try_for_each(|line| output.put(Topic::Log, time_ns, line))

@@ -46,11 +46,13 @@ pub enum Topic {
     Log,
     /// The arm's shapes, what it keeps away from, and the paper.
     Scene,
+    /// The previewed path.
+    Preview,
 }
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Input,
         Self::TickRaw,
         Self::StatusRaw,
@@ -60,6 +62,7 @@ impl Topic {
         Self::Recorder,
         Self::Log,
         Self::Scene,
+        Self::Preview,
     ];
 
     /// Its name in the file.
@@ -75,6 +78,7 @@ impl Topic {
             Self::Recorder => "/recorder",
             Self::Log => "/log",
             Self::Scene => "/scene",
+            Self::Preview => "/preview",
         }
     }
 
@@ -108,7 +112,7 @@ impl Topic {
             Self::Frames => proto(&FRAME_TRANSFORM, foxglove::FRAME_FILES),
             Self::Recorder => proto(&RECORDER, &[people::OURS]),
             Self::Log => proto(&LOG, foxglove::LOG_FILES),
-            Self::Scene => proto(&SCENE_UPDATE, scene::SCENE_FILES),
+            Self::Scene | Self::Preview => proto(&SCENE_UPDATE, scene::SCENE_FILES),
         }
     }
 
@@ -117,7 +121,9 @@ impl Topic {
     pub const fn encoding(self) -> &'static str {
         match self {
             Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing => WIRE,
-            Self::Tick | Self::Frames | Self::Recorder | Self::Log | Self::Scene => "protobuf",
+            Self::Tick | Self::Frames | Self::Recorder | Self::Log | Self::Scene | Self::Preview => {
+                "protobuf"
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Source: the schemas of github.com/foxglove/foxglove-sdk without their newest fields from 100 on.
 
-use super::foxglove::{QUATERNION, TIME, Turn, VECTOR, quaternion, timestamp, vector};
+use super::foxglove::{QUATERNION, TIME, Turn, UPRIGHT, VECTOR, quaternion, timestamp, vector};
 use crate::proto::{Kind, ProtoFile, Shape, Value, encode};
 
 /// Foxglove's `SceneUpdate`.
@@ -180,6 +180,8 @@ pub(crate) struct Entity {
     pub(crate) cubes: Vec<Solid>,
     pub(crate) spheres: Vec<Solid>,
     pub(crate) cylinders: Vec<Solid>,
+    /// Points of each line \[m\].
+    pub(crate) lines: Vec<Vec<[f64; 3]>>,
 }
 
 /// A cube, sphere or cylinder: its centre and turn in the entity's frame, and its size along its own axes
@@ -216,6 +218,7 @@ fn encoded(entity: &Entity, time: &[u8]) -> Vec<u8> {
     };
     let (cubes, spheres) = (boxes(&CUBE, &entity.cubes), boxes(&SPHERE, &entity.spheres));
     let cylinders: Vec<Vec<u8>> = entity.cylinders.iter().filter_map(cylinder).collect();
+    let lines: Vec<Vec<u8>> = entity.lines.iter().filter_map(|points| line(points, &color)).collect();
     let none = Value::Parts(&[]);
     let values = [
         Value::Part(time),
@@ -229,12 +232,30 @@ fn encoded(entity: &Entity, time: &[u8]) -> Vec<u8> {
         Value::Parts(&cubes),
         Value::Parts(&spheres),
         Value::Parts(&cylinders),
-        none,
+        Value::Parts(&lines),
         none,
         none,
         none,
     ];
     encode(&ENTITY, &values).unwrap_or_default()
+}
+
+/// A line through `points`, two millimetres wide.
+fn line(points: &[[f64; 3]], color: &[u8]) -> Option<Vec<u8>> {
+    let points: Vec<Vec<u8>> = points.iter().filter_map(|at| encode(&POINT, &at.map(Value::F64))).collect();
+    let (none, upright) = (vector(&[0.0; 3]), quaternion(UPRIGHT));
+    let pose = encode(&POSE, &[Value::Part(&none), Value::Part(&upright)])?;
+    let values = [
+        Value::Choice(0),
+        Value::Part(&pose),
+        Value::F64(0.002),
+        Value::Bool(false),
+        Value::Parts(&points),
+        Value::Part(color),
+        Value::Parts(&[]),
+        Value::Fixed32s(&[]),
+    ];
+    encode(&LINE, &values)
 }
 
 impl Solid {

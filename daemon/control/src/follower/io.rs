@@ -281,6 +281,8 @@ pub struct StepOutput<const J: usize> {
     pub lag: Option<LagEstimate>,
     /// First reference of the plan in the plane frame \[m\].
     pub reference: [f64; 3],
+    /// The previewed path that the plan followed.
+    pub path: PreviewPath,
     /// Setpoint of this tick in the plane frame.
     pub setpoint: [AxisState; 3],
     /// Where the published joints put the tool, plane frame \[m\].
@@ -295,6 +297,39 @@ pub struct StepOutput<const J: usize> {
     pub learn: [LearnStep; MAX_STEPS_PER_TICK],
     /// See `learn`.
     pub learn_count: usize,
+}
+
+/// Points of a [`PreviewPath`] at most.
+pub const PATH_POINTS: usize = 10;
+
+/// The path of the pen that a plan was to follow as far as it trusted it, from soon to late, in the plane
+/// frame \[m\]: its references in even strides, with the last one. No points: there was no preview, or no
+/// plan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PreviewPath {
+    points: [[f32; 2]; PATH_POINTS],
+    count: usize,
+}
+
+impl PreviewPath {
+    /// That of the references `xs` and `ys`.
+    pub(crate) fn of<const N: usize>(xs: &[AxisState; N], ys: &[AxisState; N]) -> Self {
+        let count = N.min(PATH_POINTS);
+        let mut path = Self { count, ..Self::default() };
+        for (number, point) in path.points.iter_mut().enumerate().take(count) {
+            let index = ((number + 1) * N / count).saturating_sub(1);
+            if let (Some(x), Some(y)) = (xs.get(index), ys.get(index)) {
+                *point = [x.position as f32, y.position as f32];
+            }
+        }
+        path
+    }
+
+    /// Its points.
+    #[must_use]
+    pub fn points(&self) -> &[[f32; 2]] {
+        self.points.get(..self.count).unwrap_or_default()
+    }
 }
 
 #[cfg(test)]
@@ -324,5 +359,20 @@ mod tests {
         ];
         assert_eq!(bits.iter().fold(0, |all, bit| all | bit), (1 << bits.len()) - 1);
         assert!(bits.iter().all(|bit| bit.count_ones() == 1));
+    }
+
+    #[test]
+    fn a_path_has_the_last_reference_and_even_strides_whatever_the_horizon() {
+        fn path<const N: usize>() -> Vec<f32> {
+            let at = |side: f64| std::array::from_fn(|i| AxisState::at_rest(side * (i + 1) as f64));
+            let (xs, ys): ([AxisState; N], [AxisState; N]) = (at(1.0), at(-1.0));
+            let path = PreviewPath::of(&xs, &ys);
+            assert!(path.points().iter().all(|[x, y]| *y == -x));
+            path.points().iter().map(|[x, _]| *x).collect()
+        }
+        let strides = |stride: u8| (1..=10).map(|i| f32::from(i * stride)).collect::<Vec<f32>>();
+        assert_eq!([path::<10>(), path::<20>(), path::<30>()], [strides(1), strides(2), strides(3)]);
+        assert_eq!((path::<3>(), path::<0>()), (vec![1.0, 2.0, 3.0], Vec::new()));
+        assert!(PreviewPath::default().points().is_empty());
     }
 }

@@ -27,7 +27,7 @@ mod watch;
 use crate::state::state;
 pub use io::{
     Budget, EnableReading, Health, HomeProgress, JointCommand, JointReading, MAX_STEPS_PER_TICK, Mode,
-    NoClock, Refusal, Request, Rung, Stage, StageClock, StepInput, StepOutput,
+    NoClock, PATH_POINTS, PreviewPath, Refusal, Request, Rung, Stage, StageClock, StepInput, StepOutput,
 };
 pub use request::WayBlocked;
 pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};

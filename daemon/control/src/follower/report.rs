@@ -55,6 +55,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             dead_time_ns: self.dead_time.ns(),
             lag: self.lag.estimate(),
             reference: moved.reference,
+            path: moved.path,
             setpoint: moved.setpoint,
             tool: moved.tool,
             axes: moved.axes,

@@ -54,6 +54,38 @@ fn samples_between_grid_points_do_no_harm_to_a_predictor_that_is_right() {
 }
 
 #[test]
+fn the_path_that_is_told_is_where_a_known_pen_will_be_and_begins_with_the_first_reference() {
+    let mut wanted = FollowerSettings { dead_time_ns: 30_000_000, ..settings(PredictorKind::HOLD) };
+    wanted.trust.per_step = false;
+    let mut bench = Bench::armed(wanted.clone());
+    let start = bench.now;
+    assert!(bench.tick(&[]).path.points().is_empty(), "without a pen");
+    bench.follower.use_oracle(oracle(start, 900, curve));
+    let (mut worst, mut turned, mut seen) = (0.0_f64, 0.0_f64, 0);
+    write(&mut bench, start, 2000, curve, |bench, output| {
+        let released = bench.now.seconds_since(start) - PERIOD_NS as f64 * 1e-9;
+        let points = output.path.points();
+        if released < 1.0 {
+            return;
+        }
+        assert_eq!(points.len(), 10);
+        assert_eq!(points[0], [output.reference[0] as f32, output.reference[1] as f32]);
+        for (lead, [x, y]) in (1..).zip(points) {
+            let at =
+                curve(released + wanted.dead_time_ns as f64 * 1e-9 + f64::from(lead) * wanted.mpc.step_s);
+            worst = worst.max((f64::from(*x) - at[0]).hypot(f64::from(*y) - at[1]));
+        }
+        turned = turned.max((points[9][0] - points[0][0]).hypot(points[9][1] - points[0][1]).into());
+        seen += 1;
+    });
+    println!("{seen} paths, {:.3} mm off at most", worst * 1e3);
+    // A path one tick late would be up to 0.6 mm off.
+    assert!(worst < 2e-4 && turned > 0.015 && seen > 1000, "{worst} m off, {turned} m long, {seen} seen");
+    let stopped = bench.tick_with(&[], Some(Request::Stop), Budget::default());
+    assert!(stopped.path.points().is_empty(), "in a stop nothing is followed");
+}
+
+#[test]
 fn frozen_trust_stays_while_the_evidence_turns_and_health_overrules_it() {
     // Trust per step would learn the zigzag.
     let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);

@@ -16,7 +16,8 @@ pub(crate) use told::{
 /// Largest message of a viewer \[bytes\].
 pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
 /// Topics that viewers get, each at the channel of its place here, from 1.
-pub(crate) const CHANNELS: [Topic; 4] = [Topic::Tick, Topic::Frames, Topic::Log, Topic::Scene];
+pub(crate) const CHANNELS: [Topic; 5] =
+    [Topic::Tick, Topic::Frames, Topic::Log, Topic::Scene, Topic::Preview];
 
 /// A service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

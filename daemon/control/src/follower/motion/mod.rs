@@ -21,7 +21,7 @@ pub(super) use setup::paced;
 use setup::{comes_to_rest, inverse_kinematics, planner};
 
 use super::Budget;
-use super::io::{Health, JointCommand, Rung, Stage, StageClock};
+use super::io::{Health, JointCommand, PreviewPath, Rung, Stage, StageClock};
 use super::settings::{FollowerError, FollowerSettings};
 use crate::arm::servo::Servo;
 use crate::arm::{Chain, Kinematics};
@@ -63,6 +63,7 @@ pub(super) struct Moved<const J: usize> {
     pub(super) rung: Rung,
     pub(super) at_rest: bool,
     pub(super) reference: [f64; 3],
+    pub(super) path: PreviewPath,
     pub(super) setpoint: [AxisState; 3],
     pub(super) tool: [f64; 3],
     pub(super) axes: [AxisReport; 3],
@@ -82,6 +83,7 @@ pub(super) struct Moved<const J: usize> {
 struct Planned {
     /// First reference of the plan \[m\], plane frame.
     reference: [f64; 3],
+    path: PreviewPath,
     /// The tool's state; `None` where there is no plan to follow.
     next: Option<[AxisState; 3]>,
     rung: Rung,
@@ -253,6 +255,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             rung: if solved.rung == Rung::Stop && at_rest { Rung::Hold } else { solved.rung },
             at_rest,
             reference: planned.reference,
+            path: planned.path,
             setpoint: self.tool,
             tool: [tool.x, tool.y, tool.z],
             axes: self.reports.axes,
@@ -290,6 +293,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             rung: Rung::Hold,
             at_rest: true,
             reference: [0.0; 3],
+            path: PreviewPath::default(),
             setpoint: [AxisState::default(); 3],
             tool: [0.0; 3],
             axes: self.reports.axes,

@@ -3,7 +3,7 @@
 
 use super::{Mover, Planned, Wanted};
 use crate::follower::Budget;
-use crate::follower::io::{Health, Rung};
+use crate::follower::io::{Health, PreviewPath, Rung};
 use crate::mpc::{PlanReport, Start};
 use crate::units::{AxisState, Stamp, Trust};
 
@@ -25,12 +25,13 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ) -> Planned {
         let Wanted::Follow { pen, holding, preview, trust } = wanted else {
             let reference = self.tool.map(|axis| axis.position);
-            return Planned { reference, next: None, rung: Rung::Stop };
+            return Planned { reference, path: PreviewPath::default(), next: None, rung: Rung::Stop };
         };
+        let path = preview.as_ref().map_or_else(PreviewPath::default, |[xs, ys]| PreviewPath::of(xs, ys));
         let (references, conservative, trust) = self.references(pen, *holding, preview, *trust);
         let reference = references.map(|axis| axis.first().map_or(0.0, |state| state.position));
         let (next, rung) = self.plan_next(start, &conservative, &references, trust, budget, health);
-        Planned { reference, next, rung }
+        Planned { reference, path, next, rung }
     }
 
     /// The tool state at the end of the period: from a fresh plan, else from the previous one.
