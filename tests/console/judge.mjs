@@ -107,6 +107,29 @@ async function awake() {
   });
 }
 
+// A mouse of 8000 Hz, and the samples that wait while the page is busy, are no reason to let the page go.
+async function swift(page) {
+  let sockets = 0;
+  page.on("websocket", () => { sockets += 1; });
+  const before = await page.evaluate(() => {
+    const { pad } = globalThis.foretrace;
+    pad.leave();
+    const name = pad.raw ? "pointerrawupdate" : "pointermove";
+    const event = (more) => new PointerEvent(name, { pointerId: 1, pointerType: "mouse", bubbles: true, clientX: 200, clientY: 300, ...more });
+    const sent = pad.sent;
+    const begin = performance.now();
+    for (let count = 0; count < 4000; count += 1) {
+      while (performance.now() < begin + count / 8);
+      pad.canvas.dispatchEvent(event());
+    }
+    pad.canvas.dispatchEvent(event({ coalescedEvents: Array.from({ length: 600 }, () => event()) }));
+    return sent;
+  });
+  await pause(2000);
+  const sent = await page.evaluate(() => { globalThis.foretrace.pad.leave(); return globalThis.foretrace.pad.sent; }) - before;
+  check("a mouse of 8000 Hz and 600 samples at once keep their link", sockets === 0 && sent >= 4600, `${sent} samples, ${sockets} links lost`);
+}
+
 // Shows a path of the preview and then none: whether the pad has its colour at two places of it and beside it, and how
 // many ends of lines the arm's picture has of it.
 function previewed() {
@@ -275,7 +298,19 @@ async function judge(browser) {
   await until("the predictor that was asked for", () => page.evaluate(() => document.getElementById("figures").textContent
     .includes("predictorconstant-velocity")), 30);
   check("and the predictor", true);
+  await page.evaluate(() => {
+    globalThis.told = [];
+    const { send } = WebSocket.prototype;
+    WebSocket.prototype.send = function (text) { globalThis.told.push(text); return send.call(this, text); };
+  });
+  await page.focus("#predictor");
+  for (const key of ["a", "c"]) await page.keyboard.press(key);
+  await until("what the keys on a list asked for", () => page.evaluate(() => globalThis.told.length > 2), 20);
+  const keys = await page.evaluate(() => ({ armed: globalThis.told.some((text) => text.includes('"arm"')),
+    clutched: globalThis.foretrace.pad.clutched }));
+  check("letters that pick from a list neither arm nor clutch", !keys.armed && !keys.clutched, JSON.stringify(keys));
   await page.selectOption("#predictor", "mixture");
+  await swift(page);
   await page.click('[data-ask=\'{"trust_auto":true}\']');
   await strangers(tools, browser, address, page);
   await finger({ ...tools, pictures: PICTURES }, page);

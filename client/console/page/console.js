@@ -48,6 +48,14 @@ function send(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
+// Dated, so that one that was long under way, or from before a stop, moves nothing: at the earliest moment that it may
+// have been by the server's clock.
+function order(kind, what) {
+  const us = clock.stampUs(performance.now() - clock.uncertaintyMs);
+  if (us === null) answer(false, "not asked for: the clock is not known yet; try again");
+  else send({ [kind]: [what, us] });
+}
+
 function stop() {
   stops += 1;
   send({ stop: true });
@@ -105,7 +113,7 @@ function begin(scene) {
     arm.scene(scene);
   } catch (error) {
     // Without WebGL the pad and the controls work on.
-    byId("arm").replaceWith(Object.assign(document.createElement("p"),
+    byId("arm")?.replaceWith(Object.assign(document.createElement("p"),
       { className: "note", textContent: `this browser shows no 3-D picture: ${error.message}` }));
     arm = null;
   }
@@ -195,7 +203,7 @@ byId("control").addEventListener("click", () => send(mine ? { release: true } : 
 byId("record").addEventListener("click", () => send({ record: !recording }));
 byId("take-pen").addEventListener("click", () => send({ take_pen: true }));
 for (const button of document.querySelectorAll("[data-ask]")) {
-  button.addEventListener("click", () => send({ ask: JSON.parse(button.dataset.ask) }));
+  button.addEventListener("click", () => order("ask", JSON.parse(button.dataset.ask)));
 }
 function clutch(held) {
   pad.clutch(held);
@@ -204,11 +212,11 @@ function clutch(held) {
 }
 byId("clutch").addEventListener("click", () => clutch(!pad.clutched));
 byId("scale").addEventListener("change", (event) => { event.target.value = pad.scaled(Number(event.target.value)); });
-byId("trust").addEventListener("change", (event) => send({ ask: { trust: Number(event.target.value) } }));
-byId("predictor").addEventListener("change", (event) => send({ ask: { predictor: event.target.value } }));
+byId("trust").addEventListener("change", (event) => order("ask", { trust: Number(event.target.value) }));
+byId("predictor").addEventListener("change", (event) => order("ask", { predictor: event.target.value }));
 byId("write").addEventListener("submit", (event) => {
   event.preventDefault();
-  send({ write: byId("text").value });
+  order("write", byId("text").value);
 });
 for (const button of document.querySelectorAll("[data-view]")) {
   button.addEventListener("click", () => {
@@ -221,19 +229,21 @@ for (const button of document.querySelectorAll("[data-view]")) {
 
 // Where letters are text; a slider takes none.
 const typing = (target) => target.tagName === "TEXTAREA" || (target.tagName === "INPUT" && target.type !== "range");
+// A list goes to what begins with the letter.
+const picking = (target) => typing(target) || target.tagName === "SELECT";
 // Elsewhere the space bar presses the button that has the focus, such as Stop.
 const holds = (target) => target === document.body || target === hold.button || target === pad.canvas;
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") { if (!event.repeat) stop(); return; }
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if ((event.key === "s" || event.key === "S") && !event.repeat && !typing(event.target)) stop();
-  if ((event.key === "a" || event.key === "A") && !event.repeat && !typing(event.target)) send({ ask: { arm: true } });
-  if ((event.key === "c" || event.key === "C") && !event.repeat && !typing(event.target)) clutch(true);
+  if ((event.key === "a" || event.key === "A") && !event.repeat && !picking(event.target)) order("ask", { arm: true });
+  if ((event.key === "c" || event.key === "C") && !event.repeat && !picking(event.target)) clutch(true);
   if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press(); }
 });
 addEventListener("keyup", (event) => {
   if (event.key === " ") hold.letGo();
-  if ((event.key === "c" || event.key === "C") && !typing(event.target)) clutch(false);
+  if ((event.key === "c" || event.key === "C") && !picking(event.target)) clutch(false);
 });
 
 function connect() {

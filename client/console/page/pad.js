@@ -5,6 +5,9 @@ const CONTACT = 1, IN_RANGE = 2, BUTTON_1 = 4, BUTTON_2 = 8, ERASER = 32;
 const REPEAT_MS = 20;
 // Repeated samples are stamped this long ago, so that an event on its way stays later than they.
 const MARGIN_MS = 4;
+// A device may tell thousands of times per second: samples of so short a time go together, so many at most.
+const TOGETHER_MS = 0.8;
+const AT_ONCE = 100;
 const TRACE = 4000;
 // No hand goes further between two points of the traces, a hundredth of a second [m].
 const LEAP = 0.02;
@@ -29,6 +32,7 @@ export class Pad {
     this.follows = null;
     this.lastUs = 0;
     this.sent = 0;
+    this.flushed = 0;
     this.pending = [];
     this.intervals = [];
     this.ink = [];
@@ -105,7 +109,8 @@ export class Pad {
     if (!this.isFollowed(event)) return;
     const all = this.coalesced ? event.getCoalescedEvents() : [];
     for (const one of all.length ? all : [event]) this.one(one);
-    this.flush();
+    // What waits goes with the next sample, or in a moment.
+    if (performance.now() - this.flushed >= TOGETHER_MS) this.flush();
   }
 
   one(event) {
@@ -181,12 +186,17 @@ export class Pad {
 
   flush() {
     if (!this.pending.length) return;
-    if (this.may) { this.send(this.pending); this.sent += this.pending.length; }
+    this.flushed = performance.now();
+    if (this.may) {
+      for (let at = 0; at < this.pending.length; at += AT_ONCE) this.send(this.pending.slice(at, at + AT_ONCE));
+      this.sent += this.pending.length;
+    }
     this.pending = [];
     this.ask();
   }
 
   rest() {
+    this.flush();
     if (!this.last || !this.may) return;
     const at = performance.now() - MARGIN_MS;
     const us = this.clock.stampUs(at);

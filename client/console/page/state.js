@@ -1,7 +1,7 @@
 // The state in words and figures, and the errors over time.
 
 const SECONDS = 20;
-const number = (value, digits, unit) => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`);
+const number = (value, digits, unit = "") => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`.trim());
 
 export class State {
   constructor(parts) {
@@ -37,14 +37,14 @@ export class State {
       : `${state.error_mm.toFixed(2)} mm rms; feedback alone ${state.ghost_mm === null ? "not known" : `${state.ghost_mm.toFixed(2)} mm`}`;
     const chain = state.chain_ms;
     const rows = [
-      ["trust", `${state.trust.toFixed(2)} → ${state.trust_target.toFixed(2)} (${state.trust_reason})`],
+      ["trust", `${number(state.trust, 2)} → ${number(state.trust_target, 2)} (${state.trust_reason})`],
       ["predictor", state.predictor],
       ["pen → command", number(state.pen_to_command_ms, 2, "ms")],
       ["command → motion", number(state.command_to_motion_ms, 1, "ms")],
       ["reader, transport", `${number(chain.reader, 2, "ms")}, ${number(chain.transport, 2, "ms")}`],
       ["compute, to the arm", `${number(chain.compute, 2, "ms")}, ${number(chain.to_arm, 2, "ms")}`],
       ["arm's lag", number(chain.lag, 1, "ms")],
-      ["loop", `${state.rate_hz.toFixed(1)} Hz, ${state.overruns} overruns, ${state.shed} shed`],
+      ["loop", `${number(state.rate_hz, 1, "Hz")}, ${state.overruns} overruns, ${state.shed} shed`],
       ["pen", `${number(state.pen_age_ms, 0, "ms old")}, ${state.pen_samples} samples, ${state.pen_rejected} rejected`],
       ["arm", number(state.arm_age_ms, 0, "ms old")],
       ...state.stages_us.map(([name, p50, p99]) => [name, `${p50.toFixed(0)} µs, p99 ${p99.toFixed(0)}`]),

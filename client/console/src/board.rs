@@ -22,7 +22,7 @@ pub(crate) const ORDER_LASTS_NS: u64 = 1_000_000_000;
 pub(crate) struct Order {
     pub(crate) what: What,
     pub(crate) page: u64,
-    /// When it came \[ns, monotonic clock\].
+    /// When a person asked for it \[ns, monotonic clock\].
     pub(crate) asked_ns: u64,
     pub(crate) reply: Sender<Reply>,
 }

@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 const HEAD_BYTES: usize = 8192;
 /// Longest time for it.
 pub(crate) const HEAD_TIME: Duration = Duration::from_secs(3);
+/// Longest time for an answer, so that a peer that takes it byte by byte keeps no place.
+const ANSWER_TIME: Duration = Duration::from_secs(30);
 
 /// Headers that every answer carries. The page may run its own scripts and talk to its own server only; it
 /// is isolated from other pages, which also makes the browser's clock finer.
@@ -127,9 +129,26 @@ pub(crate) fn answer(stream: &mut impl Write, status: &str, kind: &str, body: &[
          close\r\n{HEADERS}\r\n",
         body.len()
     );
-    stream.write_all(head.as_bytes())?;
-    stream.write_all(body)?;
+    let begin = Instant::now();
+    put(stream, head.as_bytes(), begin, ANSWER_TIME)?;
+    put(stream, body, begin, ANSWER_TIME)?;
     stream.flush()
+}
+
+/// Writes all of `bytes`, unless `most` has passed since `begin`.
+fn put(stream: &mut impl Write, mut bytes: &[u8], begin: Instant, most: Duration) -> io::Result<()> {
+    while !bytes.is_empty() {
+        if begin.elapsed() > most {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        match stream.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }
 
 /// Turns the connection into a WebSocket.
@@ -189,6 +208,25 @@ mod tests {
         assert_eq!(read(&"x".repeat(20_000)), Err(NoHead::TooLong));
         let doubled = read("GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n").unwrap();
         assert_eq!(doubled.only("host"), None);
+    }
+
+    #[test]
+    fn an_answer_that_is_taken_byte_by_byte_ends() {
+        struct Slow;
+        impl Write for Slow {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                std::thread::sleep(Duration::from_millis(1));
+                Ok(1)
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let most = Duration::from_millis(100);
+        let ended = put(&mut Slow, &[0; 100_000], Instant::now(), most).unwrap_err();
+        assert_eq!(ended.kind(), io::ErrorKind::TimedOut);
+        assert!(put(&mut Slow, &[0; 3], Instant::now(), most).is_ok());
     }
 
     #[test]

@@ -31,10 +31,10 @@ pub(crate) enum Message {
     Pen(Vec<[f64; 7]>),
     /// The hold-to-run button is held (again and again) or let go; when [µs on the monotonic clock].
     Hold(bool, f64),
-    /// An operator's request.
-    Ask(Request),
-    /// A text for the built-in writer.
-    Write(String),
+    /// An operator's request; when it was asked for [µs on the monotonic clock].
+    Ask(Request, f64),
+    /// A text for the built-in writer; when it was asked for [µs on the monotonic clock].
+    Write(String, f64),
     /// Ask whoever holds the pen to give way.
     TakePen(bool),
     /// Begin a recording, or end it.
@@ -68,10 +68,11 @@ impl Message {
         let message: Self = serde_json::from_str(text).map_err(|_| "message not understood")?;
         match &message {
             Self::Pen(samples) if samples.len() > SAMPLES => Err("too many samples at once"),
-            Self::Write(text) if text.chars().count() > TEXT_CHARACTERS => Err("text too long"),
-            Self::Ping(at) | Self::Hold(_, at) | Self::Ask(Request::Trust(at)) if !at.is_finite() => {
+            Self::Write(text, _) if text.chars().count() > TEXT_CHARACTERS => Err("text too long"),
+            Self::Ping(at) | Self::Hold(_, at) | Self::Ask(_, at) | Self::Write(_, at) if !at.is_finite() => {
                 Err("number not finite")
             }
+            Self::Ask(Request::Trust(trust), _) if !trust.is_finite() => Err("number not finite"),
             _ => Ok(message),
         }
     }
@@ -82,12 +83,18 @@ impl Message {
             self,
             Self::Pen(_)
                 | Self::Hold(..)
-                | Self::Ask(_)
-                | Self::Write(_)
+                | Self::Ask(..)
+                | Self::Write(..)
                 | Self::TakePen(_)
                 | Self::Record(_)
         )
     }
+}
+
+/// The time of a page in ns; never later than `now_ns`.
+pub(crate) fn told_at(at_us: f64, now_ns: u64) -> u64 {
+    // A cast of a number out of range saturates.
+    ((at_us * 1e3) as u64).min(now_ns)
 }
 
 /// When a button was held that a page tells of \[ns\]; never later than `now_ns`.
@@ -96,8 +103,7 @@ impl Message {
 ///
 /// The message was under way for so long that the button may have been let go; a release is never too old.
 pub(crate) fn held_at(held: bool, at_us: f64, now_ns: u64) -> Result<u64, &'static str> {
-    // A cast of a number out of range saturates.
-    let at_ns = ((at_us * 1e3) as u64).min(now_ns);
+    let at_ns = told_at(at_us, now_ns);
     if held && now_ns - at_ns >= HOLD_LASTS_NS { Err("hold came too late") } else { Ok(at_ns) }
 }
 
@@ -126,10 +132,10 @@ mod tests {
         let bound = [
             r#"{"pen":[[1,0.1,0.2,3,0.5,0,0]]}"#,
             r#"{"hold":[true,12.5]}"#,
-            r#"{"ask":{"arm":true}}"#,
-            r#"{"ask":{"trust":0.5}}"#,
-            r#"{"ask":{"predictor":"hold"}}"#,
-            r#"{"write":"Hello"}"#,
+            r#"{"ask":[{"arm":true},12.5]}"#,
+            r#"{"ask":[{"trust":0.5},12.5]}"#,
+            r#"{"ask":[{"predictor":"hold"},12.5]}"#,
+            r#"{"write":["Hello",12.5]}"#,
             r#"{"take_pen":true}"#,
             r#"{"record":true}"#,
         ];
@@ -154,9 +160,10 @@ mod tests {
             ("", "message not understood"),
             (r#"{"pen":[[1,2]]}"#, "message not understood"),
             (r#"{"arm":true}"#, "message not understood"),
+            (r#"{"ask":{"arm":true}}"#, "message not understood"),
             (r#"{"stop":true,"ping":1}"#, "message not understood"),
             (&many, "too many samples at once"),
-            (&format!(r#"{{"write":"{}"}}"#, "a".repeat(61)), "text too long"),
+            (&format!(r#"{{"write":["{}",1]}}"#, "a".repeat(61)), "text too long"),
             (&" ".repeat(MESSAGE_BYTES + 1), "message too long"),
         ] {
             assert_eq!(Message::read(text), Err(reason), "{text:.60}");

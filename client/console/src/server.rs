@@ -335,8 +335,12 @@ fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, peer: SocketAddr, id
     if head.path != "/socket" {
         return match page::file(&head.path) {
             Some(file) => {
-                // A browser that goes away meanwhile is no failure.
-                let _ = http::answer(&mut stream, "200 OK", file.kind, file.body);
+                let slow = [ErrorKind::TimedOut, ErrorKind::WouldBlock];
+                match http::answer(&mut stream, "200 OK", file.kind, file.body) {
+                    Err(error) if slow.contains(&error.kind()) => board.refuse("answer taken too slowly"),
+                    // A browser that goes away meanwhile is no failure.
+                    _ => {}
+                }
                 stream.end();
             }
             None => refuse(&mut stream, "404 Not Found", "no such file"),

@@ -11,8 +11,8 @@ use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message as Packet, WebSocket};
 
 use crate::board::{Board, Order, Reply, What, now_ns};
-use crate::message::{MESSAGE_BYTES, Message, held_at, sample};
-use crate::wire::Wire;
+use crate::message::{MESSAGE_BYTES, Message, held_at, sample, told_at};
+use crate::wire::{Metered, Wire};
 
 /// Longest wait for a message, and so between two looks at new frames.
 const WAIT: Duration = Duration::from_millis(5);
@@ -37,7 +37,7 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
         .max_write_buffer_size(1 << 20);
     let (replies, answers) = channel();
     let mut page = Page {
-        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
+        socket: WebSocket::from_raw_socket(Metered::new(stream), Role::Server, Some(config)),
         board,
         id,
         address,
@@ -53,14 +53,14 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
     // It may be gone.
     let _ = page.socket.close(None);
     let _ = page.socket.flush();
-    page.socket.get_mut().end();
+    page.socket.get_mut().wire.end();
     if board.release(id) {
         board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
     }
 }
 
 struct Page<'a> {
-    socket: WebSocket<Wire>,
+    socket: WebSocket<Metered>,
     board: &'a Arc<Board>,
     id: u64,
     address: &'a str,
@@ -95,6 +95,10 @@ impl Page<'_> {
                 Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return "closed",
                 Ok(_) => {}
                 Err(Error::Io(error)) if would_block(&error) => {}
+                Err(Error::Io(error)) if error.kind() == std::io::ErrorKind::QuotaExceeded => {
+                    self.board.refuse("too many bytes");
+                    return "too many bytes";
+                }
                 Err(Error::Capacity(_)) => {
                     self.board.refuse("message too long");
                     return "message too long";
@@ -214,15 +218,17 @@ impl Page<'_> {
                 Ok(at_ns) => self.board.hold(held, at_ns),
                 Err(reason) => self.board.refuse(reason),
             },
-            Message::Ask(request) => self.order(What::Ask(request)),
-            Message::Write(text) => self.order(What::Write(text)),
-            Message::TakePen(_) => self.order(What::TakePen),
-            Message::Record(on) => self.order(What::Record(on)),
+            Message::Ask(request, at_us) => self.order(What::Ask(request), at_us),
+            Message::Write(text, at_us) => self.order(What::Write(text), at_us),
+            Message::TakePen(_) => self.order(What::TakePen, f64::INFINITY),
+            Message::Record(on) => self.order(What::Record(on), f64::INFINITY),
         }
     }
 
-    fn order(&mut self, what: What) {
-        if !self.board.order(Order { what, page: self.id, asked_ns: now_ns(), reply: self.replies.clone() }) {
+    /// `at_us`: when it was asked for, by the page's account; after now: now.
+    fn order(&mut self, what: What, at_us: f64) {
+        let (asked_ns, reply) = (told_at(at_us, now_ns()), self.replies.clone());
+        if !self.board.order(Order { what, page: self.id, asked_ns, reply }) {
             self.tell(false, "too much is asked for at once: try again".to_owned());
         }
     }

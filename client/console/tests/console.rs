@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Claimant, Enable, Foretrace, HolderKind, PenSample, monotonic_now_ns};
-use rig::{Rig, wait_until};
+use rig::{Rig, ask, wait_until, write};
 use serde_json::{Value, json};
 use tungstenite::Message as Packet;
 
@@ -68,8 +68,7 @@ fn without_the_token_nothing_moves_and_all_that_was_tried_is_counted() {
         let held = rig.heard(&rig.daemon.services.enable, || {
             page.writes(5);
             page.holds(true);
-            for message in [json!({"ask": {"arm": true}}), json!({"write": "Hi"}), json!({"take_pen": true})]
-            {
+            for message in [ask(json!({ "arm": true })), write("Hi"), json!({"take_pen": true})] {
                 page.say(message);
                 let told = page.hears("reply");
                 assert!(
@@ -201,7 +200,7 @@ fn orders_that_nobody_answers_are_refused_and_told_and_do_not_pile_up_until_a_da
     let mut page = rig.controller();
     // This daemon's side answers no request: the first one waits, and few may wait behind it.
     for _ in 0..6 {
-        page.say(json!({ "ask": { "arm": true } }));
+        page.say(ask(json!({ "arm": true })));
     }
     let first = page.hears("reply");
     assert!(first["words"].as_str().unwrap().contains("not carried out"), "{first}");
@@ -249,7 +248,7 @@ fn the_built_in_writer_writes_by_itself_and_samples_meanwhile_are_counted() {
     let rig = Rig::start();
     let mut page = rig.controller();
     let got: Vec<PenSample> = rig.heard_counting(&rig.daemon.services.pen, |count| {
-        page.say(json!({ "write": "Hi" }));
+        page.say(write("Hi"));
         assert_eq!(page.hears("reply")["done"], true);
         wait_until(|| count.load(Ordering::Acquire) >= 1);
         page.writes(3);
@@ -284,7 +283,7 @@ fn a_stop_ends_the_writer() {
     let rig = Rig::start();
     let mut page = rig.controller();
     let got: Vec<PenSample> = rig.heard_counting(&rig.daemon.services.pen, |count| {
-        page.say(json!({ "write": "long" }));
+        page.say(write("long"));
         assert_eq!(page.hears("reply")["done"], true);
         wait_until(|| count.load(Ordering::Acquire) >= 1);
         page.say(json!({ "stop": true }));

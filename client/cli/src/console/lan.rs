@@ -37,6 +37,8 @@ impl FromStr for Place {
         }
         let address: IpAddr =
             text.parse().map_err(|_| "an address of this machine, such as 192.168.7.2".to_owned())?;
+        // `::ffff:0.0.0.0` is every address of version 4.
+        let address = address.to_canonical();
         let local = matches!(address, IpAddr::V6(v6) if v6.is_unicast_link_local());
         if address.is_unspecified() || address.is_multicast() || local || address == Ipv4Addr::LOCALHOST {
             return Err("one address of this machine that others reach, such as 192.168.7.2".to_owned());
@@ -166,7 +168,17 @@ mod tests {
     fn one_address_of_this_machine_is_taken_and_all_of_them_are_not() {
         assert_eq!("192.168.7.2".parse(), Ok(Place::At(Ipv4Addr::new(192, 168, 7, 2).into())));
         assert_eq!("usual".parse(), Ok(Place::Usual));
-        for wrong in ["0.0.0.0", "::", "127.0.0.1", "224.0.0.1", "fe80::1", "desk", "", "192.168.7.2:80"] {
+        for wrong in [
+            "0.0.0.0",
+            "::",
+            "127.0.0.1",
+            "224.0.0.1",
+            "::ffff:0.0.0.0",
+            "fe80::1",
+            "desk",
+            "",
+            "192.168.7.2:80",
+        ] {
             assert!(wrong.parse::<Place>().is_err(), "{wrong}");
         }
     }

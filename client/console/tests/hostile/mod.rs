@@ -1,8 +1,9 @@
 //! Every kind of message, whole and damaged, from a page without the token, before a daemon's side that takes
 //! whatever would move an arm. The same messages from the page that controls show that they would.
 
+use std::io::Write as _;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use foretrace_client::{Place, monotonic_now_ns};
 use foretrace_shm::{ControlOp, ControlStatus};
@@ -29,12 +30,12 @@ fn kinds(token: &str) -> Vec<Value> {
         json!({ "control": token }),
         json!({ "pen": [[now_us, 0.01, 0.02, 3, 0.5, 0.1, 0.1], [now_us + 1.0, 0.01, 0.02, 3, 0.5, 0.1, 0.1]] }),
         json!({ "hold": [true, now_us] }),
-        json!({ "write": "Hello" }),
+        json!({ "write": ["Hello", now_us] }),
         json!({ "take_pen": true }),
         json!({ "record": true }),
         json!({ "release": true }),
     ];
-    all.extend(asks.into_iter().map(|ask| json!({ "ask": ask })));
+    all.extend(asks.into_iter().map(|ask| json!({ "ask": [ask, now_us] })));
     all
 }
 
@@ -152,6 +153,48 @@ fn nothing_that_a_page_without_the_token_says_moves_anything_whatever_it_says() 
 }
 
 #[test]
+fn an_order_that_was_long_under_way_or_from_before_a_stop_is_not_carried_out_and_that_is_told() {
+    let rig = Rig::start();
+    let ops = asked(&rig, |_| {
+        let (mut page, mut viewer) = (rig.controller(), rig.page());
+        let mut told = |order: &str, what: Value, at_us: f64| {
+            page.say(json!({ order: [what, at_us] }));
+            page.hears("reply")["words"].as_str().unwrap().to_owned()
+        };
+        let now_us = || monotonic_now_ns() as f64 * 1e-3;
+        let late = told("ask", json!({ "arm": true }), now_us() - 1.5e6);
+        assert!(late.contains("waited for too long"), "{late}");
+        let clicked_us = now_us();
+        viewer.say(json!({ "stop": true }));
+        viewer.hears("reply");
+        // What a slow network holds back, by less than makes it too old.
+        for (order, what) in [("ask", json!({ "home": true })), ("write", json!("Hello"))] {
+            let told = told(order, what, clicked_us);
+            assert!(told.contains("from before a stop") || told.contains("waited for too long"), "{told}");
+        }
+        assert_eq!(told("ask", json!({ "disarm": true }), now_us()), "done");
+        // A clock that is ahead is taken for now.
+        assert_eq!(told("ask", json!({ "disarm": true }), now_us() + 1e9), "done");
+    });
+    assert_eq!(ops, [u32::from(ControlOp::Disarm); 2]);
+    assert_eq!(rig.instance.holder(Place::Pen), None);
+}
+
+#[test]
+fn a_message_of_empty_pieces_without_end_ends_the_page_that_sends_it() {
+    let rig = Rig::start();
+    let mut page = rig.page();
+    let line = page.0.get_mut();
+    // A text that goes on, and pieces of it that go on, all of them empty; masked, as RFC 6455, 5.2 wants.
+    line.write_all(&[0x01, 0x80, 0, 0, 0, 0]).unwrap();
+    let pieces = [0x00, 0x80, 0, 0, 0, 0].repeat(8192);
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(20) && line.write_all(&pieces).is_ok() {}
+    assert!(begin.elapsed() < Duration::from_secs(20), "it is still served");
+    assert_eq!(rig.end().refused.get("too many bytes"), Some(&1));
+}
+
+#[test]
 fn the_same_messages_of_the_page_that_controls_reach_the_daemon() {
     let rig = Rig::start();
     let mut beats = Vec::new();
@@ -160,7 +203,9 @@ fn the_same_messages_of_the_page_that_controls_reach_the_daemon() {
         pens = rig.heard(&rig.daemon.services.pen, || {
             beats = rig.heard(&rig.daemon.services.enable, || {
                 let mut page = rig.controller();
-                for message in kinds(&rig.token) {
+                for kind in 0..kinds(&rig.token).len() {
+                    // Each of its own moment: what is old is not carried out.
+                    let message = kinds(&rig.token).swap_remove(kind);
                     let before = count.load(Ordering::Acquire);
                     let is_ask = message.get("ask").is_some();
                     if message.get("release").is_some() {

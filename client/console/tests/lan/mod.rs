@@ -90,7 +90,7 @@ fn a_page_without_the_token_watches_and_stops_and_one_with_it_writes_under_tls_a
     let mut viewer = rig.page();
     assert!(viewer.hears("scene")["radii"].is_array());
     viewer.writes(5);
-    viewer.say(json!({ "ask": { "arm": true } }));
+    viewer.say(crate::rig::ask(json!({ "arm": true })));
     assert_eq!(viewer.hears("reply")["done"], false);
     let mut page = rig.controller();
     let got = rig.heard_counting(&rig.daemon.services.pen, |count| {

@@ -244,6 +244,16 @@ impl Records for Tape {
     }
 }
 
+/// A request of now, as an operator clicks it.
+pub(crate) fn ask(what: Value) -> Value {
+    json!({ "ask": [what, monotonic_now_ns() as f64 * 1e-3] })
+}
+
+/// A text for the writer, of now.
+pub(crate) fn write(text: &str) -> Value {
+    json!({ "write": [text, monotonic_now_ns() as f64 * 1e-3] })
+}
+
 /// The socket, and what came that nobody has asked for yet.
 pub(crate) struct Page(pub(crate) WebSocket<Box<dyn Line>>, pub(crate) Vec<Value>, TcpStream);
 
