@@ -19,6 +19,7 @@ use super::orders::Orders;
 use super::protocol::{self, CHANNELS, Level, MESSAGE_BYTES};
 use super::settings::Settings;
 use super::viewer::Viewer;
+use super::wire::Metered;
 use crate::RecordError;
 use crate::record::unix_minus_monotonic;
 use crate::scene::{Preview, Scene};
@@ -224,7 +225,7 @@ impl Server {
 }
 
 /// Reads the request and makes the connection a viewer's, or answers why not.
-fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<TcpStream>, Admitted)> {
+fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<Metered>, Admitted)> {
     let spare = stream.try_clone().ok()?;
     let mut judged = None;
     // The type is the handshake's own.
@@ -246,7 +247,7 @@ fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<TcpStre
         .write_buffer_size(32 << 10)
         .max_write_buffer_size(1 << 20);
     let begin = Instant::now();
-    let mut shaking = accept_hdr_with_config(stream, judge, Some(config));
+    let mut shaking = accept_hdr_with_config(Metered::new(stream), judge, Some(config));
     let socket = loop {
         match shaking {
             Ok(socket) => break Some(socket),
@@ -415,6 +416,21 @@ mod tests {
         hub.finish();
         second.join().unwrap();
         reading.join().unwrap();
+    }
+
+    #[test]
+    fn a_message_of_empty_pieces_without_end_ends_the_viewer_that_sends_it() {
+        let hub = Arc::new(Hub::default());
+        let (mut socket, serving) = viewer(&hub);
+        let line = socket.get_mut();
+        // A text that goes on, and pieces of it that go on, all of them empty; masked (RFC 6455, 5.2).
+        line.write_all(&[0x01, 0x80, 0, 0, 0, 0]).unwrap();
+        let pieces = [0x00, 0x80, 0, 0, 0, 0].repeat(8192);
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(20) && line.write_all(&pieces).is_ok() {}
+        assert!(begin.elapsed() < Duration::from_secs(20), "it is still served");
+        serving.join().unwrap();
+        assert_eq!(hub.tally().refused.get("too many bytes"), Some(&1));
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! is let go, and counted; what it did not take in time is dropped, the oldest first.
 
 use std::collections::BTreeMap;
-use std::net::TcpStream;
+use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -17,6 +17,7 @@ use super::guard::{Admitted, Door};
 use super::hub::{Data, Hub, Parameters, Queue};
 use super::orders::{Answer, Orders, What};
 use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
+use super::wire::Metered;
 
 /// Longest wait for a message, and so between two looks at the queue.
 const WAIT: Duration = Duration::from_millis(2);
@@ -49,7 +50,7 @@ struct Due {
 }
 
 pub(crate) struct Viewer<'a> {
-    socket: WebSocket<TcpStream>,
+    socket: WebSocket<Metered>,
     hub: &'a Arc<Hub>,
     queue: &'a Arc<Queue>,
     door: &'a Door,
@@ -73,7 +74,7 @@ pub(crate) struct Viewer<'a> {
 
 impl<'a> Viewer<'a> {
     pub(crate) fn new(
-        socket: WebSocket<TcpStream>,
+        socket: WebSocket<Metered>,
         admitted: Admitted,
         (hub, queue): (&'a Arc<Hub>, &'a Arc<Queue>),
         door: &'a Door,
@@ -104,7 +105,7 @@ impl<'a> Viewer<'a> {
 
     /// Serves the viewer until it ends.
     pub(crate) fn serve(mut self, session: &str) {
-        let stream = self.socket.get_ref();
+        let stream = &self.socket.get_ref().stream;
         let timeouts = stream
             .set_read_timeout(Some(WAIT))
             .and_then(|()| stream.set_write_timeout(Some(WRITE)))
@@ -146,6 +147,9 @@ impl<'a> Viewer<'a> {
                 // It went without a word.
                 Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => return None,
                 Err(Error::Io(error)) if would_block(&error) => {}
+                Err(Error::Io(error)) if error.kind() == ErrorKind::QuotaExceeded => {
+                    return Some("too many bytes");
+                }
                 Err(Error::Io(_)) => return None,
                 Err(Error::Capacity(_)) => return Some("message too long"),
                 Err(_) => return Some("broken WebSocket"),
@@ -391,13 +395,12 @@ impl<'a> Viewer<'a> {
 }
 
 /// Writes a packet. One that cannot be written waits in the socket's buffer, of bounded size.
-fn write(socket: &mut WebSocket<TcpStream>, stuck_since: &mut Option<Instant>, packet: Packet) {
+fn write(socket: &mut WebSocket<Metered>, stuck_since: &mut Option<Instant>, packet: Packet) {
     if socket.write(packet).is_err() {
         stuck_since.get_or_insert_with(Instant::now);
     }
 }
 
 fn would_block(error: &std::io::Error) -> bool {
-    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
-    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
