@@ -311,6 +311,23 @@ async function judge(browser) {
   check("letters that pick from a list neither arm nor clutch", !keys.armed && !keys.clutched, JSON.stringify(keys));
   await page.selectOption("#predictor", "mixture");
   await swift(page);
+  const ahead = await page.evaluate(() => {
+    const { pad, clock } = globalThis.foretrace;
+    const us = () => clock.stampUs(performance.now());
+    const move = (timeStamp) => {
+      const event = new PointerEvent(pad.raw ? "pointerrawupdate" : "pointermove", { pointerId: 1, pointerType: "mouse", bubbles: true });
+      Object.defineProperty(event, "timeStamp", { value: timeStamp });
+      pad.canvas.dispatchEvent(event);
+      return (pad.lastUs - us()) / 1e6;
+    };
+    // An event from the future; and the server's clock, an hour behind after a sleep.
+    const found = [move(performance.now() + 3.6e6)];
+    pad.lastUs = us() + 3.6e9;
+    found.push(move(performance.now()));
+    pad.leave();
+    return found;
+  });
+  check("stamps stay out of the future", ahead.every((seconds) => seconds < 0.1), ahead.map((seconds) => `${seconds.toFixed(3)} s`).join(", "));
   await page.click('[data-ask=\'{"trust_auto":true}\']');
   await strangers(tools, browser, address, page);
   await finger({ ...tools, pictures: PICTURES }, page);

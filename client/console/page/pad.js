@@ -8,6 +8,8 @@ const MARGIN_MS = 4;
 // A device may tell thousands of times per second: samples of so short a time go together, so many at most.
 const TOGETHER_MS = 0.8;
 const AT_ONCE = 100;
+// Two stamps in a row differ by less, but for a clock that was set back.
+const SET_BACK_US = 1e6;
 const TRACE = 4000;
 // No hand goes further between two points of the traces, a hundredth of a second [m].
 const LEAP = 0.02;
@@ -175,8 +177,16 @@ export class Pad {
     return { flags, pressure, tilt: [event.tiltX * rad, -event.tiltY * rad] };
   }
 
+  // On the server's clock, never later than now. After a clock that was set back, as by a sleep of the server's machine,
+  // stamps begin anew: else they would stay in the future.
+  stamp(at) {
+    const us = this.clock.stampUs(Math.min(at, performance.now()));
+    if (us !== null && us < this.lastUs - SET_BACK_US) this.lastUs = 0;
+    return us;
+  }
+
   put(reading) {
-    const us = this.clock.stampUs(reading.at);
+    const us = this.stamp(reading.at);
     if (us === null) return;
     // Of two events within the clock's grain the second one is later all the same.
     this.lastUs = Math.max(us, this.lastUs + 1);
@@ -199,7 +209,7 @@ export class Pad {
     this.flush();
     if (!this.last || !this.may) return;
     const at = performance.now() - MARGIN_MS;
-    const us = this.clock.stampUs(at);
+    const us = this.stamp(at);
     if (us === null || us < this.lastUs + REPEAT_MS * 1000) return;
     this.put({ ...this.last, at });
     this.flush();
